@@ -1,0 +1,1 @@
+"""The engines, each behind one small contract: see contract.py."""

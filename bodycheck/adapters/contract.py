@@ -1,0 +1,153 @@
+"""The contract between bodycheck and an engine.
+
+An adapter is an object with the attributes of `Adapter`; nothing is inherited. `build` gives a
+`Simulation` of one scene by one method at one step. The caller reads it back, applies the wrench of
+each leg, advances it, and reads the state at each sample; building, reading and comparing are never
+timed, only `apply` and `advance` are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeAlias
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.wrench import Wrench
+
+Stepping: TypeAlias = Literal["native", "python"]
+
+
+@dataclass(frozen=True)
+class Method:
+    """One integrator or mode of an engine, and what is known of it.
+
+    order is that of a smooth, torque-free motion in theory, None where there is none to expect.
+    evaluations counts right-hand sides in a step. torque says when a torque is evaluated: at every
+    stage, or once and held over the step.
+    """
+
+    name: str
+    formula: str
+    order: int | None
+    evaluations: int | None
+    torque: Literal["every stage", "held over the step", "none"]
+    keeps: str
+    source: str
+    control: Literal["dt", "none"] = "dt"
+    changed_defaults: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """The state as the engine itself holds it.
+
+    position (3,) and velocity (3,) of the centre of mass in world axes, quaternion (4,) scalar first
+    and/or rotation (3, 3), omega (3,) in one of the two axes.
+    rotation is filled only with a matrix that the engine itself gives for this very state.
+    """
+
+    position: Array
+    velocity: Array
+    quaternion: Array | None = None
+    rotation: Array | None = None
+    omega_world: Array | None = None
+    omega_body: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ReadBack:
+    """What the engine says it was given.
+
+    mass in kg, inertia (3, 3) in kg m^2 in body axes, the step in s (of one step, where one call makes
+    several), gravity (3,) in m/s^2, and the initial state.
+    """
+
+    mass: float
+    inertia: Array
+    dt_s: float
+    gravity: Array
+    state: Reading
+
+
+class Simulation(Protocol):
+    """One scene in one engine, by one method, at one step. Always closed after use."""
+
+    stepping: Stepping
+    """native: one call makes many steps; python: a Python call for each step."""
+
+    def read_back(self) -> ReadBack:
+        """Return what the engine holds, asked from the engine and not from what it was given."""
+
+    def reset(self) -> None:
+        """Go back to the initial state at t = 0, as freshly built."""
+
+    def apply(self, wrench: Wrench) -> None:
+        """Let this wrench act, in place of the one before, until told otherwise."""
+
+    def advance(self, steps: int) -> None:
+        """Make this many steps."""
+
+    def read(self) -> Reading:
+        """Return copies of the state that the engine holds now."""
+
+    def close(self) -> None:
+        """Free what the engine holds; calling it twice does nothing."""
+
+
+class Adapter(Protocol):
+    """One engine."""
+
+    name: str
+    version: str
+    methods: Mapping[str, Method]
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:
+        """Return why this method cannot represent the scene, or None if it can."""
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
+        """Make a minimal model: nothing in it that the scene has not."""
+
+
+_STATE = 4e-15  # relative: a state passes at most through one change of axes
+_BODY = 1e-12  # relative: an inertia may have been through an eigen-analysis
+
+
+def read_back_mismatch(scene: Scene, dt_s: float, found: ReadBack) -> str | None:
+    """Say which of mass, inertia, step, gravity or initial state the engine holds wrongly, or None.
+
+    A quaternion may have changed its sign.
+    """
+    body, initial = scene.body, scene.initial
+    faults: list[str] = []
+
+    def compare(name: str, asked: Array | float, held: Array | float, relative: float = _STATE) -> None:
+        asked, held = np.asarray(asked, dtype=np.float64), np.asarray(held, dtype=np.float64)
+        slack = relative * float(np.max(np.abs(asked)))
+        if held.shape != asked.shape or not np.all(np.abs(held - asked) <= slack):
+            faults.append(f"{name} is {_words(held)} in the engine, not {_words(asked)}")
+
+    compare("mass", body.mass, found.mass)
+    compare("inertia", body.inertia, found.inertia, _BODY)
+    compare("step", dt_s, found.dt_s)
+    compare("gravity", scene.gravity, found.gravity)
+    state = found.state
+    compare("position", initial.position, state.position)
+    compare("velocity", initial.velocity, state.velocity)
+    if state.quaternion is not None:
+        sign = -1.0 if float(state.quaternion @ initial.quaternion) < 0.0 else 1.0
+        compare("quaternion", initial.quaternion, sign * state.quaternion)
+    if state.rotation is not None:
+        compare("rotation", initial.rotation, state.rotation)
+    if state.omega_body is not None:
+        compare("omega_body", initial.omega_body, state.omega_body)
+    if state.omega_world is not None:
+        compare("omega_world", initial.omega_world, state.omega_world)
+    return "; ".join(faults) or None
+
+
+def _words(value: Array) -> str:
+    return np.array2string(value, precision=17, separator=", ", floatmode="unique").replace("\n", "")

@@ -1,0 +1,117 @@
+"""Energy, momentum and inertia of one rigid body. SI units; axes as named; leading batch dimensions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import hat
+
+
+def point_positions(rotation: Array, position: Array, points: Array) -> Array:
+    """x = R x0 + xc: where body-fixed points are in the world.
+
+    Shapes: rotation (3, 3); position (3,), world axes, m; points (n, 3), from the centre of mass in
+    body axes, m -> (n, 3), m.
+    """
+    return points @ rotation.T + position
+
+
+def point_velocities(rotation: Array, velocity: Array, omega_world: Array, points: Array) -> Array:
+    """v = omega x r + vc with r = R x0: how fast body-fixed points move.
+
+    Shapes: rotation (3, 3); velocity (3,) and omega_world (3,), world axes; points (n, 3), from the
+    centre of mass in body axes, m -> (n, 3), m/s, world axes.
+    """
+    return np.cross(omega_world, points @ rotation.T) + velocity
+
+
+def inertia_world(rotation: Array, inertia: Array) -> Array:
+    """I(t) = R I0 R^T.
+
+    Shapes: (..., 3, 3), (3, 3) in body axes -> (..., 3, 3) in world axes, kg m^2.
+    """
+    return rotation @ inertia @ np.swapaxes(rotation, -1, -2)
+
+
+def rotational_energy(inertia: Array, omega_body: Array) -> Array:
+    """1/2 omega . I omega.
+
+    Shapes: (3, 3), (..., 3), both in body axes -> (...), J.
+    """
+    return 0.5 * np.sum(omega_body * (omega_body @ inertia.T), axis=-1)
+
+
+def translational_energy(mass: float, velocity: Array) -> Array:
+    """1/2 m |v|^2.
+
+    Shapes: (..., 3) in m/s -> (...), J.
+    """
+    return 0.5 * mass * np.sum(velocity * velocity, axis=-1)
+
+
+def gravity_potential(mass: float, gravity: Array, displacement: Array) -> Array:
+    """U = -m g . (x - x(0)).
+
+    Shapes: gravity (3,) in m/s^2, displacement (..., 3) in m, world axes -> (...), J.
+    """
+    return -mass * (displacement @ gravity)
+
+
+def linear_momentum(mass: float, velocity: Array) -> Array:
+    """P = m v.
+
+    Shapes: (..., 3) -> (..., 3), kg m/s, world axes.
+    """
+    return mass * velocity
+
+
+def angular_momentum(rotation: Array, inertia: Array, omega_body: Array) -> Array:
+    """L = R I0 omega_body = I(t) omega_world, about the centre of mass.
+
+    Shapes: (..., 3, 3), (3, 3), (..., 3) -> (..., 3), kg m^2/s, world axes.
+    """
+    return np.einsum("...ij,...j->...i", rotation, omega_body @ inertia.T)
+
+
+def angular_acceleration(inertia: Array, omega_body: Array, torque_body: Array) -> Array:
+    """omega' = I^-1 (tau - omega x I omega) (Euler 1758), everything in body axes.
+
+    Shapes: (3, 3), (..., 3), (..., 3) -> (..., 3), rad/s^2.
+    """
+    right = torque_body - np.cross(omega_body, omega_body @ inertia.T)
+    return np.linalg.solve(inertia, right[..., None])[..., 0]
+
+
+def force_and_torque(rotation: Array, points: Array, forces: Array) -> tuple[Array, Array]:
+    """F = sum f_i, tau = sum (R x_i) x f_i: forces at body points as one force and one torque.
+
+    Shapes: rotation (3, 3); points (n, 3), from the centre of mass in body axes, m; forces (n, 3), world
+    axes, N -> force (3,) in N and torque (3,) about the centre of mass in N m, world axes.
+    """
+    return forces.sum(axis=0), np.cross(points @ rotation.T, forces).sum(axis=0)
+
+
+def inertia_of_points(masses: Array, points: Array) -> Array:
+    """I = sum m (|x|^2 E - x x^T) = -sum m [x]x^2, about the origin.
+
+    Shapes: (n,) in kg, (n, 3) in m -> (3, 3), kg m^2, off-diagonals with their true sign.
+    """
+    crosses = hat(points)
+    return -np.einsum("n,nij,njk->ik", masses, crosses, crosses)
+
+
+def principal_axes(inertia: Array) -> tuple[Array, Array]:
+    """I = A diag(J) A^T, det A = +1: principal moments, ascending, and the axes as A's columns.
+
+    Shapes: (3, 3) symmetric -> (3,) in kg m^2, (3, 3). Where two moments are equal the axes between
+    them are arbitrary: compare A diag(J) A^T, never the axes.
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    handed = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
+    return np.asarray(moments), handed
+
+
+def gyration_radius(mass: float, inertia: Array) -> float:
+    """sqrt(trace(I) / (2 m)): the root mean square distance of the mass from its centre, m."""
+    return float(np.sqrt(np.trace(inertia) / (2.0 * mass)))

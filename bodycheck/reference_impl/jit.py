@@ -1,0 +1,51 @@
+"""How the kernels of reference_impl are compiled, and where the compiled code is kept."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+
+@cache
+def cache_directory() -> Path:
+    """Return the folder of compiled kernels, named by a hash of all the sources of reference_impl.
+
+    numba's own cache keeps using an old callee when only the callee's file has changed, so a
+    change in any file of this room starts an empty folder. ``BODYCHECK_CACHE_DIR`` moves it.
+    """
+    room = Path(__file__).parent
+    digest = hashlib.sha256()
+    for source in sorted(room.rglob("*.py")):
+        digest.update(source.relative_to(room).as_posix().encode())
+        digest.update(source.read_bytes())
+    home = os.environ.get("BODYCHECK_CACHE_DIR") or Path(
+        os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "bodycheck"
+    )
+    return Path(home, "kernels", digest.hexdigest()[:16])
+
+
+def _compile(function: Callable[..., Any], **options: Any) -> Any:
+    # numba chooses the place of its cache while it decorates; its configuration belongs to the
+    # whole process, so it is handed back as it was.
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(cache_directory())
+    try:
+        return numba.njit(cache=True, error_model="numpy", **options)(function)
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function for speed: products and sums may be fused, nothing is reordered."""
+    return _compile(function, fastmath={"contract"})
+
+
+def exact_kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function as written, rounding by rounding: for error-free arithmetic."""
+    return _compile(function)

@@ -1,0 +1,109 @@
+"""What is to be simulated, as plain arrays: a body, its initial state, what acts on it, for how long."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import quaternion_to_matrix, rotate
+
+Axes: TypeAlias = Literal["body", "world"]
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBody:
+    """Mass in kg and the inertia tensor (3, 3) in kg m^2 about the centre of mass, body axes."""
+
+    mass: float
+    inertia: Array
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where the body is and how it moves.
+
+    position (3,) and velocity (3,) of the centre of mass, world axes, m and m/s; quaternion (4,)
+    (w, x, y, z), body to world; omega_body (3,) in body axes, rad/s.
+    """
+
+    position: Array
+    quaternion: Array
+    velocity: Array
+    omega_body: Array
+
+    @property
+    def rotation(self) -> Array:
+        """R (3, 3), body to world."""
+        return quaternion_to_matrix(self.quaternion)
+
+    @property
+    def omega_world(self) -> Array:
+        """R omega_body (3,), rad/s."""
+        return rotate(self.quaternion, self.omega_body)
+
+
+@dataclass(frozen=True, eq=False)
+class Torque:
+    """A torque (3,) in N m, constant in the body's or the world's axes, within [from_s, until_s)."""
+
+    axes: Axes
+    value: Array
+    from_s: float = 0.0
+    until_s: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class PointForce:
+    """A force (3,) in N, constant in its axes within [from_s, until_s), at a body-fixed point.
+
+    at (3,) in m: the point, from the centre of mass, in body axes.
+    """
+
+    axes: Axes
+    value: Array
+    at: Array
+    from_s: float = 0.0
+    until_s: float = math.inf
+
+
+Timed: TypeAlias = Torque | PointForce
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """One body from one initial state under its loads, sampled evenly from 0 to duration_s.
+
+    gravity (3,) in m/s^2, world axes.
+    """
+
+    body: RigidBody
+    initial: State
+    loads: tuple[Timed, ...]
+    gravity: Array
+    duration_s: float
+    samples: int
+
+    @property
+    def sample_interval_s(self) -> float:
+        """The time between two samples."""
+        return self.duration_s / (self.samples - 1)
+
+    @property
+    def sample_times(self) -> Array:
+        """t_k = k T / (n - 1), computed and never accumulated: (samples,) in s."""
+        return np.arange(self.samples) * self.duration_s / (self.samples - 1)
+
+    @property
+    def switch_times(self) -> tuple[float, ...]:
+        """The times inside (0, duration_s) at which a load comes or goes, ascending."""
+        ends = {end for load in self.loads for end in (load.from_s, load.until_s)}
+        return tuple(sorted(end for end in ends if 0.0 < end < self.duration_s))
+
+    @property
+    def is_free_rotation(self) -> bool:
+        """Whether nothing turns the body: no load at all; uniform gravity has no torque."""
+        return not self.loads

@@ -1,0 +1,80 @@
+"""What a case returned: the states at the sample times, exactly as the engine holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import matrix_to_quaternion, project_to_so3, quaternion_to_matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """n samples of one body's motion; an adapter never normalises or projects what it stores here.
+
+    t_s (n,); position_m and velocity_m_s (n, 3) of the centre of mass, world axes; quaternion (n, 4),
+    scalar first, and/or rotation (n, 3, 3), body to world; omega_world_rad_s and/or omega_body_rad_s
+    (n, 3), whichever the engine itself holds. Raises ValueError where a shape does not fit, or the
+    attitude or omega is missing.
+    """
+
+    t_s: Array
+    position_m: Array
+    velocity_m_s: Array
+    quaternion: Array | None = None
+    rotation: Array | None = None
+    omega_world_rad_s: Array | None = None
+    omega_body_rad_s: Array | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.t_s)
+        shapes = {
+            "position_m": (n, 3),
+            "velocity_m_s": (n, 3),
+            "quaternion": (n, 4),
+            "rotation": (n, 3, 3),
+            "omega_world_rad_s": (n, 3),
+            "omega_body_rad_s": (n, 3),
+        }
+        for name, shape in shapes.items():
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != shape:
+                raise ValueError(f"{name} has the shape {np.shape(value)}, not {shape}")
+        if self.quaternion is None and self.rotation is None:
+            raise ValueError("a trajectory needs a quaternion or a rotation")
+        if self.omega_world_rad_s is None and self.omega_body_rad_s is None:
+            raise ValueError("a trajectory needs omega_world_rad_s or omega_body_rad_s")
+
+    @property
+    def attitude(self) -> Array:
+        """The orientation as quaternions (n, 4): those stored, else of the matrices' polar factors."""
+        if self.quaternion is not None:
+            return self.quaternion
+        assert self.rotation is not None
+        return matrix_to_quaternion(project_to_so3(self.rotation))
+
+    @property
+    def rotation_matrices(self) -> Array:
+        """The orientation as proper rotation matrices (n, 3, 3): of q / |q|, or the polar factors."""
+        if self.quaternion is not None:
+            return quaternion_to_matrix(self.quaternion)
+        assert self.rotation is not None
+        return project_to_so3(self.rotation)
+
+    @property
+    def omega_body(self) -> Array:
+        """Angular velocity in body axes (n, 3), rad/s."""
+        if self.omega_body_rad_s is not None:
+            return self.omega_body_rad_s
+        assert self.omega_world_rad_s is not None
+        return np.einsum("nji,nj->ni", self.rotation_matrices, self.omega_world_rad_s)
+
+    @property
+    def omega_world(self) -> Array:
+        """Angular velocity in world axes (n, 3), rad/s."""
+        if self.omega_world_rad_s is not None:
+            return self.omega_world_rad_s
+        assert self.omega_body_rad_s is not None
+        return np.einsum("nij,nj->ni", self.rotation_matrices, self.omega_body_rad_s)

@@ -1,0 +1,165 @@
+"""What acts on the body between two switches, and the grid of fixed steps that meets those switches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, Timed, Torque
+
+_ON_GRID = 1e-9  # of a step: a switch this near to a step's end is at the step's end
+
+
+@dataclass(frozen=True, eq=False)
+class Wrench:
+    """The sum of the loads, as constants of the motion's differential equations.
+
+    torque_body (3,): torques held in body axes, the moments of body-fixed forces among them, N m.
+    torque_world (3,): torques held in world axes, N m.
+    force_body (3,), force_world (3,): forces through the centre of mass, N, without gravity.
+    point_forces: pairs (at (3,) in body axes from the centre of mass, m; force (3,) in world axes, N)
+    of the world forces that have a moment; they are not in force_world.
+    """
+
+    torque_body: Array
+    torque_world: Array
+    force_body: Array
+    force_world: Array
+    point_forces: tuple[tuple[Array, Array], ...]
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether nothing but gravity acts."""
+        sums = (self.torque_body, self.torque_world, self.force_body, self.force_world)
+        return not self.point_forces and not any(np.any(value) for value in sums)
+
+    def packed(self, body: RigidBody, gravity: Array) -> Array:
+        """(21,): force_body, force_world with the weight, torque_body, torque_world, moment.
+
+        moment (3, 3) = sum of at force^T, from which a kernel has the body torque of the world forces:
+        tau_a = eps_abc (moment R)_bc.
+        """
+        moment = np.zeros((3, 3))
+        force_world = self.force_world + body.mass * gravity
+        for at, force in self.point_forces:
+            moment += np.outer(at, force)
+            force_world = force_world + force
+        parts = (self.force_body, force_world, self.torque_body, self.torque_world, moment.ravel())
+        return np.concatenate(parts)
+
+
+def wrench_of(loads: tuple[tuple[Timed, float], ...]) -> Wrench:
+    """Sum the loads, each times its share in [0, 1]."""
+    torque_body, torque_world = np.zeros(3), np.zeros(3)
+    force_body, force_world = np.zeros(3), np.zeros(3)
+    point_forces: list[tuple[Array, Array]] = []
+    for load, share in loads:
+        value = share * load.value
+        match load:
+            case Torque(axes="body"):
+                torque_body += value
+            case Torque():
+                torque_world += value
+            case PointForce(axes="body"):
+                force_body += value
+                torque_body += np.cross(load.at, value)
+            case PointForce() if np.any(load.at):
+                point_forces.append((load.at, value))
+            case PointForce():
+                force_world += value
+    return Wrench(torque_body, torque_world, force_body, force_world, tuple(point_forces))
+
+
+def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
+    """Return the mean of what acts within [begin_s, end_s): exact where nothing switches inside."""
+    shares = []
+    for load in scene.loads:
+        overlap = min(end_s, load.until_s) - max(begin_s, load.from_s)
+        share = min(max(overlap / (end_s - begin_s), 0.0), 1.0)
+        if share > _ON_GRID:
+            shares.append((load, 1.0 if share > 1.0 - _ON_GRID else share))
+    return wrench_of(tuple(shares))
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """A number of steps under one wrench; at its end the state may be due as a sample."""
+
+    steps: int
+    wrench: Wrench
+    ends_at_sample: bool
+
+
+@dataclass(frozen=True, eq=False)
+class StepPlan:
+    """The steps of one case: which wrench acts on which steps, and where the samples lie.
+
+    A step that a switch falls into carries the mean of what acts during it, so that its impulse is
+    right; `straddled` says how many such steps there are.
+    """
+
+    dt_s: float
+    steps: int
+    stretches: tuple[tuple[int, Wrench], ...]
+    stride: int
+    straddled: int
+
+    def legs(self) -> Iterator[Leg]:
+        """Yield the legs from sample to sample, cut where the wrench changes."""
+        done = 0
+        for length, wrench in self.stretches:
+            end = done + length
+            while done < end:
+                to_sample = self.stride - done % self.stride
+                steps = min(to_sample, end - done)
+                done += steps
+                yield Leg(steps, wrench, ends_at_sample=steps == to_sample)
+
+    def uninterrupted(self) -> Iterator[Leg]:
+        """Yield the legs of a run that stops at no sample."""
+        for length, wrench in self.stretches:
+            yield Leg(length, wrench, ends_at_sample=False)
+
+
+def steps_per_sample(scene: Scene, dt_s: float) -> int:
+    """Return how many steps of dt_s make one sampling interval.
+
+    Raises ValueError, naming the nearest steps that do, where none does.
+    """
+    ratio = scene.sample_interval_s / dt_s
+    stride = round(ratio)
+    if stride >= 1 and abs(ratio - stride) <= 1e-9 * ratio:
+        return stride
+    below, above = max(int(ratio), 1), int(ratio) + 1
+    nearest = " or ".join(f"{scene.sample_interval_s / n:.17g}" for n in sorted({below, above}))
+    raise ValueError(
+        f"a step of {dt_s!r} s does not divide the sampling interval of "
+        f"{scene.sample_interval_s!r} s; the nearest that do: {nearest}"
+    )
+
+
+def plan_steps(scene: Scene, dt_s: float) -> StepPlan:
+    """Lay the scene's loads on the grid of steps k dt_s.
+
+    Raises ValueError where dt_s does not divide the sampling interval.
+    """
+    stride = steps_per_sample(scene, dt_s)
+    steps = stride * (scene.samples - 1)
+    step = scene.duration_s / steps
+    cuts, straddled = {0, steps}, 0
+    for switch in scene.switch_times:
+        place = switch / step
+        if abs(place - round(place)) <= _ON_GRID:
+            cuts.add(round(place))
+        else:
+            cuts.update((int(place), int(place) + 1))
+            straddled += 1
+    edges = sorted(cuts)
+    stretches = tuple(
+        (last - first, wrench_between(scene, first * step, last * step)) for first, last in pairwise(edges)
+    )
+    return StepPlan(step, steps, stretches, stride, straddled)
