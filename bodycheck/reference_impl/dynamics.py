@@ -109,7 +109,7 @@ def principal_axes(inertia: Array) -> tuple[Array, Array]:
     """
     moments, axes = np.linalg.eigh(inertia)
     handed = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
-    return np.asarray(moments), handed
+    return np.asarray(moments, dtype=np.float64), handed
 
 
 def gyration_radius(mass: float, inertia: Array) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -125,20 +126,22 @@ class StepPlan:
             yield Leg(length, wrench, ends_at_sample=False)
 
 
-def steps_per_sample(scene: Scene, dt_s: float) -> int:
-    """Return how many steps of dt_s make one sampling interval.
+def steps_per_sample(interval_s: float, dt_s: float) -> int:
+    """Return how many steps of dt_s make one sampling interval of interval_s.
 
     Raises ValueError, naming the nearest steps that do, where none does.
     """
-    ratio = scene.sample_interval_s / dt_s
+    if not 0.0 < dt_s < math.inf:
+        raise ValueError(f"a step must be a positive number of seconds, not {dt_s!r}")
+    ratio = interval_s / dt_s
     stride = round(ratio)
     if stride >= 1 and abs(ratio - stride) <= 1e-9 * ratio:
         return stride
     below, above = max(int(ratio), 1), int(ratio) + 1
-    nearest = " or ".join(f"{scene.sample_interval_s / n:.17g}" for n in sorted({below, above}))
+    nearest = " or ".join(f"{interval_s / n!r}" for n in sorted({below, above}))
     raise ValueError(
         f"a step of {dt_s!r} s does not divide the sampling interval of "
-        f"{scene.sample_interval_s!r} s; the nearest that do: {nearest}"
+        f"{interval_s!r} s; the nearest that do: {nearest}"
     )
 
 
@@ -147,7 +150,7 @@ def plan_steps(scene: Scene, dt_s: float) -> StepPlan:
 
     Raises ValueError where dt_s does not divide the sampling interval.
     """
-    stride = steps_per_sample(scene, dt_s)
+    stride = steps_per_sample(scene.sample_interval_s, dt_s)
     steps = stride * (scene.samples - 1)
     step = scene.duration_s / steps
     cuts, straddled = {0, steps}, 0
