@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -35,6 +36,8 @@ def load_scenario(name: str | Path) -> Scenario:
     """
     if isinstance(name, Path) or name.endswith(".toml") or "/" in name:
         return read_scenario(Path(name))
+    if name in _LATER_SUITES:
+        raise InputError(f"{name}: this suite is not yet there; so far: {', '.join(suites())}")
     if name not in scenario_names():
         raise InputError(
             f"{name}: is neither a .toml file nor a built-in scenario or suite; built in are "
@@ -43,25 +46,21 @@ def load_scenario(name: str | Path) -> Scenario:
     return parse_scenario((_LIBRARY / f"{name}.toml").read_text(encoding="utf-8"), where=f"{name}.toml")
 
 
-def load_scenarios(names: list[str]) -> list[Scenario]:
-    """Return the scenarios of built-in names, suites and paths, each once, in the order asked for.
+def load_scenarios(asked: Sequence[str | Path]) -> list[tuple[str, Scenario]]:
+    """Return the scenarios of built-in names, suites and paths, each once, with what names it here.
 
     Raises InputError with the errors of all of them, or where two different ones share a name.
     """
-    scenarios: dict[str, Scenario] = {}
+    found: dict[str, tuple[str, Scenario]] = {}
     faults: list[str] = []
-    for asked in names:
-        if asked in _LATER_SUITES:
-            faults.append(f"{asked}: this suite is not yet there; so far: {', '.join(suites())}")
+    for name in (member for one in asked for member in suites().get(str(one), (one,))):
+        try:
+            scenario = load_scenario(name)
+        except InputError as error:
+            faults.append(str(error))
             continue
-        for name in suites().get(asked, (asked,)):
-            try:
-                scenario = load_scenario(name)
-            except InputError as error:
-                faults.append(str(error))
-                continue
-            if scenarios.setdefault(scenario.name, scenario) != scenario:
-                faults.append(f"{name}: another scenario of this run is named {scenario.name!r} too")
+        if found.setdefault(scenario.name, (str(name), scenario))[1] != scenario:
+            faults.append(f"{name}: another scenario of this run is named {scenario.name!r} too")
     if faults:
         raise InputError("\n".join(faults))
-    return list(scenarios.values())
+    return list(found.values())

@@ -87,7 +87,7 @@ class Body(_Table):
     """[body]: mass in kg, inertia about the centre of mass in body axes in kg m^2."""
 
     mass_kg: Positive
-    inertia_kg_m2: Annotated[Matrix, PlainValidator(_inertia)]
+    inertia_kg_m2: Annotated[Matrix, BeforeValidator(_inertia)]
     mesh: NotYet = None
     shape: NotYet = None
     size_m: NotYet = None

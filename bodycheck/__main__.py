@@ -1,0 +1,7 @@
+"""python -m bodycheck."""
+
+from __future__ import annotations
+
+from bodycheck.cli import main
+
+main()

@@ -1,0 +1,182 @@
+"""The from-scratch reference as an engine: its fixed-step integrators and its closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version
+
+import numpy as np
+
+from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.equations import packed_body
+from bodycheck.reference_impl.exact import ExactMotion
+from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.rotations import quaternion_to_matrix
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.wrench import Wrench
+
+_POSITION, _VELOCITY, _SPIN = slice(0, 3), slice(3, 6), slice(6, 9)
+
+_EXACT = Method(
+    name="exact",
+    formula="omega and q at any t by Jacobi's elliptic functions, without stepping",
+    order=None,
+    evaluations=None,
+    torque="none",
+    keeps="everything, to round-off",
+    source="Jacobi (1849); van Zon and Schofield (2007), J. Comput. Phys. 225, 145",
+    control="none",
+)
+
+
+def _method_of(integrator: Integrator) -> Method:
+    return Method(
+        name=integrator.name,
+        formula=integrator.formula,
+        order=integrator.order,
+        evaluations=integrator.evaluations,
+        torque=integrator.torque,
+        keeps=integrator.keeps,
+        source=integrator.source,
+    )
+
+
+class FixedStep:
+    """A scene stepped by one of the reference's integrators."""
+
+    stepping: Stepping = "native"
+
+    def __init__(self, scene: Scene, integrator: Integrator, dt_s: float) -> None:
+        self._scene, self._integrator, self._dt_s = scene, integrator, dt_s
+        self._body = packed_body(scene.body)
+        self._load = np.zeros(21)
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to the initial state at t = 0."""
+        initial, inertia = self._scene.initial, self._scene.body.inertia
+        spin = {
+            "omega_body": initial.omega_body,
+            "omega_world": initial.omega_world,
+            "angular_momentum": initial.rotation @ (inertia @ initial.omega_body),
+        }[self._integrator.spin]
+        attitude = (
+            initial.quaternion if self._integrator.attitude == "quaternion" else initial.rotation.ravel()
+        )
+        self._state = np.concatenate([initial.position, initial.velocity, spin, attitude])
+
+    def read_back(self) -> ReadBack:
+        """Unpack what the kernels are given."""
+        return ReadBack(
+            mass=float(self._body[0]),
+            inertia=self._body[1:10].reshape(3, 3),
+            dt_s=self._dt_s,
+            gravity=self._scene.gravity,
+            state=self.read(),
+        )
+
+    def apply(self, wrench: Wrench) -> None:
+        """Let this wrench act from now on."""
+        self._load = wrench.packed(self._scene.body, self._scene.gravity)
+
+    def advance(self, steps: int) -> None:
+        """Make the steps in one compiled call."""
+        self._integrator.advance(self._state, self._body, self._load, self._dt_s, steps)
+
+    def read(self) -> Reading:
+        """Return copies of the state."""
+        state, spin = self._state.copy(), self._state[_SPIN].copy()
+        quaternion = state[9:] if self._integrator.attitude == "quaternion" else None
+        rotation = state[9:].reshape(3, 3) if quaternion is None else None
+        omega_body = omega_world = None
+        match self._integrator.spin:
+            case "omega_body":
+                omega_body = spin
+            case "omega_world":
+                omega_world = spin
+            case "angular_momentum":
+                omega_world = self._omega_world(quaternion, rotation, spin)
+        return Reading(state[_POSITION], state[_VELOCITY], quaternion, rotation, omega_world, omega_body)
+
+    def _omega_world(self, quaternion: Array | None, rotation: Array | None, momentum: Array) -> Array:
+        """omega = R I0^-1 R^T L, by the method's own R."""
+        r = quaternion_to_matrix(quaternion) if quaternion is not None else rotation
+        assert r is not None
+        return np.asarray(r @ (self._body[10:].reshape(3, 3) @ (r.T @ momentum)))
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+
+class ClosedForm:
+    """A scene without torque by its exact solution: a step is only a distance in time.
+
+    Set up once when built; `advance` solves for the time at the end of each of its steps.
+    """
+
+    stepping: Stepping = "native"
+
+    def __init__(self, scene: Scene, dt_s: float) -> None:
+        self._scene, self._dt_s = scene, dt_s
+        self._motion = ExactMotion.of(scene)
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to t = 0."""
+        self._steps = 0
+        self._solution = self._motion.at(np.zeros(1))
+
+    def read_back(self) -> ReadBack:
+        """Return the scene's own numbers: there is no engine between."""
+        body = self._scene.body
+        return ReadBack(body.mass, body.inertia, self._dt_s, self._scene.gravity, self.read())
+
+    def apply(self, wrench: Wrench) -> None:
+        """Do nothing: where a wrench acts there is no closed form here."""
+
+    def advance(self, steps: int) -> None:
+        """Solve for the ends of this many steps, in one call."""
+        ends = np.arange(self._steps + 1, self._steps + steps + 1, dtype=np.float64)
+        self._solution = self._motion.at(self._dt_s * ends)
+        self._steps += steps
+
+    def read(self) -> Reading:
+        """Return the state at the end of the last step."""
+        solved = self._solution
+        assert solved.quaternion is not None
+        return Reading(
+            position=solved.position_m[-1],
+            velocity=solved.velocity_m_s[-1],
+            quaternion=solved.quaternion[-1],
+            omega_body=solved.omega_body[-1],
+        )
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+
+class Reference:
+    """The reference as one engine among the others."""
+
+    name = "reference"
+
+    def __init__(self) -> None:
+        self.version = version("bodycheck")
+        self.methods: Mapping[str, Method] = {
+            _EXACT.name: _EXACT,
+            **{name: _method_of(integrator) for name, integrator in INTEGRATORS.items()},
+        }
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:
+        """Only the closed form has limits: it knows free rotation, also in uniform gravity."""
+        if method == _EXACT.name and not scene.is_free_rotation:
+            return "no closed form for a body under a torque or a force at a point"
+        return None
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
+        """Return a stepper of the scene, or its closed form."""
+        if method == _EXACT.name:
+            return ClosedForm(scene, dt_s)
+        return FixedStep(scene, INTEGRATORS[method], dt_s)

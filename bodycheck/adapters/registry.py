@@ -1,0 +1,49 @@
+"""Which engines there are, which of them can be imported here, and why the others cannot."""
+
+from __future__ import annotations
+
+import importlib
+from functools import cache
+
+from bodycheck.adapters.contract import Adapter
+from bodycheck.errors import InputError, UnavailableError
+
+_BUILT_IN = {
+    "mujoco": ("bodycheck.adapters.mujoco", "MuJoCo"),
+    "pybullet": ("bodycheck.adapters.pybullet", "PyBullet"),
+    "dart": ("bodycheck.adapters.dart", "Dart"),
+    "reference": ("bodycheck.adapters.reference", "Reference"),
+}
+_registered: dict[str, Adapter] = {}
+
+
+def register_adapter(adapter: Adapter) -> None:
+    """Make an engine known under adapter.name, in place of any other of that name."""
+    _registered[adapter.name] = adapter
+
+
+def engine_names() -> tuple[str, ...]:
+    """Return the names of all engines known, whether or not they can be imported here."""
+    return tuple(dict.fromkeys([*_BUILT_IN, *_registered]))
+
+
+def get_adapter(name: str) -> Adapter:
+    """Return the engine of that name, imported at its first use.
+
+    Raises InputError for a name that is not known, UnavailableError where the import fails.
+    """
+    if name in _registered:
+        return _registered[name]
+    if name not in _BUILT_IN:
+        raise InputError(f"no engine is named {name!r}; known are {', '.join(engine_names())}")
+    return _import(name)
+
+
+@cache
+def _import(name: str) -> Adapter:
+    module, attribute = _BUILT_IN[name]
+    try:
+        adapter: Adapter = getattr(importlib.import_module(module), attribute)()
+    except ImportError as error:
+        raise UnavailableError(f"{name} cannot be imported: {error}") from error
+    return adapter

@@ -1,0 +1,121 @@
+"""The command line. Heavy imports happen inside the commands, so that --help is instant."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from bodycheck.errors import BodycheckError, InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+app = typer.Typer(
+    name="bodycheck",
+    help="Tells whether a rigid-body engine is right, how right at what speed.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def main() -> None:
+    """Run the command line; wrong input ends with status 2 and its message on standard error."""
+    try:
+        app()
+    except BodycheckError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+
+
+def _numbers(text: str | None, option: str) -> list[float] | None:
+    """Return the numbers of a comma-separated list."""
+    if text is None:
+        return None
+    numbers = []
+    for word in text.split(","):
+        try:
+            numbers.append(float(word))
+        except ValueError:
+            raise InputError(
+                f"{option} {text}: {word.strip()!r} is not a number; give numbers like 1e-2,1e-3"
+            ) from None
+    return numbers
+
+
+@app.command()
+def run(
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Argument(help="Built-in names, suites or .toml files.", show_default="standard"),
+    ] = None,
+    engine: Annotated[
+        str | None, typer.Option(help="NAME[:METHOD],...; every engine that is installed, unless told.")
+    ] = None,
+    dt: Annotated[
+        str | None, typer.Option(help="Steps in s, like 1e-2,1e-3; each scenario's own, unless told.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="A new folder for the results.", show_default="bodycheck-runs/RUN_ID")
+    ] = None,
+    no_speed: Annotated[bool, typer.Option("--no-speed", help="Do not measure processor time.")] = False,
+) -> None:
+    """Measure scenarios through engines: results.csv, methods.csv, trajectories/, report.html."""
+    from bodycheck.reports.store import check_output, write_run
+    from bodycheck.reports.terminal import LiveProgress, print_summary
+    from bodycheck.runner import run_selection, select
+
+    selection = select(scenarios or ["standard"], engine.split(",") if engine else None, _numbers(dt, "--dt"))
+    if out is not None:
+        check_output(out)
+    with LiveProgress(selection.cases_listed()) as progress:
+        measured = run_selection(selection, speed=not no_speed, progress=progress)
+    report = write_run(measured, out or Path("bodycheck-runs", measured.run_id))
+    print_summary(measured)
+    print(report)
+
+
+@app.command()
+def truth(
+    scenario: Annotated[str, typer.Argument(help="A built-in name or a .toml file.")],
+    at: Annotated[str, typer.Option(help="Times in s, like 0,1,10.")],
+) -> None:
+    """Print the truth at the times given as CSV; the last column bounds the orientation's error."""
+    import numpy as np
+
+    from bodycheck.reference_impl.truth import solve_truth
+    from bodycheck.reports.trajectory_csv import trajectory_table
+    from bodycheck.scenarios.library import load_scenario
+
+    scene = load_scenario(scenario).scene
+    try:
+        solved = solve_truth(scene, np.array(_numbers(at, "--at")))
+    except ValueError as error:
+        raise InputError(f"--at {at}: {error}") from None
+    table = trajectory_table(solved.trajectory)
+    table["bound_rad"] = solved.bound_rad
+    _print_csv(table)
+
+
+@app.command(name="list")
+def list_(
+    what: Annotated[
+        Literal["scenarios", "suites", "engines", "methods", "measures"], typer.Argument(help="What to list.")
+    ],
+) -> None:
+    """List what there is to choose from."""
+    from bodycheck.reports.terminal import print_catalogue
+
+    print_catalogue(what)
+
+
+def _print_csv(table: pd.DataFrame) -> None:
+    """Write a table to standard output; a reader that has seen enough may close it."""
+    try:
+        table.to_csv(sys.stdout, index=False)
+    except BrokenPipeError:
+        sys.stderr.close()

@@ -1,0 +1,45 @@
+"""Forward Euler on the rotation matrix: R+ = R + dt [omega]x R, which leaves SO(3) at once."""
+
+from __future__ import annotations
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.equations import acceleration, body_torque, matrix_at, store, vector_at
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.registers import cross, scaled_add, times, transposed_times
+
+
+@kernel
+def step(state: Array, body: Array, load: Array, dt: float) -> None:
+    """x+ = x + dt v, v+ = v + dt a, L+ = L + dt tau, R+ = R + dt [omega]x R; omega = R I0^-1 R^T L."""
+    velocity, momentum, rotation = vector_at(state, 3), vector_at(state, 6), matrix_at(state, 9)
+    torque_world = times(rotation, body_torque(rotation, load))
+    omega = times(rotation, times(matrix_at(body, 10), transposed_times(rotation, momentum)))
+    store(state, 3, scaled_add(velocity, dt, acceleration(rotation, load, body[0])))
+    store(state, 0, scaled_add(vector_at(state, 0), dt, velocity))
+    store(state, 6, scaled_add(momentum, dt, torque_world))
+    for column in range(3):
+        axis = (rotation[column], rotation[3 + column], rotation[6 + column])
+        moved = scaled_add(axis, dt, cross(omega, axis))
+        state[9 + column], state[12 + column], state[15 + column] = moved
+
+
+@kernel
+def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
+    """Make the steps in place."""
+    for _ in range(steps):
+        step(state, body, load, dt)
+
+
+EULER = Integrator(
+    name="euler",
+    formula="R+ = R + dt [omega]x R, L+ = L + dt tau",
+    order=1,
+    evaluations=1,
+    torque="held over the step",
+    keeps="L exactly where no torque acts; not the orthogonality of R",
+    source="Baraff and Witkin (1997), Physically based modeling: rigid body simulation, part 1",
+    attitude="matrix",
+    spin="angular_momentum",
+    advance=advance,
+)

@@ -1,0 +1,50 @@
+"""Forward Euler on the quaternion and on Euler's equations: q+ = q + dt/2 q omega, not normalised."""
+
+from __future__ import annotations
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.equations import (
+    acceleration,
+    body_torque,
+    gyroscopic,
+    matrix_at,
+    store,
+    vector_at,
+)
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.registers import matrix_of, quaternion_times, scaled_add, times
+
+
+@kernel
+def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
+    """Make the steps in place, omega in body axes."""
+    inertia, inertia_inverse = matrix_at(body, 1), matrix_at(body, 10)
+    position, velocity, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
+    q = (state[9], state[10], state[11], state[12])
+    for _ in range(steps):
+        rotation = matrix_of(q)
+        torque = scaled_add(body_torque(rotation, load), -1.0, gyroscopic(inertia, omega))
+        rate = quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2]))
+        position = scaled_add(position, dt, velocity)
+        velocity = scaled_add(velocity, dt, acceleration(rotation, load, body[0]))
+        omega = scaled_add(omega, dt, times(inertia_inverse, torque))
+        q = (q[0] + dt * rate[0], q[1] + dt * rate[1], q[2] + dt * rate[2], q[3] + dt * rate[3])
+    store(state, 0, position)
+    store(state, 3, velocity)
+    store(state, 6, omega)
+    state[9], state[10], state[11], state[12] = q
+
+
+QUATERNION_EULER = Integrator(
+    name="quaternion-euler",
+    formula="q+ = q + dt/2 q omega, omega+ = omega + dt I^-1 (tau - omega x I omega)",
+    order=1,
+    evaluations=1,
+    torque="held over the step",
+    keeps="nothing; |q| grows by (dt omega)^2 / 8 a step",
+    source="Euler (1768), Institutiones calculi integralis, on q' = q omega / 2",
+    attitude="quaternion",
+    spin="omega_body",
+    advance=advance,
+)

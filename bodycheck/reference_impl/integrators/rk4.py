@@ -1,0 +1,84 @@
+"""The classical Runge-Kutta method on the quaternion and on Euler's equations, not normalised."""
+
+from __future__ import annotations
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.equations import (
+    acceleration,
+    body_torque,
+    gyroscopic,
+    matrix_at,
+    store,
+    vector_at,
+)
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.registers import (
+    Mat,
+    Quat,
+    Vec,
+    matrix_of,
+    quaternion_times,
+    scaled_add,
+    times,
+)
+
+
+@kernel
+def rates(q: Quat, omega: Vec, body: Array, load: Array) -> tuple[Quat, Vec, Vec]:
+    """q' = q omega / 2, omega' = I^-1 (tau - omega x I omega), v' = F / m."""
+    inertia: Mat = matrix_at(body, 1)
+    rotation = matrix_of(q)
+    torque = scaled_add(body_torque(rotation, load), -1.0, gyroscopic(inertia, omega))
+    return (
+        quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2])),
+        times(matrix_at(body, 10), torque),
+        acceleration(rotation, load, body[0]),
+    )
+
+
+@kernel
+def moved(q: Quat, s: float, rate: Quat) -> Quat:
+    """q + s q'."""
+    return q[0] + s * rate[0], q[1] + s * rate[1], q[2] + s * rate[2], q[3] + s * rate[3]
+
+
+@kernel
+def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
+    """Make the steps in place, omega in body axes."""
+    position, velocity, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
+    q = (state[9], state[10], state[11], state[12])
+    half, sixth, third = 0.5 * dt, dt / 6.0, dt / 3.0
+    for _ in range(steps):
+        q1, w1, a1 = rates(q, omega, body, load)
+        q2, w2, a2 = rates(moved(q, half, q1), scaled_add(omega, half, w1), body, load)
+        q3, w3, a3 = rates(moved(q, half, q2), scaled_add(omega, half, w2), body, load)
+        q4, w4, a4 = rates(moved(q, dt, q3), scaled_add(omega, dt, w3), body, load)
+        # x'' depends on q alone: the stages' velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3 summed up
+        position = scaled_add(position, dt, velocity)
+        position = scaled_add(position, dt * sixth, a1)
+        position = scaled_add(position, dt * sixth, a2)
+        position = scaled_add(position, dt * sixth, a3)
+        velocity = scaled_add(scaled_add(velocity, sixth, a1), third, a2)
+        velocity = scaled_add(scaled_add(velocity, third, a3), sixth, a4)
+        omega = scaled_add(scaled_add(omega, sixth, w1), third, w2)
+        omega = scaled_add(scaled_add(omega, third, w3), sixth, w4)
+        q = moved(moved(moved(moved(q, sixth, q1), third, q2), third, q3), sixth, q4)
+    store(state, 0, position)
+    store(state, 3, velocity)
+    store(state, 6, omega)
+    state[9], state[10], state[11], state[12] = q
+
+
+RK4 = Integrator(
+    name="rk4",
+    formula="y+ = y + dt/6 (k1 + 2 k2 + 2 k3 + k4), y = (x, v, omega, q)",
+    order=4,
+    evaluations=4,
+    torque="every stage",
+    keeps="nothing exactly; |q| to order 5",
+    source="Kutta (1901); Hairer, Norsett and Wanner (1993), Solving ODEs I, table II.1.2",
+    attitude="quaternion",
+    spin="omega_body",
+    advance=advance,
+)

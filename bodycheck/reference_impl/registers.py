@@ -1,0 +1,120 @@
+"""Vectors, matrices and quaternions as tuples of floats, which a kernel keeps in registers.
+
+Vectors are (x, y, z), matrices nine numbers row by row, quaternions (w, x, y, z).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+from bodycheck.reference_impl.jit import kernel
+
+Vec: TypeAlias = tuple[float, float, float]
+Quat: TypeAlias = tuple[float, float, float, float]
+Mat: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
+
+
+@kernel
+def add(a: Vec, b: Vec) -> Vec:
+    """a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@kernel
+def scaled_add(a: Vec, s: float, b: Vec) -> Vec:
+    """a + s b."""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
+
+
+@kernel
+def cross(a: Vec, b: Vec) -> Vec:
+    """a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def times(m: Mat, v: Vec) -> Vec:
+    """m v."""
+    return (
+        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
+        m[3] * v[0] + m[4] * v[1] + m[5] * v[2],
+        m[6] * v[0] + m[7] * v[1] + m[8] * v[2],
+    )
+
+
+@kernel
+def transposed_times(m: Mat, v: Vec) -> Vec:
+    """m^T v."""
+    return (
+        m[0] * v[0] + m[3] * v[1] + m[6] * v[2],
+        m[1] * v[0] + m[4] * v[1] + m[7] * v[2],
+        m[2] * v[0] + m[5] * v[1] + m[8] * v[2],
+    )
+
+
+@kernel
+def product(a: Mat, b: Mat) -> Mat:
+    """a b."""
+    return (
+        a[0] * b[0] + a[1] * b[3] + a[2] * b[6],
+        a[0] * b[1] + a[1] * b[4] + a[2] * b[7],
+        a[0] * b[2] + a[1] * b[5] + a[2] * b[8],
+        a[3] * b[0] + a[4] * b[3] + a[5] * b[6],
+        a[3] * b[1] + a[4] * b[4] + a[5] * b[7],
+        a[3] * b[2] + a[4] * b[5] + a[5] * b[8],
+        a[6] * b[0] + a[7] * b[3] + a[8] * b[6],
+        a[6] * b[1] + a[7] * b[4] + a[8] * b[7],
+        a[6] * b[2] + a[7] * b[5] + a[8] * b[8],
+    )
+
+
+@kernel
+def solve(m: Mat, b: Vec) -> Vec:
+    """x with m x = b, by Cramer's rule."""
+    column0, column1, column2 = (m[0], m[3], m[6]), (m[1], m[4], m[7]), (m[2], m[5], m[8])
+    normal = cross(column1, column2)
+    scale = 1.0 / (column0[0] * normal[0] + column0[1] * normal[1] + column0[2] * normal[2])
+    other = cross(b, column0)
+    return (
+        scale * (b[0] * normal[0] + b[1] * normal[1] + b[2] * normal[2]),
+        -scale * (column2[0] * other[0] + column2[1] * other[1] + column2[2] * other[2]),
+        scale * (column1[0] * other[0] + column1[1] * other[1] + column1[2] * other[2]),
+    )
+
+
+@kernel
+def quaternion_times(p: Quat, q: Quat) -> Quat:
+    """p q (Hamilton)."""
+    return (
+        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+        p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1],
+        p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0],
+    )
+
+
+@kernel
+def matrix_of(q: Quat) -> Mat:
+    """R(q) for q of any norm: R v = q v q^-1."""
+    w, x, y, z = q
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    return (
+        1.0 - s * (y * y + z * z),
+        s * (x * y - w * z),
+        s * (x * z + w * y),
+        s * (x * y + w * z),
+        1.0 - s * (x * x + z * z),
+        s * (y * z - w * x),
+        s * (x * z - w * y),
+        s * (y * z + w * x),
+        1.0 - s * (x * x + y * y),
+    )
+
+
+@kernel
+def quaternion_exp(v: Vec) -> Quat:
+    """exp(v / 2) = (cos(|v|/2), sin(|v|/2) v/|v|)."""
+    half = 0.5 * math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    s = 0.5 * math.sin(half) / half if half > 0.0 else 0.5
+    return math.cos(half), s * v[0], s * v[1], s * v[2]

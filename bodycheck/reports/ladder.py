@@ -1,0 +1,58 @@
+"""Which step to try next, so that an order can be seen: finer where errors are large, else coarser."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bodycheck.reports.convergence import (
+    LARGEST_ERROR,
+    LEAST_POINTS,
+    Point,
+    is_flat,
+    judge,
+    round_off_floor,
+    usable,
+)
+
+_LEADING = (1, 2, 5)
+_MOST_STEPS = 200_000  # of one case
+_SPAN = 100.0  # the coarsest step asked for over the finest tried: what a plateau has to span
+
+
+def next_step(
+    points: list[Point], limit: float, listed: Sequence[float], interval_s: float, duration_s: float
+) -> float | None:
+    """Return a further step in s that divides the sampling interval, or None when there is no need.
+
+    points: the orientation errors so far; limit: as for round_off_floor; listed: the steps asked for.
+    """
+    if judge(points, limit).verdict in ("converges", "does-not-converge"):
+        return None
+    floor = round_off_floor(points, limit)
+    strides = sorted(round(interval_s / p.dt_s) for p in points)
+    if _too_fine(points, floor):
+        coarser = [n for n in _round_numbers(strides[0]) if n < strides[0]]
+        return interval_s / max(coarser) if coarser else None
+    finest = min(points, key=lambda p: p.dt_s)
+    if finest.error is not None and finest.error <= floor:
+        return None
+    finer = min(n for n in _round_numbers(20 * strides[-1]) if n > strides[-1])
+    too_many = finer * duration_s / interval_s > _MOST_STEPS
+    too_fine = max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-9)
+    return None if too_many or too_fine else interval_s / finer
+
+
+def _too_fine(points: list[Point], floor: float) -> bool:
+    """Whether the coarsest step is still so good that the points that lack lie beyond it."""
+    coarsest = max(points, key=lambda p: p.dt_s)
+    small = coarsest.error is not None and coarsest.error < LARGEST_ERROR
+    return small and len(usable(points, floor)) < LEAST_POINTS and not is_flat(points, floor)
+
+
+def _round_numbers(limit: int) -> list[int]:
+    """Return 1, 2, 5, 10, 20, 50, ... up to limit."""
+    numbers, decade = [], 1
+    while decade <= limit:
+        numbers += [digit * decade for digit in _LEADING if digit * decade <= limit]
+        decade *= 10
+    return numbers

@@ -1,0 +1,166 @@
+"""Drifts and errors of one case: first over time, then their maxima, as the columns of results.csv."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import (
+    angular_momentum,
+    gravity_potential,
+    linear_momentum,
+    principal_axes,
+    rotational_energy,
+    translational_energy,
+)
+from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.truth import Truth
+from bodycheck.reports.scales import Scales
+from bodycheck.reports.work import work_done
+
+_UNSTABLE_ENERGY = 100.0  # times the largest true kinetic energy
+_EQUAL_MOMENTS = 1e-12  # relative
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Energy and momentum along a trajectory: K, its rotational part and E (n,) in J, L and P (n, 3)."""
+
+    kinetic: Array
+    rotational: Array
+    energy: Array
+    angular_momentum: Array
+    linear_momentum: Array
+
+    @classmethod
+    def of(cls, scene: Scene, trajectory: Trajectory) -> Motion:
+        """E = K + U with U from gravity, zero at the start; L about the centre of mass, world axes."""
+        body, omega_body = scene.body, trajectory.omega_body
+        rotational = rotational_energy(body.inertia, omega_body)
+        kinetic = rotational + translational_energy(body.mass, trajectory.velocity_m_s)
+        moved = trajectory.position_m - scene.initial.position
+        return cls(
+            kinetic=kinetic,
+            rotational=rotational,
+            energy=kinetic + gravity_potential(body.mass, scene.gravity, moved),
+            angular_momentum=angular_momentum(trajectory.rotation_matrices, body.inertia, omega_body),
+            linear_momentum=linear_momentum(body.mass, trajectory.velocity_m_s),
+        )
+
+
+def instability(scene: Scene, truth: Truth, trajectory: Trajectory) -> str | None:
+    """Say why a trajectory is unstable: not finite, det R <= 0, or K > 100 max K*; None if it is not."""
+    for name in (
+        "position_m",
+        "velocity_m_s",
+        "quaternion",
+        "rotation",
+        "omega_world_rad_s",
+        "omega_body_rad_s",
+    ):
+        value = getattr(trajectory, name)
+        if value is not None and not np.all(np.isfinite(value)):
+            first = np.argmin(np.isfinite(value.reshape(len(value), -1)).all(axis=1))
+            return f"{name} is not finite from t = {trajectory.t_s[first]:.6g} s on"
+    if trajectory.rotation is not None and np.any(np.linalg.det(trajectory.rotation) <= 0.0):
+        return "det R <= 0"
+    if trajectory.quaternion is not None and np.any(np.linalg.norm(trajectory.quaternion, axis=-1) == 0.0):
+        return "the quaternion is zero"
+    largest = float(Motion.of(scene, truth.trajectory).kinetic.max())
+    kinetic = Motion.of(scene, trajectory).kinetic
+    if largest > 0.0 and np.any(kinetic > _UNSTABLE_ENERGY * largest):
+        first = np.argmax(kinetic > _UNSTABLE_ENERGY * largest)
+        return f"kinetic energy above 100 times the truth's largest from t = {trajectory.t_s[first]:.6g} s on"
+    return None
+
+
+SERIES_SCALES = {
+    "energy_drift": "energy_scale_j",
+    "rotational_energy_drift": "rotational_energy_scale_j",
+    "energy_balance": "energy_scale_j",
+    "angular_momentum_drift": "angular_momentum_scale_kg_m2_s",
+    "linear_momentum_drift": "linear_momentum_scale_kg_m_s",
+    "invariant_drift": "omega_scale_rad_s",
+    "omega_error": "omega_scale_rad_s",
+    "position_error": "length_scale_m",
+    "velocity_error": "speed_scale_m_s",
+}
+"""The measures that have a scale: each stands twice, over its scale and as `_abs` in SI units."""
+
+PURE_SERIES = ("orientation_error_rad", "orthogonality", "determinant_error", "quaternion_norm_error")
+"""The measures that need no scale."""
+
+
+def error_series(scene: Scene, truth: Truth, trajectory: Trajectory) -> dict[str, Array]:
+    """Return every measure over time (n,), in SI units, that this trajectory has: its max is the measure."""
+    true, motion = Motion.of(scene, truth.trajectory), Motion.of(scene, trajectory)
+    series = {
+        "energy_drift": np.abs(motion.energy - true.energy),
+        "rotational_energy_drift": np.abs(motion.rotational - true.rotational),
+        "angular_momentum_drift": _distance(motion.angular_momentum, true.angular_momentum),
+        "linear_momentum_drift": _distance(motion.linear_momentum, true.linear_momentum),
+        "orientation_error_rad": geodesic_angle(truth.trajectory.attitude, trajectory.attitude),
+        "omega_error": _distance(trajectory.omega_body, truth.trajectory.omega_body),
+        "position_error": _distance(trajectory.position_m, truth.trajectory.position_m),
+        "velocity_error": _distance(trajectory.velocity_m_s, truth.trajectory.velocity_m_s),
+    }
+    balance = _energy_balance(scene, trajectory, motion)
+    if balance is not None:
+        series["energy_balance"] = balance
+    axis = symmetry_axis(scene)
+    if axis is not None:
+        series["invariant_drift"] = np.abs((trajectory.omega_body - truth.trajectory.omega_body) @ axis)
+    if trajectory.rotation is not None:
+        gram = np.swapaxes(trajectory.rotation, -1, -2) @ trajectory.rotation
+        series["orthogonality"] = np.linalg.norm(gram - np.eye(3), axis=(-2, -1))
+        series["determinant_error"] = np.abs(np.linalg.det(trajectory.rotation) - 1.0)
+    if trajectory.quaternion is not None:
+        series["quaternion_norm_error"] = np.abs(np.linalg.norm(trajectory.quaternion, axis=-1) - 1.0)
+    return series
+
+
+def reduced(series: dict[str, Array], scales: Scales) -> dict[str, float]:
+    """Return the maxima over time: each over its scale, if that is not 0, and as `_abs` in SI units."""
+    columns: dict[str, float] = {}
+    for name, values in series.items():
+        largest = float(np.max(values))
+        if name in PURE_SERIES:
+            columns[name] = largest
+            continue
+        columns[f"{name}_abs"] = largest
+        scale = getattr(scales, SERIES_SCALES[name])
+        if scale > 0.0:
+            columns[name] = largest / scale
+    columns["orientation_error_final_rad"] = float(series["orientation_error_rad"][-1])
+    return columns
+
+
+def symmetry_axis(scene: Scene) -> Array | None:
+    """Return the body axis (3,) about which a freely turning symmetric top keeps its spin, or None."""
+    if not scene.is_free_rotation:
+        return None
+    moments, axes = principal_axes(scene.body.inertia)
+    low, high = (abs(moments[i + 1] - moments[i]) <= _EQUAL_MOMENTS * moments[2] for i in (0, 1))
+    if low == high:  # a sphere or a triaxial body
+        return None
+    return np.asarray(axes[:, 2 if low else 0])
+
+
+def _energy_balance(scene: Scene, trajectory: Trajectory, motion: Motion) -> Array | None:
+    """|E_k - E_0 - W_k|, or None where the samples resolve W no better than to a third of it."""
+    if not scene.loads:
+        return np.abs(motion.energy - motion.energy[0])
+    done = work_done(scene, trajectory)
+    if done is None:
+        return None
+    work, error = done
+    balance = np.abs(motion.energy - motion.energy[0] - work)
+    return balance if error <= float(np.max(balance)) / 3.0 else None
+
+
+def _distance(a: Array, b: Array) -> Array:
+    return np.asarray(np.linalg.norm(a - b, axis=-1))

@@ -1,0 +1,98 @@
+"""A run as files: the tables, the trajectories, the manifest and the report, written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import tempfile
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from bodycheck.errors import InputError
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.case import CaseResult
+from bodycheck.reports.html import render_report
+from bodycheck.reports.run import Run
+
+_ARRAYS = (
+    "t_s",
+    "position_m",
+    "quaternion",
+    "rotation",
+    "velocity_m_s",
+    "omega_world_rad_s",
+    "omega_body_rad_s",
+)
+
+
+def check_output(out: Path) -> None:
+    """Raise InputError where a run could not be written to `out`; asked before anything is run."""
+    try:
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise InputError(f"--out {out}: is already there; name a new or an empty folder")
+        parent = next(folder for folder in out.absolute().parents if folder.exists())
+        with tempfile.TemporaryFile(dir=parent):
+            pass
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
+
+
+def write_run(run: Run, out: Path) -> Path:
+    """Write results.csv, methods.csv, trajectories/, manifest.json and report.html; return the report's path.
+
+    Everything is written beside `out` under a temporary name and renamed at the end. Raises InputError
+    where `out` is in use or cannot be written.
+    """
+    check_output(out)
+    try:
+        out.absolute().parent.mkdir(parents=True, exist_ok=True)
+        unfinished = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.absolute().parent))
+        try:
+            _write_files(run, unfinished)
+            unfinished.chmod(0o755)  # mkdtemp keeps others out; a run is for everyone
+            unfinished.replace(out)
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
+    return out / "report.html"
+
+
+def _write_files(run: Run, folder: Path) -> None:
+    run.results.to_csv(folder / "results.csv", index=False)
+    run.methods.to_csv(folder / "methods.csv", index=False)
+    (folder / "manifest.json").write_text(json.dumps(run.manifest, indent=2) + "\n", encoding="utf-8")
+    (folder / "report.html").write_text(render_report(run), encoding="utf-8")
+    trajectories = folder / "trajectories"
+    for subject in run.subjects:
+        place = trajectories / file_name(subject.scenario.name)
+        place.mkdir(parents=True)
+        truth = subject.truth
+        bounds = {name: getattr(truth, name) for name in ("bound_rad", "bound_energy", "bound_momentum")}
+        np.savez(place / "truth.npz", allow_pickle=False, **_arrays(truth.trajectory), **bounds)
+    for case in run.cases:
+        if case.trajectory is not None:
+            np.savez(trajectories / trajectory_file(case), allow_pickle=False, **_arrays(case.trajectory))
+
+
+def trajectory_file(case: CaseResult) -> Path:
+    """Return scenario/engine_method_dt.npz, relative to the run's trajectories/."""
+    columns = case.columns
+    step = "" if case.dt_s is None else f"_{case.dt_s!r}"
+    name = file_name(f"{columns['engine']}_{columns['method']}{step}")
+    return Path(file_name(columns["scenario"]), f"{name}.npz")
+
+
+def file_name(name: str) -> str:
+    """Return a name that is safe as a file's, itself where it is so already; others get a hash."""
+    safe = re.sub(r"[^A-Za-z0-9+_.-]+", "-", name).lstrip(".")[:80]
+    return safe if safe == name else f"{safe}-{sha256(name.encode()).hexdigest()[:8]}"
+
+
+def _arrays(trajectory: Trajectory) -> dict[str, Array]:
+    values = {name: getattr(trajectory, name) for name in _ARRAYS}
+    return {name: value for name, value in values.items() if value is not None}

@@ -1,0 +1,112 @@
+"""One method on one scenario: its cases from step to step, and what they say together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from bodycheck.adapters.contract import Adapter, Method
+from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.truth import Truth
+from bodycheck.reports.case import CaseResult, Subject, run_case
+from bodycheck.reports.convergence import Point, judge
+from bodycheck.reports.ladder import next_step
+
+_ORIENTATION = "orientation_error_rad"
+QUANTITIES = {
+    _ORIENTATION: "rad",
+    "omega_error": "momentum",
+    "energy_drift": "energy",
+    "angular_momentum_drift": "momentum",
+    "position_error": "rad",
+}
+"""The measures of which an order is fitted, each with the bound and round-off of the truth that limit it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """The cases of one method on one scenario, coarsest step first, and one row a quantity of methods.csv."""
+
+    cases: tuple[CaseResult, ...]
+    method_rows: tuple[dict[str, Any], ...]
+
+
+def study(
+    subject: Subject,
+    adapter: Adapter,
+    method: Method,
+    steps_s: Sequence[float],
+    *,
+    adaptive: bool,
+    speed: bool,
+    case_done: Callable[[], None],
+) -> Study:
+    """Run the steps asked for and, if adaptive, more until an order shows or the budget ends."""
+    cases: list[CaseResult] = []
+
+    def make(dt_s: float | None) -> CaseResult:
+        case = run_case(subject, adapter, method, dt_s, speed=speed)
+        cases.append(case)
+        case_done()
+        return case
+
+    if method.control == "none":
+        make(None)
+        return Study(tuple(cases), ())
+    for dt_s in steps_s:
+        if make(dt_s).columns["outcome"] == "unsupported":
+            return Study(tuple(cases), ())  # a scene that cannot be represented is so at every step
+    scene = subject.scenario.scene
+    while adaptive:
+        points = _points(_with_step_changes(cases), _ORIENTATION)
+        step = next_step(
+            points, limit(subject.truth, _ORIENTATION), steps_s, scene.sample_interval_s, scene.duration_s
+        )
+        if step is None:
+            break
+        make(step)
+    ordered = _with_step_changes(cases)
+    return Study(ordered, tuple(_method_rows(ordered, subject.truth)))
+
+
+def limit(truth: Truth, quantity: str) -> float:
+    """max(3 bound, eps sensitivity): an error below it is at the floor, in rad or of the scale."""
+    kind = QUANTITIES[quantity]
+    bound, round_off = getattr(truth, f"bound_{kind}"), getattr(truth, f"round_off_{kind}")
+    return float(max(3.0 * np.max(bound), np.max(round_off)))
+
+
+def _with_step_changes(cases: Sequence[CaseResult]) -> tuple[CaseResult, ...]:
+    """Return the cases coarsest first, each with its largest angle to the next coarser one that ended."""
+    ordered = sorted(cases, key=lambda case: -(case.dt_s or 0.0))
+    changed = ordered[:1]
+    for coarser, case in pairwise(ordered):
+        if case.ok and coarser.ok and case.trajectory is not None and coarser.trajectory is not None:
+            change = float(np.max(geodesic_angle(coarser.trajectory.attitude, case.trajectory.attitude)))
+            case = replace(case, columns={**case.columns, "step_change_rad": change})
+        changed.append(case)
+    return tuple(changed)
+
+
+def _points(cases: Sequence[CaseResult], quantity: str) -> list[Point]:
+    """Return the cases as points of error against step; without an error where one did not end well."""
+    points = []
+    for case in cases:
+        assert case.dt_s is not None
+        change, error = case.columns.get("step_change_rad"), case.columns.get(_ORIENTATION)
+        settling = change / error if change is not None and error else None
+        points.append(Point(case.dt_s, case.columns.get(quantity) if case.ok else None, settling))
+    return points
+
+
+def _method_rows(cases: Sequence[CaseResult], truth: Truth) -> Iterator[dict[str, Any]]:
+    who = ("scenario", "family", "engine", "engine_version", "method")
+    first = cases[0].columns
+    for quantity in QUANTITIES:
+        if not any(case.ok for case in cases) or any(quantity in case.columns for case in cases):
+            found = judge(_points(cases, quantity), limit(truth, quantity))
+            yield {**{name: first[name] for name in who}, "quantity": quantity, **vars(found)}

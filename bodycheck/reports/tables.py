@@ -1,0 +1,118 @@
+"""The two tables of a run: the columns of results.csv and methods.csv, in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_WHO = (
+    "run_id",
+    "scenario",
+    "family",
+    "engine",
+    "engine_version",
+    "method",
+    "control",
+    "dt_s",
+    "tolerance",
+    "steps",
+    "duration_s",
+    "outcome",
+    "message",
+    "reproduce",
+)
+_SCALES = (
+    "length_scale_m",
+    "speed_scale_m_s",
+    "omega_scale_rad_s",
+    "energy_scale_j",
+    "rotational_energy_scale_j",
+    "angular_momentum_scale_kg_m2_s",
+    "linear_momentum_scale_kg_m_s",
+)
+MEASURES = {
+    "energy_drift": "max |E - E*| over the largest true kinetic energy; E = K + U",
+    "rotational_energy_drift": "max |Kr - Kr*| over max Kr*; Kr = omega . I omega / 2",
+    "energy_balance": "max |E - E(0) - W| over the largest true kinetic energy; W = work of the loads",
+    "angular_momentum_drift": "max |L - L*| over max |L*|; the vector in world axes",
+    "linear_momentum_drift": "max |P - P*| over mass x speed scale",
+    "invariant_drift": "max change of the scene's own invariant, named in `invariant`, over its scale",
+    "orthogonality": "max ||R^T R - I||_F of the matrix that the engine itself gives",
+    "determinant_error": "max |det R - 1| of the same matrix",
+    "quaternion_norm_error": "max ||q| - 1| of the quaternion that the engine itself holds",
+    "orientation_error_rad": "max geodesic angle to the truth",
+    "orientation_error_final_rad": "geodesic angle to the truth at the end",
+    "omega_error": "max |omega - omega*| in body axes over max |omega*|",
+    "position_error": "max |x - x*| over the length scale",
+    "velocity_error": "max |v - v*| over the speed scale",
+}
+"""Measure -> formula; a star marks the truth. Those with a scale stand also as `_abs`, in SI units."""
+
+ABSOLUTE = {
+    "energy_drift": "J",
+    "rotational_energy_drift": "J",
+    "energy_balance": "J",
+    "angular_momentum_drift": "kg m^2/s",
+    "linear_momentum_drift": "kg m/s",
+    "invariant_drift": "rad/s",
+    "omega_error": "rad/s",
+    "position_error": "m",
+    "velocity_error": "m/s",
+}
+_TRUTH = ("truth", "truth_bound_rad", "truth_bound_energy", "truth_bound_momentum")
+_SPEED = ("cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "rhs_evaluations", "stepping")
+
+RESULT_COLUMNS = (
+    *_WHO,
+    *_SCALES,
+    *(c for name in MEASURES for c in ((name, f"{name}_abs") if name in ABSOLUTE else (name,))),
+    "invariant",
+    "step_change_rad",
+    *_TRUTH,
+    *_SPEED,
+)
+METHOD_COLUMNS = (
+    "run_id",
+    "scenario",
+    "family",
+    "engine",
+    "engine_version",
+    "method",
+    "quantity",
+    "order",
+    "order_low",
+    "order_high",
+    "points",
+    "floor",
+    "verdict",
+)
+_WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
+_TEXTS = frozenset(
+    (
+        *("run_id", "scenario", "family", "engine", "engine_version", "method", "control", "outcome"),
+        *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
+    )
+)
+
+
+def as_table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
+    """Return the rows as a table with exactly these columns; what was not measured is missing, never 0.
+
+    Raises ValueError where a row has a column that the table has not.
+    """
+    import pandas as pd  # late: a third of a second
+
+    rows = list(rows)
+    for row in rows:
+        if unknown := row.keys() - set(columns):
+            raise ValueError(f"no column is named {', '.join(sorted(unknown))}")
+    table = pd.DataFrame(rows, columns=list(columns))
+    for column in columns:
+        if column in _WHOLE_NUMBERS:
+            table[column] = table[column].astype("Int64")
+        elif column not in _TEXTS:
+            table[column] = table[column].astype("float64")
+    return table

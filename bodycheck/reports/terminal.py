@@ -1,0 +1,149 @@
+"""What a run says on the terminal: live progress, a summary at the end, and the catalogues of `list`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from bodycheck.adapters.registry import engine_names, get_adapter
+from bodycheck.errors import UnavailableError
+from bodycheck.reports.tables import ABSOLUTE, MEASURES
+from bodycheck.scenarios.library import load_scenario, scenario_names, suites
+
+if TYPE_CHECKING:
+    from bodycheck.reports.run import Run
+
+_VERDICT_STYLES = {
+    "converges": "green",
+    "at-floor": "green",
+    "pre-asymptotic": "yellow",
+    "too-few-points": "yellow",
+    "does-not-converge": "red",
+    "unstable": "red",
+}
+
+
+class LiveProgress:
+    """A bar on standard error where that is a terminal, else one line a scenario."""
+
+    def __init__(self, cases_listed: int) -> None:
+        self._console = Console(stderr=True, highlight=False)
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("cases"),
+            TimeElapsedColumn(),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal,
+        )
+        self._task = self._bar.add_task("starting", total=cases_listed)
+        self._listed, self._done = cases_listed, 0
+
+    def __enter__(self) -> LiveProgress:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    def phase(self, what: str) -> None:
+        """Name the phase that has begun."""
+        self._bar.update(self._task, description=what)
+        if not self._console.is_terminal:
+            self._console.print(Text(what))
+
+    def case_done(self) -> None:
+        """Count one more case; steps that were added on the way raise the total."""
+        self._done += 1
+        self._listed = max(self._listed, self._done)
+        self._bar.update(self._task, completed=self._done, total=self._listed)
+
+
+def print_summary(run: Run) -> None:
+    """Print how the cases ended, what failed and why, and the order of each method on each scenario."""
+    console = Console(highlight=False)
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in run.manifest["outcomes"].items())
+    seconds = run.manifest["run_s"]
+    console.print(
+        f"{len(run.cases)} cases in {seconds:.0f} s (compiling {run.manifest['compile_s']:.0f} s): {outcomes}"
+    )
+    for engine in run.manifest["engines"].values():
+        if "unavailable" in engine:
+            console.print(Text(f"not measured: {engine['unavailable']}", style="yellow"))
+    for case in run.cases:
+        if case.columns["outcome"] in ("failed", "invalid"):
+            line = f"{case.columns['outcome']}: {case.columns['reproduce']}: {case.columns['message']}"
+            console.print(Text(line, style="red"))
+    console.print(_order_table(run))
+
+
+def _order_table(run: Run) -> Table:
+    """Return one row a method: the orders of orientation seen over the scenarios, and the verdicts."""
+    rows = run.methods[run.methods["quantity"] == "orientation_error_rad"]
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("engine:method", no_wrap=True)
+    table.add_column("order of orientation", justify="right", no_wrap=True)
+    table.add_column("scenarios")
+    for (engine, method), group in rows.groupby(["engine", "method"], sort=False):
+        orders = group["order"].dropna()
+        seen = f"{orders.median():.2f} ({orders.min():.2f} to {orders.max():.2f})" if len(orders) else "-"
+        counts = Text(", ").join(
+            Text(f"{count} {verdict}", style=_VERDICT_STYLES.get(str(verdict), ""))
+            for verdict, count in group["verdict"].value_counts().items()
+        )
+        table.add_row(Text(f"{engine}:{method}"), seen, counts)
+    return table
+
+
+def print_catalogue(what: str) -> None:
+    """Print one line an entry: the name, then what it is."""
+    console = Console(highlight=False, soft_wrap=True)
+    catalogues: dict[str, Callable[[], list[tuple[str, str]]]] = {
+        "scenarios": lambda: [(name, load_scenario(name).summary) for name in scenario_names()],
+        "suites": lambda: [(name, ", ".join(members)) for name, members in suites().items()],
+        "engines": _engine_rows,
+        "methods": _method_rows,
+        "measures": _measure_rows,
+    }
+    rows = catalogues[what]()
+    width = max(len(name) for name, _ in rows)
+    for name, text in rows:
+        console.print(Text(f"{name:{width}}  {text}"))
+
+
+def _measure_rows() -> list[tuple[str, str]]:
+    units = {name: f"; as {name}_abs in {unit}" for name, unit in ABSOLUTE.items()}
+    return [(name, text + units.get(name, "")) for name, text in MEASURES.items()]
+
+
+def _engine_rows() -> list[tuple[str, str]]:
+    rows = []
+    for name in engine_names():
+        try:
+            rows.append((name, get_adapter(name).version))
+        except UnavailableError as error:
+            rows.append((name, f"not there: {error}"))
+    return rows
+
+
+def _method_rows() -> list[tuple[str, str]]:
+    rows = []
+    for name in engine_names():
+        try:
+            methods = get_adapter(name).methods
+        except UnavailableError:
+            continue
+        for method in methods.values():
+            order = "" if method.order is None else f"; order {method.order}, torque {method.torque}"
+            rows.append((f"{name}:{method.name}", f"{method.formula}{order}; keeps {method.keeps}"))
+    return rows
