@@ -1,0 +1,245 @@
+"""PyBullet: one body without a shape, as btMultiBody or, in maximal coordinates, as btRigidBody.
+
+The engine's own frame is the body's principal frame at its centre of mass; every state is turned into
+body axes by a constant rotation, the identity where the inertia tensor is diagonal. Bullet clears forces
+after each call of stepSimulation, and turns torques in body axes into world axes once a call.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from importlib.metadata import version
+
+import numpy as np
+import pybullet
+
+from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import principal_axes
+from bodycheck.reference_impl.rotations import conjugate, hat, matrix_to_quaternion, quaternion_product
+from bodycheck.reference_impl.scene import PointForce, Scene, Timed
+from bodycheck.reference_impl.wrench import Wrench
+
+_MULTIBODY = Method(
+    name="multibody",
+    formula="omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
+    order=1,
+    evaluations=1,
+    torque="held over the step",
+    keeps="|q| = 1; linear momentum",
+    source="Bullet btMultiBody::computeAccelerationsArticulatedBodyAlgorithmMultiDof, stepPositionsMultiDof",
+    changed_defaults=("damping 0", "velocity clamp removed", "deactivation off"),
+)
+
+_MAXIMAL = Method(
+    name="maximal",
+    formula="omega += h I^-1 tau - h (I + h D)^-1 (omega x I omega), "
+    "D = d(omega x I omega)/domega; q = q exp(h omega)",
+    order=1,
+    evaluations=1,
+    torque="held over the step",
+    keeps="|q| = 1; linear momentum",
+    source="Bullet btRigidBody::computeGyroscopicImpulseImplicit_Body (Catto 2015)",
+    changed_defaults=("deactivation off", "one step at rest before the start, to refresh the world inertia"),
+)
+
+_MAX_SUBSTEPS = 2**16  # 50 ms: no longer between two chances of an interrupt
+
+_NOTHING = Wrench(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), ())
+
+
+class PyBullet:
+    """PyBullet (Coumans and Bai 2016-2025)."""
+
+    name = "pybullet"
+    version: str = version("pybullet")
+    methods: Mapping[str, Method] = {method.name: method for method in (_MULTIBODY, _MAXIMAL)}
+
+    def __init__(self) -> None:
+        self._idle_clients: list[int] = []  # connecting costs a hundred times what building a body does
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
+        """Refuse nothing. Beyond |omega| h = pi/4 in a step Bullet turns the body by less than that."""
+        return None
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> PyBulletSimulation:
+        """Build the body in a world of its own."""
+        client = self._idle_clients.pop() if self._idle_clients else pybullet.connect(pybullet.DIRECT)
+        return PyBulletSimulation(scene, method == "maximal", dt_s, client, self._idle_clients.append)
+
+
+class PyBulletSimulation:
+    """One client's world with one body; the client goes back to the adapter on close."""
+
+    stepping: Stepping
+
+    def __init__(
+        self, scene: Scene, maximal: bool, dt_s: float, client: int, give_back: Callable[[int], None]
+    ) -> None:
+        self.stepping = "native" if all(_is_uniform(load) for load in scene.loads) else "python"
+        self._client, self._give_back, self._closed = client, give_back, False
+        self._gravity, self._dt_s = scene.gravity, dt_s
+        moments, self._axes = _principal(scene.body.inertia)
+        self._axes_quaternion = matrix_to_quaternion(self._axes)
+        self._initial = scene.initial
+        self._body = _add_body(client, scene.body.mass, moments, maximal)
+        self.reset()
+
+    def read_back(self) -> ReadBack:
+        """Ask getDynamicsInfo and getPhysicsEngineParameters."""
+        mass, _, moments, *_ = pybullet.getDynamicsInfo(self._body, -1, self._client)
+        world = pybullet.getPhysicsEngineParameters(self._client)
+        return ReadBack(
+            mass=mass,
+            inertia=self._axes @ np.diag(moments) @ self._axes.T,
+            dt_s=world["fixedTimeStep"] / world["numSubSteps"],
+            gravity=np.array([world[f"gravityAcceleration{axis}"] for axis in "XYZ"]),
+            state=self.read(),
+        )
+
+    def reset(self) -> None:
+        """Set the initial state, no wrench, and what Bullet derives from the pose only in a step."""
+        self.apply(_NOTHING)
+        at_rest = np.zeros(3)
+        # A btRigidBody keeps the world inertia of the pose before until it has made one step: its first
+        # torque would act on a zero inverse inertia.
+        self._set_state(at_rest, at_rest)
+        pybullet.setGravity(0.0, 0.0, 0.0, physicsClientId=self._client)
+        self._set_substeps(1)
+        pybullet.stepSimulation(self._client)
+        pybullet.setGravity(*self._gravity, physicsClientId=self._client)
+        self._set_state(self._initial.velocity, self._initial.omega_world)
+
+    def apply(self, wrench: Wrench) -> None:
+        """Prepare the engine's calls, which advance makes before each step or call of many steps."""
+        torque_body, force_body = wrench.torque_body @ self._axes, wrench.force_body @ self._axes
+        force_world, turning = wrench.force_world, np.zeros((3, 9))
+        for at, force in wrench.point_forces:
+            force_world = force_world + force
+            turning += np.kron(hat(-force), at @ self._axes)
+
+        self._turns_with_body = bool(np.any(torque_body) or np.any(force_body) or np.any(turning))
+        push_torque = partial(pybullet.applyExternalTorque, self._body, -1, physicsClientId=self._client)
+        push_force = partial(pybullet.applyExternalForce, self._body, -1, physicsClientId=self._client)
+        body_axes, world_axes, centre = pybullet.LINK_FRAME, pybullet.WORLD_FRAME, (0.0, 0.0, 0.0)
+        self._pushes: list[Callable[[], None]] = []
+        if np.any(torque_body):
+            self._pushes.append(partial(push_torque, tuple(torque_body), body_axes))
+        if np.any(wrench.torque_world):
+            self._pushes.append(partial(push_torque, tuple(wrench.torque_world), world_axes))
+        if np.any(force_body):
+            self._pushes.append(partial(push_force, tuple(force_body), centre, body_axes))
+        if np.any(force_world) or np.any(turning):
+            self._pushes.append(partial(self._push_in_world, tuple(force_world), turning))
+
+    def advance(self, steps: int) -> None:
+        """Make many steps in one call, unless the wrench must be turned with the body at each of them."""
+        if self._turns_with_body:
+            self._set_substeps(1)
+            for _ in range(steps):
+                self._step()
+        else:
+            for substeps in _powers_of_two(steps):
+                self._set_substeps(substeps)
+                self._step()
+
+    def read(self) -> Reading:
+        """Copy the state; the matrix is getMatrixFromQuaternion of the engine's own quaternion."""
+        position, (x, y, z, w) = pybullet.getBasePositionAndOrientation(self._body, self._client)
+        velocity, omega_world = pybullet.getBaseVelocity(self._body, self._client)
+        return Reading(
+            position=np.array(position),
+            velocity=np.array(velocity),
+            quaternion=quaternion_product(np.array([w, x, y, z]), conjugate(self._axes_quaternion)),
+            rotation=_matrix((x, y, z, w)) @ self._axes.T,
+            omega_world=np.array(omega_world),
+        )
+
+    def close(self) -> None:
+        """Empty the world and give the client back."""
+        if not self._closed:
+            self._closed = True
+            pybullet.resetSimulation(physicsClientId=self._client)
+            self._give_back(self._client)
+
+    def _step(self) -> None:
+        for push in self._pushes:
+            push()
+        pybullet.stepSimulation(self._client)
+
+    def _set_substeps(self, count: int) -> None:
+        """Let one call make this many steps, a power of two.
+
+        Then count dt_s, and count dt_s / count, are exact: Bullet makes int(fixedTimeStep / substep) steps,
+        and would lose one to a round-off.
+        """
+        pybullet.setPhysicsEngineParameter(
+            fixedTimeStep=count * self._dt_s, numSubSteps=count, physicsClientId=self._client
+        )
+
+    def _set_state(self, velocity: Array, omega_world: Array) -> None:
+        """Set the initial pose and a velocity."""
+        w, x, y, z = quaternion_product(self._initial.quaternion, self._axes_quaternion)
+        position = self._initial.position
+        pybullet.resetBasePositionAndOrientation(self._body, position, (x, y, z, w), self._client)
+        pybullet.resetBaseVelocity(self._body, velocity, omega_world, self._client)
+
+    def _push_in_world(self, force: tuple[float, ...], turning: Array) -> None:
+        """Apply a world force at the centre of mass, and the torque sum R at x F = turning vec(R).
+
+        The engine's own call takes absolute points: far from the origin their arms would be rounded.
+        """
+        position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
+        torque = turning @ pybullet.getMatrixFromQuaternion(quaternion)
+        world = pybullet.WORLD_FRAME
+        pybullet.applyExternalForce(self._body, -1, force, position, world, self._client)
+        pybullet.applyExternalTorque(self._body, -1, torque, world, self._client)
+
+
+def _add_body(client: int, mass: float, moments: Array, maximal: bool) -> int:
+    """Empty the world and put one body into it."""
+    pybullet.resetSimulation(physicsClientId=client)
+    body: int = pybullet.createMultiBody(baseMass=mass, useMaximalCoordinates=maximal, physicsClientId=client)
+    # A body without a shape has no inertia, and setting one without the mass makes a btRigidBody static.
+    pybullet.changeDynamics(
+        body,
+        -1,
+        mass=mass,
+        localInertiaDiagonal=moments,
+        linearDamping=0.0,
+        angularDamping=0.0,
+        maxJointVelocity=math.inf,  # it clamps the components of the base's velocities too
+        activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+        physicsClientId=client,
+    )
+    return body
+
+
+def _is_uniform(load: Timed) -> bool:
+    """Tell whether the load is constant in world axes, however the body turns."""
+    return load.axes == "world" and not (isinstance(load, PointForce) and bool(np.any(load.at)))
+
+
+def _powers_of_two(steps: int) -> Iterator[int]:
+    """Yield powers of two, none above _MAX_SUBSTEPS, that sum up to steps."""
+    whole, rest = divmod(steps, _MAX_SUBSTEPS)
+    for _ in range(whole):
+        yield _MAX_SUBSTEPS
+    for place in reversed(range(rest.bit_length())):
+        if rest >> place & 1:
+            yield 1 << place
+
+
+def _principal(inertia: Array) -> tuple[Array, Array]:
+    """I = A diag(J) A^T: J (3,) and A (3, 3), the identity where I is diagonal already."""
+    moments = np.diagonal(inertia)
+    if np.array_equal(inertia, np.diag(moments)):
+        return moments.copy(), np.eye(3)
+    return principal_axes(inertia)
+
+
+def _matrix(quaternion: tuple[float, ...]) -> Array:
+    """Return getMatrixFromQuaternion of it: (x, y, z, w) -> (3, 3)."""
+    return np.reshape(pybullet.getMatrixFromQuaternion(quaternion), (3, 3))

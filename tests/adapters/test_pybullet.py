@@ -1,0 +1,237 @@
+"""What is particular to PyBullet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters.contract import read_back_mismatch
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
+from bodycheck.reference_impl.wrench import wrench_between
+
+pybullet = pytest.importorskip("pybullet")
+
+from bodycheck.adapters.pybullet import PyBullet, PyBulletSimulation  # noqa: E402 - it imports the engine
+
+INERTIA = np.diag([1.0, 2.0, 3.0])
+BODY_TORQUE = Torque("body", np.array([0.3, -0.2, 0.1]))
+WORLD_TORQUE = Torque("world", np.array([0.3, -0.2, 0.1]))
+BODY_FORCE = PointForce("body", np.array([0.5, 0.3, -0.8]), np.zeros(3))
+CENTRAL_FORCE = PointForce("world", np.array([0.5, 0.3, -0.8]), np.zeros(3))
+WORLD_FORCE = PointForce("world", np.array([0.5, 0.3, -0.8]), np.array([0.2, -0.4, 0.3]))
+
+both_methods = pytest.mark.parametrize("method", ["multibody", "maximal"])
+
+
+def scene_of(loads: tuple[Timed, ...] = (), inertia: Array = INERTIA) -> Scene:
+    """Return a scene of a body at rest in the air, turned."""
+    initial = State(np.zeros(3), np.array([0.5, -0.5, 0.1, 0.7]), np.zeros(3), np.zeros(3))
+    return Scene(RigidBody(1.3, inertia), initial, loads, np.zeros(3), duration_s=1.0, samples=2)
+
+
+def moving(scene: Scene, velocity: tuple[float, ...], omega_body: tuple[float, ...]) -> Scene:
+    """Let the body start with these velocities."""
+    initial = replace(scene.initial, velocity=np.array(velocity), omega_body=np.array(omega_body))
+    return replace(scene, initial=initial)
+
+
+def loaded(adapter: PyBullet, scene: Scene, method: str, dt_s: float = 1e-2) -> PyBulletSimulation:
+    """Build a simulation on which all the loads of the scene act."""
+    simulation = adapter.build(scene, method, dt_s)
+    simulation.apply(wrench_between(scene, 0.0, scene.duration_s))
+    return simulation
+
+
+@pytest.fixture
+def adapter() -> Iterator[PyBullet]:
+    """An adapter whose clients are disconnected in the end."""
+    adapter = PyBullet()
+    yield adapter
+    for client in adapter._idle_clients:
+        pybullet.disconnect(client)
+
+
+@both_methods
+def test_first_step_has_the_inertia_of_the_initial_pose(adapter: PyBullet, method: str) -> None:
+    """From rest, one step under a body torque gives h I^-1 tau: nothing is left of a pose before."""
+    scene = scene_of((BODY_TORQUE,))
+    simulation = loaded(adapter, scene, method)
+    for _ in range(2):
+        simulation.advance(1)
+        reading = simulation.read()
+        assert reading.omega_world is not None
+        expected = scene.initial.rotation @ (1e-2 * np.linalg.solve(INERTIA, BODY_TORQUE.value))
+        np.testing.assert_allclose(reading.omega_world, expected, rtol=1e-14)
+        simulation.advance(200)
+        simulation.reset()
+        simulation.apply(wrench_between(scene, 0.0, 1.0))
+    simulation.close()
+
+
+@both_methods
+def test_velocities_are_neither_damped_nor_clamped(adapter: PyBullet, method: str) -> None:
+    """A sphere keeps 1e6 m/s and 700 rad/s over 1000 steps to 1e-12."""
+    scene = moving(scene_of(inertia=np.eye(3)), (1e6, -1e6, 5e5), (700.0, 0.0, 0.0))
+    simulation = adapter.build(scene, method, 1e-3)
+    simulation.advance(1000)
+    reading = simulation.read()
+    np.testing.assert_allclose(reading.velocity, scene.initial.velocity, rtol=1e-12)
+    np.testing.assert_allclose(reading.omega_world, scene.initial.omega_world, rtol=1e-12, atol=1e-10)
+    simulation.close()
+
+
+@both_methods
+def test_slow_body_is_not_put_to_sleep(adapter: PyBullet, method: str) -> None:
+    """A body of 1e-7 m/s and 1e-7 rad/s still moves after 100 s."""
+    scene = moving(scene_of(inertia=np.eye(3)), (1e-7, 0.0, 0.0), (1e-7, 0.0, 0.0))
+    simulation = adapter.build(scene, method, 1e-2)
+    simulation.advance(10_000)
+    np.testing.assert_allclose(simulation.read().position, [1e-5, 0.0, 0.0], rtol=1e-9, atol=1e-18)
+    simulation.close()
+
+
+@both_methods
+def test_growth_beyond_all_numbers_ends_in_nan(adapter: PyBullet, method: str) -> None:
+    """An unstable body ends non-finite or bounded by its own map, never at a clamp of ours."""
+    simulation = adapter.build(moving(scene_of(), (0.0, 0.0, 0.0), (10.0, 200.0, 10.0)), method, 0.5)
+    simulation.advance(100)
+    omega = simulation.read().omega_world
+    assert omega is not None
+    assert np.all(np.isnan(omega)) == (method == "multibody")
+    simulation.close()
+
+
+@both_methods
+@pytest.mark.parametrize("steps", [2001, 70_001])
+@pytest.mark.parametrize("dt_s", [1e-3, 1.0 / 300.0, 0.1])
+def test_one_call_makes_every_step(adapter: PyBullet, method: str, dt_s: float, steps: int) -> None:
+    """A free fall in one advance ends at g h^2 n (n + 1) / 2.
+
+    Asked for 2001 substeps of 1e-3 s in one call, Bullet makes 2000 and leaves one for the next call.
+    """
+    scene = replace(scene_of(), gravity=np.array([0.0, 0.0, -1.0]))
+    simulation = adapter.build(scene, method, dt_s)
+    simulation.advance(steps)
+    fallen = simulation.read().position[2]
+    assert fallen == pytest.approx(-(dt_s**2) * steps * (steps + 1) / 2.0, rel=1e-10)
+    simulation.close()
+
+
+@both_methods
+@pytest.mark.parametrize(
+    ("loads", "stepping"),
+    [
+        ((), "native"),
+        ((WORLD_TORQUE, CENTRAL_FORCE), "native"),
+        ((BODY_TORQUE,), "python"),
+        ((BODY_FORCE,), "python"),
+        ((WORLD_FORCE,), "python"),
+        ((WORLD_TORQUE, WORLD_FORCE), "python"),
+    ],
+)
+def test_stepping_is_native_where_nothing_turns_with_the_body(
+    adapter: PyBullet, method: str, loads: tuple[Timed, ...], stepping: str
+) -> None:
+    """Bullet's own substeps are used for gravity and for loads that are constant in world axes."""
+    simulation = adapter.build(scene_of(loads), method, 1e-2)
+    assert simulation.stepping == stepping
+    simulation.close()
+
+
+@both_methods
+def test_substeps_under_uniform_loads_are_steps(adapter: PyBullet, method: str) -> None:
+    """Under a world torque and a central world force, 1023 substeps are 1023 steps, bit for bit."""
+    scene = moving(scene_of((WORLD_TORQUE, CENTRAL_FORCE)), (0.1, 0.2, 0.3), (0.1, 2.0, 0.1))
+    at_once, singly = (loaded(adapter, scene, method, 1e-3) for _ in range(2))
+    at_once.advance(1023)
+    for _ in range(1023):
+        singly.advance(1)
+    for name in ("position", "velocity", "quaternion", "omega_world"):
+        np.testing.assert_array_equal(getattr(at_once.read(), name), getattr(singly.read(), name))
+    at_once.close()
+    singly.close()
+
+
+@both_methods
+def test_central_force_has_no_torque_far_away(adapter: PyBullet, method: str) -> None:
+    """A million kilometres off the origin, a force through the centre of mass turns nothing."""
+    scene = scene_of((CENTRAL_FORCE, BODY_FORCE))
+    scene = replace(scene, initial=replace(scene.initial, position=np.array([1e9, -1e9, 1e9])))
+    simulation = loaded(adapter, scene, method)
+    simulation.advance(10)
+    np.testing.assert_array_equal(simulation.read().omega_world, np.zeros(3))
+    simulation.close()
+
+
+@both_methods
+def test_arm_of_a_force_is_exact_far_away(adapter: PyBullet, method: str) -> None:
+    """A million kilometres off the origin, a world force at a body point turns the body as at the origin."""
+    near = scene_of((WORLD_FORCE,))
+    far = replace(near, initial=replace(near.initial, position=np.array([1e9, -1e9, 1e9])))
+    simulations = [loaded(adapter, scene, method) for scene in (near, far)]
+    for simulation in simulations:
+        simulation.advance(10)
+    here, there = (simulation.read().omega_world for simulation in simulations)
+    np.testing.assert_array_equal(here, there)
+    for simulation in simulations:
+        simulation.close()
+
+
+def test_client_is_reused_when_no_other_is_alive(adapter: PyBullet) -> None:
+    """A closed simulation's client serves the next one; two that are alive have one each."""
+    first = adapter.build(scene_of(), "multibody", 1e-2)
+    second = adapter.build(scene_of(), "maximal", 1e-2)
+    assert first._client != second._client
+    first.close()
+    first.close()
+    third = adapter.build(scene_of(), "maximal", 1e-2)
+    assert third._client == first._client
+    assert adapter._idle_clients == []
+    second.close()
+    third.close()
+
+
+@both_methods
+def test_quarter_turn_and_more_in_a_step_is_cut(adapter: PyBullet, method: str) -> None:
+    """Beyond |omega| h = pi/4 Bullet turns a body by less, so a step that long is no fault of the adapter."""
+    angles = []
+    for turn in (0.78, 1.0, 5.0):
+        scene = moving(scene_of(inertia=np.eye(3)), (0.0, 0.0, 0.0), (turn, 0.0, 0.0))
+        simulation = adapter.build(scene, method, 1.0)
+        simulation.advance(1)
+        reading = simulation.read()
+        assert reading.quaternion is not None
+        angles.append(float(geodesic_angle(reading.quaternion, scene.initial.quaternion)))
+        simulation.close()
+    assert angles[0] == pytest.approx(0.78, abs=1e-14)
+    assert angles[1] < 0.98
+    assert angles[2] < 2.5
+
+
+@both_methods
+@pytest.mark.parametrize("planted", ["mass", "inertia", "step", "gravity"])
+def test_read_back_asks_the_engine(adapter: PyBullet, method: str, planted: str) -> None:
+    """A number that changes in the engine changes what is read back."""
+    scene = scene_of(inertia=np.array([[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 2.5]]))
+    simulation = adapter.build(scene, method, 1e-2)
+    assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is None
+    body, client = simulation._body, simulation._client
+    match planted:
+        case "mass":
+            moments = pybullet.getDynamicsInfo(body, -1, client)[2]
+            pybullet.changeDynamics(body, -1, mass=1.31, localInertiaDiagonal=moments, physicsClientId=client)
+        case "inertia":
+            pybullet.changeDynamics(
+                body, -1, mass=1.3, localInertiaDiagonal=(1.0, 2.0, 2.5), physicsClientId=client
+            )
+        case "step":
+            pybullet.setTimeStep(1e-3, physicsClientId=client)
+        case "gravity":
+            pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=client)
+    assert planted in str(read_back_mismatch(scene, 1e-2, simulation.read_back()))
+    simulation.close()
