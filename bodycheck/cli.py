@@ -85,17 +85,10 @@ def truth(
     at: Annotated[str, typer.Option(help="Times in s, like 0,1,10.")],
 ) -> None:
     """Print the truth at the times given as CSV; the last column bounds the orientation's error."""
-    import numpy as np
-
-    from bodycheck.reference_impl.truth import solve_truth
+    from bodycheck import runner
     from bodycheck.reports.trajectory_csv import trajectory_table
-    from bodycheck.scenarios.library import load_scenario
 
-    scene = load_scenario(scenario).scene
-    try:
-        solved = solve_truth(scene, np.array(_numbers(at, "--at")))
-    except ValueError as error:
-        raise InputError(f"--at {at}: {error}") from None
+    solved = runner.truth(scenario, _numbers(at, "--at") or [])
     table = trajectory_table(solved.trajectory)
     table["bound_rad"] = solved.bound_rad
     _print_csv(table)

@@ -14,16 +14,19 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from bodycheck.adapters.contract import Adapter, Method
 from bodycheck.adapters.registry import engine_names, get_adapter
 from bodycheck.errors import InputError, UnavailableError
+from bodycheck.reference_impl.truth import Truth, solve_truth
 from bodycheck.reference_impl.warm_up import compile_kernels
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.run import Run
 from bodycheck.reports.study import study
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, as_table
-from bodycheck.scenarios.library import load_scenarios
+from bodycheck.scenarios.library import load_scenario, load_scenarios
 from bodycheck.scenarios.model import Scenario
 
 
@@ -163,6 +166,19 @@ def run_selection(selection: Selection, *, speed: bool, progress: Progress) -> R
         subjects=tuple(subjects),
         cases=tuple(cases),
     )
+
+
+def truth(scenario: str | Path, at: Sequence[float]) -> Truth:
+    """Return the true motion at the times given, in s, with its bounds.
+
+    scenario: a built-in name or the path of a TOML file. Raises InputError where the scenario is wrong, or
+    a time is negative or not finite.
+    """
+    scene = load_scenario(scenario).scene
+    try:
+        return solve_truth(scene, np.array(at, dtype=np.float64))
+    except ValueError as error:
+        raise InputError(str(error)) from None
 
 
 def _manifest(

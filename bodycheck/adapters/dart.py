@@ -14,7 +14,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.wrench import Wrench
+from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 _SEMI_IMPLICIT = Method(
     name="semi-implicit",
@@ -79,7 +79,7 @@ class DartSimulation:
         self._joint.setLinearVelocity(initial.velocity)
         self._joint.setAngularVelocity(initial.omega_world)
         self._is_lost = False
-        self.apply(_NOTHING)
+        self.apply(NO_WRENCH)
 
     def apply(self, wrench: Wrench) -> None:
         """Hand over the wrench: nothing here clears forces between steps.
@@ -135,4 +135,3 @@ class DartSimulation:
 
 
 _CENTRE = np.zeros(3)
-_NOTHING = Wrench(_CENTRE, _CENTRE, _CENTRE, _CENTRE, ())

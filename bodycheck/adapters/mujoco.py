@@ -15,7 +15,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import principal_axes
+from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reference_impl.scene import PointForce, Scene
 from bodycheck.reference_impl.wrench import Wrench
@@ -84,7 +84,7 @@ class MuJoCo:
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Refuse only a mass or a moment of inertia below mjMINVAL, as MuJoCo's compiler does."""
-        moments, _ = _principal(scene.body.inertia)
+        moments, _ = diagonalised(scene.body.inertia)
         smallest = min(scene.body.mass, float(np.min(moments)))
         if smallest < mujoco.mjMINVAL:
             return f"MuJoCo takes no mass or inertia below {mujoco.mjMINVAL:g}; here is {smallest:g}"
@@ -204,7 +204,7 @@ def _compiled(
     spec.option.gravity = scene.gravity
     spec.option.disableflags = sum(int(bit) for bit in _OFF)
 
-    moments, axes = _principal(scene.body.inertia)
+    moments, axes = diagonalised(scene.body.inertia)
     body = spec.worldbody.add_body(name="body")
     body.add_freejoint()
     body.mass = scene.body.mass
@@ -232,14 +232,6 @@ def _add_force(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, point: _Poi
     spec.add_actuator(
         name=name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=name, refsite=axes_of_the_world, gear=np.zeros(6)
     )
-
-
-def _principal(inertia: Array) -> tuple[Array, Array]:
-    """I = A diag(J) A^T: J (3,) and A (3, 3), the identity where I is diagonal already."""
-    moments = np.diagonal(inertia)
-    if np.array_equal(inertia, np.diag(moments)):
-        return moments.copy(), np.eye(3)
-    return principal_axes(inertia)
 
 
 def _matrix(quaternion: Array) -> Array:

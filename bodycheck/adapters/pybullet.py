@@ -17,10 +17,10 @@ import pybullet
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import principal_axes
+from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import conjugate, hat, matrix_to_quaternion, quaternion_product
 from bodycheck.reference_impl.scene import PointForce, Scene, Timed
-from bodycheck.reference_impl.wrench import Wrench
+from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 _MULTIBODY = Method(
     name="multibody",
@@ -46,8 +46,6 @@ _MAXIMAL = Method(
 )
 
 _MAX_SUBSTEPS = 2**16  # 50 ms: no longer between two chances of an interrupt
-
-_NOTHING = Wrench(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), ())
 
 
 class PyBullet:
@@ -81,7 +79,7 @@ class PyBulletSimulation:
         self.stepping = "native" if all(_is_uniform(load) for load in scene.loads) else "python"
         self._client, self._give_back, self._closed = client, give_back, False
         self._gravity, self._dt_s = scene.gravity, dt_s
-        moments, self._axes = _principal(scene.body.inertia)
+        moments, self._axes = diagonalised(scene.body.inertia)
         self._axes_quaternion = matrix_to_quaternion(self._axes)
         self._initial = scene.initial
         self._body = _add_body(client, scene.body.mass, moments, maximal)
@@ -101,7 +99,7 @@ class PyBulletSimulation:
 
     def reset(self) -> None:
         """Set the initial state, no wrench, and what Bullet derives from the pose only in a step."""
-        self.apply(_NOTHING)
+        self.apply(NO_WRENCH)
         at_rest = np.zeros(3)
         # A btRigidBody keeps the world inertia of the pose before until it has made one step: its first
         # torque would act on a zero inverse inertia.
@@ -230,14 +228,6 @@ def _powers_of_two(steps: int) -> Iterator[int]:
     for place in reversed(range(rest.bit_length())):
         if rest >> place & 1:
             yield 1 << place
-
-
-def _principal(inertia: Array) -> tuple[Array, Array]:
-    """I = A diag(J) A^T: J (3,) and A (3, 3), the identity where I is diagonal already."""
-    moments = np.diagonal(inertia)
-    if np.array_equal(inertia, np.diag(moments)):
-        return moments.copy(), np.eye(3)
-    return principal_axes(inertia)
 
 
 def _matrix(quaternion: tuple[float, ...]) -> Array:

@@ -15,7 +15,7 @@ from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.wrench import Wrench
+from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 _POSITION, _VELOCITY, _SPIN = slice(0, 3), slice(3, 6), slice(6, 9)
 
@@ -51,11 +51,10 @@ class FixedStep:
     def __init__(self, scene: Scene, integrator: Integrator, dt_s: float) -> None:
         self._scene, self._integrator, self._dt_s = scene, integrator, dt_s
         self._body = packed_body(scene.body)
-        self._load = np.zeros(21)
         self.reset()
 
     def reset(self) -> None:
-        """Go back to the initial state at t = 0."""
+        """Go back to the initial state at t = 0, nothing but gravity acting."""
         initial, inertia = self._scene.initial, self._scene.body.inertia
         spin = {
             "omega_body": initial.omega_body,
@@ -66,6 +65,7 @@ class FixedStep:
             initial.quaternion if self._integrator.attitude == "quaternion" else initial.rotation.ravel()
         )
         self._state = np.concatenate([initial.position, initial.velocity, spin, attitude])
+        self.apply(NO_WRENCH)
 
     def read_back(self) -> ReadBack:
         """Unpack what the kernels are given."""

@@ -80,7 +80,7 @@ def angular_acceleration(inertia: Array, omega_body: Array, torque_body: Array) 
     Shapes: (3, 3), (..., 3), (..., 3) -> (..., 3), rad/s^2.
     """
     right = torque_body - np.cross(omega_body, omega_body @ inertia.T)
-    return np.linalg.solve(inertia, right[..., None])[..., 0]
+    return np.asarray(np.linalg.solve(inertia, right[..., None])[..., 0], dtype=np.float64)
 
 
 def force_and_torque(rotation: Array, points: Array, forces: Array) -> tuple[Array, Array]:
@@ -110,6 +110,17 @@ def principal_axes(inertia: Array) -> tuple[Array, Array]:
     moments, axes = np.linalg.eigh(inertia)
     handed = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
     return np.asarray(moments, dtype=np.float64), handed
+
+
+def diagonalised(inertia: Array) -> tuple[Array, Array]:
+    """I = A diag(J) A^T, with A the identity where I is diagonal already.
+
+    Shapes: (3, 3) symmetric -> (3,) in any order, kg m^2, and (3, 3) with det A = +1.
+    """
+    moments = np.diagonal(inertia)
+    if np.array_equal(inertia, np.diag(moments)):
+        return moments.copy(), np.eye(3)
+    return principal_axes(inertia)
 
 
 def gyration_radius(mass: float, inertia: Array) -> float:

@@ -75,6 +75,9 @@ def wrench_of(loads: tuple[tuple[Timed, float], ...]) -> Wrench:
     return Wrench(torque_body, torque_world, force_body, force_world, tuple(point_forces))
 
 
+NO_WRENCH = wrench_of(())
+
+
 def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
     """Return the mean of what acts within [begin_s, end_s): exact where nothing switches inside."""
     shares = []
@@ -154,7 +157,7 @@ def plan_steps(scene: Scene, dt_s: float) -> StepPlan:
     steps = stride * (scene.samples - 1)
     step = scene.duration_s / steps
     cuts, straddled = {0, steps}, 0
-    for switch in scene.switch_times:
+    for switch in scene.switches_before(scene.duration_s):
         place = switch / step
         if abs(place - round(place)) <= _ON_GRID:
             cuts.add(round(place))
