@@ -21,7 +21,7 @@ def scenario_names() -> tuple[str, ...]:
 def suites() -> dict[str, tuple[str, ...]]:
     """Return the suites: name -> scenario names."""
     return {
-        "smoke": ("intermediate-axis", "body-torque", "boxes"),
+        "smoke": ("intermediate-axis", "full-tensor", "body-torque"),
         "standard": scenario_names(),
     }
 

@@ -56,10 +56,8 @@ def _inertia(value: Any) -> Matrix:
         tensor = np.array(value, dtype=object)
     except ValueError:
         tensor = np.empty(0, dtype=object)
-    if tensor.shape not in ((3,), (3, 3)):
-        raise ValueError("needs three principal moments or a 3x3 tensor")
-    if not all(type(x) in (int, float) for x in tensor.flat):
-        raise ValueError("needs numbers")
+    if tensor.shape not in ((3,), (3, 3)) or not all(type(x) in (int, float) for x in tensor.flat):
+        raise ValueError("needs three principal moments or a 3x3 tensor of numbers")
     if not all(abs(x) < 1e300 for x in tensor.flat):  # also false for NaN
         raise ValueError("needs finite numbers")
     inertia = tensor.astype(np.float64)
