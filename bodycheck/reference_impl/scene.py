@@ -97,11 +97,10 @@ class Scene:
         """t_k = k T / (n - 1), computed and never accumulated: (samples,) in s."""
         return np.arange(self.samples) * self.duration_s / (self.samples - 1)
 
-    @property
-    def switch_times(self) -> tuple[float, ...]:
-        """The times inside (0, duration_s) at which a load comes or goes, ascending."""
+    def switches_before(self, end_s: float) -> tuple[float, ...]:
+        """Return the times inside (0, end_s) at which a load comes or goes, ascending."""
         ends = {end for load in self.loads for end in (load.from_s, load.until_s)}
-        return tuple(sorted(end for end in ends if 0.0 < end < self.duration_s))
+        return tuple(sorted(end for end in ends if 0.0 < end < end_s))
 
     @property
     def is_free_rotation(self) -> bool:

@@ -64,13 +64,24 @@ class Truth:
 def solve_truth(scene: Scene, t_s: Array) -> Truth:
     """Return the truth of the scene at any times t >= 0 (n,), in any order.
 
-    Raises ValueError that names the first time that is negative or not finite.
+    Raises ValueError that names the first time that is negative or not finite, or at which the motion
+    itself leaves the range of double precision.
     """
     for t in t_s[~(np.isfinite(t_s) & (t_s >= 0.0))]:
         raise ValueError(f"a truth needs times that are finite and not negative, not {float(t)!r}")
     order = np.argsort(t_s, kind="stable")
     ascending = _free_truth(scene, t_s[order]) if scene.is_free_rotation else _estimate(scene, t_s[order])
+    _check_finite(ascending.trajectory)
     return _reordered(ascending, np.argsort(order, kind="stable"))
+
+
+def _check_finite(motion: Trajectory) -> None:
+    """Refuse to hand out a truth that is none."""
+    parts = (motion.position_m, motion.velocity_m_s, motion.attitude, motion.omega_body)
+    finite = np.all([np.isfinite(part).all(axis=-1) for part in parts], axis=0)
+    if not finite.all():
+        first = float(motion.t_s[np.argmin(finite)])
+        raise ValueError(f"the motion cannot be computed in double precision at t = {first!r} s")
 
 
 def _free_truth(scene: Scene, t_s: Array) -> Truth:

@@ -9,6 +9,7 @@ from typing import Any
 
 from bodycheck.adapters.contract import Adapter, Method, read_back_mismatch
 from bodycheck.adapters.drive import CpuTime, measure_cpu, record
+from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth, solve_truth
@@ -29,8 +30,11 @@ class Subject:
 
     @classmethod
     def of(cls, scenario: Scenario, asked_as: str | Path) -> Subject:
-        """Solve the truth at the scenario's samples."""
-        truth = solve_truth(scenario.scene, scenario.scene.sample_times)
+        """Solve the truth at the scenario's samples; InputError where the motion is beyond all doubles."""
+        try:
+            truth = solve_truth(scenario.scene, scenario.scene.sample_times)
+        except ValueError as error:
+            raise InputError(f"{asked_as}: {error}") from None
         return cls(scenario, truth, scene_scales(scenario.scene, truth.trajectory), str(asked_as))
 
 
