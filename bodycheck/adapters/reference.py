@@ -111,7 +111,7 @@ class FixedStep:
 
 
 class ClosedForm:
-    """A scene without torque by its exact solution: a step is only a distance in time.
+    """A scene without torque by its exact solution: a step goes from one sample to the next.
 
     Set up once when built; `advance` solves for the time at the end of each of its steps.
     """
@@ -138,8 +138,8 @@ class ClosedForm:
 
     def advance(self, steps: int) -> None:
         """Solve for the ends of this many steps, in one call."""
-        ends = np.arange(self._steps + 1, self._steps + steps + 1, dtype=np.float64)
-        self._solution = self._motion.at(self._dt_s * ends)
+        times = self._scene.sample_times[self._steps + 1 : self._steps + steps + 1]
+        self._solution = self._motion.at(times)
         self._steps += steps
 
     def read(self) -> Reading:

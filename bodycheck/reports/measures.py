@@ -54,18 +54,9 @@ class Motion:
 
 def instability(scene: Scene, truth: Truth, trajectory: Trajectory) -> str | None:
     """Say why a trajectory is unstable: not finite, det R <= 0, or K > 100 max K*; None if it is not."""
-    for name in (
-        "position_m",
-        "velocity_m_s",
-        "quaternion",
-        "rotation",
-        "omega_world_rad_s",
-        "omega_body_rad_s",
-    ):
-        value = getattr(trajectory, name)
-        if value is not None and not np.all(np.isfinite(value)):
-            first = np.argmin(np.isfinite(value.reshape(len(value), -1)).all(axis=1))
-            return f"{name} is not finite from t = {trajectory.t_s[first]:.6g} s on"
+    if lost := _first_not_finite(trajectory):
+        sample, name = lost
+        return f"{name} is not finite from t = {trajectory.t_s[sample]:.6g} s on"
     if trajectory.rotation is not None and np.any(np.linalg.det(trajectory.rotation) <= 0.0):
         return "det R <= 0"
     if trajectory.quaternion is not None and np.any(np.linalg.norm(trajectory.quaternion, axis=-1) == 0.0):
@@ -76,6 +67,24 @@ def instability(scene: Scene, truth: Truth, trajectory: Trajectory) -> str | Non
         first = np.argmax(kinetic > _UNSTABLE_ENERGY * largest)
         return f"kinetic energy above 100 times the truth's largest from t = {trajectory.t_s[first]:.6g} s on"
     return None
+
+
+def _first_not_finite(trajectory: Trajectory) -> tuple[int, str] | None:
+    """Return the first sample that has a NaN or an infinity, and the array that has it."""
+    found = []
+    for name in (
+        "omega_body_rad_s",
+        "omega_world_rad_s",
+        "quaternion",
+        "rotation",
+        "velocity_m_s",
+        "position_m",
+    ):
+        value = getattr(trajectory, name)
+        if value is not None and not np.all(np.isfinite(value)):
+            finite = np.isfinite(value.reshape(len(value), -1)).all(axis=1)
+            found.append((int(np.argmin(finite)), name))
+    return min(found, key=lambda lost: lost[0], default=None)
 
 
 SERIES_SCALES = {

@@ -98,7 +98,7 @@ def _order_table(run: Run) -> Table:
         orders = group["order"].dropna()
         seen = f"{orders.median():.2f} ({orders.min():.2f} to {orders.max():.2f})" if len(orders) else "-"
         counts = Text(", ").join(
-            Text(f"{count} {verdict}", style=_VERDICT_STYLES.get(str(verdict), ""))
+            Text(f"{verdict} {count}", style=_VERDICT_STYLES.get(str(verdict), ""))
             for verdict, count in group["verdict"].value_counts().items()
         )
         table.add_row(Text(f"{engine}:{method}"), seen, counts)

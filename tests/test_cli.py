@@ -1,0 +1,283 @@
+"""The command line, as a user meets it: each command in a process of its own or through the runner."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bodycheck
+from bodycheck.adapters.contract import Method, ReadBack, Simulation
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.registry import _registered, register_adapter
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
+
+SCENARIO = """
+name = "mine"
+duration_s = 1.0
+samples = 11
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.5]
+[initial]
+omega_body_rad_s = [0.3, 1.0, -0.2]
+"""
+
+
+def command(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Return what `bodycheck words` did in a folder."""
+    return subprocess.run(
+        [sys.executable, "-m", "bodycheck", *words], cwd=cwd, capture_output=True, text=True, check=False
+    )
+
+
+def test_a_run_leaves_the_files_of_the_contract(tmp_path: Path) -> None:
+    """The tables, the manifest, the report and the trajectories are there, and fit together."""
+    (tmp_path / "mine.toml").write_text(SCENARIO)
+    done = command("run", "mine.toml", "--engine", "reference", "--out", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "out/report.html"
+    out = tmp_path / "out"
+    results, methods = pd.read_csv(out / "results.csv"), pd.read_csv(out / "methods.csv")
+    assert tuple(results.columns) == RESULT_COLUMNS
+    assert tuple(methods.columns) == METHOD_COLUMNS
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["run_id"] == results["run_id"].unique().item()
+    assert manifest["outcomes"] == results["outcome"].value_counts().to_dict()
+    assert sum(1 for _ in out.glob("trajectories/mine/*.npz")) == len(results) + 1
+    with np.load(out / "trajectories/mine/reference_rk4_0.01.npz", allow_pickle=False) as arrays:
+        assert arrays["quaternion"].shape == (11, 4)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out"]
+
+
+def test_the_reproducing_command_reproduces_the_case(tmp_path: Path) -> None:
+    """The command of a row gives that row again, digit for digit, but for the time it took."""
+    (tmp_path / "mine.toml").write_text(SCENARIO)
+    command("run", "mine.toml", "--engine", "reference:m2,reference:exact", "--out", "a", cwd=tmp_path)
+    with (tmp_path / "a/results.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    row = next(row for row in rows if row["dt_s"] == "0.005")
+    words = row["reproduce"].split()
+    assert words[0] == "bodycheck"
+    assert command(*words[1:], "--out", "b", cwd=tmp_path).returncode == 0
+    with (tmp_path / "b/results.csv").open() as file:
+        again = next(csv.DictReader(file))
+    timed = {"run_id", "cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "step_change_rad"}
+    assert {k: v for k, v in row.items() if k not in timed} == {
+        k: v for k, v in again.items() if k not in timed
+    }
+
+
+WRONG = {
+    "unknown scenario": (["run", "nope"], "nope: is neither"),
+    "wrong file": (["run", "bad.toml"], "bad.toml: duration_s: should be greater than 0"),
+    "unknown engine": (["run", "mine.toml", "--engine", "havok"], "no engine is named 'havok'"),
+    "unknown method": (["run", "mine.toml", "--engine", "reference:rk5"], "reference has no method 'rk5'"),
+    "step that does not fit": (["run", "mine.toml", "--dt", "0.03"], "does not divide the sampling interval"),
+    "step that is no number": (["run", "mine.toml", "--dt", "fast"], "'fast' is not a number"),
+    "zero step": (["run", "mine.toml", "--dt", "0"], "must be a positive number of seconds"),
+    "infinite step": (["run", "mine.toml", "--dt", "inf"], "must be a positive number of seconds"),
+    "output in use": (["run", "mine.toml", "--out", "used"], "is already there"),
+    "output is a file": (["run", "mine.toml", "--out", "mine.toml"], "is already there"),
+    "truth at a negative time": (["truth", "mine.toml", "--at", "0,-1"], "not -1.0"),
+    "truth at no time": (["truth", "mine.toml", "--at", "nan"], "not nan"),
+    "truth of nothing": (["truth", "nope", "--at", "0"], "nope: is neither"),
+    "unknown list": (["list", "colours"], "'colours' is not one of"),
+    "unknown option": (["run", "--fast"], "No such option"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_wrong_input_ends_with_status_2_and_one_clear_line(what: str, tmp_path: Path) -> None:
+    """The message says what and where; no traceback, nothing written, standard output empty."""
+    (tmp_path / "mine.toml").write_text(SCENARIO)
+    (tmp_path / "bad.toml").write_text(SCENARIO.replace("1.0\nsam", "-1.0\nsam"))
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used/file").touch()
+    words, message = WRONG[what]
+    done = command(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.toml", "mine.toml", "used"]
+
+
+def test_truth_is_printed_as_csv_with_its_bound(tmp_path: Path) -> None:
+    """Columns as the trajectory CSV, times as asked for, bound_rad last; values parse back exactly."""
+    done = command("truth", "intermediate-axis", "--at", "10,0,1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.reader(done.stdout.splitlines()))
+    assert rows[0][:5] == ["t_s", "x_m", "y_m", "z_m", "qw"]
+    assert rows[0][-1] == "bound_rad"
+    assert [row[0] for row in rows[1:]] == ["10.0", "0.0", "1.0"]
+    solved = bodycheck.truth("intermediate-axis", [10.0, 0.0, 1.0])
+    assert [float(row[4]) for row in rows[1:]] == solved.trajectory.attitude[:, 0].tolist()
+
+
+@pytest.mark.parametrize(
+    ("what", "expected"),
+    [
+        ("scenarios", "near-separatrix"),
+        ("suites", "standard"),
+        ("engines", "reference"),
+        ("methods", "reference:rotation-first"),
+        ("measures", "orientation_error_rad"),
+    ],
+)
+def test_list_names_what_there_is(what: str, expected: str, tmp_path: Path) -> None:
+    """Each catalogue has a line that begins with the name."""
+    done = command("list", what, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert any(line.startswith(expected) for line in done.stdout.splitlines())
+
+
+class Misbehaving:
+    """The reference under another name, one method, with one thing wrong."""
+
+    version = "1"
+
+    def __init__(self, name: str, spoil: Callable[[Simulation], Simulation]) -> None:
+        self.name, self._spoil, self._sound = name, spoil, Reference()
+        self.methods: Mapping[str, Method] = {"m1": self._sound.methods["m1"]}
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
+        """Refuse nothing."""
+        return None
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
+        """Build a sound simulation and spoil it."""
+        return self._spoil(self._sound.build(scene, method, dt_s))
+
+
+def raising(simulation: Simulation) -> Simulation:
+    """Raise in the middle of a run."""
+
+    def advance(_: int) -> None:
+        raise RuntimeError("the solver\ngave up")
+
+    simulation.advance = advance  # type: ignore[method-assign]
+    return simulation
+
+
+def leaving(simulation: Simulation) -> Simulation:
+    """Ask the interpreter to leave, as some engines do."""
+
+    def advance(_: int) -> None:
+        raise SystemExit(3)
+
+    simulation.advance = advance  # type: ignore[method-assign]
+    return simulation
+
+
+def lying(simulation: Simulation) -> Simulation:
+    """Hold another mass than was asked for."""
+    sound = simulation.read_back
+
+    def read_back() -> ReadBack:
+        found = sound()
+        return ReadBack(1.5 * found.mass, found.inertia, found.dt_s, found.gravity, found.state)
+
+    simulation.read_back = read_back  # type: ignore[method-assign]
+    return simulation
+
+
+def exploding(simulation: Simulation) -> Simulation:
+    """Let the state become infinite."""
+    sound = simulation.advance
+
+    def advance(steps: int) -> None:
+        sound(steps)
+        simulation._state[6] = np.inf  # type: ignore[attr-defined]
+
+    simulation.advance = advance  # type: ignore[method-assign]
+    return simulation
+
+
+@pytest.fixture
+def registered() -> Iterator[Callable[[Misbehaving], None]]:
+    """Return a way to register adapters that are gone after the test."""
+    before = dict(_registered)
+    yield register_adapter
+    _registered.clear()
+    _registered.update(before)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "outcome", "message"),
+    [
+        (raising, "failed", "RuntimeError: the solver gave up"),
+        (leaving, "failed", "SystemExit: 3"),
+        (lying, "invalid", "mass is 1.5 in the engine, not 1."),
+        (exploding, "unstable", "omega_body_rad_s is not finite from t = 0.1 s on"),
+    ],
+)
+def test_a_case_that_goes_wrong_has_its_outcome_and_no_measure(
+    spoil: Callable[[Simulation], Simulation],
+    outcome: str,
+    message: str,
+    registered: Callable[[Misbehaving], None],
+    tmp_path: Path,
+) -> None:
+    """Whatever an engine does costs its own case; what was not measured is missing, never 0."""
+    path = tmp_path / "mine.toml"
+    path.write_text(SCENARIO)
+    registered(Misbehaving("bad", spoil))
+    measured = bodycheck.run([path], engines=["bad", "reference:m1"], dt_s=[0.01])
+    bad, sound = measured.results.iloc[0], measured.results.iloc[1]
+    assert bad["outcome"] == outcome
+    assert bad["message"] == message
+    assert bad[["orientation_error_rad", "energy_drift", "cpu_s"]].isna().all()
+    assert sound["outcome"] == "ok"
+    assert 0.0 < sound["orientation_error_rad"] < 0.1
+    report = bodycheck.write_run(measured, tmp_path / "out").read_text()
+    assert message.split(":")[0] in report
+
+
+def test_an_engine_that_cannot_be_imported_is_shown_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A missing engine stands in the manifest and the report; asked for by name it is an error."""
+    from bodycheck.adapters import registry
+
+    monkeypatch.setitem(registry._BUILT_IN, "ghost", ("bodycheck_no_such_module", "Ghost"))
+    monkeypatch.setattr(registry, "_BUILT_IN", {k: registry._BUILT_IN[k] for k in ("ghost", "reference")})
+    path = tmp_path / "mine.toml"
+    path.write_text(SCENARIO)
+    measured = bodycheck.run([path], dt_s=[0.01], speed=False)
+    reason = measured.manifest["engines"]["ghost"]["unavailable"]
+    assert "No module named 'bodycheck_no_such_module'" in reason
+    assert "bodycheck_no_such_module" in bodycheck.write_run(measured, tmp_path / "out").read_text()
+    with pytest.raises(bodycheck.InputError, match="ghost cannot be imported"):
+        bodycheck.run([path], engines=["ghost"])
+
+
+def test_a_torque_that_switches_inside_a_step_is_said_so(tmp_path: Path) -> None:
+    """Such a step carries the mean torque, and the row's message tells."""
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        SCENARIO + '[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = [1, 0, 0]\nuntil_s = 0.105\n'
+    )
+    measured = bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.01, 0.005], speed=False)
+    assert measured.results["message"].tolist() == [
+        "1 load switches fall inside a step, which carries the mean of what acts during it",
+        "",
+    ]
+    assert measured.results["orientation_error_rad"].tolist()[1] < 1e-9
+
+
+def test_a_run_without_speed_measures_no_time(tmp_path: Path) -> None:
+    """--no-speed leaves the columns of speed empty and the errors as they are."""
+    path = tmp_path / "mine.toml"
+    path.write_text(SCENARIO)
+    measured = bodycheck.run([path], engines=["reference:m1"], dt_s=[0.01], speed=False)
+    assert measured.results[["cpu_s", "ns_per_step"]].isna().all(axis=None)
+    assert measured.results["orientation_error_rad"].notna().all()
