@@ -183,24 +183,18 @@ def rotation_rate(rotation: Array, omega_world: Array) -> Array:
 
 
 def geodesic_angle(p: Array, q: Array) -> Array:
-    """4 atan2(|p - q|, |p + q|), with the sign of q that makes it the smaller: the angle of p^-1 q.
+    """2 atan2(|v|, |p . q|), v the vector part of p^-1 q, computed from d = q - p or q + p.
 
-    The difference of near quaternions is exact, so an angle of 1e-16 is seen, and nothing is lost at
-    pi. p and q may have any non-zero norm.
+    v = p_w d_v - d_w p_v - p_v x d_v: the difference of near quaternions is exact, and what is wrong with
+    a norm lies along p and drops out, so an angle of 1e-16 is seen and nothing is lost at pi. p and q may
+    have any non-zero norms; q and -q are the same.
 
-    Shapes: (..., 4), (..., 4) -> (...) in rad, 0 to pi. Source: Kahan (2006), How futile are mindless
-    assessments of roundoff, section 12, for vectors; |p - q| = 2 sin(angle/4) carries it to rotations.
+    Shapes: (..., 4), (..., 4) -> (...) in rad, 0 to pi.
     """
-    p, q = _units_kept(p), _units_kept(q)
-    difference, total = _norm(p - q)[..., 0], _norm(p + q)[..., 0]
-    return 4.0 * np.arctan2(np.minimum(difference, total), np.maximum(difference, total))
-
-
-def _units_kept(q: Array) -> Array:
-    """q / |q| where the norm is off by more than round-off; dividing a unit only adds an error."""
-    norm = _norm(q)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(np.abs(norm - 1.0) > 4.5e-16, q / norm, q)
+    dot = np.sum(p * q, axis=-1)
+    d = np.where(dot[..., None] < 0.0, -q, q) - p
+    vector = p[..., :1] * d[..., 1:] - d[..., :1] * p[..., 1:] - np.cross(p[..., 1:], d[..., 1:])
+    return 2.0 * np.arctan2(_norm(vector)[..., 0], np.abs(dot))
 
 
 def project_to_so3(matrix: Array) -> Array:

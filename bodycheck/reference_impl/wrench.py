@@ -12,6 +12,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, Timed, Torque
 
+_MOST_STEPS = 1e9
 _ON_GRID = 1e-9  # of a step: a switch this near to a step's end is at the step's end
 
 
@@ -103,7 +104,7 @@ class StepPlan:
     """The steps of one case: which wrench acts on which steps, and where the samples lie.
 
     A step that a switch falls into carries the mean of what acts during it, so that its impulse is
-    right; `straddled` says how many such steps there are.
+    right; `straddled` counts such switches.
     """
 
     dt_s: float
@@ -137,6 +138,8 @@ def steps_per_sample(interval_s: float, dt_s: float) -> int:
     if not 0.0 < dt_s < math.inf:
         raise ValueError(f"a step must be a positive number of seconds, not {dt_s!r}")
     ratio = interval_s / dt_s
+    if ratio > _MOST_STEPS:
+        raise ValueError(f"a step of {dt_s!r} s is too fine: more than {_MOST_STEPS:.0e} steps a sample")
     stride = round(ratio)
     if stride >= 1 and abs(ratio - stride) <= 1e-9 * ratio:
         return stride

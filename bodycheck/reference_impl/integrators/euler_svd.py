@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.equations import vector_at
 from bodycheck.reference_impl.integrators.euler import step
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.registers import cross
 
 
 @kernel
@@ -16,11 +18,12 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     for _ in range(steps):
         step(state, body, load, dt)
         u, _, vt = np.linalg.svd(state[9:18].copy().reshape(3, 3))
-        nearest = u @ vt
-        if np.linalg.det(nearest) < 0.0:
+        nearest = (u @ vt).ravel()
+        normal = cross(vector_at(nearest, 0), vector_at(nearest, 3))
+        if normal[0] * nearest[6] + normal[1] * nearest[7] + normal[2] * nearest[8] < 0.0:
             u[:, 2] *= -1.0
-            nearest = u @ vt
-        state[9:18] = nearest.ravel()
+            nearest = (u @ vt).ravel()
+        state[9:18] = nearest
 
 
 EULER_SVD = Integrator(

@@ -1,0 +1,46 @@
+"""Numbers and lists as a report words them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+_MOST_NAMES = 8
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Return value to so many significant digits, without idle zeros; "" for what was not measured."""
+    if value is None or value != value:
+        return ""
+    return _short_exponent(f"{value:.{digits}g}")
+
+
+def scientific(value: float) -> str:
+    """Return value as 2.78e-2, so that sizes compare at a glance; as 0.315 or 2.78 near 1."""
+    return number(value, 3) if 0.1 <= value < 1000.0 else _short_exponent(f"{value:.2e}")
+
+
+def _short_exponent(text: str) -> str:
+    return re.sub(r"e([+-])0*(\d)", r"e\1\2", text).replace("e+", "e")
+
+
+def step(dt_s: float | None) -> str:
+    """Return a step so that it reads back as the same double."""
+    return "" if dt_s is None else _short_exponent(repr(dt_s))
+
+
+def vector(values: Iterable[float]) -> str:
+    """Return (x, y, z), each to 6 digits."""
+    return f"({', '.join(number(value, 6) for value in values)})"
+
+
+def names(words: Sequence[str]) -> str:
+    """Return "a, b and c"; of a long list, how many more there are."""
+    if len(words) > _MOST_NAMES:
+        words = [*words[: _MOST_NAMES - 1], f"{len(words) - _MOST_NAMES + 1} more"]
+    return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
+
+
+def count(amount: int, thing: str) -> str:
+    """Return "1 case", "2 cases"."""
+    return f"{amount} {thing}" if amount == 1 else f"{amount} {thing}s"

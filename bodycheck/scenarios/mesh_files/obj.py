@@ -1,0 +1,42 @@
+"""Wavefront OBJ: `v` lines are vertices, `f` lines polygons; everything else is left aside.
+
+Source: Alias|Wavefront (1993), Advanced Visualizer manual, appendix B1.
+"""
+
+from __future__ import annotations
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.scenarios.mesh_files.words import fans, floats, integer, lines_of_words, points, shown
+
+
+def parse_obj(data: bytes) -> tuple[Array, Triangles]:
+    """Return vertices (n, 3) and triangles (m, 3). Raises ValueError naming the line and what is wrong.
+
+    All objects and groups of the file are one mesh. A corner is `v`, `v/vt`, `v//vn` or `v/vt/vn`; a
+    negative v counts back from the last vertex before its line.
+    """
+    vertices: list[list[float]] = []
+    faces: list[tuple[int, list[int]]] = []
+    for line, words in lines_of_words(data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")):
+        match words[0]:
+            case "v":
+                if len(words) < 4:
+                    raise ValueError(f"line {line}: {shown(words)} has not three coordinates")
+                vertices.append(floats(words[1:4], line))
+            case "f":
+                if len(words) < 4:
+                    raise ValueError(f"line {line}: {shown(words)} has not three corners")
+                faces.append((line, [_corner(word, line, len(vertices)) for word in words[1:]]))
+    for line, face in faces:
+        if max(face) >= len(vertices):
+            raise ValueError(f"line {line}: corner {max(face) + 1} is none of the {len(vertices)} vertices")
+    return points(vertices), fans(face for _, face in faces)
+
+
+def _corner(word: str, line: int, before: int) -> int:
+    """Return the vertex, counted from 0, of a face's corner, with `before` vertices before its line."""
+    number = integer(word.partition("/")[0], line)
+    if number == 0 or number < -before:
+        raise ValueError(f"line {line}: corner {number} is none of the {before} vertices before it")
+    return number - 1 if number > 0 else before + number

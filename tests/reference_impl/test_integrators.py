@@ -1,0 +1,579 @@
+"""One list of laws, held against every fixed-step integrator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from bodycheck.adapters.reference import Reference
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.equations import packed_body
+from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.rotations import (
+    exp_matrix,
+    exp_quaternion,
+    geodesic_angle,
+    hat,
+    matrix_to_quaternion,
+    normalised,
+    project_to_so3,
+    quaternion_product,
+    quaternion_to_matrix,
+)
+from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
+from bodycheck.reference_impl.wrench import wrench_between
+
+EPS = float(np.finfo(np.float64).eps)
+
+EXPONENTIAL = ("rotation-first", "m1", "m2", "m3")  # turn by the exponential of a rotation vector
+EXPLICIT_POSE = ("euler", "euler-svd", "rotation-first", "quaternion-euler")  # x+ = x + dt v, the old v
+
+every_integrator = pytest.mark.parametrize("method", INTEGRATORS.values(), ids=INTEGRATORS.keys())
+
+
+def some(*names: str) -> pytest.MarkDecorator:
+    """Return the mark for a law that only these methods promise."""
+    return pytest.mark.parametrize("method", [INTEGRATORS[name] for name in names], ids=names)
+
+
+# ------------------------------------------------------------------------- scenes and their motions
+
+TILT = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
+TENSOR = TILT @ np.diag([2.0, 2.5, 3.0]) @ TILT.T
+BODY = RigidBody(1.3, 0.5 * (TENSOR + TENSOR.T))
+START = State(
+    position=np.array([3.0, -2.0, 1.0]),
+    quaternion=normalised(np.array([0.5, -0.1, 0.7, 0.3])),
+    velocity=np.array([0.3, 0.1, -0.2]),
+    omega_body=np.array([0.9, 1.3, -0.8]),
+)
+GRAVITY = np.array([0.2, -0.1, -9.81])
+
+LOADS: dict[str, tuple[Timed, ...]] = {
+    "free": (),
+    "body torque": (Torque("body", np.array([0.9, -1.2, 0.7])),),
+    "world torque": (Torque("world", np.array([0.9, -1.2, 0.7])),),
+    "body force": (PointForce("body", np.array([1.5, 0.9, -2.4]), np.array([0.6, -0.4, 0.5])),),
+    "world force": (PointForce("world", np.array([1.5, 0.9, -2.4]), np.array([0.6, -0.4, 0.5])),),
+}
+LOADS["all at once"] = tuple(load for loads in LOADS.values() for load in loads)
+every_load = pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS.keys())
+
+
+def scene_of(loads: tuple[Timed, ...] = (), body: RigidBody = BODY, start: State = START) -> Scene:
+    """Return a scene of one second in free space."""
+    return Scene(body, start, loads, np.zeros(3), duration_s=1.0, samples=2)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A state of any method, in the same quantities."""
+
+    position: Array
+    velocity: Array
+    quaternion: Array
+    """As it is, or that of the polar factor."""
+    omega_body: Array
+    momentum: Array
+    """Angular momentum about the centre of mass, world axes."""
+    attitude: Array
+    """Quaternion or matrix, as the method holds it."""
+
+
+def packed_start(scene: Scene, method: Integrator) -> Array:
+    """Return the initial state as the method holds it."""
+    start, rotation = scene.initial, scene.initial.rotation
+    spin = {
+        "omega_body": start.omega_body,
+        "omega_world": rotation @ start.omega_body,
+        "angular_momentum": rotation @ scene.body.inertia @ start.omega_body,
+    }[method.spin]
+    attitude = start.quaternion if method.attitude == "quaternion" else rotation.ravel()
+    return np.concatenate([start.position, start.velocity, spin, attitude])
+
+
+def packed_load(scene: Scene) -> Array:
+    """Return the load of a scene whose loads last from beginning to end."""
+    return wrench_between(scene, 0.0, scene.duration_s).packed(scene.body, scene.gravity)
+
+
+def unpacked(state: Array, scene: Scene, method: Integrator) -> Motion:
+    """Return what the method's state says, in the common quantities."""
+    attitude = state[9:] if method.attitude == "quaternion" else state[9:].reshape(3, 3)
+    matrix = project_to_so3(attitude) if attitude.ndim == 2 else quaternion_to_matrix(attitude)
+    quaternion = matrix_to_quaternion(matrix) if attitude.ndim == 2 else normalised(attitude)
+    spin, tensor = state[6:9], scene.body.inertia
+    omega = {
+        "omega_body": spin,
+        "omega_world": matrix.T @ spin,
+        "angular_momentum": np.linalg.solve(tensor, matrix.T @ spin),
+    }[method.spin]
+    return Motion(state[0:3], state[3:6], quaternion, omega, matrix @ tensor @ omega, attitude)
+
+
+def stepped(scene: Scene, method: Integrator, steps: int, dt_s: float | None = None) -> Motion:
+    """Return where this many steps lead, through the scene's duration unless dt_s says otherwise."""
+    state = packed_start(scene, method)
+    dt = scene.duration_s / steps if dt_s is None else dt_s
+    method.advance(state, packed_body(scene.body), packed_load(scene), dt, steps)
+    return unpacked(state, scene, method)
+
+
+def solved(scene: Scene) -> Motion:
+    """Solve the motion by DOP853 in other variables: R and the angular momentum, both in world axes."""
+    inverse, start = np.linalg.inv(scene.body.inertia), scene.initial
+
+    def rates(_t: float, y: Array) -> Array:
+        rotation, momentum = y[:9].reshape(3, 3), y[9:12]
+        omega = rotation @ (inverse @ (rotation.T @ momentum))
+        force, torque = scene.body.mass * scene.gravity, np.zeros(3)
+        for load in scene.loads:
+            value = rotation @ load.value if load.axes == "body" else load.value
+            if isinstance(load, Torque):
+                torque = torque + value
+            else:
+                force = force + value
+                torque = torque + np.cross(rotation @ load.at, value)
+        return np.concatenate(
+            [np.cross(omega, rotation.T).T.ravel(), torque, y[15:18], force / scene.body.mass]
+        )
+
+    spin = start.rotation @ (scene.body.inertia @ start.omega_body)
+    y0 = np.concatenate([start.rotation.ravel(), spin, start.position, start.velocity])
+    y = solve_ivp(rates, (0.0, scene.duration_s), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    rotation = project_to_so3(y[:9].reshape(3, 3))
+    return Motion(
+        y[12:15],
+        y[15:18],
+        matrix_to_quaternion(rotation),
+        inverse @ rotation.T @ y[9:12],
+        y[9:12],
+        rotation,
+    )
+
+
+def gaps(one: Motion, other: Motion) -> dict[str, float]:
+    """Return how far apart two motions are, quantity by quantity."""
+    return {
+        "orientation": float(geodesic_angle(one.quaternion, other.quaternion)),
+        "omega": float(np.linalg.norm(one.omega_body - other.omega_body)),
+        "position": float(np.linalg.norm(one.position - other.position)),
+        "velocity": float(np.linalg.norm(one.velocity - other.velocity)),
+    }
+
+
+def slope(steps: tuple[int, ...], errors: list[float]) -> float:
+    """Return the order: minus the slope of log error over log steps."""
+    return -float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+
+
+# -------------------------------------------------------------------------------- order, convergence
+
+
+@every_integrator
+def test_method_states_its_facts(method: Integrator) -> None:
+    """A method goes by its own lower-case name and says its formula, what it keeps and where it is from."""
+    assert INTEGRATORS[method.name] is method
+    assert method.name == method.name.lower()
+    assert method.formula
+    assert method.keeps
+    assert method.source
+    assert method.order >= 1
+    assert method.evaluations >= 1
+
+
+@every_load
+@every_integrator
+def test_error_shrinks_with_the_stated_order(method: Integrator, loads: tuple[Timed, ...]) -> None:
+    """Against an independent solution the orientation converges with the order that the method states."""
+    scene = scene_of(loads)
+    exact = solved(scene)
+    steps = (256, 512, 1024, 2048) if method.order == 1 else (20, 28, 40, 56, 80)
+    found = [gaps(stepped(scene, method, n), exact) for n in steps]
+    assert slope(steps, [gap["orientation"] for gap in found]) == pytest.approx(method.order, abs=0.15)
+    assert found[-1]["orientation"] < {1: 3e-3, 4: 3e-7}[method.order]
+    for quantity in ("omega", "position", "velocity"):
+        errors = [gap[quantity] for gap in found]
+        if max(errors) > max(steps) * 4 * EPS:  # else exact to round-off: a free body's position
+            assert slope(steps, errors) >= method.order - 0.15, quantity
+
+
+@every_integrator
+def test_motion_of_the_centre_is_exact_without_force(method: Integrator) -> None:
+    """Without force x = x0 + v t and v = v0, to round-off, while the body turns."""
+    found = stepped(scene_of(LOADS["world torque"]), method, 1000)
+    assert np.array_equal(found.velocity, START.velocity)
+    assert np.max(np.abs(found.position - START.position - START.velocity)) <= 1000 * EPS * 3.0
+
+
+# ------------------------------------------------------------------------------------- one step of it
+
+
+def torque_at(rotation: Array, load: Array) -> Array:
+    """Return the torque of a packed load, in body axes."""
+    moment = load[12:].reshape(3, 3) @ rotation
+    turning = np.array(
+        [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
+    )
+    return load[6:9] + rotation.T @ load[9:12] + turning
+
+
+def acceleration_at(rotation: Array, load: Array, mass: float) -> Array:
+    """Return v' under a packed load."""
+    return (rotation @ load[0:3] + load[3:6]) / mass
+
+
+def one_step(name: str, state: Array, body: RigidBody, load: Array, dt: float) -> Array:
+    """Return the state after one step, by numpy, from the formula that the method states."""
+    tensor, mass = body.inertia, body.mass
+    inverse = np.linalg.inv(tensor)
+    x, v, spin = state[0:3], state[3:6], state[6:9]
+    matrix = state[9:].reshape(3, 3) if len(state) == 18 else quaternion_to_matrix(state[9:])
+    torque, acceleration = torque_at(matrix, load), acceleration_at(matrix, load, mass)
+    gyroscopic = np.cross(spin, tensor @ spin)
+    match name:
+        case "euler" | "euler-svd" | "rotation-first":
+            omega = matrix @ inverse @ matrix.T @ spin
+            if name == "rotation-first":
+                attitude = quaternion_product(exp_quaternion(dt * omega), state[9:])
+            else:
+                moved = matrix + dt * hat(omega) @ matrix
+                attitude = (project_to_so3(moved) if name == "euler-svd" else moved).ravel()
+            return np.concatenate([x + dt * v, v + dt * acceleration, spin + dt * matrix @ torque, attitude])
+        case "quaternion-euler":
+            omega = spin + dt * inverse @ (torque - gyroscopic)
+            attitude = state[9:] + dt * 0.5 * quaternion_product(state[9:], np.array([0.0, *spin]))
+            return np.concatenate([x + dt * v, v + dt * acceleration, omega, attitude])
+        case "rk4":
+
+            def rates(y: Array) -> Array:
+                w, q = y[6:9], y[9:]
+                turned = quaternion_to_matrix(q)
+                rate = inverse @ (torque_at(turned, load) - np.cross(w, tensor @ w))
+                attitude_rate = 0.5 * quaternion_product(q, np.array([0.0, *w]))
+                return np.concatenate([y[3:6], acceleration_at(turned, load, mass), rate, attitude_rate])
+
+            k1 = rates(state)
+            k2 = rates(state + 0.5 * dt * k1)
+            k3 = rates(state + 0.5 * dt * k2)
+            k4 = rates(state + dt * k3)
+            return np.asarray(state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
+    newton = tensor + dt * (hat(spin) @ tensor - hat(tensor @ spin))
+    omega = {
+        "m1": spin + dt * inverse @ (torque - gyroscopic),
+        "m2": spin + np.linalg.solve(newton, dt * (torque - gyroscopic)),
+        "m3": spin - np.linalg.solve(newton, dt * gyroscopic) + dt * inverse @ torque,
+    }[name]
+    velocity = v + dt * acceleration
+    attitude = quaternion_product(state[9:], exp_quaternion(dt * omega))
+    return np.concatenate([x + dt * velocity, velocity, omega, attitude])
+
+
+@every_integrator
+@pytest.mark.parametrize("seed", range(5))
+def test_one_step_is_the_stated_formula(method: Integrator, seed: int) -> None:
+    """One step from any state under any packed load is the method's formula, computed by numpy."""
+    rng = np.random.default_rng(seed)
+    load = rng.normal(size=21)
+    start = State(
+        rng.normal(size=3), normalised(rng.normal(size=4)), rng.normal(size=3), 2 * rng.normal(size=3)
+    )
+    state = packed_start(scene_of(start=start), method)
+    expected = one_step(method.name, state, BODY, load, 0.1)
+    method.advance(state, packed_body(BODY), load, 0.1, 1)
+    assert np.max(np.abs(state - expected)) <= 64 * EPS * float(np.max(np.abs(expected)))
+
+
+# ------------------------------------------------------------------------------------ laws of all
+
+
+@every_load
+@every_integrator
+def test_steps_may_be_made_in_any_portions(method: Integrator, loads: tuple[Timed, ...]) -> None:
+    """advance(n) twice is advance(2 n), and n times advance(1), to the last bit; advance(0) does nothing."""
+    scene = scene_of(loads)
+    body, load = packed_body(BODY), packed_load(scene)
+    whole, halves, single = (packed_start(scene, method) for _ in range(3))
+    method.advance(whole, body, load, 0.01, 60)
+    for _ in range(2):
+        method.advance(halves, body, load, 0.01, 30)
+        method.advance(halves, body, load, 0.01, 0)
+    for _ in range(60):
+        method.advance(single, body, load, 0.01, 1)
+    assert np.array_equal(whole, halves)
+    assert np.array_equal(whole, single)
+    assert np.array_equal(body, packed_body(BODY))
+    assert np.array_equal(load, packed_load(scene))
+
+
+def in_turned_world(scene: Scene, turn: Array) -> Scene:
+    """Return the same scene seen from other world axes."""
+    start, q = scene.initial, matrix_to_quaternion(turn)
+    initial = State(
+        turn @ start.position,
+        quaternion_product(q, start.quaternion),
+        turn @ start.velocity,
+        start.omega_body,
+    )
+    loads = tuple(
+        replace(load, value=turn @ load.value) if load.axes == "world" else load for load in scene.loads
+    )
+    return replace(scene, initial=initial, loads=loads, gravity=turn @ scene.gravity)
+
+
+def in_turned_body(scene: Scene, turn: Array) -> Scene:
+    """Return the same scene with other body axes: components become turn^T of what they were."""
+    start, q = scene.initial, matrix_to_quaternion(turn)
+    tensor = turn.T @ scene.body.inertia @ turn
+    initial = replace(
+        start, quaternion=quaternion_product(start.quaternion, q), omega_body=turn.T @ start.omega_body
+    )
+    loads: list[Timed] = []
+    for load in scene.loads:
+        value = turn.T @ load.value if load.axes == "body" else load.value
+        if isinstance(load, PointForce):
+            loads.append(replace(load, value=value, at=turn.T @ load.at))
+        else:
+            loads.append(replace(load, value=value))
+    return replace(scene, body=replace(scene.body, inertia=tensor), initial=initial, loads=tuple(loads))
+
+
+TURN = Rotation.from_rotvec([-1.1, 0.8, 2.0]).as_matrix()
+# 100 steps, some 30 roundings each of numbers up to 10, while errors grow little within a second
+ROUND_OFF = 100 * 30 * EPS * 2
+
+
+@every_load
+@every_integrator
+def test_world_axes_do_not_matter(method: Integrator, loads: tuple[Timed, ...]) -> None:
+    """In a turned world everything turns along, to round-off."""
+    scene = replace(scene_of(loads), gravity=GRAVITY)
+    one, other = stepped(scene, method, 100), stepped(in_turned_world(scene, TURN), method, 100)
+    q = matrix_to_quaternion(TURN)
+    expected = replace(
+        one,
+        position=TURN @ one.position,
+        velocity=TURN @ one.velocity,
+        quaternion=quaternion_product(q, one.quaternion),
+    )
+    assert max(gaps(other, expected).values()) <= ROUND_OFF
+
+
+@every_load
+@every_integrator
+def test_body_axes_do_not_matter(method: Integrator, loads: tuple[Timed, ...]) -> None:
+    """With other body axes, and so another tensor, the motion is the same to round-off."""
+    scene = replace(scene_of(loads), gravity=GRAVITY)
+    one, other = stepped(scene, method, 100), stepped(in_turned_body(scene, TURN), method, 100)
+    expected = replace(
+        one,
+        quaternion=quaternion_product(one.quaternion, matrix_to_quaternion(TURN)),
+        omega_body=TURN.T @ one.omega_body,
+    )
+    assert max(gaps(other, expected).values()) <= ROUND_OFF
+
+
+@every_load
+@every_integrator
+def test_motion_is_reversible_to_the_methods_order(method: Integrator, loads: tuple[Timed, ...]) -> None:
+    """Turned back, with omega and v reversed, the body returns to its start within the order's error."""
+    scene = scene_of(loads)
+    steps = (256, 512, 1024) if method.order == 1 else (20, 40, 80)
+    returned = []
+    for n in steps:
+        there = stepped(scene, method, n)
+        back = State(there.position, there.quaternion, -there.velocity, -there.omega_body)
+        again = stepped(replace(scene, initial=back), method, n)
+        returned.append(float(geodesic_angle(again.quaternion, START.quaternion)))
+    assert slope(steps, returned) >= method.order - 0.15
+    assert returned[-1] < {1: 1e-2, 4: 1e-6}[method.order]
+
+
+@every_integrator
+def test_rest_stays_at_rest(method: Integrator) -> None:
+    """Nothing moves by a single bit where nothing acts."""
+    still = replace(START, velocity=np.zeros(3), omega_body=np.zeros(3))
+    scene = scene_of(start=still)
+    state = packed_start(scene, method)
+    before = state.copy()
+    method.advance(state, packed_body(BODY), packed_load(scene), 0.01, 1000)
+    if method.name == "euler-svd":  # the decomposition of R rounds R anew
+        assert np.max(np.abs(state - before)) <= 1000 * 4 * EPS
+        assert np.array_equal(state[:9], before[:9])
+    else:
+        # the product with the unit quaternion and sums with zero are exact
+        assert np.array_equal(state, before)
+
+
+# ---------------------------------------------------------------------------------- closed forms
+
+SPHERE = RigidBody(2.5, np.eye(3))
+
+
+def arctangent_turn(x: float) -> float:
+    """(1 + x i) turns by atan x: Euler's step on R."""
+    return math.atan(x)
+
+
+def half_arctangent_turn(x: float) -> float:
+    """(1 + x/2 i) turns by atan x/2, and the body by twice that: Euler's step on q."""
+    return 2.0 * math.atan(0.5 * x)
+
+
+def runge_kutta_turn(x: float) -> float:
+    """The fourth Taylor polynomial of exp(i x/2) turns by twice its argument."""
+    h = 0.5 * x
+    return 2.0 * math.atan2(h - h**3 / 6.0, 1.0 - h**2 / 2.0 + h**4 / 24.0)
+
+
+def full_turn(x: float) -> float:
+    """The exponential turns by the angle itself."""
+    return x
+
+
+TURNS: dict[str, Callable[[float], float]] = {
+    "euler": arctangent_turn,
+    "euler-svd": arctangent_turn,
+    "quaternion-euler": half_arctangent_turn,
+    "rk4": runge_kutta_turn,
+    **dict.fromkeys(EXPONENTIAL, full_turn),
+}
+
+
+@every_integrator
+def test_sphere_spins_steadily(method: Integrator) -> None:
+    """omega stays, and every step turns the sphere by the angle that the method's formula implies."""
+    scene = scene_of(body=SPHERE, start=replace(START, omega_body=np.array([1.0, -2.0, 0.5])))
+    omega, steps, dt = scene.initial.omega_body, 500, 0.02
+    found = stepped(scene, method, steps, dt)
+    assert np.max(np.abs(found.omega_body - omega)) <= steps * 8 * EPS
+    speed = float(np.linalg.norm(omega))
+    turn = steps * TURNS[method.name](dt * speed) / speed
+    expected = quaternion_product(scene.initial.quaternion, exp_quaternion(turn * omega))
+    assert geodesic_angle(found.quaternion, expected) <= steps * 8 * EPS
+
+
+@every_integrator
+def test_spin_about_a_principal_axis_is_steady(method: Integrator) -> None:
+    """About the axis of the largest and of the least moment any body spins on as a sphere does."""
+    for axis in (0, 2):
+        spun = State(START.position, START.quaternion, START.velocity, 1.7 * np.eye(3)[axis])
+        found = stepped(
+            scene_of(body=RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), start=spun), method, 500, 0.02
+        )
+        turn = 500 * TURNS[method.name](0.02 * 1.7)
+        expected = quaternion_product(START.quaternion, exp_quaternion(turn * np.eye(3)[axis]))
+        assert geodesic_angle(found.quaternion, expected) <= 500 * 16 * EPS
+
+
+@every_integrator
+def test_projectile(method: Integrator) -> None:
+    """v is exact; x lies g dt T / 2 beyond the parabola, or short of it, or for Runge-Kutta on it."""
+    scene = replace(scene_of(), gravity=GRAVITY)
+    steps, dt = 1000, 1e-3
+    found, time = stepped(scene, method, steps, dt), steps * dt
+    parabola = START.position + time * START.velocity + 0.5 * time**2 * GRAVITY
+    ahead = 0.5 * dt * time * GRAVITY
+    if method.name == "rk4":
+        ahead = np.zeros(3)
+    elif method.name in EXPLICIT_POSE:
+        ahead = -ahead
+    assert np.max(np.abs(found.velocity - START.velocity - time * GRAVITY)) <= steps * 10 * EPS
+    assert np.max(np.abs(found.position - parabola - ahead)) <= steps * 10 * EPS
+
+
+# ------------------------------------------------------------------------------ what a method keeps
+
+
+@some("euler", "euler-svd")
+def test_momentum_is_kept_exactly(method: Integrator) -> None:
+    """Free of torque the state's L does not change by a bit, gravity or not."""
+    scene = replace(scene_of(), gravity=GRAVITY)
+    state = packed_start(scene, method)
+    before = state[6:9].copy()
+    method.advance(state, packed_body(BODY), packed_load(scene), 1e-2, 1000)
+    assert np.array_equal(state[6:9], before)
+
+
+INTERMEDIATE = Scene(
+    RigidBody(1.0, np.diag([1.0, 2.0, 3.0])),
+    State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1])),
+    (),
+    np.zeros(3),
+    duration_s=10.0,
+    samples=2,
+)
+
+
+def test_rotation_first_keeps_momentum_to_round_off() -> None:
+    """L = I(R) omega, from the R and the omega that it reports, holds to 1e-14 of itself over 1e4 steps."""
+    simulation = Reference().build(INTERMEDIATE, "rotation-first", 1e-3)
+    first = np.array([0.1, 4.0, 0.3])
+    worst = 0.0
+    for _ in range(100):
+        simulation.advance(100)
+        reading = simulation.read()
+        assert reading.quaternion is not None
+        assert reading.omega_world is not None
+        rotation = quaternion_to_matrix(reading.quaternion)
+        momentum = rotation @ INTERMEDIATE.body.inertia @ rotation.T @ reading.omega_world
+        worst = max(worst, float(np.linalg.norm(momentum - first)))
+    assert worst <= 1e-14 * float(np.linalg.norm(first))
+
+
+@some(*EXPONENTIAL)
+def test_norm_of_the_quaternion_is_kept(method: Integrator) -> None:
+    """|q| = 1 to an eps a step: products of units round, and nothing else happens to it."""
+    assert abs(np.linalg.norm(stepped(INTERMEDIATE, method, 10_000).attitude) - 1.0) <= 10_000 * EPS
+
+
+def test_quaternion_euler_grows_as_stated() -> None:
+    """|q|^2 grows by the factor 1 + (dt omega / 2)^2 a step, exactly so for a sphere."""
+    found = stepped(scene_of(body=SPHERE), INTEGRATORS["quaternion-euler"], 500, 0.02)
+    x = 0.5 * 0.02 * float(np.linalg.norm(START.omega_body))
+    assert np.linalg.norm(found.attitude) == pytest.approx((1.0 + x * x) ** 250, rel=500 * 4 * EPS)
+
+
+def test_rk4_norm_shrinks_as_its_polynomial_does() -> None:
+    """|q|^2 shrinks by 1 - x^6/72 + x^8/576 a step, x = dt omega / 2: the norm is off by order 5."""
+    found = stepped(scene_of(body=SPHERE), INTEGRATORS["rk4"], 500, 0.2)
+    x = 0.5 * 0.2 * float(np.linalg.norm(START.omega_body))
+    expected = (1.0 - x**6 / 72.0 + x**8 / 576.0) ** 250
+    assert np.linalg.norm(found.attitude) == pytest.approx(expected, rel=500 * 8 * EPS)
+    assert 1.0 - expected > 1e-6  # there is something to see
+
+
+def test_euler_leaves_the_rotations_and_the_projection_stays() -> None:
+    """R^T R grows by about T dt omega^2 across omega under Euler; with the SVD it stays I to round-off."""
+    scene, dt, steps = scene_of(body=SPHERE), 0.01, 100
+    speed = float(np.linalg.norm(START.omega_body))
+    loose, kept = (stepped(scene, INTEGRATORS[name], steps, dt).attitude for name in ("euler", "euler-svd"))
+    growth = (1.0 + (dt * speed) ** 2) ** steps - 1.0  # twice, in the plane across omega
+    assert np.linalg.norm(loose.T @ loose - np.eye(3)) == pytest.approx(math.sqrt(2.0) * growth, rel=1e-12)
+    assert np.linalg.norm(kept.T @ kept - np.eye(3)) <= 16 * EPS
+    tumbling = stepped(INTERMEDIATE, INTEGRATORS["euler-svd"], 1000).attitude
+    assert np.linalg.norm(tumbling.T @ tumbling - np.eye(3)) <= 16 * EPS
+    assert abs(np.linalg.det(tumbling) - 1.0) <= 16 * EPS
+
+
+def test_projection_undoes_a_reflection_too() -> None:
+    """A step so large that R is far from a rotation still ends on one."""
+    fast = replace(START, omega_body=np.array([300.0, -200.0, 500.0]))
+    found = stepped(scene_of(start=fast), INTEGRATORS["euler-svd"], 20, 0.1).attitude
+    assert np.max(np.abs(found.T @ found - np.eye(3))) <= 16 * EPS
+    assert np.linalg.det(found) == pytest.approx(1.0, abs=16 * EPS)
+
+
+def test_exponential_step_is_the_rotation_of_the_matrix_exponential() -> None:
+    """rotation-first moves R by exp(dt [omega]x) from the left, omega in world axes."""
+    found = stepped(scene_of(), INTEGRATORS["rotation-first"], 1, 0.3)
+    rotation = START.rotation
+    expected = exp_matrix(0.3 * rotation @ START.omega_body) @ rotation
+    assert np.max(np.abs(quaternion_to_matrix(found.quaternion) - expected)) <= 16 * EPS

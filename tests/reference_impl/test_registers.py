@@ -1,0 +1,159 @@
+"""The kernels on tuples against numpy on arrays."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+
+from bodycheck.reference_impl import equations, registers
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_product, quaternion_to_matrix
+from bodycheck.reference_impl.scene import RigidBody
+
+EPS = float(np.finfo(np.float64).eps)
+
+Case = tuple[Callable[..., Any], tuple[tuple[int, ...], ...], Callable[..., Array]]
+
+CASES: dict[str, Case] = {
+    "add": (registers.add, ((3,), (3,)), lambda a, b: a + b),
+    "cross": (registers.cross, ((3,), (3,)), np.cross),
+    "times": (registers.times, ((3, 3), (3,)), lambda m, v: m @ v),
+    "transposed_times": (registers.transposed_times, ((3, 3), (3,)), lambda m, v: m.T @ v),
+    "product": (registers.product, ((3, 3), (3, 3)), lambda a, b: (a @ b).ravel()),
+    "quaternion_times": (registers.quaternion_times, ((4,), (4,)), quaternion_product),
+    "matrix_of": (registers.matrix_of, ((4,),), lambda q: quaternion_to_matrix(q).ravel()),
+    "quaternion_exp": (registers.quaternion_exp, ((3,),), exp_quaternion),
+    "gyroscopic": (equations.gyroscopic, ((3, 3), (3,)), lambda i, w: np.cross(w, i @ w)),
+}
+
+
+def packed(value: Array) -> tuple[float, ...]:
+    """Return an array as the tuple that a kernel takes."""
+    return tuple(float(x) for x in value.ravel())
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_kernel_is_what_numpy_computes(name: str) -> None:
+    """On random input a kernel gives numpy's result to the round-off of its terms."""
+    kernel, shapes, expected = CASES[name]
+    rng = np.random.default_rng(sorted(CASES).index(name))
+    for _ in range(100):
+        arguments = [rng.normal(size=shape) for shape in shapes]
+        result = np.array(kernel(*(packed(argument) for argument in arguments)))
+        # the largest term is below the product of the arguments' norms, the last one squared where it is
+        scale = 1.0 + float(np.prod([1.0 + np.linalg.norm(argument) for argument in arguments]) ** 2)
+        assert np.max(np.abs(result - expected(*arguments))) <= 4 * EPS * scale
+
+
+def test_scaled_add() -> None:
+    """a + s b."""
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        a, b, s = rng.normal(size=3), rng.normal(size=3), float(rng.normal())
+        assert np.allclose(registers.scaled_add(packed(a), s, packed(b)), a + s * b, rtol=0.0, atol=16 * EPS)
+
+
+def test_solve_is_as_good_as_the_matrix_allows() -> None:
+    """Cramer's rule solves m x = b to eps times the condition number, for nonsymmetric m too."""
+    rng = np.random.default_rng(2)
+    for _ in range(500):
+        m, b = rng.normal(size=(3, 3)), rng.normal(size=3)
+        expected = np.linalg.solve(m, b)
+        allowed = 16 * EPS * float(np.linalg.cond(m)) ** 2 * float(np.linalg.norm(expected))
+        assert np.max(np.abs(np.array(registers.solve(packed(m), packed(b))) - expected)) <= allowed
+
+
+@pytest.mark.parametrize("norm", [1e-100, 1e-8, 0.5, 3.0, 1e100])
+def test_matrix_of_takes_any_norm(norm: float) -> None:
+    """R(c q) = R(q), orthogonal to round-off whatever c."""
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        q = rng.normal(size=4)
+        matrix = np.array(registers.matrix_of(packed(norm * q))).reshape(3, 3)
+        assert np.max(np.abs(matrix - quaternion_to_matrix(q))) <= 16 * EPS
+        assert np.max(np.abs(matrix.T @ matrix - np.eye(3))) <= 8 * EPS
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-162, 1e-154, 1e-20, 1e-8, 1e-4, 1.0, 3.0, 10.0])
+def test_quaternion_exp_at_any_angle(angle: float) -> None:
+    """(cos(a/2), sin(a/2) u) relative to the angle, where its square underflows too."""
+    for axis in (*np.eye(3), *np.random.default_rng(4).normal(size=(10, 3))):
+        v = angle * axis / np.linalg.norm(axis)
+        w, *vector = registers.quaternion_exp(packed(v))
+        with mpmath.workdps(50):
+            half = mpmath.sqrt(mpmath.fsum(mpmath.mpf(float(x)) ** 2 for x in v)) / 2
+            factor = mpmath.sin(half) / half / 2 if half else mpmath.mpf("0.5")
+            assert abs(float(w - mpmath.cos(half))) <= EPS * (2 + angle)
+            for x, y in zip(vector, v, strict=True):
+                assert abs(float(x - factor * mpmath.mpf(float(y)))) <= EPS * (4 + angle) * min(angle, 1.0)
+
+
+def test_packed_body_holds_inertia_and_its_inverse() -> None:
+    """(19,): mass, I row by row, I^-1 row by row."""
+    tensor = np.array([[2.0, 0.1, -0.2], [0.1, 2.5, 0.3], [-0.2, 0.3, 3.0]])
+    body = equations.packed_body(RigidBody(1.7, tensor))
+    assert body.shape == (19,)
+    assert body[0] == 1.7
+    assert np.array_equal(body[1:10].reshape(3, 3), tensor)
+    assert np.max(np.abs(body[10:].reshape(3, 3) @ tensor - np.eye(3))) <= 8 * EPS
+
+
+SHORT_MOTIONS = """
+import json
+import numpy as np
+from bodycheck.reference_impl.equations import packed_body
+from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.scene import RigidBody
+from bodycheck.reference_impl.taylor import integrate_taylor
+
+tensor = np.array([[2.0, 0.1, -0.2], [0.1, 2.5, 0.3], [-0.2, 0.3, 3.0]])
+body = packed_body(RigidBody(1.7, tensor))
+load = np.linspace(-0.5, 0.7, 21)
+q = np.array([0.5, -0.5, 0.1, 0.7])
+q /= np.linalg.norm(q)
+w, x, y, z = q
+rotation = np.array([[1-2*(y*y+z*z), 2*(x*y-w*z), 2*(x*z+w*y)],
+                     [2*(x*y+w*z), 1-2*(x*x+z*z), 2*(y*z-w*x)],
+                     [2*(x*z-w*y), 2*(y*z+w*x), 1-2*(x*x+y*y)]])
+omega = np.array([0.4, 1.5, -0.7])
+found = {}
+for name, integrator in INTEGRATORS.items():
+    attitude = q if integrator.attitude == "quaternion" else rotation.ravel()
+    spin = {"omega_body": omega, "omega_world": rotation @ omega,
+            "angular_momentum": rotation @ tensor @ omega}[integrator.spin]
+    state = np.concatenate([[1.0, -2.0, 0.5], [0.3, 0.2, -0.1], spin, attitude])
+    integrator.advance(state, body, load, 0.01, 50)
+    found[name] = state.tolist()
+state = np.concatenate([q, omega, [0.3, 0.2, -0.1], [1.0, -2.0, 0.5]])
+out, steps = integrate_taylor(state, body, load, np.array([0.0, 0.3, 1.0]), 1.0, 22, 1e-17)
+found["taylor"] = [*out.ravel().tolist(), *state.tolist(), steps]
+print(json.dumps(found))
+"""
+
+
+def short_motions(disable_jit: str) -> dict[str, list[float]]:
+    """Run the short motions in a process of their own, compiled or as plain Python."""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": disable_jit}
+    process = subprocess.run(
+        [sys.executable, "-c", SHORT_MOTIONS], env=environment, capture_output=True, text=True, check=False
+    )
+    assert process.returncode == 0, process.stderr
+    found: dict[str, list[float]] = json.loads(process.stdout)
+    return found
+
+
+def test_compiled_kernels_are_the_python_that_is_read() -> None:
+    """Every integrator and the Taylor solver give the same numbers compiled and interpreted."""
+    compiled, interpreted = short_motions("0"), short_motions("1")
+    assert compiled.keys() == interpreted.keys()
+    for name, values in compiled.items():
+        # 50 steps of some 100 fused or unfused operations on numbers of size 3
+        assert np.max(np.abs(np.array(values) - interpreted[name])) <= 1e-13, name

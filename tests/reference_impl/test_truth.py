@@ -1,0 +1,507 @@
+"""The truth of a scene against forty digits, in other variables: R and the angular momentum in world axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import pairwise
+from operator import mul
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import normalised
+from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
+from bodycheck.reference_impl.truth import EXACT_BOUND_RAD, Truth, solve_truth
+from bodycheck.scenarios.library import load_scenario, scenario_names
+
+EPS = float(np.finfo(np.float64).eps)
+
+# ------------------------------------------------------------------------------ forty digits, in integers
+
+BITS = 190  # of a fixed-point number behind the point
+ORDER = 44
+SMALL = 1 << (BITS - 136)  # 1e-41: what the last terms of a series must stay below
+
+Fixed = list[int]
+Loads = list[tuple[Fixed, Fixed]]
+
+
+def fixed(x: Fraction | float) -> int:
+    """Return x as an integer over 2^BITS."""
+    exact = Fraction(x)
+    return (exact.numerator << BITS) // exact.denominator
+
+
+def fractions(values: Array) -> list[Fraction]:
+    """Return doubles as the rational numbers that they are."""
+    return [Fraction(float(x)) for x in values]
+
+
+def rational_rotation(q: Array) -> list[list[Fraction]]:
+    """R(q / |q|) without rounding: the norm enters by its square alone."""
+    w, x, y, z = fractions(q)
+    s = 2 / (w * w + x * x + y * y + z * z)
+    return [
+        [1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
+        [s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)],
+        [s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)],
+    ]
+
+
+def rational_inverse(tensor: Array) -> list[list[Fraction]]:
+    """I^-1 without rounding, by cofactors."""
+    m = [fractions(row) for row in tensor]
+
+    def cofactor(i: int, j: int) -> Fraction:
+        a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+        return m[a][c] * m[b][d] - m[a][d] * m[b][c]
+
+    determinant = sum(m[0][j] * cofactor(0, j) for j in range(3))
+    return [[cofactor(j, i) / determinant for j in range(3)] for i in range(3)]
+
+
+def dot(row: Sequence[Fraction], v: Sequence[Fraction]) -> Fraction:
+    """row . v without rounding."""
+    return sum(map(mul, row, v), Fraction(0))
+
+
+def convolved(a: Fixed, b: Fixed, k: int) -> int:
+    """sum over n of a_n b_(k - n), over 2^(2 BITS)."""
+    return sum(map(mul, a[: k + 1], b[k::-1]))
+
+
+@dataclass
+class Exact:
+    """The state at one time, in fixed point: R row by row, then L, v and x in world axes."""
+
+    state: list[int]
+
+    def values(self) -> list[mpmath.mpf]:
+        """Return the 18 numbers at forty digits and some."""
+        return [mpmath.mpf(x) / (1 << BITS) for x in self.state]
+
+
+def one_series(state: list[int], h: int, inverse: list[list[int]], loads: Loads) -> list[int]:
+    """Sum one Taylor step of R' = R [omega]x, L' = torque(R), v' = force(R) / m.
+
+    omega = I^-1 R^T L is in body axes. loads: for each of L', v' the constant part (3) and the matrix (3, 9)
+    that R's entries go through.
+    """
+    r: list[Fixed] = [[x] for x in state[:9]]
+    momentum: list[Fixed] = [[x] for x in state[9:12]]
+    velocity: list[Fixed] = [[x] for x in state[12:15]]
+    position: list[Fixed] = [[x] for x in state[15:18]]
+    omega: list[Fixed] = [[], [], []]
+    for k in range(ORDER):
+        spin = [
+            sum(convolved(r[3 * j + i], momentum[j], k) for j in range(3)) >> BITS for i in range(3)
+        ]  # R^T L
+        for i in range(3):
+            omega[i].append(sum(map(mul, inverse[i], spin)) >> BITS)
+        rates: list[int] = []
+        for i in range(3):
+            row = r[3 * i : 3 * i + 3]
+            # (R [omega]x)_ij = R_ia [omega]x_aj
+            rates += [
+                (convolved(row[1], omega[2], k) - convolved(row[2], omega[1], k)) >> BITS,
+                (convolved(row[2], omega[0], k) - convolved(row[0], omega[2], k)) >> BITS,
+                (convolved(row[0], omega[1], k) - convolved(row[1], omega[0], k)) >> BITS,
+            ]
+        for constant, matrix in loads:
+            for i in range(3):
+                turned = sum(matrix[9 * i + a] * r[a][k] for a in range(9)) >> BITS
+                rates.append(turned + (constant[i] if k == 0 else 0))
+        rates += [velocity[i][k] for i in range(3)]
+        for series, rate in zip([*r, *momentum, *velocity, *position], rates, strict=True):
+            series.append((rate * h >> BITS) // (k + 1))
+    for series in [*r, *momentum]:
+        assert abs(series[-1]) < SMALL
+        assert abs(series[-2]) < SMALL
+    return [sum(series) for series in [*r, *momentum, *velocity, *position]]
+
+
+def packed_loads(scene: Scene, begin: Fraction, end: Fraction) -> Loads:
+    """Return what L' and v' are made of within [begin, end), through which nothing switches."""
+    zero = Fraction(0)
+    torque, turned_torque = [zero] * 3, [[zero] * 9 for _ in range(3)]
+    force, turned_force = [zero] * 3, [[zero] * 9 for _ in range(3)]
+    mass = Fraction(float(scene.body.mass))
+    for i, g in enumerate(fractions(scene.gravity)):
+        force[i] += mass * g
+    for load in scene.loads:
+        until = Fraction(load.until_s) if math.isfinite(load.until_s) else end
+        if not (Fraction(load.from_s) <= begin and end <= until):
+            continue
+        value = fractions(load.value)
+        for i in range(3):
+            if isinstance(load, Torque):
+                if load.axes == "world":
+                    torque[i] += value[i]
+                for j in range(3 if load.axes == "body" else 0):
+                    turned_torque[i][3 * i + j] += value[j]
+                continue
+            at, (a, b) = fractions(load.at), ((i + 1) % 3, (i + 2) % 3)
+            if load.axes == "world":
+                force[i] += value[i]
+                for j in range(3):  # (R at) x F
+                    turned_torque[i][3 * a + j] += at[j] * value[b]
+                    turned_torque[i][3 * b + j] -= at[j] * value[a]
+            else:
+                moment = [at[1] * value[2] - at[2] * value[1], at[2] * value[0] - at[0] * value[2]]
+                moment.append(at[0] * value[1] - at[1] * value[0])
+                for j in range(3):
+                    turned_force[i][3 * i + j] += value[j]
+                    turned_torque[i][3 * i + j] += moment[j]
+
+    def row(
+        constant: list[Fraction], turned: list[list[Fraction]], scale: Fraction
+    ) -> tuple[list[int], list[int]]:
+        return [fixed(x / scale) for x in constant], [fixed(x / scale) for line in turned for x in line]
+
+    return [row(torque, turned_torque, Fraction(1)), row(force, turned_force, mass)]
+
+
+def exact_states(scene: Scene, times: Sequence[float], step: float) -> list[Exact]:
+    """Solve the scene to forty digits at ascending times, in steps no longer than the one given."""
+    rotation = rational_rotation(scene.initial.quaternion)
+    spin = [dot(fractions(row), fractions(scene.initial.omega_body)) for row in scene.body.inertia]
+    state = [fixed(x) for line in rotation for x in line]
+    state += [fixed(dot(line, spin)) for line in rotation]
+    state += [fixed(x) for x in (*fractions(scene.initial.velocity), *fractions(scene.initial.position))]
+    inverse = [[fixed(x) for x in row] for row in rational_inverse(scene.body.inertia)]
+    switches = {end for load in scene.loads for end in (load.from_s, load.until_s)}
+    edges = sorted({0.0, *times, *(t for t in switches if 0.0 < t < max(times))})
+    found = {0.0: Exact(state)}
+    for begin, end in pairwise(edges):
+        length = Fraction(end) - Fraction(begin)
+        count = math.ceil(length / Fraction(step))
+        loads = packed_loads(scene, Fraction(begin), Fraction(end))
+        h = fixed(length / count)
+        for _ in range(count):
+            state = one_series(state, h, inverse, loads)
+        found[end] = Exact(state)
+    return [found[t] for t in times]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far a truth is from forty digits at each time, with its bounds: (n,) each."""
+
+    angle: Array
+    energy: Array
+    momentum: Array
+    omega: Array
+    """Over the largest omega."""
+    position: Array
+    """Over the largest distance from the origin."""
+
+
+def errors(scene: Scene, truth: Truth, exact: list[Exact]) -> Errors:
+    """Measure at forty digits what the doubles of a truth say."""
+    motion, tensor = truth.trajectory, scene.body.inertia
+    assert motion.quaternion is not None
+    found: dict[str, list[mpmath.mpf]] = {
+        name: [] for name in ("angle", "energy", "momentum", "omega", "position")
+    }
+    kinetic, momenta, speeds, distances = [], [], [], []
+    with mpmath.workdps(50):
+        inertia = mpmath.matrix(tensor.tolist())
+        inverse, mass = inertia**-1, mpmath.mpf(float(scene.body.mass))
+        pull = mpmath.matrix(scene.gravity.tolist())
+
+        def energy_of(
+            spin: mpmath.matrix, velocity: mpmath.matrix, position: mpmath.matrix
+        ) -> list[mpmath.mpf]:
+            turning = (spin.T * inertia * spin)[0] / 2
+            moving = mass * (velocity.T * velocity)[0] / 2
+            return [turning + moving, turning + moving - mass * (pull.T * position)[0]]
+
+        for k, state in enumerate(exact):
+            y = state.values()
+            rotation = mpmath.matrix(3, 3)
+            for i in range(9):
+                rotation[i // 3, i % 3] = y[i]
+            momentum, velocity, position = (mpmath.matrix(y[i : i + 3]) for i in (9, 12, 15))
+            spin = inverse * rotation.T * momentum
+            said = mpmath.matrix(
+                [
+                    [mpmath.mpf(x.numerator) / x.denominator for x in line]
+                    for line in rational_rotation(motion.quaternion[k])
+                ]
+            )
+            said_spin, said_velocity, said_position = (
+                mpmath.matrix(values[k].tolist())
+                for values in (motion.omega_body, motion.velocity_m_s, motion.position_m)
+            )
+            # |R - S|_F = 2 sqrt(2) sin(angle / 2)
+            found["angle"].append(2 * mpmath.asin(mpmath.norm(said - rotation) / mpmath.sqrt(8)))
+            true_energy = energy_of(spin, velocity, position)
+            found["energy"].append(
+                abs(energy_of(said_spin, said_velocity, said_position)[1] - true_energy[1])
+            )
+            found["momentum"].append(mpmath.norm(said * inertia * said_spin - momentum))
+            found["omega"].append(mpmath.norm(said_spin - spin))
+            found["position"].append(mpmath.norm(said_position - position))
+            kinetic.append(float(true_energy[0]))
+            momenta.append(float(mpmath.norm(momentum)))
+            speeds.append(float(mpmath.norm(spin)))
+            distances.append(float(mpmath.norm(position)))
+    arrays = {name: np.array([float(x) for x in values]) for name, values in found.items()}
+    return Errors(
+        arrays["angle"],
+        arrays["energy"] / (max(kinetic) or 1.0),
+        arrays["momentum"] / (max(momenta) or 1.0),
+        arrays["omega"] / (max(speeds) or 1.0),
+        arrays["position"] / (max(distances) or 1.0),
+    )
+
+
+def check_bounds(scene: Scene, times: Sequence[float], step: float) -> tuple[Truth, Errors]:
+    """The truth lies within all of its bounds of forty digits."""
+    truth = solve_truth(scene, np.array(times))
+    off = errors(scene, truth, exact_states(scene, times, step))
+    assert np.all(off.angle <= truth.bound_rad), off.angle / truth.bound_rad
+    assert np.all(off.energy <= truth.bound_energy), off.energy / truth.bound_energy
+    assert np.all(off.momentum <= truth.bound_momentum), off.momentum / truth.bound_momentum
+    # omega and position have no bound of their own; they can be no worse than what depends on them
+    assert np.all(off.omega <= 10.0 * np.maximum(truth.bound_rad, 8 * EPS))
+    assert np.all(off.position <= 10.0 * np.maximum(truth.bound_rad, 8 * EPS))
+    return truth, off
+
+
+TIMES = (0.0, 0.1, 1.0, 2.5, 5.0, 6.2, 7.77, 10.0)
+FAST = {"boxes": 1 / 64, "free-body": 1 / 64}  # the steps that forty digits take; the others turn slowly
+KINDS = {
+    **dict.fromkeys(("body-torque", "world-torque", "thruster", "pulsed-torque"), "estimate"),
+    **dict.fromkeys(("tumbling", "intermediate-axis", "near-separatrix", "sphere", "symmetric-top"), "exact"),
+    **dict.fromkeys(("boxes", "free-body", "full-tensor"), "exact"),
+}
+
+
+# ------------------------------------------------------------------------------------ the library
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in FAST)) for n in scenario_names()]
+)
+def test_truth_of_the_library_lies_within_its_bounds(name: str) -> None:
+    """Angle, energy and momentum are as near to forty digits as the truth says, and its bounds are narrow."""
+    scene = load_scenario(name).scene
+    times = [t for t in TIMES if t <= scene.duration_s]
+    truth, _ = check_bounds(scene, times, FAST.get(name, 1 / 32))
+    assert truth.kind == KINDS.get(name, truth.kind)
+    assert np.max(truth.bound_rad) <= 1e-11
+    assert np.max(truth.bound_energy) <= 1e-11
+    assert np.max(truth.bound_momentum) <= 1e-11
+
+
+# ------------------------------------------------------------------------------------ random scenes
+
+
+def random_scene(seed: int, strength: float) -> Scene:
+    """Return a full tensor, an initial rotation, gravity, and loads of each kind, two that come and go."""
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    a, b, c = rng.uniform(0.5, 1.5, size=3)
+    tensor = turn @ np.diag([b + c, a + c, a + b]) @ turn.T
+
+    def vector(size: float) -> Array:
+        return size * rng.normal(size=3)
+
+    loads: tuple[Timed, ...] = (
+        PointForce("world", vector(strength), vector(0.4), from_s=1.25, until_s=3.7),
+        PointForce("body", vector(strength), vector(0.4), from_s=0.3),
+        Torque("world", vector(0.5 * strength), until_s=4.1),
+        Torque("body", vector(0.5 * strength), from_s=2.0, until_s=2.3),
+        PointForce("world", vector(strength), np.zeros(3), from_s=-1.0, until_s=20.0),
+    )
+    start = State(vector(2.0), normalised(rng.normal(size=4)), vector(1.0), vector(0.7))
+    return Scene(
+        RigidBody(1.7, 0.5 * (tensor + tensor.T)), start, loads, np.array([0.3, 0.1, -9.81]), 5.0, 51
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_truth_of_random_scenes_lies_within_its_bounds(seed: int) -> None:
+    """World forces at body points, loads that come and go, full tensors: within the bounds all the same."""
+    truth, _ = check_bounds(random_scene(seed, 0.3), (0.0, 0.3, 1.3, 2.3, 3.7, 5.0), 1 / 40)
+    assert truth.kind == "estimate"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10, 14))
+def test_truth_of_violent_scenes_lies_within_its_bounds(seed: int) -> None:
+    """Where strong loads stretch every error the bound grows with it, and still holds."""
+    check_bounds(random_scene(seed, 3.0), (0.0, 0.3, 1.3, 2.3, 3.7, 5.0), 1 / 160)
+
+
+def torqued_from_rest(acceleration: float) -> Scene:
+    """Return a body at rest that a torque in its own axes sets turning."""
+    body = RigidBody(1.0, np.diag([1.0, 2.0, 2.5]))
+    still = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
+    load = Torque("body", acceleration * np.array([1.0, 0.5, -0.3]))
+    return Scene(body, still, (load,), np.zeros(3), 1.0, 11)
+
+
+@pytest.mark.parametrize(
+    "acceleration",
+    [
+        1e-6,
+        1.0,
+        10.0,
+        pytest.param(
+            50.0,
+            marks=pytest.mark.xfail(
+                reason="omega = 0 is divided by in the step size", strict=True, raises=ValueError
+            ),
+        ),
+        pytest.param(
+            1e3,
+            marks=pytest.mark.xfail(
+                reason="omega = 0 is divided by in the step size", strict=True, raises=ValueError
+            ),
+        ),
+    ],
+)
+def test_truth_of_a_body_that_starts_from_rest(acceleration: float) -> None:
+    """A torque may set any body turning from rest: in the time sqrt(1 / a) all of these are one motion."""
+    unit = 1.0 / math.sqrt(max(acceleration, 1.0))
+    scene = torqued_from_rest(acceleration)
+    check_bounds(scene, (0.0, 0.1 * unit, unit), unit / 32)
+
+
+def test_truth_of_rest_is_rest() -> None:
+    """Where nothing acts and nothing moves the truth is the initial state, and every bound is finite."""
+    scene = replace(torqued_from_rest(0.0), loads=())
+    for still in (scene, torqued_from_rest(0.0)):
+        truth = solve_truth(still, np.array([0.0, 1.0, 100.0]))
+        assert np.array_equal(truth.trajectory.attitude, np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)))
+        assert not np.any(truth.trajectory.omega_body)
+        assert not np.any(truth.trajectory.position_m)
+        for bound in (truth.bound_rad, truth.bound_energy, truth.bound_momentum):
+            assert np.all(np.isfinite(bound))
+
+
+def test_a_central_force_does_not_turn_the_body() -> None:
+    """Under a world force at the centre the rotation is the free one, within both bounds."""
+    free = replace(random_scene(3, 1.0), loads=(), gravity=np.zeros(3))
+    pushed = replace(free, loads=(PointForce("world", np.array([1.0, -2.0, 0.5]), np.zeros(3)),))
+    times = np.array([0.0, 1.0, 5.0])
+    one, other = solve_truth(free, times), solve_truth(pushed, times)
+    same = np.abs(np.sum(one.trajectory.attitude * other.trajectory.attitude, axis=-1))
+    assert np.all(np.sqrt(np.maximum(2.0 - 2.0 * same, 0.0)) <= 1e-7)  # eps under the root
+    assert np.max(np.abs(one.trajectory.omega_body - other.trajectory.omega_body)) <= 10 * np.max(
+        other.bound_rad
+    )
+
+
+# --------------------------------------------------------------------------------------- gravity
+
+
+@pytest.mark.parametrize("name", ["boxes", "free-body"])
+def test_gravity_alone_is_a_parabola(name: str) -> None:
+    """x = x0 + v0 t + g t^2 / 2 and v = v0 + g t to round-off, at any time, and the kind is exact."""
+    scene = load_scenario(name).scene
+    t = np.array([0.0, 1e-9, 0.3, 10.0, 1000.0])[:, None]
+    truth = solve_truth(scene, t[:, 0])
+    start, g = scene.initial, scene.gravity
+    assert truth.kind == "exact"
+    assert np.allclose(truth.trajectory.velocity_m_s, start.velocity + g * t, rtol=4 * EPS, atol=4 * EPS)
+    fallen = start.position + start.velocity * t + 0.5 * g * t**2
+    scale = np.abs(start.position) + np.abs(start.velocity * t) + np.abs(0.5 * g * t**2)
+    assert np.all(np.abs(truth.trajectory.position_m - fallen) <= 4 * EPS * scale)
+    assert np.all(truth.bound_rad == EXACT_BOUND_RAD)
+
+
+def test_gravity_does_not_turn_the_body() -> None:
+    """With and without gravity the rotation is the same to the last bit."""
+    scene = load_scenario("boxes").scene
+    weightless = replace(scene, gravity=np.zeros(3))
+    one, other = (solve_truth(s, np.array([0.0, 3.0, 10.0])).trajectory for s in (scene, weightless))
+    assert np.array_equal(one.attitude, other.attitude)
+    assert np.array_equal(one.omega_body, other.omega_body)
+
+
+# ----------------------------------------------------------------------------------------- times
+
+both_kinds = pytest.mark.parametrize("name", ["tumbling", "pulsed-torque"])
+
+
+@both_kinds
+def test_times_may_come_in_any_order_and_twice(name: str) -> None:
+    """Shuffled times with duplicates give the rows of the sorted ones, to the last bit."""
+    scene = load_scenario(name).scene
+    ascending = np.array([0.0, 0.5, 1.0, 1.7, 2.5, 6.0, 6.1, 6.2, 9.9, 10.0])
+    sorted_truth = solve_truth(scene, ascending)
+    picks = np.array([9, 0, 4, 4, 7, 1, 2, 9, 3, 8, 6, 5, 0, 4])
+    shuffled = solve_truth(scene, ascending[picks])
+    assert np.array_equal(shuffled.trajectory.t_s, ascending[picks])
+    for name_of in ("attitude", "omega_body", "position_m", "velocity_m_s"):
+        assert np.array_equal(
+            getattr(shuffled.trajectory, name_of), getattr(sorted_truth.trajectory, name_of)[picks]
+        )
+    for bound in ("bound_rad", "bound_energy", "bound_momentum", "round_off_rad"):
+        assert np.array_equal(getattr(shuffled, bound), getattr(sorted_truth, bound)[picks])
+
+
+@both_kinds
+def test_truth_does_not_depend_on_the_other_times(name: str) -> None:
+    """The state at one time is the same within the bound, whatever other times are asked with it."""
+    scene = load_scenario(name).scene
+    many = solve_truth(scene, scene.sample_times)
+    for k in (0, 1, 25, 60, 61, 100):
+        alone = solve_truth(scene, scene.sample_times[k : k + 1])
+        gap = np.max(np.abs(alone.trajectory.attitude[0] - many.trajectory.attitude[k]))
+        assert gap <= many.bound_rad[k]
+        assert np.max(np.abs(alone.trajectory.omega_body[0] - many.trajectory.omega_body[k])) <= 1e-13
+
+
+@both_kinds
+def test_truth_at_zero_is_the_initial_state(name: str) -> None:
+    """At t = 0 stands the start, its quaternion normalised, alone or among others; no times, no rows."""
+    scene = load_scenario(name).scene
+    for times in ([0.0], [0.0, 0.0], [4.0, 0.0], [-0.0]):
+        motion = solve_truth(scene, np.array(times)).trajectory
+        row = times.index(0.0)
+        assert np.max(np.abs(motion.attitude[row] - scene.initial.quaternion)) <= 8 * EPS
+        assert np.max(np.abs(motion.omega_body[row] - scene.initial.omega_body)) <= 8 * EPS
+        assert np.array_equal(motion.position_m[row], scene.initial.position)
+        assert np.array_equal(motion.velocity_m_s[row], scene.initial.velocity)
+    empty = solve_truth(scene, np.zeros(0))
+    assert empty.trajectory.attitude.shape == (0, 4)
+    assert empty.bound_rad.shape == (0,)
+
+
+@both_kinds
+@pytest.mark.parametrize("bad", [-1e-300, -1.0, math.nan, math.inf, -math.inf])
+def test_impossible_times_are_refused_by_their_value(name: str, bad: float) -> None:
+    """A time that is negative or not finite is refused, and the message names it."""
+    with pytest.raises(ValueError, match="finite and not negative") as refusal:
+        solve_truth(load_scenario(name).scene, np.array([1.0, bad, 0.5]))
+    assert repr(bad) in str(refusal.value)
+
+
+@both_kinds
+def test_quaternions_are_of_unit_length(name: str) -> None:
+    """Every quaternion handed out is a unit to round-off, over the whole duration."""
+    scene = load_scenario(name).scene
+    q = solve_truth(scene, scene.sample_times).trajectory.attitude
+    assert np.max(np.abs(np.linalg.norm(q, axis=-1) - 1.0)) <= 4 * EPS
+    # the sign never jumps: neighbours are near
+    assert np.min(np.sum(q[1:] * q[:-1], axis=-1)) > 0.9
+
+
+@both_kinds
+def test_bounds_never_shrink(name: str) -> None:
+    """What was lost is not regained: bounds and round-off do not decrease with time."""
+    scene = load_scenario(name).scene
+    truth = solve_truth(scene, scene.sample_times)
+    for bound in (truth.bound_rad, truth.bound_energy, truth.bound_momentum, truth.round_off_rad):
+        assert np.all(np.diff(bound) >= 0.0)
+        assert np.all(bound > 0.0)

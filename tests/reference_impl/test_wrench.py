@@ -1,0 +1,297 @@
+"""What acts on the body, and the grid of steps that meets its switches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.equations import acceleration, body_torque
+from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
+from bodycheck.reference_impl.wrench import (
+    Leg,
+    StepPlan,
+    Wrench,
+    plan_steps,
+    steps_per_sample,
+    wrench_between,
+    wrench_of,
+)
+
+EPS = float(np.finfo(np.float64).eps)
+
+law = settings(derandomize=True, deadline=None, max_examples=200, database=None)
+
+BODY = RigidBody(1.7, np.array([[2.0, 0.1, -0.2], [0.1, 2.5, 0.3], [-0.2, 0.3, 3.0]]))
+GRAVITY = np.array([0.3, -0.2, -9.81])
+AT_REST = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
+
+
+def scene_with(
+    *loads: Timed, duration_s: float = 1.0, samples: int = 11, gravity: Array | None = None
+) -> Scene:
+    """Return a scene at rest under these loads."""
+    pull = np.zeros(3) if gravity is None else gravity
+    return Scene(BODY, AT_REST, loads, pull, duration_s, samples)
+
+
+def pulse(from_s: float, until_s: float) -> Torque:
+    """Return a torque of 1 N m about x, in body axes, that comes and goes."""
+    return Torque("body", np.array([1.0, 0.0, 0.0]), from_s, until_s)
+
+
+# ------------------------------------------------------------------------------------- the wrench
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_packed_wrench_is_the_sum_of_its_loads(seed: int) -> None:
+    """At any R the kernels' torque and acceleration are the sums over the loads, by np.cross."""
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.random(random_state=seed).as_matrix()
+    loads: list[Timed] = []
+    force, torque = BODY.mass * GRAVITY, np.zeros(3)
+    scale = float(np.linalg.norm(force))
+    for axes in ("body", "world"):
+        turn = rotation if axes == "body" else np.eye(3)
+        for _ in range(3):
+            value, at = rng.normal(size=3), rng.normal(size=3)
+            loads += [Torque(axes, value), PointForce(axes, value, at), PointForce(axes, value, np.zeros(3))]  # type: ignore[arg-type]
+            torque = torque + turn @ value + np.cross(rotation @ at, turn @ value)
+            force = force + 2.0 * (turn @ value)
+            scale += float(np.linalg.norm(value)) * (3.0 + float(np.linalg.norm(at)))
+    packed = wrench_between(scene_with(*loads), 0.2, 0.3).packed(BODY, GRAVITY)
+    assert packed.shape == (21,)
+    matrix = tuple(rotation.ravel())
+    assert np.max(np.abs(np.array(body_torque(matrix, packed)) - rotation.T @ torque)) <= 16 * EPS * scale
+    moved = np.array(acceleration(matrix, packed, BODY.mass))
+    assert np.max(np.abs(BODY.mass * moved - force)) <= 16 * EPS * scale
+
+
+@pytest.mark.parametrize(
+    ("load", "parts"),
+    [
+        (Torque("body", np.array([1.0, 2.0, 3.0])), {"torque_body": [1.0, 2.0, 3.0]}),
+        (Torque("world", np.array([1.0, 2.0, 3.0])), {"torque_world": [1.0, 2.0, 3.0]}),
+        (PointForce("world", np.array([1.0, 2.0, 3.0]), np.zeros(3)), {"force_world": [1.0, 2.0, 3.0]}),
+        (
+            PointForce("body", np.array([0.0, 0.0, 2.0]), np.array([3.0, 0.0, 0.0])),
+            {"force_body": [0.0, 0.0, 2.0], "torque_body": [0.0, -6.0, 0.0]},
+        ),
+    ],
+)
+def test_each_load_goes_to_its_own_part(load: Timed, parts: dict[str, list[float]]) -> None:
+    """A load shows in the parts of its kind and axes, and nowhere else, times its share."""
+    wrench = wrench_of(((load, 0.25),))
+    for name in ("torque_body", "torque_world", "force_body", "force_world"):
+        assert np.array_equal(getattr(wrench, name), 0.25 * np.array(parts.get(name, [0.0, 0.0, 0.0])))
+    assert not wrench.point_forces
+    assert not wrench.is_zero
+
+
+def test_world_force_off_the_centre_is_kept_with_its_point() -> None:
+    """A world force that has a moment stays a pair of point and force, times its share."""
+    wrench = wrench_of(((PointForce("world", np.array([1.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0])), 0.5),))
+    assert len(wrench.point_forces) == 1
+    at, force = wrench.point_forces[0]
+    assert np.array_equal(at, [0.0, 2.0, 0.0])
+    assert np.array_equal(force, [0.5, 0.0, 0.0])
+    assert not wrench.is_zero
+
+
+def test_no_load_is_zero_and_gravity_is_not_a_load() -> None:
+    """Nothing acting is zero; the weight comes in only when packed."""
+    wrench = wrench_between(scene_with(gravity=GRAVITY), 0.0, 1.0)
+    assert wrench.is_zero
+    packed = wrench.packed(BODY, GRAVITY)
+    assert np.array_equal(packed[3:6], BODY.mass * GRAVITY)
+    assert not np.any(np.delete(packed, [3, 4, 5]))
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "share"),
+    [
+        (0.0, 0.2, 0.0),  # before
+        (0.1, 0.2, 0.0),  # up to the start: [from_s, until_s) is not yet
+        (0.2, 0.6, 1.0),
+        (0.3, 0.4, 1.0),
+        (0.6, 0.7, 0.0),  # from the end on
+        (0.1, 0.3, 0.5),
+        (0.5, 0.7, 0.5),
+        (0.0, 0.8, 0.5),
+    ],
+)
+def test_wrench_is_the_mean_over_the_interval(begin: float, end: float, share: float) -> None:
+    """A load acts by the share of the interval that it covers."""
+    wrench = wrench_between(scene_with(pulse(0.2, 0.6)), begin, end)
+    assert np.allclose(wrench.torque_body, [share, 0.0, 0.0], rtol=0.0, atol=4 * EPS)
+
+
+# --------------------------------------------------------------------------------------- the plan
+
+
+def spans(plan: StepPlan, legs: Iterator[Leg]) -> list[tuple[int, int, Wrench]]:
+    """Return the first and the end step of each leg, with its wrench."""
+    found, done = [], 0
+    for leg in legs:
+        assert leg.steps >= 1
+        found.append((done, done + leg.steps, leg.wrench))
+        done += leg.steps
+    assert done == plan.steps
+    return found
+
+
+def impulse(plan: StepPlan, legs: Iterator[Leg]) -> Array:
+    """Return the sum of torque times time over the legs."""
+    total = np.zeros(3)
+    for begin, end, wrench in spans(plan, legs):
+        total += (end - begin) * plan.dt_s * wrench.torque_body
+    return total
+
+
+fractions = st.floats(-0.5, 1.5)
+pulses = st.lists(st.tuples(fractions, fractions), min_size=0, max_size=4)
+
+
+@law
+@given(pulses, st.integers(1, 12), st.integers(2, 9), st.sampled_from([1.0, 0.3, 10.0, 1e-3, 123.456]))
+def test_plan_covers_the_time_and_keeps_the_impulse(
+    ends: list[tuple[float, float]], stride: int, samples: int, duration: float
+) -> None:
+    """Legs add up to all steps, samples fall where they are due, and each load gives its whole impulse."""
+    loads = [pulse(duration * a, duration * b) for a, b in ends if a < b]
+    scene = scene_with(*loads, duration_s=duration, samples=samples)
+    plan = plan_steps(scene, scene.sample_interval_s / stride)
+    assert plan.steps == stride * (samples - 1)
+    assert plan.dt_s * plan.steps == pytest.approx(duration, rel=2 * EPS)
+    done, sampled = 0, []
+    for leg in plan.legs():
+        done += leg.steps
+        if leg.ends_at_sample:
+            sampled.append(done)
+    assert sampled == [stride * k for k in range(1, samples)]
+    lasting = [min(load.until_s, duration) - max(load.from_s, 0.0) for load in loads]
+    expected = sum(max(time, 0.0) for time in lasting)
+    # a switch within 1e-9 of a step counts as on the grid: that much of a step may be lost, at both ends
+    slack = (2e-9 * plan.dt_s + 8 * EPS * duration) * max(len(loads), 1)
+    assert impulse(plan, plan.legs())[0] == pytest.approx(expected, rel=0.0, abs=slack)
+    assert impulse(plan, plan.uninterrupted())[0] == pytest.approx(expected, rel=0.0, abs=slack)
+
+
+@law
+@given(st.integers(0, 100), st.integers(0, 100), st.sampled_from([1.0, 0.7, 10.0, 1e-3]))
+def test_switches_on_the_grid_cut_the_legs_there(first: int, last: int, duration: float) -> None:
+    """Where a load comes and goes on the grid, each step has all of it or none, and nothing straddles."""
+    assume(first < last)
+    scene = scene_with(
+        pulse(first * (duration / 100), last * (duration / 100)), duration_s=duration, samples=11
+    )
+    plan = plan_steps(scene, duration / 100)
+    assert plan.straddled == 0
+    for begin, end, wrench in spans(plan, plan.legs()):
+        assert wrench.torque_body[0] == (1.0 if first <= begin and end <= last else 0.0)
+        assert end <= first or begin >= first
+        assert end <= last or begin >= last
+
+
+def test_switch_inside_a_step_makes_that_step_carry_the_mean() -> None:
+    """A pulse from 0.23 to 0.5 on steps of 0.1: one step with 0.7 of it, then whole ones."""
+    plan = plan_steps(scene_with(pulse(0.23, 0.5)), 0.1)
+    assert plan.straddled == 1
+    carried = [
+        wrench.torque_body[0] for begin, end, wrench in spans(plan, plan.legs()) for _ in range(begin, end)
+    ]
+    assert np.allclose(carried, [0, 0, 0.7, 1, 1, 0, 0, 0, 0, 0], rtol=0.0, atol=1e-15)
+
+
+def test_pulse_inside_one_step_is_not_lost() -> None:
+    """A pulse shorter than a step gives its impulse in that step."""
+    plan = plan_steps(scene_with(pulse(0.42, 0.45)), 0.1)
+    assert impulse(plan, plan.legs())[0] == pytest.approx(0.03, rel=1e-12)
+
+
+def test_straddled_counts_the_switches_that_fall_into_steps() -> None:
+    """Each switch off the grid counts, two in one step as well; those on the grid and outside do not."""
+    plan = plan_steps(scene_with(pulse(0.42, 0.45), pulse(0.3, 0.61), pulse(-0.05, 1.05)), 0.1)
+    assert plan.straddled == 3
+
+
+def test_loads_outside_the_duration_change_nothing() -> None:
+    """A load that is over before 0 or comes at the end or later leaves one stretch without torque."""
+    plan = plan_steps(scene_with(pulse(-2.0, -1.0), pulse(1.0, 2.0), pulse(5.0, math.inf)), 0.1)
+    assert len(plan.stretches) == 1
+    assert plan.stretches[0][1].is_zero
+    always = plan_steps(scene_with(pulse(-1.0, math.inf)), 0.1)
+    assert len(always.stretches) == 1
+    assert always.stretches[0][1].torque_body[0] == 1.0
+
+
+def test_switches_are_those_inside_the_open_interval() -> None:
+    """Only ends strictly between 0 and the given time are switches, each once, ascending."""
+    scene = scene_with(pulse(0.5, 0.8), pulse(0.0, 0.5), pulse(0.2, math.inf), pulse(-1.0, 3.0))
+    assert scene.switches_before(1.0) == (0.2, 0.5, 0.8)
+    assert scene.switches_before(0.8) == (0.2, 0.5)
+    assert scene.switches_before(4.0) == (0.2, 0.5, 0.8, 3.0)
+
+
+def test_uninterrupted_legs_stop_only_where_the_wrench_changes() -> None:
+    """Timing runs through all samples in as few legs as there are wrenches."""
+    plan = plan_steps(scene_with(pulse(0.25, 0.55)), 0.05)
+    assert [leg.steps for leg in plan.uninterrupted()] == [5, 6, 9]
+    assert not any(leg.ends_at_sample for leg in plan.uninterrupted())
+
+
+# ------------------------------------------------------------------------------------ what is refused
+
+
+@law
+@given(st.floats(1e-6, 1e6), st.integers(1, 10**6))
+def test_every_whole_fraction_of_the_interval_is_accepted(interval: float, n: int) -> None:
+    """interval / n is a step, as it rounds, and makes n steps."""
+    assert steps_per_sample(interval, interval / n) == n
+
+
+@pytest.mark.parametrize(
+    ("interval", "dt", "named"),
+    [
+        (0.1, 0.04, (0.05, 0.1 / 3)),
+        (0.1, 0.03, (0.1 / 3, 0.025)),
+        (0.1, 0.07, (0.1, 0.05)),
+        (0.1, 0.3, (0.1,)),
+        (1.0, 1.0 + 1e-8, (1.0,)),
+        (1.0, 0.1 + 1e-9, (0.1, 1.0 / 9)),
+    ],
+)
+def test_refused_step_names_the_nearest_that_divide(
+    interval: float, dt: float, named: tuple[float, ...]
+) -> None:
+    """A step that does not divide the interval is refused with itself and with the nearest that do."""
+    with pytest.raises(ValueError, match="does not divide") as refusal:
+        steps_per_sample(interval, dt)
+    said = str(refusal.value)
+    assert repr(dt) in said
+    nearest = said.split("the nearest that do: ")[1].split(" or ")
+    assert sorted(float(text) for text in nearest) == sorted(named)
+    for text in nearest:
+        assert steps_per_sample(interval, float(text)) >= 1
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.0, -0.1, math.nan, math.inf, -math.inf])
+def test_impossible_steps_are_refused_by_their_value(dt: float) -> None:
+    """Zero, negative, infinite and undefined steps are refused, the value in the message."""
+    with pytest.raises(ValueError, match="positive number of seconds") as refusal:
+        plan_steps(scene_with(), dt)
+    assert repr(dt) in str(refusal.value)
+
+
+@pytest.mark.parametrize("dt", [1e-12, 1e-310, 5e-324])
+def test_tiniest_steps_are_refused_as_others_are(dt: float) -> None:
+    """A step so small that counting takes for ever, or overflows, is refused, the value in the message."""
+    with pytest.raises(ValueError, match="too fine") as refusal:
+        steps_per_sample(1.0, dt)
+    assert repr(dt) in str(refusal.value)
