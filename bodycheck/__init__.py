@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bodycheck.errors import BodycheckError, InputError, UnavailableError
     from bodycheck.reports.run import Run
     from bodycheck.reports.store import write_run
-    from bodycheck.runner import run, truth
+    from bodycheck.runner import judge, run, truth
     from bodycheck.scenarios.library import load_scenario
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "InputError",
     "Run",
     "UnavailableError",
+    "judge",
     "load_scenario",
     "register_adapter",
     "run",
@@ -33,6 +34,7 @@ _HOMES = {
     "InputError": "bodycheck.errors",
     "Run": "bodycheck.reports.run",
     "UnavailableError": "bodycheck.errors",
+    "judge": "bodycheck.runner",
     "load_scenario": "bodycheck.scenarios.library",
     "register_adapter": "bodycheck.adapters.registry",
     "run": "bodycheck.runner",

@@ -86,12 +86,26 @@ def truth(
 ) -> None:
     """Print the truth at the times given as CSV; the last column bounds the orientation's error."""
     from bodycheck import runner
-    from bodycheck.reports.trajectory_csv import trajectory_table
+    from bodycheck.reports.trajectory_files import trajectory_table
 
     solved = runner.truth(scenario, _numbers(at, "--at") or [])
     table = trajectory_table(solved.trajectory)
     table["bound_rad"] = solved.bound_rad
     _print_csv(table)
+
+
+@app.command()
+def judge(
+    trajectory: Annotated[Path, typer.Argument(help="A trajectory that any program wrote: .csv or .npz.")],
+    scenario: Annotated[str, typer.Option(help="A built-in name or a .toml file.")],
+) -> None:
+    """Measure a trajectory against the truth of a scenario; prints one measure a line."""
+    from bodycheck import runner
+
+    columns = runner.judge(trajectory, scenario)
+    width = max(len(name) for name in columns)
+    for name, value in columns.items():
+        print(f"{name:{width}}  {value}")
 
 
 @app.command(name="list")

@@ -23,6 +23,7 @@ from bodycheck.reference_impl.truth import Truth, solve_truth
 from bodycheck.reference_impl.warm_up import compile_kernels
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.judge import judge_file
 from bodycheck.reports.run import Run
 from bodycheck.reports.study import study
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, as_table
@@ -179,6 +180,14 @@ def truth(scenario: str | Path, at: Sequence[float]) -> Truth:
         return solve_truth(scene, np.array(at, dtype=np.float64))
     except ValueError as error:
         raise InputError(str(error)) from None
+
+
+def judge(trajectory: str | Path, scenario: str | Path) -> dict[str, Any]:
+    """Return the measures of a trajectory that any program wrote (.csv or .npz), by column name.
+
+    A measure whose quantities the file has not is left out. Raises InputError for wrong files.
+    """
+    return judge_file(Path(trajectory), load_scenario(scenario), str(scenario))
 
 
 def _manifest(

@@ -12,21 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from bodycheck.errors import InputError
-from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.html import render_report
 from bodycheck.reports.run import Run
-
-_ARRAYS = (
-    "t_s",
-    "position_m",
-    "quaternion",
-    "rotation",
-    "velocity_m_s",
-    "omega_world_rad_s",
-    "omega_body_rad_s",
-)
+from bodycheck.reports.trajectory_files import stored_arrays
 
 
 def check_output(out: Path) -> None:
@@ -73,10 +62,12 @@ def _write_files(run: Run, folder: Path) -> None:
         place.mkdir(parents=True)
         truth = subject.truth
         bounds = {name: getattr(truth, name) for name in ("bound_rad", "bound_energy", "bound_momentum")}
-        np.savez(place / "truth.npz", allow_pickle=False, **_arrays(truth.trajectory), **bounds)
+        np.savez(place / "truth.npz", allow_pickle=False, **stored_arrays(truth.trajectory), **bounds)
     for case in run.cases:
         if case.trajectory is not None:
-            np.savez(trajectories / trajectory_file(case), allow_pickle=False, **_arrays(case.trajectory))
+            np.savez(
+                trajectories / trajectory_file(case), allow_pickle=False, **stored_arrays(case.trajectory)
+            )
 
 
 def trajectory_file(case: CaseResult) -> Path:
@@ -91,8 +82,3 @@ def file_name(name: str) -> str:
     """Return a name that is safe as a file's, itself where it is so already; others get a hash."""
     safe = re.sub(r"[^A-Za-z0-9+_.-]+", "-", name).lstrip(".")[:80]
     return safe if safe == name else f"{safe}-{sha256(name.encode()).hexdigest()[:8]}"
-
-
-def _arrays(trajectory: Trajectory) -> dict[str, Array]:
-    values = {name: getattr(trajectory, name) for name in _ARRAYS}
-    return {name: value for name, value in values.items() if value is not None}

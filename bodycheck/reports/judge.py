@@ -1,0 +1,93 @@
+"""Judging a trajectory that any program wrote: as many measures as its quantities allow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bodycheck.errors import InputError
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reports.case import Subject
+from bodycheck.reports.measures import error_series, instability, reduced, symmetry_axis
+from bodycheck.reports.trajectory_files import read_arrays
+from bodycheck.scenarios.model import Scenario
+
+_NEEDS = {
+    "energy_drift": {"velocity", "omega"},
+    "rotational_energy_drift": {"omega"},
+    "energy_balance": {"position", "velocity", "omega", "attitude"},
+    "angular_momentum_drift": {"attitude", "omega"},
+    "linear_momentum_drift": {"velocity"},
+    "invariant_drift": {"omega"},
+    "orientation_error_rad": {"attitude"},
+    "orthogonality": {"attitude"},
+    "determinant_error": {"attitude"},
+    "quaternion_norm_error": {"attitude"},
+    "omega_error": {"omega"},
+    "position_error": {"position"},
+    "velocity_error": {"velocity"},
+}
+"""What a trajectory must have for each measure; the energy's potential needs the position too."""
+
+
+def judge_file(path: Path, scenario: Scenario, asked_as: str) -> dict[str, Any]:
+    """Return outcome, message and the measures of the trajectory in a file, like a row of results.csv.
+
+    Raises InputError where the file is wrong, or its times are none of the scenario's.
+    """
+    arrays = read_arrays(path)
+    if arrays["t_s"][0] < 0.0 or arrays["t_s"][-1] > scenario.duration_s * (1.0 + 1e-12):
+        raise InputError(f"{path}: t_s must lie within 0 and the duration of {scenario.duration_s!r} s")
+    subject, truth = Subject.of(scenario, asked_as), solve_truth(scenario.scene, arrays["t_s"])
+    had = _quantities(arrays)
+    trajectory = _completed(arrays, truth.trajectory)
+    columns: dict[str, Any] = {
+        "scenario": scenario.name,
+        "outcome": "ok",
+        "message": "",
+        "truth": truth.kind,
+        "truth_bound_rad": float(truth.bound_rad.max()),
+    }
+    if reason := instability(scenario.scene, truth, trajectory):
+        return {**columns, "outcome": "unstable", "message": reason}
+    series = error_series(scenario.scene, truth, trajectory)
+    measured = reduced(series, subject.scales)
+    for name in series:
+        if not _needed(name, scenario.scene) <= had:
+            for column in (name, f"{name}_abs"):
+                measured.pop(column, None)
+    if "attitude" not in had:
+        del measured["orientation_error_final_rad"]
+    if "invariant_drift" in measured and symmetry_axis(scenario.scene) is not None:
+        columns["invariant"] = "spin about the symmetry axis"
+    return columns | measured
+
+
+def _quantities(arrays: dict[str, Array]) -> set[str]:
+    """Return which of position, velocity, attitude and omega (in body axes) a trajectory has."""
+    had = {name for name in ("position", "velocity") if any(key.startswith(name) for key in arrays)}
+    if "quaternion" in arrays or "rotation" in arrays:
+        had.add("attitude")
+    if "omega_body_rad_s" in arrays or ("omega_world_rad_s" in arrays and "attitude" in had):
+        had.add("omega")
+    return had
+
+
+def _completed(arrays: dict[str, Array], truth: Trajectory) -> Trajectory:
+    """Fill what is missing with the truth, so that every measure can be formed and the unfounded dropped."""
+    filled = dict(arrays)
+    filled.setdefault("position_m", truth.position_m)
+    filled.setdefault("velocity_m_s", truth.velocity_m_s)
+    if "quaternion" not in filled and "rotation" not in filled:
+        filled["quaternion"] = truth.attitude
+    if "omega_body_rad_s" not in filled and "omega_world_rad_s" not in filled:
+        filled["omega_body_rad_s"] = truth.omega_body
+    return Trajectory(**filled)
+
+
+def _needed(measure: str, scene: Scene) -> set[str]:
+    needs = _NEEDS[measure]
+    return needs | {"position"} if measure == "energy_drift" and scene.gravity.any() else needs

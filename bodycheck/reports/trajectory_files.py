@@ -1,0 +1,115 @@
+"""Trajectories as files: the columns of the CSV, the arrays of the npz, and a reader of what others wrote."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bodycheck.errors import InputError
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ARRAYS = {
+    "position_m": ("x_m", "y_m", "z_m"),
+    "quaternion": ("qw", "qx", "qy", "qz"),
+    "velocity_m_s": ("vx_m_s", "vy_m_s", "vz_m_s"),
+    "omega_world_rad_s": ("wx_world_rad_s", "wy_world_rad_s", "wz_world_rad_s"),
+    "omega_body_rad_s": ("wx_body_rad_s", "wy_body_rad_s", "wz_body_rad_s"),
+    "rotation": tuple(f"r{i}{j}" for i in range(3) for j in range(3)),
+}
+"""Array of the npz -> its columns in the CSV."""
+
+_IGNORED = ("bound_rad",)  # the last column of `bodycheck truth`
+
+
+def trajectory_table(trajectory: Trajectory) -> pd.DataFrame:
+    """Return t_s, x_m, ..., qw, ..., wz_body_rad_s, one row a sample; omega in both axes."""
+    import pandas as pd
+
+    values = {
+        "position_m": trajectory.position_m,
+        "quaternion": trajectory.attitude,
+        "velocity_m_s": trajectory.velocity_m_s,
+        "omega_world_rad_s": trajectory.omega_world,
+        "omega_body_rad_s": trajectory.omega_body,
+    }
+    columns = {"t_s": trajectory.t_s}
+    for array, value in values.items():
+        columns |= {name: value[:, i] for i, name in enumerate(ARRAYS[array])}
+    return pd.DataFrame(columns)
+
+
+def stored_arrays(trajectory: Trajectory) -> dict[str, Array]:
+    """Return the arrays that the npz of a trajectory holds."""
+    values = {name: getattr(trajectory, name) for name in ("t_s", *ARRAYS)}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def read_arrays(path: Path) -> dict[str, Array]:
+    """Read t_s (n,) and any of the arrays of a trajectory, (n, 3), (n, 4) or (n, 3, 3), from .csv or .npz.
+
+    Raises InputError with one line that names the file and what is wrong with it.
+    """
+    try:
+        arrays = _read_npz(path) if path.suffix == ".npz" else _read_csv(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    t_s = arrays.get("t_s")
+    if t_s is None:
+        raise InputError(f"{path}: has no t_s")
+    if t_s.ndim != 1 or not len(t_s) or not np.all(np.isfinite(t_s)) or np.any(np.diff(t_s) <= 0.0):
+        raise InputError(f"{path}: t_s must be finite times in ascending order")
+    if len(arrays) == 1:
+        raise InputError(f"{path}: has no quantity beside t_s; known are {', '.join(ARRAYS)}")
+    for name, value in arrays.items():
+        shape = {"t_s": (), "rotation": (3, 3)}.get(name, (len(ARRAYS.get(name, ())),))
+        if value.shape != (len(t_s), *shape):
+            raise InputError(f"{path}: {name} has the shape {value.shape}, not {(len(t_s), *shape)}")
+    return arrays
+
+
+def _read_csv(path: Path) -> dict[str, Array]:
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(path, skipinitialspace=True)
+    except (ValueError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not CSV: {' '.join(str(error).split())}") from None
+    known = {"t_s", *_IGNORED, *(column for columns in ARRAYS.values() for column in columns)}
+    if unknown := [str(column) for column in table.columns if column not in known]:
+        raise InputError(f"{path}: no column of a trajectory is named {', '.join(unknown)}")
+    if table.empty:
+        raise InputError(f"{path}: has no rows")
+    for column in table.columns:
+        if not pd.api.types.is_numeric_dtype(table[column]):
+            row = int(np.argmax(pd.to_numeric(table[column], errors="coerce").isna().to_numpy()))
+            found = table[column].iloc[row]
+            raise InputError(f"{path}: line {row + 2}: {column} is {found!r}, not a number")
+    arrays: dict[str, Array] = {"t_s": table["t_s"].to_numpy(np.float64)} if "t_s" in table else {}
+    for array, columns in ARRAYS.items():
+        there = [column for column in columns if column in table]
+        if there and len(there) < len(columns):
+            missing = ", ".join(column for column in columns if column not in table)
+            raise InputError(f"{path}: has {there[0]} but not {missing}")
+        if there:
+            values = table[there].to_numpy(np.float64)
+            arrays[array] = values.reshape(-1, 3, 3) if array == "rotation" else values
+    return arrays
+
+
+def _read_npz(path: Path) -> dict[str, Array]:
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {
+                name: np.asarray(stored[name], dtype=np.float64)
+                for name in ("t_s", *ARRAYS)
+                if name in stored.files
+            }
+    except (ValueError, zipfile.BadZipFile, EOFError) as error:
+        raise InputError(f"{path}: is not an npz of numbers: {' '.join(str(error).split())}") from None

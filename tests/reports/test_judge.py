@@ -1,0 +1,145 @@
+"""Judging what other programs wrote: the same figures as a run's, for whatever quantities there are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bodycheck
+from bodycheck.reports.trajectory_files import trajectory_table
+
+GROUPS = {
+    "position": ["x_m", "y_m", "z_m"],
+    "velocity": ["vx_m_s", "vy_m_s", "vz_m_s"],
+    "attitude": ["qw", "qx", "qy", "qz"],
+    "omega_body": ["wx_body_rad_s", "wy_body_rad_s", "wz_body_rad_s"],
+    "omega_world": ["wx_world_rad_s", "wy_world_rad_s", "wz_world_rad_s"],
+}
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, pd.Series]:
+    """Return the npz of one case and its row of results.csv."""
+    folder = tmp_path_factory.mktemp("run") / "out"
+    run = bodycheck.run(["boxes"], engines=["reference:m1"], dt_s=[1e-3], speed=False)
+    bodycheck.write_run(run, folder)
+    return folder / "trajectories/boxes/reference_m1_0.001.npz", run.results.iloc[0]
+
+
+def test_a_stored_trajectory_is_judged_as_its_case_was(stored: tuple[Path, pd.Series]) -> None:
+    """Every measure of the row comes out again, digit for digit."""
+    path, row = stored
+    judged = bodycheck.judge(path, "boxes")
+    for name, value in judged.items():
+        assert row[name] == value, name
+    assert row.dropna().filter(regex="drift|error|balance").index.isin(list(judged)).all()
+
+
+def write(table: pd.DataFrame, path: Path) -> Path:
+    """Write a table as CSV and return where."""
+    table.to_csv(path, index=False)
+    return path
+
+
+def truth_table() -> pd.DataFrame:
+    """Return the truth of a scenario as a table, moved by a known amount in every quantity."""
+    table = trajectory_table(bodycheck.truth("boxes", list(np.linspace(0.0, 10.0, 11))).trajectory)
+    table["x_m"] += 0.5
+    table["vy_m_s"] += 0.25
+    return table
+
+
+EXPECTED = {
+    ("position",): {"position_error", "position_error_abs"},
+    ("velocity",): {
+        *("velocity_error", "velocity_error_abs"),
+        *("linear_momentum_drift", "linear_momentum_drift_abs"),
+    },
+    ("attitude",): {"orientation_error_rad", "orientation_error_final_rad", "quaternion_norm_error"},
+    ("omega_world",): set(),
+    ("omega_body",): {
+        *("omega_error", "omega_error_abs"),
+        *("rotational_energy_drift", "rotational_energy_drift_abs"),
+    },
+}
+
+
+@pytest.mark.parametrize("groups", EXPECTED)
+def test_only_what_the_file_has_is_measured(groups: tuple[str, ...], tmp_path: Path) -> None:
+    """A measure whose quantities are not in the file is left out, never made up."""
+    columns = ["t_s", *(column for group in groups for column in GROUPS[group])]
+    if not EXPECTED[groups]:
+        columns.append("bound_rad")
+    table = truth_table().assign(bound_rad=0.0)[columns]
+    judged = bodycheck.judge(write(table, tmp_path / "part.csv"), "boxes")
+    who = {"scenario", "outcome", "message", "truth", "truth_bound_rad"}
+    assert set(judged) - who == EXPECTED[groups]
+
+
+def test_the_errors_are_those_that_were_put_in(tmp_path: Path) -> None:
+    """A trajectory moved by half a metre has a position error of half a metre."""
+    judged = bodycheck.judge(write(truth_table(), tmp_path / "all.csv"), "boxes")
+    assert judged["position_error_abs"] == pytest.approx(0.5, rel=1e-12)
+    assert judged["velocity_error_abs"] == pytest.approx(0.25, rel=1e-12)
+    assert judged["orientation_error_rad"] < 1e-14
+
+
+def test_a_rotation_matrix_does_for_a_quaternion(tmp_path: Path) -> None:
+    """Columns r00 to r22 give the same orientation error."""
+    truth = bodycheck.truth("boxes", [0.0, 1.0, 2.0]).trajectory
+    matrices = truth.rotation_matrices.reshape(3, 9)
+    names = [f"r{i}{j}" for i in range(3) for j in range(3)]
+    table = pd.DataFrame({"t_s": truth.t_s} | {name: matrices[:, i] for i, name in enumerate(names)})
+    judged = bodycheck.judge(write(table, tmp_path / "matrix.csv"), "boxes")
+    assert judged["orientation_error_rad"] < 1e-15
+    assert judged["orthogonality"] < 1e-15
+
+
+def test_a_trajectory_with_nan_is_unstable(tmp_path: Path) -> None:
+    """NaN in a file is an outcome, with no measure beside it."""
+    table = truth_table()
+    table.loc[4, "qx"] = np.nan
+    judged = bodycheck.judge(write(table, tmp_path / "nan.csv"), "boxes")
+    assert judged["outcome"] == "unstable"
+    assert judged["message"] == "quaternion is not finite from t = 4 s on"
+    assert "orientation_error_rad" not in judged
+
+
+WRONG = {
+    "no file": (None, "cannot be read"),
+    "empty": ("", "is not CSV"),
+    "no rows": ("t_s,qw,qx,qy,qz\n", "has no rows"),
+    "no time": ("qw,qx,qy,qz\n1,0,0,0\n", "has no t_s"),
+    "time alone": ("t_s\n0\n", "has no quantity beside t_s"),
+    "half a vector": ("t_s,x_m\n0,0\n", "has x_m but not y_m, z_m"),
+    "unknown column": ("t_s,q0\n0,0\n", "no column of a trajectory is named q0"),
+    "text in a cell": ("t_s,x_m,y_m,z_m\n0,0,0,0\n1,0,high,0\n", "line 3: y_m is 'high', not a number"),
+    "time stands still": ("t_s,x_m,y_m,z_m\n0,0,0,0\n0,0,0,0\n", "ascending order"),
+    "negative time": ("t_s,x_m,y_m,z_m\n-1,0,0,0\n", "t_s must lie within 0 and the duration"),
+    "past the end": ("t_s,x_m,y_m,z_m\n11,0,0,0\n", "t_s must lie within 0 and the duration"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_wrong_file_is_refused_by_a_line_that_names_it(what: str, tmp_path: Path) -> None:
+    """The message names the file and what is wrong with it."""
+    text, message = WRONG[what]
+    path = tmp_path / "other.csv"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(bodycheck.InputError, match=r"other\.csv") as caught:
+        bodycheck.judge(path, "boxes")
+    assert message in str(caught.value)
+
+
+def test_an_npz_that_is_none_is_refused(tmp_path: Path) -> None:
+    """Neither text nor pickled objects are read as arrays."""
+    text, pickled = tmp_path / "text.npz", tmp_path / "pickled.npz"
+    text.write_text("hello")
+    np.savez(pickled, t_s=np.array([object()]), allow_pickle=True)
+    for path in (text, pickled):
+        with pytest.raises(bodycheck.InputError, match="is not an npz of numbers"):
+            bodycheck.judge(path, "boxes")
