@@ -76,7 +76,7 @@ class PyBulletSimulation:
     def __init__(
         self, scene: Scene, maximal: bool, dt_s: float, client: int, give_back: Callable[[int], None]
     ) -> None:
-        self.stepping = "native" if all(_is_uniform(load) for load in scene.loads) else "python"
+        self.stepping = "native" if all(_is_uniform(load) for load in scene.timed_loads) else "python"
         self._client, self._give_back, self._closed = client, give_back, False
         self._gravity, self._dt_s = scene.gravity, dt_s
         moments, self._axes = diagonalised(scene.body.inertia)

@@ -2,8 +2,10 @@
 
 Near the separatrix of the free body m1 is the small quantity that matters and m = 1 - m1 has lost it;
 near a symmetric body it is m. Nothing here subtracts one from the other where that would lose digits.
-Arguments called x (or a pair (high, low)) in the kernels of double-double precision are as in
-:mod:`bodycheck.reference_impl.double_double`.
+
+sn, cn and dn are quotients of theta functions, in the nome q or its complement q', whichever makes their
+series short; :class:`Quotients` and the functions after it do this in steps, for callers that need many values
+of one parameter, or the arguments of the series for theta functions of their own.
 """
 
 from __future__ import annotations
@@ -323,9 +325,11 @@ def jacobi(u: float, m1: float) -> tuple[float, float, float]:
     """Return (sn, cn, dn)(u | m), m = 1 - m1, for any real u and 0 <= m1 <= 1.
 
     Error below 2e-15, and below 4e-15 of the function itself near its zeros and in its tails, while
-    |u| < 1e15: u is reduced by a period of 106 bits.
+    |u| < 1e15: u is reduced by a period of 106 bits. ValueError for m1 outside [0, 1].
     Source: theta quotients, DLMF 22.2.4-6, 20.7.30-33.
     """
+    if not 0.0 <= m1 <= 1.0:
+        raise ValueError("m1 must be in [0, 1]")
     q = quotients(dd.square_root((m1, 0.0)), dd.square_root(dd.two_sum(1.0, -m1)))
     v, sign = reduce_by_half_periods((u, 0.0), q.quarter_period)
     if q.trigonometric:

@@ -650,7 +650,7 @@ class FreeRotation:
         Raises ValueError for another shape, NaN or infinite times, and times of 2^50 half turns and more
         (some 1e15 rad), where 106 bits would no longer hold that.
         """
-        t = np.ascontiguousarray(t_s, dtype=np.float64)
+        t = np.asarray(t_s, dtype=np.float64, order="C")
         if t.ndim != 1:
             raise ValueError(f"t_s must have shape (n,), got {t.shape}")
         if not np.isfinite(t).all():

@@ -191,10 +191,17 @@ def geodesic_angle(p: Array, q: Array) -> Array:
 
     Shapes: (..., 4), (..., 4) -> (...) in rad, 0 to pi.
     """
+    p, q = _of_ordinary_size(p), _of_ordinary_size(q)
     dot = np.sum(p * q, axis=-1)
     d = np.where(dot[..., None] < 0.0, -q, q) - p
     vector = p[..., :1] * d[..., 1:] - d[..., :1] * p[..., 1:] - np.cross(p[..., 1:], d[..., 1:])
     return 2.0 * np.arctan2(_norm(vector)[..., 0], np.abs(dot))
+
+
+def _of_ordinary_size(q: Array) -> Array:
+    """Return q, times a power of 2 where its norm is far from 1."""
+    _, exponent = np.frexp(np.max(np.abs(q), axis=-1, keepdims=True))
+    return np.ldexp(q, np.where(np.abs(exponent) > 2, -exponent, 0))
 
 
 def project_to_so3(matrix: Array) -> Array:

@@ -70,7 +70,66 @@ class PointForce:
     until_s: float = math.inf
 
 
+@dataclass(frozen=True, eq=False)
+class SineTorque:
+    """tau = amplitude sin(rate t + phase), in the body's or the world's axes.
+
+    amplitude (3,) in N m, rate in rad/s, phase in rad.
+    """
+
+    axes: Axes
+    amplitude: Array
+    rate: float
+    phase: float
+
+
+@dataclass(frozen=True, eq=False)
+class Drag:
+    """F = -linear v, tau = -angular omega.
+
+    linear in N s/m; angular (3, 3) in N m s, body axes.
+    """
+
+    linear: float
+    angular: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Spring:
+    """F = -stiffness (|d| - rest_length) d / |d|, d = x + R at - anchor, at a body-fixed point; F(0) = 0.
+
+    anchor (3,) in world axes, m; at (3,) from the centre of mass in body axes, m; stiffness in N/m,
+    rest_length in m. U = stiffness (|d| - rest_length)^2 / 2.
+    """
+
+    anchor: Array
+    at: Array
+    stiffness: float
+    rest_length: float
+
+
+@dataclass(frozen=True, eq=False)
+class TorsionSpring:
+    """tau = -stiffness x the rotation vector of R R(0)^T, for angles below pi; U = stiffness angle^2 / 2.
+
+    stiffness in N m.
+    """
+
+    stiffness: float
+
+
+@dataclass(frozen=True, eq=False)
+class GravityGradient:
+    """tau = 3 n^2 u x (I u) in world axes, u(t) = (-sin n t, 0, -cos n t): a circular orbit of rate n, rad/s."""
+
+    rate: float
+
+
 Timed: TypeAlias = Torque | PointForce
+"""What comes and goes: constant in its axes between from_s and until_s."""
+Lasting: TypeAlias = SineTorque | Drag | Spring | TorsionSpring | GravityGradient
+"""What acts throughout, and varies with the time or the motion."""
+Load: TypeAlias = Timed | Lasting
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +141,7 @@ class Scene:
 
     body: RigidBody
     initial: State
-    loads: tuple[Timed, ...]
+    loads: tuple[Load, ...]
     gravity: Array
     duration_s: float
     samples: int
@@ -97,9 +156,19 @@ class Scene:
         """t_k = k T / (n - 1), computed and never accumulated: (samples,) in s."""
         return np.arange(self.samples) * self.duration_s / (self.samples - 1)
 
+    @property
+    def timed_loads(self) -> tuple[Timed, ...]:
+        """The loads that come and go."""
+        return tuple(load for load in self.loads if isinstance(load, Torque | PointForce))
+
+    @property
+    def lasting_loads(self) -> tuple[Lasting, ...]:
+        """The loads that act throughout."""
+        return tuple(load for load in self.loads if not isinstance(load, Torque | PointForce))
+
     def switches_before(self, end_s: float) -> tuple[float, ...]:
         """Return the times inside (0, end_s) at which a load comes or goes, ascending."""
-        ends = {end for load in self.loads for end in (load.from_s, load.until_s)}
+        ends = {end for load in self.timed_loads for end in (load.from_s, load.until_s)}
         return tuple(sorted(end for end in ends if 0.0 < end < end_s))
 
     @property

@@ -80,9 +80,14 @@ NO_WRENCH = wrench_of(())
 
 
 def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
-    """Return the mean of what acts within [begin_s, end_s): exact where nothing switches inside."""
+    """Return the mean of what acts within [begin_s, end_s): exact where nothing switches inside.
+
+    Raises ValueError where a load is no constant between its switches: a wrench cannot hold it.
+    """
+    for lasting in scene.lasting_loads:
+        raise ValueError(f"steps of fixed length do not know the load {type(lasting).__name__} yet")
     shares = []
-    for load in scene.loads:
+    for load in scene.timed_loads:
         overlap = min(end_s, load.until_s) - max(begin_s, load.from_s)
         share = min(max(overlap / (end_s - begin_s), 0.0), 1.0)
         if share > _ON_GRID:
@@ -154,7 +159,8 @@ def steps_per_sample(interval_s: float, dt_s: float) -> int:
 def plan_steps(scene: Scene, dt_s: float) -> StepPlan:
     """Lay the scene's loads on the grid of steps k dt_s.
 
-    Raises ValueError where dt_s does not divide the sampling interval.
+    Raises ValueError where dt_s does not divide the sampling interval, or where a load is no constant
+    between its switches.
     """
     stride = steps_per_sample(scene.sample_interval_s, dt_s)
     steps = stride * (scene.samples - 1)

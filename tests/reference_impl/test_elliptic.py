@@ -45,7 +45,7 @@ def true_functions(u: float, m1: float) -> tuple[Any, Any, Any]:
 
 @pytest.mark.parametrize("m1", [*PARAMETERS, SWITCH, 0.99 * SWITCH, 1.01 * SWITCH])
 def test_jacobi(m1: float) -> None:
-    """sn, cn and dn are right to 2e-15, to 4e-15 of themselves, through their zeros and after many periods."""
+    """sn, cn and dn are right to 2e-15, and to 4e-15 of themselves, at their zeros and many periods away."""
     quarter = float(MP.ellipk(1 - MP.mpf(m1))) if m1 else 20.0
     arguments = [0.0, 1e-30, 1e-9, -0.3, 0.5 * quarter, quarter, 0.999 * quarter, *RNG.normal(size=8)]
     if m1:
@@ -72,6 +72,13 @@ def test_jacobi_identities(m1: float) -> None:
         assert abs(sn * sn + cn * cn - 1.0) < 8.0 * EPS
         assert abs(dn * dn - cn * cn - m1 * sn * sn) < 8.0 * EPS
         assert elliptic.jacobi(-float(u), m1) == (-sn, cn, dn)
+
+
+@pytest.mark.parametrize("m1", [-1e-9, 1.0 + 1e-9, math.nan])
+def test_jacobi_refuses(m1: float) -> None:
+    """A parameter outside [0, 1] is refused."""
+    with pytest.raises(ValueError, match="m1"):
+        elliptic.jacobi(0.5, m1)
 
 
 def test_jacobi_limits() -> None:

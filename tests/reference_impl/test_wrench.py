@@ -61,7 +61,7 @@ def test_packed_wrench_is_the_sum_of_its_loads(seed: int) -> None:
         turn = rotation if axes == "body" else np.eye(3)
         for _ in range(3):
             value, at = rng.normal(size=3), rng.normal(size=3)
-            loads += [Torque(axes, value), PointForce(axes, value, at), PointForce(axes, value, np.zeros(3))]  # type: ignore[arg-type]
+            loads += [Torque(axes, value), PointForce(axes, value, at), PointForce(axes, value, np.zeros(3))]
             torque = torque + turn @ value + np.cross(rotation @ at, turn @ value)
             force = force + 2.0 * (turn @ value)
             scale += float(np.linalg.norm(value)) * (3.0 + float(np.linalg.norm(at)))

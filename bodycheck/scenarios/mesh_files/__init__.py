@@ -1,4 +1,4 @@
-"""Triangle meshes from STL, OBJ and PLY files: vertices and triangles as the file has them, nothing judged."""
+"""Triangle meshes from STL, OBJ and PLY files, as the file has them: nothing is judged here."""
 
 from __future__ import annotations
 

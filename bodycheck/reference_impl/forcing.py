@@ -1,0 +1,210 @@
+"""What acts on a body between two switches, as the numbers that the Taylor kernels are given.
+
+Sums of loads are formed in rational arithmetic and rounded once, to double-doubles: the truth must not start
+from rounded sums. What a scene does not have is None, and is compiled out of the kernels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TypeAlias
+
+import numpy as np
+
+from bodycheck.reference_impl import double_double as dd
+from bodycheck.reference_impl.arithmetic import Numbers
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.double_double import DoubleDouble
+from bodycheck.reference_impl.dynamics import gyration_radius
+from bodycheck.reference_impl.scene import (
+    Drag,
+    GravityGradient,
+    PointForce,
+    RigidBody,
+    Scene,
+    SineTorque,
+    Spring,
+    Timed,
+    Torque,
+    TorsionSpring,
+)
+
+# where things lie among the numbers of Forcing.turning ...
+INERTIA, INERTIA_INVERSE, TORQUE_BODY, DAMPING = 0, 9, 18, 21
+# ... of Forcing.world ...
+TORQUE_WORLD, MOMENT, GRADIENT, ORBIT_RATE = 0, 3, 12, 13
+# ... of Forcing.moving ...
+ACCELERATION_BODY, ACCELERATION_WORLD, DECAY, MASS_INVERSE, RADIUS = 0, 3, 6, 7, 8
+# ... and of each row of Forcing.springs
+ANCHOR, AT, STIFFNESS, REST_LENGTH = 0, 3, 6, 7
+
+_Vector: TypeAlias = list[Fraction]
+
+
+@dataclass(frozen=True, eq=False)
+class Forcing:
+    """The constants of the equations of motion, as numbers in one precision.
+
+    turning (30,): I, I^-1, the torque held in body axes, the angular drag C. body_sines, world_sines (n, 5):
+    amplitude, rate, phase of each sine torque, doubles. world (14,): the torque held in world axes; moment =
+    sum of at F^T over the world forces; 3 n^2 and n of the gravity gradient. moving (9,): acceleration held
+    in body axes and in world axes, drag over mass, 1 / mass, gyration radius. springs (n, 8): anchor, at,
+    stiffness, rest length, doubles. torsion (5,): stiffness and q(0). on_parabola: whether the centre of
+    mass moves under a constant acceleration, apart from the rotation.
+    """
+
+    turning: Numbers
+    body_sines: Array
+    world: Numbers | None
+    world_sines: Array
+    moving: Numbers
+    springs: Array | None
+    torsion: Numbers | None
+    on_parabola: bool
+
+    def rounded(self) -> Forcing:
+        """Return the same in doubles."""
+        return Forcing(
+            _high(self.turning),
+            self.body_sines,
+            None if self.world is None else _high(self.world),
+            self.world_sines,
+            _high(self.moving),
+            self.springs,
+            None if self.torsion is None else _high(self.torsion),
+            self.on_parabola,
+        )
+
+
+def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
+    """Return what acts within [begin_s, end_s), through which nothing switches, in double-doubles."""
+    timed = [load for load in scene.timed_loads if load.from_s <= begin_s and end_s <= load.until_s]
+    sines = [load for load in scene.lasting_loads if isinstance(load, SineTorque)]
+    drags = [load for load in scene.lasting_loads if isinstance(load, Drag)]
+    springs = [load for load in scene.lasting_loads if isinstance(load, Spring)]
+    torsion = [load for load in scene.lasting_loads if isinstance(load, TorsionSpring)]
+    gradients = [load for load in scene.lasting_loads if isinstance(load, GravityGradient)]
+    body_sines, world_sines = (_sine_rows(sines, axes) for axes in ("body", "world"))
+    world = _world(timed, gradients)
+    moving = _moving(scene, timed, drags)
+    held = bool(springs or torsion)
+    turned = any(moving[ACCELERATION_BODY:ACCELERATION_WORLD])
+    return Forcing(
+        _pairs(_turning(scene.body, timed, drags)),
+        body_sines,
+        _pairs(world) if held or any(world) or turned or len(world_sines) else None,
+        world_sines,
+        _pairs(moving),
+        _spring_rows(springs) if held else None,
+        _torsion(scene, torsion) if held else None,
+        not (turned or springs or moving[DECAY]),
+    )
+
+
+def _turning(body: RigidBody, timed: Iterable[Timed], drags: Iterable[Drag]) -> _Vector:
+    torque = [Fraction(0)] * 3
+    for load in timed:
+        if load.axes == "body":
+            value = fractions(load.value)
+            moment = value if isinstance(load, Torque) else cross(fractions(load.at), value)
+            torque = added(torque, moment)
+    damping = [Fraction(0)] * 9
+    for drag in drags:
+        damping = added(damping, fractions(drag.angular))
+    return [*fractions(body.inertia), *inverse(fractions(body.inertia)), *torque, *damping]
+
+
+def _world(timed: Iterable[Timed], gradients: Sequence[GravityGradient]) -> _Vector:
+    torque, moment = [Fraction(0)] * 3, [Fraction(0)] * 9
+    for load in timed:
+        if load.axes == "world":
+            value = fractions(load.value)
+            if isinstance(load, Torque):
+                torque = added(torque, value)
+            else:
+                moment = added(moment, [a * f for a in fractions(load.at) for f in value])
+    if len({load.rate for load in gradients}) > 1:
+        raise ValueError("gravity gradients of different orbits cannot act on one body")
+    rate = Fraction(gradients[0].rate) if gradients else Fraction(0)
+    return [*torque, *moment, 3 * rate**2 * len(gradients), rate]
+
+
+def _moving(scene: Scene, timed: Iterable[Timed], drags: Iterable[Drag]) -> _Vector:
+    mass = Fraction(scene.body.mass)
+    sums = {"body": [Fraction(0)] * 3, "world": [mass * g for g in fractions(scene.gravity)]}
+    for load in timed:
+        if isinstance(load, PointForce):
+            sums[load.axes] = added(sums[load.axes], fractions(load.value))
+    forces = [force / mass for axes in ("body", "world") for force in sums[axes]]
+    decay = sum((Fraction(drag.linear) for drag in drags), Fraction(0)) / mass
+    return [*forces, decay, 1 / mass, Fraction(gyration_radius(scene.body.mass, scene.body.inertia))]
+
+
+def _sine_rows(sines: Iterable[SineTorque], axes: str) -> Array:
+    rows = [[*load.amplitude, load.rate, load.phase] for load in sines if load.axes == axes]
+    return np.array(rows, dtype=np.float64).reshape(-1, 5)
+
+
+def _spring_rows(springs: Iterable[Spring]) -> Array:
+    rows = [[*load.anchor, *load.at, load.stiffness, load.rest_length] for load in springs]
+    return np.array(rows, dtype=np.float64).reshape(-1, 8)
+
+
+def _torsion(scene: Scene, springs: Iterable[TorsionSpring]) -> Numbers:
+    stiffness = pair(sum((Fraction(load.stiffness) for load in springs), Fraction(0)))
+    return _columns([stiffness, *unit_quaternion(scene.initial.quaternion)])
+
+
+# ---------------------------------------------------------------------------------- rational arithmetic
+
+
+def fractions(values: Array) -> _Vector:
+    """Return doubles as the rational numbers that they are, row by row."""
+    return [Fraction(float(x)) for x in np.ravel(values)]
+
+
+def added(a: _Vector, b: _Vector) -> _Vector:
+    """a + b."""
+    return [x + y for x, y in zip(a, b, strict=True)]
+
+
+def cross(a: _Vector, b: _Vector) -> _Vector:
+    """a x b."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def inverse(m: _Vector) -> _Vector:
+    """m^-1 of the nine numbers of a matrix, by cofactors."""
+    columns = [cross(m[3:6], m[6:9]), cross(m[6:9], m[0:3]), cross(m[0:3], m[3:6])]
+    determinant = sum((x * y for x, y in zip(m[0:3], columns[0], strict=True)), Fraction(0))
+    return [columns[j][i] / determinant for i in range(3) for j in range(3)]
+
+
+def pair(x: Fraction) -> DoubleDouble:
+    """Return the double-double nearest to a rational number."""
+    high = float(x)
+    return high, float(x - Fraction(high))
+
+
+def unit_quaternion(q: Array) -> list[DoubleDouble]:
+    """q / |q| in double-doubles."""
+    exact = fractions(q)
+    norm = dd.square_root(pair(sum((x * x for x in exact), Fraction(0))))
+    return [dd.divide(pair(x), norm) for x in exact]
+
+
+def _pairs(values: Iterable[Fraction]) -> Numbers:
+    return _columns([pair(x) for x in values])
+
+
+def _columns(values: Sequence[DoubleDouble]) -> Numbers:
+    columns = np.array(values, dtype=np.float64).T
+    return np.ascontiguousarray(columns[0]), np.ascontiguousarray(columns[1])
+
+
+def _high(numbers: Numbers) -> Array:
+    return numbers[0] if isinstance(numbers, tuple) else numbers
+
+

@@ -1,0 +1,1 @@
+"""Mass, centre of mass and inertia tensor of solids: closed forms, closed meshes, implicit shapes."""

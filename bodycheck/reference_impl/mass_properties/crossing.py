@@ -1,0 +1,100 @@
+"""Whether two surfaces cross: whether an edge of one passes through a triangle of the other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.reference_impl.registers import Vec, cross
+
+_CLEAR = 1e-9
+"""The least sine, about, that counts as to one side: touching and sharing a plane are not crossing."""
+
+
+@kernel
+def _side(a: Vec, b: Vec, c: Vec, d: Vec) -> int:
+    """1 or -1 as d is on the side of the plane abc from which they run counter-clockwise, or 0 near it."""
+    ab = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    ac = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    ad = d[0] - a[0], d[1] - a[1], d[2] - a[2]
+    n = cross(ab, ac)
+    volume = n[0] * ad[0] + n[1] * ad[1] + n[2] * ad[2]
+    scale = 1.0
+    for v in (ab, ac, ad):
+        scale *= math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if abs(volume) <= _CLEAR * scale:
+        return 0
+    return 1 if volume > 0.0 else -1
+
+
+@kernel
+def _pierces(p: Vec, q: Vec, a: Vec, b: Vec, c: Vec) -> bool:
+    """Say whether the segment pq passes through the inside of the triangle abc."""
+    if _side(a, b, c, p) * _side(a, b, c, q) >= 0:
+        return False
+    turn = _side(p, q, a, b)
+    return turn != 0 and _side(p, q, b, c) == turn and _side(p, q, c, a) == turn
+
+
+@kernel
+def _corner(vertices: Array, i: int) -> Vec:
+    """Vertex i."""
+    return vertices[i, 0], vertices[i, 1], vertices[i, 2]
+
+
+@kernel
+def _pierces_triangle(vertices: Array, one: Triangles, other: Triangles, i: int, j: int) -> bool:
+    """Say whether an edge of triangle i of one passes through the inside of triangle j of the other."""
+    a, b, c = _corner(vertices, other[j, 0]), _corner(vertices, other[j, 1]), _corner(vertices, other[j, 2])
+    for k in range(3):
+        if _pierces(_corner(vertices, one[i, k]), _corner(vertices, one[i, (k + 1) % 3]), a, b, c):
+            return True
+    return False
+
+
+@kernel
+def _any_pierces(
+    vertices: Array,
+    one: Triangles,
+    other: Triangles,
+    boxes: Array,
+    other_boxes: Array,
+    begin: NDArray[np.int64],
+) -> bool:
+    """Say whether an edge of one passes through the other, whose boxes ascend along x, from begin (k,) on."""
+    for i in range(one.shape[0]):
+        lower, upper = boxes[0, i], boxes[1, i]
+        for j in range(begin[i], other.shape[0]):
+            if other_boxes[0, j, 0] > upper[0]:
+                break
+            apart = False
+            for axis in range(3):
+                apart |= (other_boxes[0, j, axis] > upper[axis]) | (other_boxes[1, j, axis] < lower[axis])
+            if not apart and _pierces_triangle(vertices, one, other, i, j):
+                return True
+    return False
+
+
+def boxes_about(vertices: Array, triangles: Triangles) -> Array:
+    """Return the least and greatest coordinates (2, m, 3) of each triangle."""
+    a, b, c = (vertices[column] for column in triangles.T)
+    return np.stack([np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)])
+
+
+def crosses(vertices: Array, one: Triangles, other: Triangles) -> bool:
+    """Say whether an edge of one surface passes through the inside of a triangle of the other.
+
+    Shapes: (n, 3), (k, 3), (l, 3). Where edge meets edge or corner exactly, no edge passes through the inside
+    of anything. The other's triangles are sorted along x, so that each triangle meets those beside it only.
+    """
+    boxes, other_boxes = boxes_about(vertices, one), boxes_about(vertices, other)
+    order = np.argsort(other_boxes[0, :, 0])
+    other, other_boxes = other[order], other_boxes[:, order]
+    widest = np.ptp(other_boxes[:, :, 0], axis=0).max(initial=0.0)
+    begin = np.searchsorted(other_boxes[0, :, 0], boxes[0, :, 0] - widest)
+    return bool(_any_pierces(vertices, one, other, boxes, other_boxes, begin))

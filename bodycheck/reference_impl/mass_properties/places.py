@@ -1,0 +1,20 @@
+"""How messages name places on a mesh: by coordinates, which stay when triangles are left out or turned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from bodycheck.reference_impl.arrays import Array
+
+_SHOWN = 3
+
+
+def place(point: Array) -> str:
+    """Return '(0, 0.5, 1)'."""
+    return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
+
+
+def first_few(items: Iterable[str]) -> str:
+    """Return 'one; two; three; ...'."""
+    items = list(items)
+    return "; ".join(items[:_SHOWN] + ["..."] * (len(items) > _SHOWN))

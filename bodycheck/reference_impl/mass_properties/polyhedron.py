@@ -1,0 +1,154 @@
+"""Exact integrals over a closed triangle mesh, as a sum of signed tetrahedra about its own centroid.
+
+Sources: Mirtich (1996), Fast and accurate computation of polyhedral mass properties, J. Graphics Tools 1;
+Tonon (2004), Explicit exact formulas for the 3-D tetrahedron inertia tensor in terms of its vertex
+coordinates, J. Math. Stat. 1; the sums are compensated: Neumaier (1974), with Knuth's branch-free two-sum.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.double_double import two_sum
+from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.reference_impl.registers import Vec, cross
+
+Triangles: TypeAlias = NDArray[np.int64]
+"""Vertex numbers (m, 3), each triangle counter-clockwise seen from outside."""
+
+
+Moments: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
+
+_BLOCK = 32
+"""How many triangles are summed plainly before the sum is compensated: their round-off stays below one
+ulp of the block, and the blocks' random signs make it less than one of the whole."""
+
+_MULTIPLES = np.array([6.0, 24.0, 24.0, 24.0, 120.0, 120.0, 120.0, 120.0, 120.0, 120.0])
+
+
+@kernel
+def _dot(a: Vec, b: Vec) -> float:
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _corner(vertices: Array, i: int, origin: Vec) -> Vec:
+    """Vertex i from the origin given."""
+    return vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
+
+
+@kernel
+def _subtract(a: Vec, b: Vec) -> Vec:
+    """a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@kernel
+def _determinant(a: Vec, b: Vec, c: Vec) -> float:
+    """det(a, b, c) = a . (b - a) x (c - a), the cross product taken at the corner between the shorter edges.
+
+    The plain triple product of a fine mesh's near-equal corners cancels to the triangle's share of the
+    surface; the edges are nearly exact. Between two long edges of a sliver their cross product would cancel.
+    """
+    ab, bc, ca = _subtract(b, a), _subtract(c, b), _subtract(a, c)
+    ab2, bc2, ca2 = _dot(ab, ab), _dot(bc, bc), _dot(ca, ca)
+    if ab2 >= bc2 and ab2 >= ca2:
+        return _dot(c, cross(bc, ca))
+    if bc2 >= ca2:
+        return _dot(a, cross(ca, ab))
+    return _dot(b, cross(ab, bc))
+
+
+@kernel
+def volume_area_reach(vertices: Array, triangles: Triangles) -> tuple[float, float, float]:
+    """V = sum D / 6, A = sum |(b - a) x (c - a)| / 2, r = max |x - x0|, by plain sums, for signs and scales.
+
+    Shapes: (n, 3), (m, 3) -> m^3, m^2, m. The round-off of V is about 1e-16 A r.
+    """
+    volume = area = reach2 = 0.0
+    origin = _corner(vertices, triangles[0, 0], (0.0, 0.0, 0.0))
+    for t in range(triangles.shape[0]):
+        a = _corner(vertices, triangles[t, 0], origin)
+        b = _corner(vertices, triangles[t, 1], origin)
+        c = _corner(vertices, triangles[t, 2], origin)
+        normal = cross(_subtract(b, a), _subtract(c, a))
+        volume += _dot(a, normal)
+        area += math.sqrt(_dot(normal, normal))
+        reach2 = max(reach2, _dot(a, a), _dot(b, b), _dot(c, c))
+    return volume / 6.0, area / 2.0, math.sqrt(reach2)
+
+
+@kernel
+def _block_moments(vertices: Array, triangles: Triangles, origin: Vec, begin: int, end: int) -> Moments:
+    """Sums over the triangles begin to end, of D, D s, and D (a a^T + b b^T + c c^T + s s^T), s = a + b + c.
+
+    Each is a tetrahedron with its apex at the origin given, D = det(a, b, c); they are 6 times its volume,
+    24 times its first and 120 times its second moments xx, yy, zz, xy, yz, zx.
+    """
+    v = x = y = z = xx = yy = zz = xy = yz = zx = 0.0
+    for t in range(begin, end):
+        a = _corner(vertices, triangles[t, 0], origin)
+        b = _corner(vertices, triangles[t, 1], origin)
+        c = _corner(vertices, triangles[t, 2], origin)
+        d = _determinant(a, b, c)
+        s = a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]
+        v += d
+        x += d * s[0]
+        y += d * s[1]
+        z += d * s[2]
+        xx += d * (a[0] * a[0] + b[0] * b[0] + c[0] * c[0] + s[0] * s[0])
+        yy += d * (a[1] * a[1] + b[1] * b[1] + c[1] * c[1] + s[1] * s[1])
+        zz += d * (a[2] * a[2] + b[2] * b[2] + c[2] * c[2] + s[2] * s[2])
+        xy += d * (a[0] * a[1] + b[0] * b[1] + c[0] * c[1] + s[0] * s[1])
+        yz += d * (a[1] * a[2] + b[1] * b[2] + c[1] * c[2] + s[1] * s[2])
+        zx += d * (a[2] * a[0] + b[2] * b[0] + c[2] * c[0] + s[2] * s[0])
+    return v, x, y, z, xx, yy, zz, xy, yz, zx
+
+
+@kernel
+def _moments(vertices: Array, triangles: Triangles, origin: Vec) -> Array:
+    """Integrals of 1, x, y, z, xx, yy, zz, xy, yz, zx over the solid, about the origin given: (10,)."""
+    high, low = np.zeros(10), np.zeros(10)
+    for begin in range(0, triangles.shape[0], _BLOCK):
+        end = min(begin + _BLOCK, triangles.shape[0])
+        block = _block_moments(vertices, triangles, origin, begin, end)
+        for k, term in enumerate(block):
+            high[k], error = two_sum(high[k], term)
+            low[k] += error
+    return (high + low) / _MULTIPLES
+
+
+@kernel
+def _mean(vertices: Array) -> Vec:
+    """Mean of all vertices, in a tenth of the time of mean(axis=0)."""
+    x = y = z = 0.0
+    for i in range(vertices.shape[0]):
+        x += vertices[i, 0]
+        y += vertices[i, 1]
+        z += vertices[i, 2]
+    return x / vertices.shape[0], y / vertices.shape[0], z / vertices.shape[0]
+
+
+def polyhedron(vertices: Array, triangles: Triangles) -> MassProperties:
+    """Return the mass properties, at unit density, of the solid that a closed outward mesh bounds.
+
+    Shapes: (n, 3) in m, (m, 3). The mesh must have passed mesh_check. Errors: 1e-15 relative, wherever the
+    mesh lies, for it is integrated about a point amid its corners; and about its own centroid where that
+    point proves so far out that the parallel-axis theorem would cancel digits. What stays is the price of a
+    thin shell (as many digits as the cavity leaves of the whole), and of a small part far from the rest
+    (1e-16 times its distance over its size).
+    """
+    origin = np.array(_mean(vertices))
+    solid = MassProperties.of_moments(_moments(vertices, triangles, tuple(origin)))
+    spread = 0.5 * np.trace(solid.inertia) - np.diagonal(solid.inertia)
+    if np.any(solid.mass * solid.centre**2 > spread):
+        origin = origin + solid.centre
+        solid = MassProperties.of_moments(_moments(vertices, triangles, tuple(origin)))
+    return solid.moved(origin)

@@ -1,0 +1,73 @@
+"""The mass properties of one solid, and how they change with its pose, its axes and its density."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import principal_axes
+
+
+@dataclass(frozen=True, eq=False)
+class MassProperties:
+    """Mass in kg, centre of mass (3,) in m, inertia tensor (3, 3) about it in kg m^2, in one set of axes.
+
+    The inertia has its true off-diagonals, I_xy = -sum m x y. The notes say, one sentence each, what was
+    put right or is worth knowing about the shape that they came from.
+    """
+
+    mass: float
+    centre: Array
+    inertia: Array
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of_moments(cls, moments: Array) -> MassProperties:
+        """c = F / V, C = S - F F^T / V, I = tr(C) 1 - C: from the integrals V of 1, F of x and S of x x^T.
+
+        Shape: (10,), of 1, x, y, z, xx, yy, zz, xy, yz, zx over a solid of 1 kg/m^3. The diagonal of I is
+        summed as C_jj + C_kk: tr(C) - C_ii would lose the digits of a needle's smallest moment.
+        """
+        _, x, y, z, xx, yy, zz, xy, yz, zx = moments
+        mass, first = float(moments[0]), np.array([x, y, z])
+        centre = first / mass
+        central = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]]) - np.outer(first, first) / mass
+        spread = np.diagonal(central)
+        inertia = -central
+        np.fill_diagonal(inertia, np.roll(spread, 1) + np.roll(spread, 2))
+        return cls(mass, centre, inertia)
+
+    def at_density(self, density: float) -> MassProperties:
+        """m = rho V, I = rho I(1): these properties, taken as those of unit density, at another, kg/m^3.
+
+        Raises ValueError where the density is not a positive finite number.
+        """
+        if not 0.0 < density < math.inf:
+            raise ValueError(f"density must be positive and finite, not {density!r}")
+        return replace(self, mass=density * self.mass, inertia=density * self.inertia)
+
+    def moved(self, displacement: Array) -> MassProperties:
+        """c' = c + d: the solid displaced by d (3,), m; the inertia about its centre stays."""
+        return replace(self, centre=self.centre + displacement)
+
+    def rotated(self, rotation: Array) -> MassProperties:
+        """c' = R c, I' = R I R^T: the solid turned about the origin by R (3, 3)."""
+        inertia = rotation @ self.inertia @ rotation.T
+        return replace(self, centre=rotation @ self.centre, inertia=0.5 * (inertia + inertia.T))
+
+    def inertia_about(self, point: Array) -> Array:
+        """I + m (|d|^2 1 - d d^T), d = c - p (Huygens-Steiner): the tensor (3, 3) about a point p (3,), m."""
+        d = self.centre - point
+        return self.inertia + self.mass * (np.dot(d, d) * np.eye(3) - np.outer(d, d))
+
+    def principal(self) -> tuple[Array, Array]:
+        """I = A diag(J) A^T, det A = 1: the moments J (3,), ascending, and the axes, A's columns (3, 3)."""
+        return principal_axes(self.inertia)
+
+    def in_principal_axes(self) -> MassProperties:
+        """c' = 0, I' = diag(J): the solid with its centre at the origin, its principal axes along x, y, z."""
+        moments, _ = self.principal()
+        return replace(self, centre=np.zeros(3), inertia=np.diag(moments))

@@ -1,0 +1,67 @@
+"""What re-posing and scaling do to mass properties."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bodycheck.reference_impl.dynamics import inertia_of_points
+from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.reference_impl.rotations import exp_matrix
+
+POINTS = np.random.default_rng(1).normal(size=(20, 3))
+MASSES = np.random.default_rng(2).uniform(0.1, 1.0, size=20)
+X, Y, Z = POINTS.T
+CLOUD = MassProperties.of_moments(
+    np.array([np.ones(20), X, Y, Z, X * X, Y * Y, Z * Z, X * Y, Y * Z, Z * X]) @ MASSES
+)
+
+
+def test_moments_give_the_inertia_of_points() -> None:
+    """Centre and inertia from first and second moments are those of the points one by one."""
+    centre = MASSES @ POINTS / MASSES.sum()
+    assert pytest.approx(centre, rel=1e-14) == CLOUD.centre
+    assert pytest.approx(inertia_of_points(MASSES, POINTS - centre), rel=1e-13) == CLOUD.inertia
+
+
+def test_inertia_about_another_point() -> None:
+    """Huygens-Steiner gives what the points themselves have about that point."""
+    point = np.array([1.0, -2.0, 3.0])
+    assert CLOUD.inertia_about(point) == pytest.approx(inertia_of_points(MASSES, POINTS - point), rel=1e-13)
+
+
+def test_moving_and_rotating_are_those_of_the_points() -> None:
+    """The points moved, then rotated, have the moved and rotated properties."""
+    rotation, displacement = exp_matrix(np.array([0.4, -1.0, 2.0])), np.array([3.0, 4.0, 5.0])
+    posed = CLOUD.moved(displacement).rotated(rotation)
+    points = (POINTS + displacement) @ rotation.T
+    assert posed.centre == pytest.approx(MASSES @ points / MASSES.sum(), rel=1e-14)
+    assert posed.inertia == pytest.approx(inertia_of_points(MASSES, points - posed.centre), rel=1e-12)
+    assert np.array_equal(posed.inertia, posed.inertia.T)
+
+
+def test_density_scales_mass_and_inertia() -> None:
+    """At twice the density the mass and the inertia double, the centre stays."""
+    heavy = CLOUD.at_density(2.0)
+    assert heavy.mass == 2.0 * CLOUD.mass
+    assert np.array_equal(heavy.inertia, 2.0 * CLOUD.inertia)
+    assert np.array_equal(heavy.centre, CLOUD.centre)
+
+
+@pytest.mark.parametrize("density", [0.0, -1.0, np.nan, np.inf])
+def test_an_impossible_density_is_refused(density: float) -> None:
+    """A density that is not positive and finite is refused, naming it."""
+    with pytest.raises(ValueError, match=f"density must be positive and finite, not {density!r}"):
+        CLOUD.at_density(density)
+
+
+def test_principal_axes_diagonalise() -> None:
+    """A diag(J) A^T is the inertia, A a rotation, J ascending; re-posed, the body is centred and diagonal."""
+    moments, axes = CLOUD.principal()
+    assert axes @ np.diag(moments) @ axes.T == pytest.approx(CLOUD.inertia, rel=1e-13)
+    assert np.linalg.det(axes) == pytest.approx(1.0, rel=1e-14)
+    assert list(moments) == sorted(moments)
+    posed = CLOUD.in_principal_axes()
+    assert np.array_equal(posed.inertia, np.diag(moments))
+    assert np.array_equal(posed.centre, np.zeros(3))
+    assert posed.mass == CLOUD.mass

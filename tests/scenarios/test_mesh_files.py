@@ -1,0 +1,440 @@
+"""STL, OBJ and PLY files: what is read, what is refused and how it says so."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bodycheck.errors import InputError
+from bodycheck.scenarios.mesh_files import read_mesh
+from bodycheck.scenarios.shapes import load_mesh, primitive
+
+VERTICES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]])
+TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+QUADS = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
+
+
+def binary_stl(header: bytes = b"made for a test") -> bytes:
+    """Return the corner as binary STL."""
+    facets = [
+        struct.pack("<12fH", 0, 0, 0, *VERTICES[triangle].astype(np.float32).ravel(), 0)
+        for triangle in TRIANGLES
+    ]
+    return header.ljust(80) + struct.pack("<I", len(facets)) + b"".join(facets)
+
+
+def ascii_stl() -> str:
+    """Return the corner as ASCII STL."""
+    facets = [
+        "facet normal 0 0 0\n outer loop\n"
+        + "".join(f"  vertex {x!r} {y!r} {z!r}\n" for x, y, z in VERTICES[triangle].tolist())
+        + " endloop\nendfacet\n"
+        for triangle in TRIANGLES
+    ]
+    return "solid corner of a box\n" + "".join(facets) + "endsolid\n"
+
+
+def obj(face: Callable[[int], str] = str) -> str:
+    """Return the corner as OBJ, each reference to a vertex written as face says."""
+    vertices = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in VERTICES.tolist())
+    faces = "".join("f " + " ".join(face(i + 1) for i in triangle) + "\n" for triangle in TRIANGLES.tolist())
+    return "# a corner\no corner\nvt 0 0\nvn 0 0 1\n" + vertices + "s off\n" + faces
+
+
+PLY_HEADER = """ply
+format {format} 1.0
+comment a corner
+element vertex 4
+property double x
+property double y
+property double z
+property uchar red
+element face 4
+property list uchar int vertex_indices
+end_header
+"""
+
+
+def ascii_ply() -> str:
+    """Return the corner as ASCII PLY."""
+    vertices = "".join(f"{x!r} {y!r} {z!r} 255\n" for x, y, z in VERTICES.tolist())
+    faces = "".join("3 " + " ".join(map(str, triangle)) + "\n" for triangle in TRIANGLES.tolist())
+    return PLY_HEADER.format(format="ascii") + vertices + faces
+
+
+def binary_ply(order: str) -> bytes:
+    """Return the corner as binary PLY of a byte order."""
+    name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    vertices = b"".join(struct.pack(order + "3dB", *vertex, 255) for vertex in VERTICES)
+    faces = b"".join(struct.pack(order + "B3i", 3, *triangle) for triangle in TRIANGLES)
+    return PLY_HEADER.format(format=name).encode() + vertices + faces
+
+
+def as_bytes(text: str | bytes) -> bytes:
+    """Return text as bytes."""
+    return text if isinstance(text, bytes) else text.encode()
+
+
+GOOD: dict[str, tuple[str, str | bytes]] = {
+    "binary STL": ("a.stl", binary_stl()),
+    "binary STL that says solid": ("a.stl", binary_stl(b"solid")),
+    "ASCII STL": ("a.STL", ascii_stl()),
+    "ASCII STL with CRLF": ("a.stl", ascii_stl().replace("\n", "\r\n")),
+    "ASCII STL in capitals": ("a.stl", ascii_stl().upper()),
+    "OBJ": ("a.obj", obj()),
+    "OBJ v/vt": ("a.obj", obj(lambda i: f"{i}/1")),
+    "OBJ v//vn": ("a.obj", obj(lambda i: f"{i}//1")),
+    "OBJ v/vt/vn": ("a.obj", obj(lambda i: f"{i}/1/1")),
+    "OBJ counted backwards": ("a.obj", obj(lambda i: str(i - 5))),
+    "OBJ with continued lines": ("a.obj", obj().replace("f 1 ", "f 1 \\\n")),
+    "ASCII PLY": ("a.ply", ascii_ply()),
+    "ASCII PLY with CRLF": ("a.ply", ascii_ply().replace("\n", "\r\n")),
+    "little-endian PLY": ("a.ply", binary_ply("<")),
+    "big-endian PLY": ("a.ply", binary_ply(">")),
+}
+
+
+def written(folder: Path, name: str, content: str | bytes) -> Path:
+    """Write a file and return its path."""
+    path = folder / name
+    path.write_bytes(as_bytes(content))
+    return path
+
+
+@pytest.mark.parametrize("case", GOOD)
+def test_each_format_gives_the_same_triangles(case: str, tmp_path: Path) -> None:
+    """All ways to write the corner of a box down give its triangles, corner by corner, to the last bit."""
+    vertices, triangles = read_mesh(written(tmp_path, *GOOD[case]))
+    assert np.array_equal(vertices[triangles], VERTICES[TRIANGLES])
+
+
+@pytest.mark.parametrize("case", GOOD)
+def test_each_format_gives_the_same_body(case: str, tmp_path: Path) -> None:
+    """The corner of a 1 x 2 x 3 box at 1000 kg/m^3 weighs 1000 kg, its centre a quarter along each edge."""
+    body = load_mesh(written(tmp_path, *GOOD[case]), 1000.0)
+    assert body.mass == pytest.approx(1000.0, rel=1e-15)
+    assert body.centre == pytest.approx([0.25, 0.5, 0.75], rel=1e-15)
+    assert body.notes == ()
+
+
+def quads(extension: str) -> str | bytes:
+    """A cube of quadrilaterals and, in one corner, the two triangles of a face."""
+    faces = [*QUADS[:-1], [1, 3, 7], [1, 7, 5]]
+    faces = [face[::-1] for face in faces]
+    if extension == "obj":
+        vertices = "".join("v {} {} {}\n".format(*vertex) for vertex in CUBE)
+        return vertices + "".join("f " + " ".join(str(i + 1) for i in face) + "\n" for face in faces)
+    header = PLY_HEADER.replace("vertex 4", "vertex 8").replace("face 4", "face 7")
+    if extension == "ascii.ply":
+        vertices = "".join("{} {} {} 0\n".format(*vertex) for vertex in CUBE)
+        rows = "".join(" ".join(map(str, [len(face), *face])) + "\n" for face in faces)
+        return header.format(format="ascii") + vertices + rows
+    packed = b"".join(struct.pack("<3dB", *vertex, 0) for vertex in CUBE)
+    packed += b"".join(struct.pack(f"<B{len(face)}i", len(face), *face) for face in faces)
+    return header.format(format="binary_little_endian").encode() + packed
+
+
+@pytest.mark.parametrize("extension", ["obj", "ascii.ply", "binary.ply"])
+def test_polygons_are_cut_into_triangles(extension: str, tmp_path: Path) -> None:
+    """A cube of quadrilaterals and triangles, mixed, is the unit cube."""
+    body = load_mesh(written(tmp_path, f"cube.{extension}", quads(extension)), 6.0)
+    assert body.mass == pytest.approx(6.0, rel=1e-15)
+    assert body.inertia == pytest.approx(np.eye(3), abs=1e-15)
+
+
+def test_concave_polygons_are_exact(tmp_path: Path) -> None:
+    """An L-shaped plate whose ends are concave hexagons has its volume and centre exactly."""
+    outline = [(2, 1), (1, 1), (1, 2), (0, 2), (0, 0), (2, 0)]
+    vertices = "".join(f"v {x} {y} {z}\n" for z in (0, 1) for x, y in outline)
+    top, bottom = [7, 8, 9, 10, 11, 12], [6, 5, 4, 3, 2, 1]
+    sides = [[i + 1, (i + 1) % 6 + 1, (i + 1) % 6 + 7, i + 7] for i in range(6)]
+    faces = "".join("f " + " ".join(map(str, face)) + "\n" for face in (top, bottom, *sides))
+    body = load_mesh(written(tmp_path, "l.obj", vertices + faces), 1.0)
+    assert body.mass == 3.0
+    assert body.centre == pytest.approx([5 / 6, 5 / 6, 0.5], rel=1e-15)
+
+
+def test_other_elements_of_a_ply_are_skipped(tmp_path: Path) -> None:
+    """Elements before the vertices, with lists of varying length, do not disturb."""
+    header = PLY_HEADER.format(format="binary_little_endian").replace(
+        "element vertex", "element strip 2\nproperty list ushort float weights\nelement vertex"
+    )
+    strips = struct.pack("<HfHff", 1, 0.5, 2, 0.5, 0.5)
+    body = binary_ply("<").partition(b"end_header\n")[2]
+    vertices, triangles = read_mesh(written(tmp_path, "a.ply", header.encode() + strips + body))
+    assert np.array_equal(vertices[triangles], VERTICES[TRIANGLES])
+
+
+def test_what_was_put_right_is_noted(tmp_path: Path) -> None:
+    """An inside-out file is turned, and the body's notes say so."""
+    text = obj().replace("f 1 3 2", "f 1 2 3").replace("f 1 2 4", "f 1 4 2")
+    text = text.replace("f 1 4 3", "f 1 3 4").replace("f 2 3 4", "f 2 4 3")
+    body = load_mesh(written(tmp_path, "a.obj", text), 1.0)
+    assert body.mass == pytest.approx(1.0, rel=1e-15)
+    assert body.notes == ("the mesh was inside-out; all its triangles were turned",)
+
+
+def ply(**changes: str) -> str:
+    """Return the ASCII PLY with pieces of its text replaced."""
+    text = ascii_ply()
+    for old, new in changes.items():
+        assert PIECES[old] in text
+        text = text.replace(PIECES[old], new, 1)
+    return text
+
+
+PIECES = {
+    "format": "format ascii 1.0",
+    "vertices": "element vertex 4",
+    "faces": "element face 4",
+    "x": "property double x\n",
+    "list": "property list uchar int vertex_indices",
+    "row": "0.0 0.0 3.0 255",
+    "face": "3 1 2 3",
+    "end": "end_header\n",
+}
+
+BAD: dict[str, tuple[str, str | bytes, str]] = {
+    "no mesh by name": ("a.txt", "", "is no mesh file by its name; known are .stl, .obj, .ply"),
+    "empty STL": ("a.stl", b"", "is no STL: 0 bytes are less than the 84 of a binary header"),
+    "short STL": ("a.stl", binary_stl()[:-1], "is no STL: its header says 4 triangles, which take 284"),
+    "huge STL": ("a.stl", b" " * 80 + b"\xff" * 4, "is no STL: its header says 4294967295 triangles"),
+    "STL without triangles": ("a.stl", b" " * 80 + b"\0" * 4, "has no faces"),
+    "STL cut off": ("a.stl", ascii_stl()[:-30], "ends without endsolid"),
+    "STL with a word for a number": (
+        "a.stl",
+        ascii_stl().replace("3.0", "three", 1),
+        "line 13: '0.0 0.0 three' are not all numbers",
+    ),
+    "STL facet of two corners": (
+        "a.stl",
+        ascii_stl().replace("  vertex 0.0 2.0 0.0\n", "", 1),
+        "line 7: a facet ends that has not",
+    ),
+    "STL with another line": (
+        "a.stl",
+        ascii_stl().replace("outer loop", "loop", 1),
+        "line 3: 'loop' is no line of",
+    ),
+    "OBJ without faces": ("a.obj", "v 0 0 0\n", "has no faces"),
+    "OBJ vertex of two": ("a.obj", "v 0 0\n", "line 1: 'v 0 0' has not three coordinates"),
+    "OBJ vertex of words": ("a.obj", "v 0 0 zero\n", "line 1: '0 0 zero' are not all numbers"),
+    "OBJ face of two": ("a.obj", obj() + "f 1 2\n", "line 14: 'f 1 2' has not three corners"),
+    "OBJ face of words": ("a.obj", obj() + "f 1 2 a/b\n", "line 14: 'a' is not a whole number"),
+    "OBJ corner 0": ("a.obj", obj() + "f 0 1 2\n", "line 14: corner 0 is none of the 4 vertices before it"),
+    "OBJ corner 5": ("a.obj", obj() + "f 1 2 5\n", "line 14: corner 5 is none of the 4 vertices"),
+    "OBJ corner -5": (
+        "a.obj",
+        obj() + "f 1 2 -5\n",
+        "line 14: corner -5 is none of the 4 vertices before it",
+    ),
+    "OBJ endless corner": ("a.obj", obj() + "f 1 2 99999999999\n", "line 14: '99999999999' is out of range"),
+    "OBJ not a number": ("a.obj", obj().replace("3.0", "nan"), "vertex 3 is not finite: [0.0, 0.0, nan]"),
+    "OBJ open": (
+        "a.obj",
+        obj().replace("f 1 3 2\n", ""),
+        "the mesh is open: 3 edges belong to one triangle only",
+    ),
+    "PLY of nothing": ("a.ply", "", "is no PLY: it lacks 'ply' at its start or the line 'end_header'"),
+    "PLY without end": ("a.ply", ply(end=""), "is no PLY: it lacks 'ply' at its start or the line"),
+    "PLY of another format": (
+        "a.ply",
+        ply(format="format utf8 1.0"),
+        "line 2: 'format utf8 1.0' is out of place",
+    ),
+    "PLY of no format": ("a.ply", ply(format=""), "the header says no format"),
+    "PLY without x": ("a.ply", ply(x="property double u\n"), "has no vertices: it lacks the numbers x, y, z"),
+    "PLY of one type twice": (
+        "a.ply",
+        ply(x="property double y\n"),
+        "line 6: 'property double y' is out of place",
+    ),
+    "PLY of no known type": (
+        "a.ply",
+        ply(x="property real x\n"),
+        "line 5: 'real' is no type of a property 'x'",
+    ),
+    "PLY of broken corners": (
+        "a.ply",
+        ply(list="property list uchar float vertex_indices"),
+        "line 10: 'list uchar float' is no type of",
+    ),
+    "PLY of a negative count": ("a.ply", ply(vertices="element vertex -4"), "line 4: -4 is no count"),
+    "PLY of no count": ("a.ply", ply(vertices="element vertex four"), "line 4: 'four' is not a whole number"),
+    "PLY of too many rows": (
+        "a.ply",
+        ply(faces="element face 5"),
+        "ends after 4 of 5 rows of element 'face'",
+    ),
+    "PLY of too few rows": ("a.ply", ply(faces="element face 3"), "the mesh is open"),
+    "PLY row too short": ("a.ply", ply(row="0.0 0.0 3.0"), "line 15: '0.0 0.0 3.0' ends within 'red'"),
+    "PLY row too long": (
+        "a.ply",
+        ply(row="0.0 0.0 3.0 255 1"),
+        "line 15: '0.0 0.0 3.0 255 1' goes on after its",
+    ),
+    "PLY row of words": ("a.ply", ply(row="0.0 0.0 z 255"), "line 15: 'z' are not all numbers"),
+    "PLY list too short": ("a.ply", ply(face="4 1 2 3"), "line 19: '4 1 2 3' ends within 'vertex_indices'"),
+    "PLY list of negative length": ("a.ply", ply(face="-3 1 2 3"), "line 19: -3 is no count"),
+    "PLY face of two": (
+        "a.ply",
+        ply(face="2 1 2"),
+        "face 3 (the first is 0) has the corners '1 2'; there are 4",
+    ),
+    "PLY face of a fifth": (
+        "a.ply",
+        ply(face="3 1 2 4"),
+        "face 3 (the first is 0) has the corners '1 2 4'; there",
+    ),
+    "PLY without faces": ("a.ply", ply(list="property list uchar int strips"), "has no faces"),
+    "PLY cut off": (
+        "a.ply",
+        binary_ply("<")[:-1],
+        "ends within 'vertex_indices': 3 numbers do not fit the 11 bytes",
+    ),
+    "PLY cut off early": (
+        "a.ply",
+        binary_ply("<")[:-60],
+        "element 'vertex' has 4 rows of at least 100 bytes in all, but 92 are left",
+    ),
+    "PLY of huge count": (
+        "a.ply",
+        binary_ply("<").replace(b"face 4", b"face 2000000000"),
+        "element 'face' has 2000000000 rows of at least 2000000000 bytes in all, but 52 are left",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_malformed_files_are_refused_in_one_line(case: str, tmp_path: Path) -> None:
+    """What is wrong with a file is said in one line that names the file and the place."""
+    name, content, message = BAD[case]
+    path = written(tmp_path, name, content)
+    with pytest.raises(InputError) as caught:
+        load_mesh(path, 1.0)
+    assert str(caught.value).startswith(f"{path}: {message}")
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+    """A missing file, and a folder, are refused by name."""
+    (tmp_path / "folder.stl").mkdir()
+    for name in ("missing.stl", "folder.stl"):
+        with pytest.raises(InputError, match=f"{name}: cannot be read: "):
+            read_mesh(tmp_path / name)
+
+
+def test_a_file_of_absurd_size_is_not_read(tmp_path: Path) -> None:
+    """A file of more than 1 GiB is refused by its size alone."""
+    path = tmp_path / "huge.obj"
+    with path.open("wb") as file:
+        file.truncate((1 << 30) + 1)
+    with pytest.raises(InputError, match=r"huge.obj: has 1073741825 bytes; at most 1073741824 are read"):
+        read_mesh(path)
+
+
+def test_an_impossible_density_or_shape_is_refused(tmp_path: Path) -> None:
+    """The density of a mesh, and the sizes of a primitive, are checked with a message of one line."""
+    path = written(tmp_path, "a.obj", obj())
+    with pytest.raises(InputError, match=r"a.obj: density must be positive and finite, not nan"):
+        load_mesh(path, float("nan"))
+    with pytest.raises(InputError, match="a sphere has 1 sizes"):
+        primitive("sphere", [1.0, 2.0], 1.0)
+
+
+def test_a_primitive_has_its_density() -> None:
+    """A box of 1 x 2 x 3 m at 2 kg/m^3 weighs 12 kg, with I_z = m (1 + 4) / 12."""
+    body = primitive("box", [1, 2, 3], 2.0)
+    assert body.mass == pytest.approx(12.0, rel=1e-15)
+    assert body.inertia[2, 2] == pytest.approx(5.0, rel=1e-15)
+
+
+@pytest.mark.parametrize("case", GOOD)
+@given(data=st.data())
+@settings(
+    max_examples=40,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_damaged_files_never_crash(case: str, tmp_path: Path, data: st.DataObject) -> None:
+    """Whatever a few bytes are changed to, cut or doubled, a file is read or refused in one line."""
+    name, content = GOOD[case]
+    damaged = bytearray(as_bytes(content))
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(damaged) - 1))
+        end = at + data.draw(st.integers(0, 12))
+        damaged[at:end] = data.draw(st.binary(max_size=12))
+        if not damaged:
+            break
+    path = written(tmp_path, name, bytes(damaged))
+    message = ""
+    try:
+        load_mesh(path, 1.0)
+    except InputError as error:
+        message = str(error)
+    assert "\n" not in message
+
+
+def exact_volume(vertices: Any, triangles: Any) -> Fraction:
+    """Return the volume in rational numbers."""
+    volume = Fraction(0)
+    for triangle in triangles:
+        a, b, c = ([Fraction(float(x)) for x in vertices[i]] for i in triangle)
+        volume += (
+            a[0] * (b[1] * c[2] - b[2] * c[1])
+            - a[1] * (b[0] * c[2] - b[2] * c[0])
+            + a[2] * (b[0] * c[1] - b[1] * c[0])
+        )
+    return volume / 6
+
+
+def pybullet_file(name: str) -> Path:
+    """Return the path of a file that comes with PyBullet, or skip."""
+    data = pytest.importorskip("pybullet_data")
+    return Path(data.getDataPath()) / name
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["domino/domino.obj", "bunny.obj", "torus/torus_textured.obj", "gripper/meshes/WSG50_110.stl", "duck.obj",
+     "kuka_iiwa/meshes/finger_tip_left.stl", "quadruped/microtaur/fr12_h101.stl", "stone.obj"],
+)  # fmt: skip
+def test_meshes_from_the_wild_match_rational_numbers(name: str) -> None:
+    """Closed meshes that come with PyBullet have the volume of exact arithmetic to 1e-15."""
+    path = pybullet_file(name)
+    exact = exact_volume(*read_mesh(path))
+    assert load_mesh(path, 1.0).mass == pytest.approx(abs(float(exact)), rel=1e-15)
+
+
+def test_parts_that_share_cutting_planes_are_counted_once_each() -> None:
+    """A duck in five convex parts that touch has their volumes together, and a note on the parts."""
+    path = pybullet_file("duck_vhacd.obj")
+    body = load_mesh(path, 1.0)
+    assert body.mass == pytest.approx(float(exact_volume(*read_mesh(path))), rel=1e-15)
+    assert body.notes == ("the mesh has 5 closed surfaces; none was found to cross another",)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("plane.obj", "the mesh is open: 4 edges belong to one triangle only: from ("),
+        ("cloth_z_up.obj", "the mesh is open: "),
+        ("teddy2_VHACD_CHs.obj", "the mesh is ambiguous: its closed surfaces at "),
+    ],
+)
+def test_meshes_from_the_wild_that_bound_no_solid_are_refused(name: str, message: str) -> None:
+    """Open meshes, and convex parts that overlap, are refused by a message that says which."""
+    path = pybullet_file(name)
+    with pytest.raises(InputError) as caught:
+        load_mesh(path, 1.0)
+    assert str(caught.value).startswith(f"{path}: {message}")
