@@ -108,6 +108,25 @@ def judge(
         print(f"{name:{width}}  {value}")
 
 
+@app.command()
+def body(
+    mesh: Annotated[Path, typer.Argument(help="A closed surface: .stl, .obj or .ply, lengths in m.")],
+    density_kg_m3: Annotated[float, typer.Option(help="Density in kg/m^3.")],
+) -> None:
+    """Print mass, centre, inertia tensor, principal moments and axes, at full precision, as TOML."""
+    from bodycheck.scenarios.shapes import load_mesh
+
+    solid = load_mesh(mesh, density_kg_m3)
+    moments, axes = solid.principal()
+    for note in solid.notes:
+        print(f"# {note}")
+    print(f"mass_kg = {solid.mass!r}")
+    print(f"centre_m = {solid.centre.tolist()}")
+    print(f"inertia_kg_m2 = {solid.inertia.tolist()}  # about the centre of mass, in the file's axes")
+    print(f"principal_moments_kg_m2 = {moments.tolist()}")
+    print(f"principal_axes = {axes.T.tolist()}  # one axis a row, in the file's axes")
+
+
 @app.command(name="list")
 def list_(
     what: Annotated[

@@ -6,6 +6,7 @@ import csv
 import json
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -90,6 +91,9 @@ WRONG = {
     "truth at a negative time": (["truth", "mine.toml", "--at", "0,-1"], "not -1.0"),
     "truth at no time": (["truth", "mine.toml", "--at", "nan"], "not nan"),
     "truth of nothing": (["truth", "nope", "--at", "0"], "nope: is neither"),
+    "no mesh": (["body", "no.stl", "--density-kg-m3", "1"], "no.stl: "),
+    "no density": (["body", "mine.toml", "--density-kg-m3", "0"], "mine.toml: "),
+    "judged file that is none": (["judge", "no.csv", "--scenario", "mine.toml"], "no.csv: cannot be read"),
     "unknown list": (["list", "colours"], "'colours' is not one of"),
     "unknown option": (["run", "--fast"], "No such option"),
 }
@@ -121,6 +125,20 @@ def test_truth_is_printed_as_csv_with_its_bound(tmp_path: Path) -> None:
     assert [row[0] for row in rows[1:]] == ["10.0", "0.0", "1.0"]
     solved = bodycheck.truth("intermediate-axis", [10.0, 0.0, 1.0])
     assert [float(row[4]) for row in rows[1:]] == solved.trajectory.attitude[:, 0].tolist()
+
+
+def test_a_body_is_printed_as_toml_at_full_precision(tmp_path: Path) -> None:
+    """A unit cube of density 6 has mass 6 and principal moments 1, about its centre, parsed back exactly."""
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    quads = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c} {d}" for a, b, c, d in quads]
+    (tmp_path / "cube.obj").write_text("\n".join(lines) + "\n")
+    done = command("body", "cube.obj", "--density-kg-m3", "6", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = tomllib.loads(done.stdout)
+    assert found["mass_kg"] == 6.0
+    assert found["centre_m"] == [0.5, 0.5, 0.5]
+    assert found["principal_moments_kg_m2"] == pytest.approx([1.0, 1.0, 1.0], rel=1e-15)
 
 
 @pytest.mark.parametrize(

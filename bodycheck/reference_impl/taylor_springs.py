@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
-
 from bodycheck.reference_impl.arithmetic import (
     Numbers,
     Three,
@@ -42,13 +40,14 @@ from bodycheck.reference_impl.taylor_terms import (
 _D, _SQUARE, _INVERSE, _FORCE, SPRING_ROWS = 0, 3, 4, 5, 8
 """Rows of one spring: d = x + R at - anchor, |d|^2, 1 / |d|, the force."""
 
-_HALVINGS = 4  # of the half angle: below pi / 2 at first, below pi / 32 then
-_SERIES = 14  # terms of arcsin: 0.0024^14 < 2^-120 at pi, and beyond it the angle is refused
-_P, _COSINE, _SMALL, _HORNER = 0, 4, 9, 10
-_SHARE = _HORNER + _SERIES
-_FACTOR = _SHARE + _HALVINGS
+_HALVINGS = 4  # of the half angle a, below pi / 2 at first and below pi / 32 then
+_NESTED = 13  # factors of the series in sin^2(a/32) < 0.0025: what is left out is below 2^-112
+_P, _COSINE, _SMALL, _NEST = 0, 4, 8, 9
+_PRODUCT = _NEST + _NESTED
+_FACTOR = _PRODUCT + _HALVINGS - 1
 TORSION_ROWS = _FACTOR + 1
-"""Rows of the torsion springs: p = q(0)^-1 q, the cosines of a = angle / 2, a/2, .. a/16, then see below."""
+"""Rows of the torsion springs: p = q(0)^-1 q = (cos a, sin a e), the cosines of a/2 .. a/16, sin^2(a/32), the
+nested series, the products of the cosines, a / sin a."""
 
 
 # -------------------------------------------------------------------------------------------- line springs
@@ -155,16 +154,15 @@ def relative_quaternion(series: Numbers, torsion: Numbers, row: int, k: int) -> 
 
 
 @kernel
-def half_angle_cosine(series: Numbers, row: int, k: int) -> None:
-    """c = sqrt((1 + C) / 2), C in the row and c in the next: 2 c_0 c_k = C_k / 2 - the other products."""
-    given = by_double(term(series, row, k), 0.5)
+def half_angle_cosine(series: Numbers, whole: int, half: int, k: int) -> None:
+    """c^2 = (1 + C) / 2, C and c in two rows: 2 c_0 c_k = C_k / 2 - the other products."""
+    total = by_double(term(series, whole, k), 0.5)
     if k == 0:
-        put(series, row + 1, 0, root(plus(given, exactly(series, 0.5))))
+        put(series, half, 0, root(plus(total, exactly(series, 0.5))))
         return
-    total = given
     for n in range(1, k):
-        total = subtract_product(total, term(series, row + 1, n), term(series, row + 1, k - n))
-    put(series, row + 1, k, over(settled(total), by_double(term(series, row + 1, 0), 2.0)))
+        total = subtract_product(total, term(series, half, n), term(series, half, k - n))
+    put(series, half, k, over(settled(total), by_double(term(series, half, 0), 2.0)))
 
 
 @kernel
@@ -177,13 +175,45 @@ def quotient(series: Numbers, above: int, below: int, row: int, k: int) -> None:
 
 
 @kernel
-def angle_over_sine(series: Numbers, row: int, k: int) -> None:
-    """(a / sin a)_k of the half angle a from cos a: smooth at a = 0, without a switch.
+def nested_series(series: Numbers, row: int, k: int) -> None:
+    """(b / sin b)_k = 1 + 2/3 x (1 + 4/5 x (1 + 6/7 x ..)), x = sin^2(b/2) = (1 - cos b) / 2, b = a/16.
 
-    a / sin a = F(x) / (cos(a/2) cos(a/4) .. cos(a/16)), with the series of b / sin b at b = a/16,
-    F = sum of x^j 2^2j j!^2 / (2j + 1)! in x = (1 - cos b) / 2 times 2, which is arcsin(y) / (y sqrt(1 - y^2))
-    at y^2 = x (Abramowitz & Stegun 1964, 15.1.6), by Horner's rule: a row for each of its terms.
+    The inner brackets come first; source: Abramowitz & Stegun (1964), 15.1.6.
     """
-    for halving in range(_HALVINGS):
-        half_angle_cosine(series, row + _COSINE - 4 + 4 * (halving == 0) + halving, k)
-    put(series, row, k, nothing(series))
+    one = exactly(series, 1.0 if k == 0 else 0.0)
+    put(series, row + _SMALL, k, by_double(minus(one, term(series, row + _COSINE + _HALVINGS - 1, k)), 0.5))
+    put(series, row + _NEST + _NESTED - 1, k, one)
+    for j in range(_NESTED - 2, -1, -1):
+        inner = by_double(cauchy(series, row + _SMALL, row + _NEST + j + 1, k), 2.0 * j + 2.0)
+        put(series, row + _NEST + j, k, plus(one, over_double(inner, 2.0 * j + 3.0)))
+
+
+@kernel
+def angle_over_sine(series: Numbers, row: int, k: int) -> None:
+    """(a / sin a)_k = (b / sin b) / (cos a/2 cos a/4 cos a/8 cos a/16), b = a/16: smooth at a = 0."""
+    half_angle_cosine(series, row + _P, row + _COSINE, k)
+    for i in range(1, _HALVINGS):
+        half_angle_cosine(series, row + _COSINE + i - 1, row + _COSINE + i, k)
+    nested_series(series, row, k)
+    product = row + _COSINE
+    for i in range(1, _HALVINGS):
+        put(series, row + _PRODUCT + i - 1, k, cauchy(series, product, row + _COSINE + i, k))
+        product = row + _PRODUCT + i - 1
+    quotient(series, row + _NEST, product, row + _FACTOR, k)
+
+
+@kernel
+def torsion_torque(series: Numbers, torsion: Numbers, row: int, k: int) -> Three:
+    """(-stiffness 2 a / sin a p)_k in body axes, p the vector part of q(0)^-1 q; NaN from pi on."""
+    relative_quaternion(series, torsion, row + _P, k)
+    high = high_part(series)
+    if high[row, 0] <= 0.0:
+        broken = exactly(series, math.nan)
+        return broken, broken, broken
+    angle_over_sine(series, row, k)
+    factor = by_double(entry(torsion, 0), -2.0)
+    return (
+        times(factor, cauchy(series, row + _FACTOR, row + _P + 1, k)),
+        times(factor, cauchy(series, row + _FACTOR, row + _P + 2, k)),
+        times(factor, cauchy(series, row + _FACTOR, row + _P + 3, k)),
+    )
