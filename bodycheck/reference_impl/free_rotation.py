@@ -50,8 +50,10 @@ _Triple: TypeAlias = tuple[DoubleDouble, DoubleDouble, DoubleDouble]
 class _Steady(NamedTuple):
     """A constant angular velocity: q(t) = q(0) exp(axis |omega| t / 2)."""
 
+    frequency: float
+    """The power of two, in 1/s, that makes the time unit: then all that is squared is of ordinary size."""
     turn_rate: DoubleDouble
-    """|omega| / 4 pi: turns of the half angle per second."""
+    """|omega| / 4 pi: turns of the half angle per time unit."""
     axis: Vec
     quaternion: Quat
     omega: Vec
@@ -75,9 +77,9 @@ class _Tumble(NamedTuple):
     start: DoubleDouble
     """u0."""
     rate: DoubleDouble
-    """lambda, in 1/s."""
+    """lambda, per time unit."""
     turn_rate: DoubleDouble
-    """Omega / 4 pi: turns of the common phase per second."""
+    """Omega / 4 pi: turns of the common phase per time unit."""
     series: _CayleyKlein
     omega: Vec
     """Amplitudes (A1/I1, s A2/I2, A3/I3), in rad/s."""
@@ -87,6 +89,8 @@ class _Tumbling(NamedTuple):
     """q(body to world) = left * q(principal axes to the momentum's frame) * right."""
 
     motion: _Tumble
+    frequency: float
+    """As for a steady motion."""
     left: Quat
     right: Quat
     axes: Mat
@@ -188,7 +192,7 @@ def _state(motion: _Tumble, t: float) -> tuple[Quat, Vec]:
 def _tumbling_at(tumbling: _Tumbling, t_s: Array, quaternion: Array, omega: Array) -> None:
     """Fill quaternion (n, 4) and omega (n, 3) for the times t_s (n,)."""
     for i in range(len(t_s)):
-        relative, omega_axes = _state(tumbling.motion, t_s[i])
+        relative, omega_axes = _state(tumbling.motion, tumbling.frequency * t_s[i])
         q = _unit(
             registers.quaternion_times(registers.quaternion_times(tumbling.left, relative), tumbling.right)
         )
@@ -204,7 +208,7 @@ def _steady_at(motion: _Steady, t_s: Array, quaternion: Array, omega: Array) -> 
     """Fill quaternion (n, 4) and omega (n, 3) for the times t_s (n,)."""
     axis = motion.axis
     for i in range(len(t_s)):
-        s, c = _turn(motion.turn_rate, t_s[i], 0.0)
+        s, c = _turn(motion.turn_rate, motion.frequency * t_s[i], 0.0)
         q = _unit(registers.quaternion_times(motion.quaternion, (c, s * axis[0], s * axis[1], s * axis[2])))
         for j in range(4):
             quaternion[i, j] = q[j]
@@ -216,7 +220,7 @@ def _steady_at(motion: _Steady, t_s: Array, quaternion: Array, omega: Array) -> 
 
 
 class _Exact(NamedTuple):
-    """The state at t = 0 in integers, in units of 2^-bits, scaled to largest magnitudes in [1/2, 1)."""
+    """The state at t = 0 in integers, in units of 2^-bits, scaled to largest magnitudes in [1, 2)."""
 
     inertia: list[int]
     """xx, xy, xz, yy, yz, zz."""
@@ -269,11 +273,11 @@ class _Exact(NamedTuple):
 
 
 def _integers(values: list[float]) -> tuple[list[int], int, int]:
-    """(n, bits, exponent) with values = n 2^(exponent - bits), the largest |n| in [2^(bits - 1), 2^bits)."""
+    """(n, bits, exponent) with values = n 2^(exponent - bits), the largest |n| in [2^bits, 2^(bits + 1))."""
     ratios = [value.as_integer_ratio() for value in values]
     common = max(denominator for _, denominator in ratios)
     integers = [numerator * (common // denominator) for numerator, denominator in ratios]
-    bits = max(map(abs, integers)).bit_length()
+    bits = max(map(abs, integers)).bit_length() - 1
     return integers, bits, bits + 1 - common.bit_length()
 
 
@@ -477,7 +481,12 @@ def _exponential_coefficients(
 
 @kernel
 def _series(functions: elliptic.Quotients, a: float, tilt: float, side: float) -> _CayleyKlein:
-    """Coefficients of (alpha, beta), whose beta has its zero at u = i s a and is tilt |alpha| at u = 0."""
+    """Coefficients of (alpha, beta), whose beta has its zero at u = i s a and is tilt |alpha| at u = 0.
+
+    Jacobi's imaginary transformation makes theta4(x - i s pi a / 2K | q^2), up to a real factor, into
+    exp(i s gamma u / K) theta2(gamma + i s y | sqrt(q')), with y = pi u / 4K' and gamma = pi a / 4K', and
+    theta1 likewise into theta1 (DLMF 20.7.30-33). The exponential is the twist.
+    """
     if functions.trigonometric:
         return _trigonometric_coefficients(functions.nome, functions.rate[0] * a, tilt, side)
     gamma = 0.5 * functions.rate[0] * a
@@ -500,7 +509,7 @@ def _tumble(
     With d1 = G^2 - 2E I1 = L2^2 (I2-I1)/I2 + L3^2 (I3-I1)/I3 and d3 = 2E I3 - G^2 likewise, up to sign:
     lambda^2 = d1 (I3-I2) / I1 I2 I3, m = d3 (I2-I1) / d1 (I3-I2), m1 = D2 (I3-I1) / d1 (I3-I2),
     A1^2 = d3 I1/(I3-I1), A2^2 = d3 I2/(I3-I2), A3^2 = d1 I3/(I3-I1). gaps are |I2-I1|, |I3-I1|, |I3-I2|,
-    determinant 2^exponent is |d1 D2 d3|, frequency the power of two that omega was divided by.
+    determinant 2^exponent is |d1 D2 d3|, and the time unit 1 / frequency.
     """
     (i1, i2, i3), (gap21, gap31, gap32), (l1, l2, l3) = moments, gaps, momentum
     root1 = _hypotenuse(
@@ -533,8 +542,8 @@ def _tumble(
     return _Tumble(
         functions,
         start,
-        dd.scale(rate, frequency),
-        dd.scale(turn_rate, frequency),
+        rate,
+        turn_rate,
         _series(functions, a, tilt, side),
         (
             frequency * amplitude1[0] / i1[0],
@@ -568,20 +577,21 @@ def _conjugate(q: Quat) -> Quat:
     return q[0], -q[1], -q[2], -q[3]
 
 
-def _placed(motion: _Tumble, columns: Mat, quaternion: Quat) -> _Tumbling:
+def _placed(motion: _Tumble, frequency: float, columns: Mat, quaternion: Quat) -> _Tumbling:
     """Let the motion start from the quaternion."""
     principal = _unit(_quaternion_of(columns))
     relative = _unit(_state(motion, 0.0)[0])
     left = registers.quaternion_times(registers.quaternion_times(quaternion, principal), _conjugate(relative))
-    return _Tumbling(motion, left, _conjugate(principal), columns)
+    return _Tumbling(motion, frequency, left, _conjugate(principal), columns)
 
 
-def _steady(quaternion: Quat, omega: Array) -> _Steady:
+def _steady(quaternion: Quat, omega: Array, frequency: float) -> _Steady:
     """A rotation about a fixed axis, or none for omega = 0."""
-    x, y, z = omega.tolist()
+    x, y, z = (omega / frequency).tolist()
     norm = _hypotenuse(_hypotenuse((x, 0.0), (y, 0.0)), (z, 0.0))
     size = norm[0] or 1.0
-    return _Steady(dd.divide(norm, _FOUR_PI), (x / size, y / size, z / size), quaternion, (x, y, z))
+    axis = (x / size, y / size, z / size)
+    return _Steady(frequency, dd.divide(norm, _FOUR_PI), axis, quaternion, tuple(omega.tolist()))
 
 
 # ----------------------------------------------------------------------------------------------- in public
@@ -614,7 +624,7 @@ class FreeRotation:
             raise ValueError(f"inertia must be positive definite, got {tensor.tolist()}")
         start = _unit(_ordinary_size(attitude))
         if exact.is_steady:
-            return cls(_steady(start, omega))
+            return cls(_steady(start, omega, frequency))
         determinant, unit = exact.separatrix_determinant
         axes = _numbered(exact, descending=determinant < 0)
         motion = _tumble(
@@ -625,21 +635,26 @@ class FreeRotation:
             *_even_exponent(abs(determinant), unit),
             frequency,
         )
-        return cls(_placed(motion, axes.columns, start))
+        return cls(_placed(motion, frequency, axes.columns, start))
 
     @property
     def quarter_period_s(self) -> float:
         """K / lambda: omega_body repeats after four of them; infinite if steady or on the separatrix."""
         if isinstance(self._motion, _Steady):
             return math.inf
-        return self._motion.motion.functions.quarter_period[0] / self._motion.motion.rate[0]
+        motion = self._motion.motion
+        return motion.functions.quarter_period[0] / motion.rate[0] / self._motion.frequency
 
     @property
-    def _turns_per_s(self) -> float:
-        """The faster of the common phase, by turns, and the momentum in the body, by half periods."""
+    def _horizon_s(self) -> float:
+        """Time in which the common phase or the momentum in the body makes 2^50 turns or half periods."""
         if isinstance(self._motion, _Steady):
-            return self._motion.turn_rate[0]
-        return max(abs(self._motion.motion.turn_rate[0]), 0.5 / self.quarter_period_s)
+            turn_rate = self._motion.turn_rate[0]
+        else:
+            motion = self._motion.motion
+            half_period_rate = 0.5 * motion.rate[0] / motion.functions.quarter_period[0]
+            turn_rate = max(abs(motion.turn_rate[0]), half_period_rate)
+        return _MOST_TURNS / turn_rate / self._motion.frequency if turn_rate else math.inf
 
     def at(self, t_s: ArrayLike) -> tuple[Array, Array]:
         """Return (quaternion (n, 4), omega_body (n, 3)) at the times t_s (n,), of either sign, in any order.
@@ -647,16 +662,16 @@ class FreeRotation:
         The unit quaternions are scalar first and map body to world; omega is along body axes, in rad/s.
         The attitude is within 4e-15 rad, and omega within 4e-15 of its size.
 
-        Raises ValueError for another shape, NaN or infinite times, and times of 2^50 half turns and more
-        (some 1e15 rad), where 106 bits would no longer hold that.
+        Raises ValueError for another shape, NaN or infinite times, and times more than some 1e16 rad away,
+        where 106 bits would no longer hold that.
         """
         t = np.asarray(t_s, dtype=np.float64, order="C")
         if t.ndim != 1:
             raise ValueError(f"t_s must have shape (n,), got {t.shape}")
         if not np.isfinite(t).all():
             raise ValueError(f"t_s must be finite, got {t[~np.isfinite(t)][0]}")
-        if (np.abs(t) * self._turns_per_s >= _MOST_TURNS).any():
-            raise ValueError(f"t_s must stay below 2^50 half turns, got {t[np.abs(t).argmax()]}")
+        if (np.abs(t) >= self._horizon_s).any():
+            raise ValueError(f"t_s must stay within {self._horizon_s:.1e} s, got {t[np.abs(t).argmax()]}")
         quaternion, omega = np.empty((len(t), 4)), np.empty((len(t), 3))
         if isinstance(self._motion, _Steady):
             _steady_at(self._motion, t, quaternion, omega)
@@ -679,7 +694,7 @@ def _symmetric(name: str, tensor: Array) -> Array:
         return tensor
     if np.abs(tensor - tensor.T).max() > _SYMMETRY_TOLERANCE * np.abs(tensor).max():
         raise ValueError(f"{name} must be symmetric, got {tensor.tolist()}")
-    return 0.5 * (tensor + tensor.T)
+    return 0.5 * tensor + 0.5 * tensor.T
 
 
 def _ordinary_size(quaternion: Array) -> Quat:

@@ -194,6 +194,12 @@ def _moved(state: tuple[Array, Array], i: int, change: Any) -> DoubleDouble:
 
 
 @kernel
+def _write(out: tuple[Array, Array], row: int, state: tuple[Array, Array]) -> None:
+    for i in range(STATE):
+        out[0][row, i], out[1][row, i] = state[0][i], state[1][i]
+
+
+@kernel
 def integrate(
     state: tuple[Array, Array],
     series: Numbers,
@@ -221,14 +227,16 @@ def integrate(
     length = high_part(moving)[RADIUS] if moving is not None else 0.0
     t, due, steps = begin, 0, 0
     while due < len(times) and times[due] == begin:
-        out[0][due], out[1][due] = state
+        _write(out, due, state)
         due += 1
     while t < end:
         _start(series, state, body_sines, world, world_sines, t)
         _expand(series, turning, body_sines, world, world_sines, moving, springs, torsion, order)
         after = _next_time(t, _step_size(high_part(series), order, tolerance, length), end)
         if not after > t:
-            state[0][:], out[0][due:], out[1][due:] = math.nan, math.nan, math.nan
+            state[0].fill(math.nan)
+            for lost in range(due, len(times)):
+                _write(out, lost, state)
             return steps
         while due < len(times) and times[due] < after:
             for i in range(last):
@@ -237,7 +245,7 @@ def integrate(
         for i in range(last):
             state[0][i], state[1][i] = _moved(state, i, _change(series, i, order, after - t))
         while due < len(times) and times[due] == after:
-            out[0][due], out[1][due] = state
+            _write(out, due, state)
             due += 1
         t = after
         steps += 1

@@ -479,18 +479,34 @@ def test_reversal(name: str) -> None:
     assert np.abs(forth_omega + back_omega).max() < 4e-15 * np.linalg.norm(forth_omega, axis=1).max()
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_units(name: str) -> None:
-    """Doubling the inertia changes no bit; doubling omega halves the times."""
+@pytest.mark.parametrize("exponent", [1, -900, 1000])
+@pytest.mark.parametrize(
+    "name", ["general", "general, other side", "oblate", "axis 3", "separatrix", "tensor"]
+)
+def test_units(name: str, exponent: int) -> None:
+    """A heavier body moves the same, and a faster one the same in less time, bit by bit, in any units."""
     inertia, omega = CASES[name]
+    factor = 2.0**exponent
     times = np.array([0.3, -7.0, 1e5])
     quaternion, found = closed_form(inertia, omega).at(times)
-    heavier = closed_form(2.0 * np.asarray(inertia, dtype=float), omega).at(times)
-    faster = closed_form(inertia, [2.0 * x for x in omega]).at(0.5 * times)
+    heavier = closed_form(factor * np.asarray(inertia, dtype=float), omega).at(times)
+    faster = closed_form(inertia, [factor * x for x in omega]).at(times / factor)
     np.testing.assert_array_equal(heavier[0], quaternion)
     np.testing.assert_array_equal(heavier[1], found)
     np.testing.assert_array_equal(faster[0], quaternion)
-    np.testing.assert_array_equal(faster[1], 2.0 * found)
+    np.testing.assert_array_equal(faster[1], factor * found)
+
+
+def test_largest_numbers() -> None:
+    """Nothing overflows on the way, up to the largest double."""
+    largest = float(np.finfo(np.float64).max)
+    inertia, omega = largest * np.diag([0.3, 0.5, 1.0]), [largest, 0.1 * largest, -largest]
+    rotation = FreeRotation.from_state(inertia, [largest] * 4, omega)
+    quaternion, found = rotation.at([0.0, 3.0 / largest])
+    assert np.linalg.norm(quaternion, axis=1) == pytest.approx(1.0, abs=1e-15)
+    assert found[0] == pytest.approx(omega, rel=4e-15)
+    with pytest.raises(ValueError, match="within"):
+        rotation.at([1.0])
 
 
 @pytest.mark.parametrize(
@@ -602,7 +618,7 @@ def test_refused_states(inertia: Any, quaternion: Any, omega: Any, message: str)
     [
         ([0.0, math.nan], "finite.*nan"),
         ([-math.inf], "finite.*-inf"),
-        ([1.0, -1e18], "-1e\\+18"),
+        ([1.0, -1e18], r"-1e\+18"),
         (1.0, "shape"),
         ([[1.0]], "shape"),
     ],

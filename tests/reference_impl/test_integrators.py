@@ -232,7 +232,7 @@ def torque_at(rotation: Array, load: Array) -> Array:
     turning = np.array(
         [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
     )
-    return load[6:9] + rotation.T @ load[9:12] + turning
+    return np.asarray(load[6:9] + rotation.T @ load[9:12] + turning)
 
 
 def acceleration_at(rotation: Array, load: Array, mass: float) -> Array:
@@ -333,7 +333,8 @@ def in_turned_world(scene: Scene, turn: Array) -> Scene:
         start.omega_body,
     )
     loads = tuple(
-        replace(load, value=turn @ load.value) if load.axes == "world" else load for load in scene.loads
+        replace(load, value=turn @ load.value) if load.axes == "world" else load
+        for load in constant_loads(scene)
     )
     return replace(scene, initial=initial, loads=loads, gravity=turn @ scene.gravity)
 
