@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TypeAlias
+from typing import TypeAlias, overload
 
 import numpy as np
 
@@ -34,7 +34,9 @@ from bodycheck.reference_impl.scene import (
 # where things lie among the numbers of Forcing.turning ...
 INERTIA, INERTIA_INVERSE, TORQUE_BODY, DAMPING = 0, 9, 18, 21
 # ... of Forcing.world ...
-TORQUE_WORLD, MOMENT, GRADIENT, ORBIT_RATE = 0, 3, 12, 13
+TORQUE_WORLD, MOMENT = 0, 3
+# ... of Forcing.orbit ...
+GRADIENT, ORBIT_RATE = 0, 1
 # ... of Forcing.moving ...
 ACCELERATION_BODY, ACCELERATION_WORLD, DECAY, MASS_INVERSE, RADIUS = 0, 3, 6, 7, 8
 # ... and of each row of Forcing.springs
@@ -48,17 +50,18 @@ class Forcing:
     """The constants of the equations of motion, as numbers in one precision.
 
     turning (30,): I, I^-1, the torque held in body axes, the angular drag C. body_sines, world_sines (n, 5):
-    amplitude, rate, phase of each sine torque, doubles. world (14,): the torque held in world axes; moment =
-    sum of at F^T over the world forces; 3 n^2 and n of the gravity gradient. moving (9,): acceleration held
+    amplitude, rate, phase of each sine torque, doubles. world (12,): the torque held in world axes; moment =
+    sum of at F^T over the world forces. orbit (2,): 3 n^2 and n of the gravity gradient. moving (9,): acceleration held
     in body axes and in world axes, drag over mass, 1 / mass, gyration radius. springs (n, 8): anchor, at,
     stiffness, rest length, doubles. torsion (5,): stiffness and q(0). on_parabola: whether the centre of
     mass moves under a constant acceleration, apart from the rotation.
     """
 
     turning: Numbers
-    body_sines: Array
+    body_sines: Array | None
     world: Numbers | None
-    world_sines: Array
+    world_sines: Array | None
+    orbit: Numbers | None
     moving: Numbers
     springs: Array | None
     torsion: Numbers | None
@@ -69,11 +72,12 @@ class Forcing:
         return Forcing(
             _high(self.turning),
             self.body_sines,
-            None if self.world is None else _high(self.world),
+            _high(self.world),
             self.world_sines,
+            _high(self.orbit),
             _high(self.moving),
             self.springs,
-            None if self.torsion is None else _high(self.torsion),
+            _high(self.torsion),
             self.on_parabola,
         )
 
@@ -87,19 +91,20 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     torsion = [load for load in scene.lasting_loads if isinstance(load, TorsionSpring)]
     gradients = [load for load in scene.lasting_loads if isinstance(load, GravityGradient)]
     body_sines, world_sines = (_sine_rows(sines, axes) for axes in ("body", "world"))
-    world = _world(timed, gradients)
+    world, orbit = _world(timed), _orbit(gradients)
     moving = _moving(scene, timed, drags)
-    held = bool(springs or torsion)
-    turned = any(moving[ACCELERATION_BODY:ACCELERATION_WORLD])
+    forced_in_body = any(moving[ACCELERATION_BODY:ACCELERATION_WORLD])
+    turns = any(world) or orbit or springs or forced_in_body or world_sines is not None
     return Forcing(
         _pairs(_turning(scene.body, timed, drags)),
         body_sines,
-        _pairs(world) if held or any(world) or turned or len(world_sines) else None,
+        _pairs(world) if turns else None,
         world_sines,
+        _pairs(orbit) if orbit else None,
         _pairs(moving),
-        _spring_rows(springs) if held else None,
-        _torsion(scene, torsion) if held else None,
-        not (turned or springs or moving[DECAY]),
+        _spring_rows(springs) if springs else None,
+        _torsion(scene, torsion) if torsion else None,
+        not (forced_in_body or springs or moving[DECAY]),
     )
 
 
@@ -116,7 +121,7 @@ def _turning(body: RigidBody, timed: Iterable[Timed], drags: Iterable[Drag]) -> 
     return [*fractions(body.inertia), *inverse(fractions(body.inertia)), *torque, *damping]
 
 
-def _world(timed: Iterable[Timed], gradients: Sequence[GravityGradient]) -> _Vector:
+def _world(timed: Iterable[Timed]) -> _Vector:
     torque, moment = [Fraction(0)] * 3, [Fraction(0)] * 9
     for load in timed:
         if load.axes == "world":
@@ -125,10 +130,14 @@ def _world(timed: Iterable[Timed], gradients: Sequence[GravityGradient]) -> _Vec
                 torque = added(torque, value)
             else:
                 moment = added(moment, [a * f for a in fractions(load.at) for f in value])
+    return [*torque, *moment]
+
+
+def _orbit(gradients: Sequence[GravityGradient]) -> _Vector:
     if len({load.rate for load in gradients}) > 1:
         raise ValueError("gravity gradients of different orbits cannot act on one body")
-    rate = Fraction(gradients[0].rate) if gradients else Fraction(0)
-    return [*torque, *moment, 3 * rate**2 * len(gradients), rate]
+    rates = [Fraction(load.rate) for load in gradients]
+    return [3 * sum(rate**2 for rate in rates), rates[0]] if rates else []
 
 
 def _moving(scene: Scene, timed: Iterable[Timed], drags: Iterable[Drag]) -> _Vector:
@@ -142,14 +151,14 @@ def _moving(scene: Scene, timed: Iterable[Timed], drags: Iterable[Drag]) -> _Vec
     return [*forces, decay, 1 / mass, Fraction(gyration_radius(scene.body.mass, scene.body.inertia))]
 
 
-def _sine_rows(sines: Iterable[SineTorque], axes: str) -> Array:
+def _sine_rows(sines: Iterable[SineTorque], axes: str) -> Array | None:
     rows = [[*load.amplitude, load.rate, load.phase] for load in sines if load.axes == axes]
-    return np.array(rows, dtype=np.float64).reshape(-1, 5)
+    return np.array(rows, dtype=np.float64) if rows else None
 
 
 def _spring_rows(springs: Iterable[Spring]) -> Array:
     rows = [[*load.anchor, *load.at, load.stiffness, load.rest_length] for load in springs]
-    return np.array(rows, dtype=np.float64).reshape(-1, 8)
+    return np.array(rows, dtype=np.float64)
 
 
 def _torsion(scene: Scene, springs: Iterable[TorsionSpring]) -> Numbers:
@@ -204,7 +213,11 @@ def _columns(values: Sequence[DoubleDouble]) -> Numbers:
     return np.ascontiguousarray(columns[0]), np.ascontiguousarray(columns[1])
 
 
-def _high(numbers: Numbers) -> Array:
+@overload
+def _high(numbers: Numbers) -> Array: ...
+@overload
+def _high(numbers: None) -> None: ...
+def _high(numbers: Numbers | None) -> Array | None:
     return numbers[0] if isinstance(numbers, tuple) else numbers
 
 

@@ -82,7 +82,7 @@ class _Tumble(NamedTuple):
     """Omega / 4 pi: turns of the common phase per time unit."""
     series: _CayleyKlein
     omega: Vec
-    """Amplitudes (A1/I1, s A2/I2, A3/I3), in rad/s."""
+    """Amplitudes (A1/I1, s A2/I2, A3/I3), in rad per time unit."""
 
 
 class _Tumbling(NamedTuple):
@@ -200,7 +200,7 @@ def _tumbling_at(tumbling: _Tumbling, t_s: Array, quaternion: Array, omega: Arra
         for j in range(4):
             quaternion[i, j] = q[j]
         for j in range(3):
-            omega[i, j] = w[j]
+            omega[i, j] = tumbling.frequency * w[j]
 
 
 @kernel
@@ -502,14 +502,13 @@ def _tumble(
     side: float,
     determinant: DoubleDouble,
     exponent: int,
-    frequency: float,
 ) -> _Tumble:
     """Set up the motion along the numbered axes. Every step multiplies, divides or adds numbers of one sign.
 
     With d1 = G^2 - 2E I1 = L2^2 (I2-I1)/I2 + L3^2 (I3-I1)/I3 and d3 = 2E I3 - G^2 likewise, up to sign:
     lambda^2 = d1 (I3-I2) / I1 I2 I3, m = d3 (I2-I1) / d1 (I3-I2), m1 = D2 (I3-I1) / d1 (I3-I2),
     A1^2 = d3 I1/(I3-I1), A2^2 = d3 I2/(I3-I2), A3^2 = d1 I3/(I3-I1). gaps are |I2-I1|, |I3-I1|, |I3-I2|,
-    determinant 2^exponent is |d1 D2 d3|, and the time unit 1 / frequency.
+    determinant 2^exponent is |d1 D2 d3|.
     """
     (i1, i2, i3), (gap21, gap31, gap32), (l1, l2, l3) = moments, gaps, momentum
     root1 = _hypotenuse(
@@ -546,9 +545,9 @@ def _tumble(
         turn_rate,
         _series(functions, a, tilt, side),
         (
-            frequency * amplitude1[0] / i1[0],
-            side * frequency * amplitude2[0] / i2[0],
-            frequency * amplitude3[0] / i3[0],
+            amplitude1[0] / i1[0],
+            side * amplitude2[0] / i2[0],
+            amplitude3[0] / i3[0],
         ),
     )
 
@@ -633,7 +632,6 @@ class FreeRotation:
             axes.momentum,
             axes.side,
             *_even_exponent(abs(determinant), unit),
-            frequency,
         )
         return cls(_placed(motion, frequency, axes.columns, start))
 

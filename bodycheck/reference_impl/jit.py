@@ -46,6 +46,11 @@ def kernel(function: Callable[..., Any]) -> Any:
     return _compile(function, fastmath={"contract"})
 
 
+def inlined_kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function of a few lines into each of its callers: a compilation of its own costs 50 ms."""
+    return _compile(function, fastmath={"contract"}, inline="always")
+
+
 def exact_kernel(function: Callable[..., Any]) -> Any:
     """Compile a function as written, rounding by rounding: for error-free arithmetic."""
     return _compile(function)

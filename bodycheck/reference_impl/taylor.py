@@ -94,17 +94,18 @@ def _expand(
 @kernel
 def _step_size(series: Array, order: int, tolerance: float) -> float:
     """The step at which the last two terms of q and omega reach the tolerance, to 6 bits."""
+    # omega may pass through 0 while its rate does not: then the rate sets the scale
     omega_scale = 0.0
     for i in range(_OMEGA, _V):
-        omega_scale = max(omega_scale, abs(series[i, 0]))
+        omega_scale = max(omega_scale, abs(series[i, 0]), math.sqrt(abs(series[i, 1])))
     step = math.inf
     for k in (order - 1, order):
-        # omega may pass through 0 while its rate does not: its series is then measured as an angle
         largest = 0.0
         for i in range(_OMEGA):
             largest = max(largest, abs(series[i, k]))
-        for i in range(_OMEGA, _V):
-            largest = max(largest, abs(series[i, k]) / max(omega_scale, 1e-300))
+        if omega_scale > 0.0:
+            for i in range(_OMEGA, _V):
+                largest = max(largest, abs(series[i, k]) / omega_scale)
         if largest > 0.0:
             step = min(step, (tolerance / largest) ** (1.0 / k))
     if step == math.inf:

@@ -21,6 +21,7 @@ from bodycheck.reference_impl.arithmetic import (
     as_pair,
     by_double,
     entry,
+    exactly,
     high_part,
     like,
     nothing,
@@ -32,14 +33,13 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.double_double import DoubleDouble
 from bodycheck.reference_impl.forcing import (
     ACCELERATION_WORLD,
-    GRADIENT,
     ORBIT_RATE,
     RADIUS,
     Forcing,
     forcing_between,
     unit_quaternion,
 )
-from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.jit import inlined_kernel, kernel
 from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.taylor_springs import SPRING_ROWS, TORSION_ROWS, springs_share, torsion_torque
 from bodycheck.reference_impl.taylor_terms import (
@@ -72,62 +72,67 @@ _GRID_BITS = 6  # a step ends on a multiple of some 2^-6 of its length
 def _expand(
     series: Numbers,
     turning: Numbers,
-    body_sines: Array,
+    body_sines: Array | None,
     world: Numbers | None,
-    world_sines: Array,
+    world_sines: Array | None,
+    orbit: Numbers | None,
     moving: Numbers | None,
     springs: Array | None,
     torsion: Numbers | None,
+    rows: tuple[int, int, int],
     order: int,
 ) -> None:
     """Fill the state's rows to the order given, from their first coefficients and those of the sines."""
-    first_world_sine = SINES + 2 * len(body_sines)
-    first_spring = first_world_sine + 2 * len(world_sines)
     for k in range(order):
         torque = own_torque(series, turning, body_sines, k)
         if world is not None:
             rotation_matrix(series, k)
             torque = added(torque, added(held_torque(series, world, k), moment_torque(series, world, k)))
-            if len(world_sines) > 0:
-                torque = added(torque, sine_torque(series, world_sines, first_world_sine, k))
-            if high_part(world)[GRADIENT] != 0.0:
-                torque = added(torque, gradient_torque(series, turning, world, k))
+        if world_sines is not None:
+            torque = added(torque, sine_torque(series, world_sines, rows[0], k))
+        if orbit is not None:
+            torque = added(torque, gradient_torque(series, turning, orbit, k))
+        if torsion is not None:
+            torque = added(torque, torsion_torque(series, torsion, rows[2], k))
         if moving is not None:
             rate = acceleration(series, moving, k)
             if world is not None:
                 rate = added(rate, turned_acceleration(series, moving, k))
             if springs is not None:
-                turn, push = springs_share(series, springs, moving, first_spring, k)
+                turn, push = springs_share(series, springs, moving, rows[1], k)
                 torque, rate = added(torque, turn), added(rate, push)
             put_rate(series, V, k, rate)
             put_rate(series, X, k, vector_terms(series, V, k))
-        if torsion is not None and high_part(torsion)[0] != 0.0:
-            first = first_spring + SPRING_ROWS * len(springs)
-            torque = added(torque, torsion_torque(series, torsion, first, k))
         angular_rate(series, turning, torque, k)
         quaternion_rate(series, k)
+
+
+@inlined_kernel
+def _start_sines(series: Numbers, sines: Array, row: int, t: float) -> None:
+    """Set the first coefficients of the sines at time t."""
+    for i in range(len(sines)):
+        start_sine(series, row + 2 * i, exactly(series, sines[i, 3]), sines[i, 4], t)
 
 
 @kernel
 def _start(
     series: Numbers,
     state: tuple[Array, Array],
-    body_sines: Array,
-    world: Numbers | None,
-    world_sines: Array,
+    body_sines: Array | None,
+    world_sines: Array | None,
+    orbit: Numbers | None,
+    rows: tuple[int, int, int],
     t: float,
 ) -> None:
     """Set the first coefficients of the state and of the sines at time t."""
     for i in range(STATE):
         put(series, i, 0, like(nothing(series), (state[0][i], state[1][i])))
-    row = SINES
-    for sines in (body_sines, world_sines):
-        for i in range(len(sines)):
-            rate = like(nothing(series), (sines[i, 3], 0.0))
-            start_sine(series, row, rate, sines[i, 4], t)
-            row += 2
-    if world is not None and high_part(world)[GRADIENT] != 0.0:
-        start_sine(series, ORBIT, entry(world, ORBIT_RATE), 0.0, t)
+    if body_sines is not None:
+        _start_sines(series, body_sines, SINES, t)
+    if world_sines is not None:
+        _start_sines(series, world_sines, rows[0], t)
+    if orbit is not None:
+        start_sine(series, ORBIT, entry(orbit, ORBIT_RATE), 0.0, t)
 
 
 @kernel
@@ -142,7 +147,7 @@ def _largest(high: Array, first: int, last: int, k: int) -> float:
     return largest
 
 
-@kernel
+@inlined_kernel
 def _reach(rate: float, start: float, k: int, tolerance: float) -> float:
     """The longer of the steps at which a rate's k-th term is small beside its start, or by its integral.
 
@@ -169,7 +174,7 @@ def _step_size(high: Array, order: int, tolerance: float, length: float) -> floa
     return step
 
 
-@kernel
+@inlined_kernel
 def _next_time(t: float, step: float, end: float) -> float:
     """t + step, rounded down to a multiple of about step / 2^_GRID_BITS, or the end."""
     if not t + step < end:
@@ -187,13 +192,13 @@ def _change(series: Numbers, i: int, order: int, h: float) -> Any:
     return by_double(total, h)
 
 
-@kernel
+@inlined_kernel
 def _moved(state: tuple[Array, Array], i: int, change: Any) -> DoubleDouble:
     """state_i + change."""
     return dd.add((state[0][i], state[1][i]), as_pair(change))
 
 
-@kernel
+@inlined_kernel
 def _write(out: tuple[Array, Array], row: int, state: tuple[Array, Array]) -> None:
     for i in range(STATE):
         out[0][row, i], out[1][row, i] = state[0][i], state[1][i]
@@ -204,12 +209,14 @@ def integrate(
     state: tuple[Array, Array],
     series: Numbers,
     turning: Numbers,
-    body_sines: Array,
+    body_sines: Array | None,
     world: Numbers | None,
-    world_sines: Array,
+    world_sines: Array | None,
+    orbit: Numbers | None,
     moving: Numbers | None,
     springs: Array | None,
     torsion: Numbers | None,
+    rows: tuple[int, int, int],
     times: Array,
     begin: float,
     end: float,
@@ -219,7 +226,8 @@ def integrate(
     """Move the state from time begin to end, write it at the times into out; return the number of steps.
 
     state ((13,), (13,)), high and low parts of q, omega_body, v, x; without `moving`, v and x stay. series
-    (rows, order + 1) is room to work in, of the precision that is wanted. times (n,) in [begin, end],
+    (n, order + 1) is room to work in, of the precision that is wanted; rows says where the world's sines, the
+    springs and the torsion spring have theirs. times (n,) in [begin, end],
     ascending; out ((n, 13), (n, 13)). NaN from where the motion cannot be followed on.
     """
     order = high_part(series).shape[1] - 1
@@ -230,8 +238,10 @@ def integrate(
         _write(out, due, state)
         due += 1
     while t < end:
-        _start(series, state, body_sines, world, world_sines, t)
-        _expand(series, turning, body_sines, world, world_sines, moving, springs, torsion, order)
+        _start(series, state, body_sines, world_sines, orbit, rows, t)
+        _expand(
+            series, turning, body_sines, world, world_sines, orbit, moving, springs, torsion, rows, order
+        )
         after = _next_time(t, _step_size(high_part(series), order, tolerance, length), end)
         if not after > t:
             state[0].fill(math.nan)
@@ -332,7 +342,7 @@ def advance(
     """Run the kernels that the forcing needs over the span (begin, end); as `integrate`."""
     paired = resolution.precision == "double-double"
     numbers = forcing if paired else forcing.rounded()
-    series = working_space(forcing, resolution)
+    rows, series = working_space(forcing, resolution)
     moving = None if forcing.on_parabola else numbers.moving
     if moving is None:
         follow_parabola(state, numbers.moving, times, *span, out)
@@ -344,9 +354,11 @@ def advance(
             numbers.body_sines,
             numbers.world,
             numbers.world_sines,
+            numbers.orbit,
             moving,
             numbers.springs,
             numbers.torsion,
+            rows,
             times,
             *span,
             resolution.tolerance,
@@ -355,10 +367,11 @@ def advance(
     )
 
 
-def working_space(forcing: Forcing, resolution: Resolution) -> Numbers:
-    """Return zeroed series of as many rows as the forcing needs."""
-    rows = SINES + 2 * (len(forcing.body_sines) + len(forcing.world_sines))
-    if forcing.springs is not None:
-        rows += SPRING_ROWS * len(forcing.springs) + TORSION_ROWS
-    shape = (rows, resolution.order + 1)
-    return (np.zeros(shape), np.zeros(shape)) if resolution.precision == "double-double" else np.zeros(shape)
+def working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int, int, int], Numbers]:
+    """Return where the rows of the world's sines, the springs and the torsion spring begin, and zeroed series."""
+    counts = [0 if part is None else len(part) for part in (forcing.body_sines, forcing.world_sines, forcing.springs)]
+    rows = (SINES + 2 * counts[0], SINES + 2 * (counts[0] + counts[1]))
+    torsion = rows[1] + SPRING_ROWS * counts[2]
+    shape = (torsion + (0 if forcing.torsion is None else TORSION_ROWS), resolution.order + 1)
+    paired = resolution.precision == "double-double"
+    return (*rows, torsion), (np.zeros(shape), np.zeros(shape)) if paired else np.zeros(shape)

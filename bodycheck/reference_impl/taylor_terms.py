@@ -44,7 +44,7 @@ from bodycheck.reference_impl.forcing import (
     TORQUE_BODY,
     TORQUE_WORLD,
 )
-from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.jit import inlined_kernel, kernel
 
 Q, OMEGA, V, X, STATE = 0, 4, 7, 10, 13
 """Rows of the state: q, omega in body axes, v and x in world axes."""
@@ -89,7 +89,7 @@ def turned_back(series: Numbers, j: int, k: int) -> Three:
     return settled(x), settled(y), settled(z)
 
 
-@kernel
+@inlined_kernel
 def row_times(numbers: Numbers, i: int, v: Three) -> Any:
     """m . v, m the three numbers from i on."""
     total = add_product(nothing(numbers), entry(numbers, i), v[0])
@@ -97,19 +97,19 @@ def row_times(numbers: Numbers, i: int, v: Three) -> Any:
     return settled(add_product(total, entry(numbers, i + 2), v[2]))
 
 
-@kernel
+@inlined_kernel
 def matrix_times(numbers: Numbers, i: int, v: Three) -> Three:
     """M v, M the nine numbers from i on."""
     return row_times(numbers, i, v), row_times(numbers, i + 3, v), row_times(numbers, i + 6, v)
 
 
-@kernel
+@inlined_kernel
 def vector_terms(series: Numbers, i: int, k: int) -> Three:
     """The k-th coefficients of the rows i, i + 1, i + 2."""
     return term(series, i, k), term(series, i + 1, k), term(series, i + 2, k)
 
 
-@kernel
+@inlined_kernel
 def put_vector(series: Numbers, i: int, k: int, v: Three) -> None:
     """Set the k-th coefficients of the rows i, i + 1, i + 2."""
     put(series, i, k, v[0])
@@ -117,19 +117,19 @@ def put_vector(series: Numbers, i: int, k: int, v: Three) -> None:
     put(series, i + 2, k, v[2])
 
 
-@kernel
+@inlined_kernel
 def added(a: Three, b: Three) -> Three:
     """a + b."""
     return plus(a[0], b[0]), plus(a[1], b[1]), plus(a[2], b[2])
 
 
-@kernel
+@inlined_kernel
 def subtracted(a: Three, b: Three) -> Three:
     """a - b."""
     return minus(a[0], b[0]), minus(a[1], b[1]), minus(a[2], b[2])
 
 
-@kernel
+@inlined_kernel
 def put_rate(series: Numbers, i: int, k: int, v: Three) -> None:
     """a' = v: the coefficients k + 1 of the rows i, i + 1, i + 2."""
     put(series, i, k + 1, over_double(v[0], k + 1.0))
@@ -158,7 +158,7 @@ def quaternion_rate(series: Numbers, k: int) -> None:
 
 
 @kernel
-def own_torque(series: Numbers, turning: Numbers, sines: Array, k: int) -> Three:
+def own_torque(series: Numbers, turning: Numbers, sines: Array | None, k: int) -> Three:
     """(tau - C omega + I omega x omega)_k, tau what is given in body axes; moves the sines to k + 1."""
     omega = vector_terms(series, OMEGA, k)
     put_vector(series, L, k, matrix_times(turning, INERTIA, omega))
@@ -166,7 +166,9 @@ def own_torque(series: Numbers, turning: Numbers, sines: Array, k: int) -> Three
     if k == 0:
         held = (entry(turning, TORQUE_BODY), entry(turning, TORQUE_BODY + 1), entry(turning, TORQUE_BODY + 2))
         torque = added(torque, held)
-    return added_sines(series, torque, sines, SINES, k)
+    if sines is not None:
+        torque = added_sines(series, torque, sines, SINES, k)
+    return torque
 
 
 @kernel
@@ -211,7 +213,7 @@ def moment_torque(series: Numbers, world: Numbers, k: int) -> Three:
     return settled(x), settled(y), settled(z)
 
 
-@kernel
+@inlined_kernel
 def held_torque(series: Numbers, world: Numbers, k: int) -> Three:
     """(R^T tau)_k, tau held in world axes."""
     x = y = z = nothing(series)
@@ -231,7 +233,7 @@ def sine_torque(series: Numbers, sines: Array, first_row: int, k: int) -> Three:
 
 
 @kernel
-def gradient_torque(series: Numbers, turning: Numbers, world: Numbers, k: int) -> Three:
+def gradient_torque(series: Numbers, turning: Numbers, orbit: Numbers, k: int) -> Three:
     """(3 n^2 u x I u)_k, u = R^T (-sin n t, 0, -cos n t) in body axes."""
     x = y = z = nothing(series)
     for n in range(k + 1):
@@ -242,16 +244,16 @@ def gradient_torque(series: Numbers, turning: Numbers, world: Numbers, k: int) -
     u = (settled(x), settled(y), settled(z))
     put_vector(series, U, k, u)
     put_vector(series, IU, k, matrix_times(turning, INERTIA, u))
-    move_sine(series, ORBIT, entry(world, ORBIT_RATE), k)
+    move_sine(series, ORBIT, entry(orbit, ORBIT_RATE), k)
     a, b, c = cross_product(series, U, IU, k)
-    factor = entry(world, GRADIENT)
+    factor = entry(orbit, GRADIENT)
     return times(factor, a), times(factor, b), times(factor, c)
 
 
 # ------------------------------------------------------------------------------------------------ sines
 
 
-@kernel
+@inlined_kernel
 def start_sine(series: Numbers, row: int, rate: Any, offset: float, t: float) -> None:
     """sin and cos of rate t + offset: the first coefficients of row and row + 1."""
     sine, cosine = sine_and_cosine(phase(rate, t, offset))
@@ -259,7 +261,7 @@ def start_sine(series: Numbers, row: int, rate: Any, offset: float, t: float) ->
     put(series, row + 1, 0, cosine)
 
 
-@kernel
+@inlined_kernel
 def move_sine(series: Numbers, row: int, rate: Any, k: int) -> None:
     """s' = rate c, c' = -rate s: the coefficients k + 1 of row and row + 1."""
     step = over_double(rate, k + 1.0)
@@ -282,7 +284,7 @@ def added_sines(series: Numbers, torque: Three, sines: Array, first_row: int, k:
 # ------------------------------------------------------------------------------------------ translation
 
 
-@kernel
+@inlined_kernel
 def acceleration(series: Numbers, moving: Numbers, k: int) -> Three:
     """(a_w - (c / m) v)_k, a_w = F_w / m."""
     decay = entry(moving, DECAY)
@@ -316,7 +318,7 @@ def turned_acceleration(series: Numbers, moving: Numbers, k: int) -> Three:
     return settled(x), settled(y), settled(z)
 
 
-@kernel
+@inlined_kernel
 def angular_rate(series: Numbers, turning: Numbers, torque: Three, k: int) -> None:
     """omega' = I^-1 torque: the coefficient k + 1 of omega."""
     put_rate(series, OMEGA, k, matrix_times(turning, INERTIA_INVERSE, torque))

@@ -14,7 +14,7 @@ _ABOVE_FLOOR = 10.0
 _PLATEAU_DECADES = 2.0
 _PLATEAU_SPREAD = 2.0
 _SETTLED = 0.1  # of the error: two steps whose motions agree this well have converged to something
-_WIDEST_ORDERS = (0.05, 0.25)  # half-widths of its interval at which an order is settled, best first
+_WIDEST_ORDERS = (0.05, 0.1, 0.25)  # half-widths of its interval at which an order is settled, best first
 _LEAST_ORDER = 0.5
 _LARGEST_ROUND_OFF = 1e-9  # an error above it that stops shrinking is no round-off in double precision
 

@@ -354,26 +354,7 @@ def torqued_from_rest(acceleration: float) -> Scene:
     return Scene(body, still, (load,), np.zeros(3), 1.0, 11)
 
 
-@pytest.mark.parametrize(
-    "acceleration",
-    [
-        1e-6,
-        1.0,
-        10.0,
-        pytest.param(
-            50.0,
-            marks=pytest.mark.xfail(
-                reason="omega = 0 is divided by in the step size", strict=True, raises=ValueError
-            ),
-        ),
-        pytest.param(
-            1e3,
-            marks=pytest.mark.xfail(
-                reason="omega = 0 is divided by in the step size", strict=True, raises=ValueError
-            ),
-        ),
-    ],
-)
+@pytest.mark.parametrize("acceleration", [1e-6, 1.0, 10.0, 50.0, 1e3, 1e9])
 def test_truth_of_a_body_that_starts_from_rest(acceleration: float) -> None:
     """A torque may set any body turning from rest: in the time sqrt(1 / a) all of these are one motion."""
     unit = 1.0 / math.sqrt(max(acceleration, 1.0))
