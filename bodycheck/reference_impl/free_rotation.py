@@ -657,7 +657,8 @@ class FreeRotation:
     def at(self, t_s: ArrayLike) -> tuple[Array, Array]:
         """Return (quaternion (n, 4), omega_body (n, 3)) at the times t_s (n,), of either sign, in any order.
 
-        The unit quaternions are scalar first and map body to world; omega is along body axes, in rad/s.
+        The unit quaternions are scalar first, map body to world and are continuous in t; omega is along body
+        axes, in rad/s.
         The attitude is within 4e-15 rad, and omega within 4e-15 of its size.
 
         Raises ValueError for another shape, NaN or infinite times, and times more than some 1e16 rad away,
@@ -666,10 +667,11 @@ class FreeRotation:
         t = np.asarray(t_s, dtype=np.float64, order="C")
         if t.ndim != 1:
             raise ValueError(f"t_s must have shape (n,), got {t.shape}")
-        if not np.isfinite(t).all():
-            raise ValueError(f"t_s must be finite, got {t[~np.isfinite(t)][0]}")
-        if (np.abs(t) >= self._horizon_s).any():
-            raise ValueError(f"t_s must stay within {self._horizon_s:.1e} s, got {t[np.abs(t).argmax()]}")
+        within = np.abs(t) < self._horizon_s
+        if not within.all():
+            first = t[~within][0]
+            limit = f"within {self._horizon_s:.1e} s" if math.isfinite(first) else "finite"
+            raise ValueError(f"t_s must be {limit}, got {first}")
         quaternion, omega = np.empty((len(t), 4)), np.empty((len(t), 3))
         if isinstance(self._motion, _Steady):
             _steady_at(self._motion, t, quaternion, omega)
