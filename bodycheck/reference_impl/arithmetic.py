@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from numba.core import types
+from numba import types, uintp
 from numba.extending import overload
 
 from bodycheck.reference_impl import double_double as dd
@@ -57,9 +57,14 @@ def put(numbers: Numbers, i: int, k: int, x: Any) -> None:
         numbers[i, k] = x
 
 
-def high_part(numbers: Numbers) -> Array:
-    """Return the numbers, rounded to doubles."""
+def high_part(numbers: Any) -> Any:
+    """Return the numbers rounded to doubles; None for None."""
     return numbers[0] if isinstance(numbers, tuple) else numbers
+
+
+def is_paired(numbers: Numbers) -> bool:
+    """Whether the numbers are double-doubles."""
+    return isinstance(numbers, tuple)
 
 
 def nothing(numbers: Numbers) -> Any:
@@ -73,20 +78,30 @@ def exactly(numbers: Numbers, x: float) -> Any:
 
 
 def _put_pair(numbers: Any, i: int, k: int, x: Any) -> None:
-    numbers[0][i, k] = x[0]
-    numbers[1][i, k] = x[1]
+    numbers[0][uintp(i), uintp(k)] = x[0]
+    numbers[1][uintp(i), uintp(k)] = x[1]
 
 
 def _put_double(numbers: Any, i: int, k: int, x: Any) -> None:
-    numbers[i, k] = x
+    numbers[uintp(i), uintp(k)] = x
 
 
-_word(entry, lambda numbers, i: numbers[i], lambda numbers, i: (numbers[0][i], numbers[1][i]))
-_word(term, lambda numbers, i, k: numbers[i, k], lambda numbers, i, k: (numbers[0][i, k], numbers[1][i, k]))
+# an index without a sign is spared the question whether it counts from the end
+_word(
+    entry,
+    lambda numbers, i: numbers[uintp(i)],
+    lambda numbers, i: (numbers[0][uintp(i)], numbers[1][uintp(i)]),
+)
+_word(
+    term,
+    lambda numbers, i, k: numbers[uintp(i), uintp(k)],
+    lambda numbers, i, k: (numbers[0][uintp(i), uintp(k)], numbers[1][uintp(i), uintp(k)]),
+)
 _word(put, _put_double, _put_pair)
 _word(high_part, lambda numbers: numbers, lambda numbers: numbers[0])
-_word(nothing, lambda numbers: 0.0, lambda numbers: (0.0, 0.0))
-_word(exactly, lambda numbers, x: x, lambda numbers, x: (x, 0.0))
+_word(is_paired, lambda numbers: False, lambda numbers: True)  # noqa: ARG005 - called by type
+_word(nothing, lambda numbers: 0.0, lambda numbers: (0.0, 0.0))  # noqa: ARG005 - called by type
+_word(exactly, lambda numbers, x: x, lambda numbers, x: (x, 0.0))  # noqa: ARG005 - called by type
 
 # --------------------------------------------------------------------------------------- what they become
 
@@ -192,4 +207,4 @@ _word(
     lambda x: functions.sine_and_cosine(x),
 )
 _word(as_pair, lambda x: (x, 0.0), lambda x: x)
-_word(like, lambda x, pair: pair[0], lambda x, pair: pair)
+_word(like, lambda x, pair: pair[0], lambda x, pair: pair)  # noqa: ARG005 - called by type

@@ -4,8 +4,8 @@ Near the separatrix of the free body m1 is the small quantity that matters and m
 near a symmetric body it is m. Nothing here subtracts one from the other where that would lose digits.
 
 sn, cn and dn are quotients of theta functions, in the nome q or its complement q', whichever makes their
-series short; :class:`Quotients` and the functions after it do this in steps, for callers that need many values
-of one parameter, or the arguments of the series for theta functions of their own.
+series short; :class:`Quotients` and the functions after it do this in steps, for callers that need many
+values of one parameter, or the arguments of the series for theta functions of their own.
 """
 
 from __future__ import annotations

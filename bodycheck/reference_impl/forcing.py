@@ -32,7 +32,7 @@ from bodycheck.reference_impl.scene import (
 )
 
 # where things lie among the numbers of Forcing.turning ...
-INERTIA, INERTIA_INVERSE, TORQUE_BODY, DAMPING = 0, 9, 18, 21
+INERTIA, INERTIA_INVERSE, TORQUE_BODY = 0, 9, 18
 # ... of Forcing.world ...
 TORQUE_WORLD, MOMENT = 0, 3
 # ... of Forcing.orbit ...
@@ -49,15 +49,16 @@ _Vector: TypeAlias = list[Fraction]
 class Forcing:
     """The constants of the equations of motion, as numbers in one precision.
 
-    turning (30,): I, I^-1, the torque held in body axes, the angular drag C. body_sines, world_sines (n, 5):
-    amplitude, rate, phase of each sine torque, doubles. world (12,): the torque held in world axes; moment =
-    sum of at F^T over the world forces. orbit (2,): 3 n^2 and n of the gravity gradient. moving (9,): acceleration held
-    in body axes and in world axes, drag over mass, 1 / mass, gyration radius. springs (n, 8): anchor, at,
-    stiffness, rest length, doubles. torsion (5,): stiffness and q(0). on_parabola: whether the centre of
-    mass moves under a constant acceleration, apart from the rotation.
+    turning (21,): I, I^-1, the torque held in body axes. damping (9,): the angular drag C. body_sines and
+    world_sines (n, 5): amplitude, rate, phase of each sine torque, doubles. world (12,): the torque held in
+    world axes; moment = sum of at F^T over the world forces. orbit (2,): 3 n^2 and n of the gravity gradient.
+    moving (9,): acceleration held in body axes and in world axes, drag over mass, 1 / mass, gyration radius.
+    springs (n, 8): anchor, at, stiffness, rest length, doubles. torsion (5,): stiffness and q(0).
+    on_parabola: the centre of mass moves under a constant acceleration, apart from the rotation.
     """
 
     turning: Numbers
+    damping: Numbers | None
     body_sines: Array | None
     world: Numbers | None
     world_sines: Array | None
@@ -71,6 +72,7 @@ class Forcing:
         """Return the same in doubles."""
         return Forcing(
             _high(self.turning),
+            _high(self.damping),
             self.body_sines,
             _high(self.world),
             self.world_sines,
@@ -92,11 +94,13 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     gradients = [load for load in scene.lasting_loads if isinstance(load, GravityGradient)]
     body_sines, world_sines = (_sine_rows(sines, axes) for axes in ("body", "world"))
     world, orbit = _world(timed), _orbit(gradients)
+    damping = _damping(drags)
     moving = _moving(scene, timed, drags)
     forced_in_body = any(moving[ACCELERATION_BODY:ACCELERATION_WORLD])
     turns = any(world) or orbit or springs or forced_in_body or world_sines is not None
     return Forcing(
-        _pairs(_turning(scene.body, timed, drags)),
+        _pairs(_turning(scene.body, timed)),
+        _pairs(damping) if any(damping) else None,
         body_sines,
         _pairs(world) if turns else None,
         world_sines,
@@ -108,17 +112,21 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     )
 
 
-def _turning(body: RigidBody, timed: Iterable[Timed], drags: Iterable[Drag]) -> _Vector:
+def _turning(body: RigidBody, timed: Iterable[Timed]) -> _Vector:
     torque = [Fraction(0)] * 3
     for load in timed:
         if load.axes == "body":
             value = fractions(load.value)
             moment = value if isinstance(load, Torque) else cross(fractions(load.at), value)
             torque = added(torque, moment)
+    return [*fractions(body.inertia), *inverse(fractions(body.inertia)), *torque]
+
+
+def _damping(drags: Iterable[Drag]) -> _Vector:
     damping = [Fraction(0)] * 9
     for drag in drags:
         damping = added(damping, fractions(drag.angular))
-    return [*fractions(body.inertia), *inverse(fractions(body.inertia)), *torque, *damping]
+    return damping
 
 
 def _world(timed: Iterable[Timed]) -> _Vector:
@@ -137,7 +145,7 @@ def _orbit(gradients: Sequence[GravityGradient]) -> _Vector:
     if len({load.rate for load in gradients}) > 1:
         raise ValueError("gravity gradients of different orbits cannot act on one body")
     rates = [Fraction(load.rate) for load in gradients]
-    return [3 * sum(rate**2 for rate in rates), rates[0]] if rates else []
+    return [3 * len(rates) * rates[0] ** 2, rates[0]] if rates else []
 
 
 def _moving(scene: Scene, timed: Iterable[Timed], drags: Iterable[Drag]) -> _Vector:
@@ -219,5 +227,3 @@ def _high(numbers: Numbers) -> Array: ...
 def _high(numbers: None) -> None: ...
 def _high(numbers: Numbers | None) -> Array | None:
     return numbers[0] if isinstance(numbers, tuple) else numbers
-
-

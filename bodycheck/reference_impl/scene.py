@@ -120,7 +120,10 @@ class TorsionSpring:
 
 @dataclass(frozen=True, eq=False)
 class GravityGradient:
-    """tau = 3 n^2 u x (I u) in world axes, u(t) = (-sin n t, 0, -cos n t): a circular orbit of rate n, rad/s."""
+    """tau = 3 n^2 u x (I u) in world axes, u(t) = (-sin n t, 0, -cos n t).
+
+    rate: n of the circular orbit, rad/s.
+    """
 
     rate: float
 

@@ -1,167 +1,439 @@
-"""Taylor-series integration of one rigid body under a constant wrench, with dense output.
+"""Taylor-series integration of one rigid body, in doubles or double-doubles, with dense output.
 
-The series of q, omega, v and x come from recurrences (automatic differentiation of the equations of
-motion); the step follows from the last two coefficients and is cut to a short mantissa, so that time
-is exact and rounding has no preferred sign. Sources: Jorba and Zou (2005), Experimental Mathematics
-14, 99, sections 3.2 and 3.3; Biscani and Izzo (2021), MNRAS 504, 2614.
+The step follows from the last two coefficients, and every step ends on a coarse binary grid, so that time is
+exact and rounding has no preferred sign; the state is carried as a double-double, so that adding the steps up
+loses nothing. Sources: Jorba and Zou (2005), Experimental Mathematics 14, 99, sections 3.2 and 3.3; Biscani
+and Izzo (2021), MNRAS 504, 2614.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from bodycheck.reference_impl import double_double as dd
+from bodycheck.reference_impl.arithmetic import (
+    Numbers,
+    as_pair,
+    by_double,
+    entry,
+    exactly,
+    high_part,
+    is_paired,
+    like,
+    nothing,
+    over_double,
+    plus,
+    put,
+    term,
+)
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.double_double import DoubleDouble
+from bodycheck.reference_impl.forcing import (
+    ACCELERATION_WORLD,
+    ORBIT_RATE,
+    RADIUS,
+    Forcing,
+    forcing_between,
+    unit_quaternion,
+)
+from bodycheck.reference_impl.jit import inlined_kernel, kernel
+from bodycheck.reference_impl.scene import Scene, State
+from bodycheck.reference_impl.taylor_springs import SPRING_ROWS, TORSION_ROWS, springs_share, torsion_torque
+from bodycheck.reference_impl.taylor_terms import (
+    OMEGA,
+    ORBIT,
+    SINES,
+    STATE,
+    V,
+    X,
+    acceleration,
+    added,
+    angular_rate,
+    gradient_torque,
+    held_torque,
+    moment_torque,
+    own_torque,
+    put_rate,
+    rotation_matrix,
+    sine_torque,
+    start_sine,
+    turned_acceleration,
+    vector_terms,
+)
 
-_Q, _OMEGA, _V, _X, _STATE = 0, 4, 7, 10, 13
-
-
-@kernel
-def _convolution(series: Array, i: int, j: int, k: int) -> float:
-    """sum over n of series[i, n] series[j, k - n]."""
-    total = 0.0
-    for n in range(k + 1):
-        total += series[i, n] * series[j, k - n]
-    return total
-
-
-@kernel
-def _rotation_coefficient(series: Array, k: int, r: Array) -> None:
-    """The k-th coefficient of R(q), quadratic in q, into r (9,)."""
-    ww, xx = _convolution(series, 0, 0, k), _convolution(series, 1, 1, k)
-    yy, zz = _convolution(series, 2, 2, k), _convolution(series, 3, 3, k)
-    xy, wz = _convolution(series, 1, 2, k), _convolution(series, 0, 3, k)
-    xz, wy = _convolution(series, 1, 3, k), _convolution(series, 0, 2, k)
-    yz, wx = _convolution(series, 2, 3, k), _convolution(series, 0, 1, k)
-    r[0], r[1], r[2] = ww + xx - yy - zz, 2.0 * (xy - wz), 2.0 * (xz + wy)
-    r[3], r[4], r[5] = 2.0 * (xy + wz), ww - xx + yy - zz, 2.0 * (yz - wx)
-    r[6], r[7], r[8] = 2.0 * (xz - wy), 2.0 * (yz + wx), ww - xx - yy + zz
+_EPS = 2.0**-52
+_GRID_BITS = 6  # a step ends on a multiple of some 2^-6 of its length
+_SMALLER = 1e14  # times the tolerance: where terms are below this, 2^-53 of them is far below the tolerance
 
 
 @kernel
 def _expand(
-    series: Array, momentum: Array, body: Array, load: Array, order: int, turns_loads: bool, r: Array
+    series: Numbers,
+    turning: Numbers,
+    damping: Numbers | None,
+    body_sines: Array | None,
+    world: Numbers | None,
+    world_sines: Array | None,
+    orbit: Numbers | None,
+    moving: Numbers | None,
+    springs: Array | None,
+    torsion: Numbers | None,
+    rows: tuple[int, int, int],
+    first: int,
+    last: int,
 ) -> None:
-    """Fill series (13, order + 1) from its first column, and momentum (3, order) with I omega.
+    """Fill the coefficients first + 1 .. last of the state's rows, those before being there."""
+    for k in range(first, last):
+        share = over_double(exactly(series, 1.0), k + 1.0)
+        torque = own_torque(series, turning, damping, body_sines, k, share)
+        if world is not None:
+            rotation_matrix(series, k)
+            torque = added(torque, added(held_torque(series, world, k), moment_torque(series, world, k)))
+        if world_sines is not None:
+            torque = added(torque, sine_torque(series, world_sines, rows[0], k))
+        if orbit is not None:
+            torque = added(torque, gradient_torque(series, turning, orbit, k))
+        if torsion is not None:
+            torque = added(torque, torsion_torque(series, torsion, rows[2], k))
+        if moving is not None:
+            rate = acceleration(series, moving, k)
+            if world is not None:
+                rate = added(rate, turned_acceleration(series, moving, k))
+            if springs is not None:
+                turn, push = springs_share(series, springs, moving, rows[1], k)
+                torque, rate = added(torque, turn), added(rate, push)
+            put_rate(series, V, k, rate, share)
+            put_rate(series, X, k, vector_terms(series, V, k), share)
+        angular_rate(series, turning, torque, k, share)
 
-    turns_loads tells whether any load has to be turned between body and world axes.
-    """
-    torque, force = np.zeros(3), np.zeros(3)
-    for k in range(order):
-        for a in range(3):
-            force[a] = load[3 + a] if k == 0 else 0.0
-            torque[a] = load[6 + a] if k == 0 else 0.0
-            momentum[a, k] = (
-                body[1 + 3 * a] * series[4, k]
-                + body[2 + 3 * a] * series[5, k]
-                + body[3 + 3 * a] * series[6, k]
-            )
-        if turns_loads:
-            _rotation_coefficient(series, k, r)
-            for a in range(3):
-                b, c = (a + 1) % 3, (a + 2) % 3
-                for d in range(3):
-                    force[a] += r[3 * a + d] * load[d]
-                    torque[a] += r[3 * d + a] * load[9 + d]
-                    torque[a] += load[12 + 3 * b + d] * r[3 * d + c] - load[12 + 3 * c + d] * r[3 * d + b]
-        for a in range(3):
-            b, c = (a + 1) % 3, (a + 2) % 3
-            for n in range(k + 1):
-                torque[a] -= series[_OMEGA + b, n] * momentum[c, k - n]
-                torque[a] += series[_OMEGA + c, n] * momentum[b, k - n]
-        next_order = 1.0 / (k + 1)
-        for a in range(3):
-            series[_OMEGA + a, k + 1] = next_order * (
-                body[10 + 3 * a] * torque[0] + body[11 + 3 * a] * torque[1] + body[12 + 3 * a] * torque[2]
-            )
-            series[_V + a, k + 1] = next_order * force[a] / body[0]
-            series[_X + a, k + 1] = next_order * series[_V + a, k]
-        half = 0.5 * next_order
-        w = x = y = z = 0.0
-        for n in range(k + 1):
-            qw, qx, qy, qz = series[0, n], series[1, n], series[2, n], series[3, n]
-            ox, oy, oz = series[4, k - n], series[5, k - n], series[6, k - n]
-            w -= qx * ox + qy * oy + qz * oz
-            x += qw * ox + qy * oz - qz * oy
-            y += qw * oy + qz * ox - qx * oz
-            z += qw * oz + qx * oy - qy * ox
-        series[0, k + 1], series[1, k + 1] = half * w, half * x
-        series[2, k + 1], series[3, k + 1] = half * y, half * z
+
+@inlined_kernel
+def _start_sines(series: Numbers, sines: Array, row: int, t: float) -> None:
+    """Set the first coefficients of the sines at time t."""
+    for i in range(len(sines)):
+        start_sine(series, row + 2 * i, exactly(series, sines[i, 3]), sines[i, 4], t)
 
 
 @kernel
-def _step_size(series: Array, order: int, tolerance: float) -> float:
-    """The step at which the last two terms of q and omega reach the tolerance, to 6 bits."""
-    # omega may pass through 0 while its rate does not: then the rate sets the scale
-    omega_scale = 0.0
-    for i in range(_OMEGA, _V):
-        omega_scale = max(omega_scale, abs(series[i, 0]), math.sqrt(abs(series[i, 1])))
+def _start(
+    series: Numbers,
+    state: tuple[Array, Array],
+    body_sines: Array | None,
+    world_sines: Array | None,
+    orbit: Numbers | None,
+    rows: tuple[int, int, int],
+    t: float,
+) -> None:
+    """Set the first coefficients of the state and of the sines at time t."""
+    for i in range(STATE):
+        put(series, i, 0, like(nothing(series), (state[0][i], state[1][i])))
+    if body_sines is not None:
+        _start_sines(series, body_sines, SINES, t)
+    if world_sines is not None:
+        _start_sines(series, world_sines, rows[0], t)
+    if orbit is not None:
+        start_sine(series, ORBIT, entry(orbit, ORBIT_RATE), 0.0, t)
+
+
+@kernel
+def _largest(high: Array, first: int, last: int, k: int) -> float:
+    """max |c_k| over the rows first .. last - 1; infinite where one is NaN."""
+    largest = 0.0
+    for i in range(first, last):
+        size = abs(high[i, k])
+        if not size <= math.inf:
+            return math.inf
+        largest = max(largest, size)
+    return largest
+
+
+@inlined_kernel
+def _reach(rate: float, start: float, k: int, tolerance: float) -> float:
+    """The longer of the steps at which a rate's k-th term is small beside its start, or by its integral.
+
+    |c_k| h^k = tolerance start, or |c_k| h^(k+1) = tolerance: a rate may pass through 0. The first is the
+    longer one where h start >= 1.
+    """
+    if rate == 0.0:
+        return math.inf
+    step = (tolerance * start / rate) ** (1.0 / k)
+    if step * start < 1.0:
+        step = (tolerance / rate) ** (1.0 / (k + 1))
+    return step
+
+
+@kernel
+def _step_size(high: Array, order: int, tolerance: float, length: float) -> float:
+    """The step at which the last two terms of q, omega and, over a length > 0, v reach the tolerance."""
     step = math.inf
+    spin, speed = _largest(high, OMEGA, V, 0), _largest(high, V, X, 0)
     for k in (order - 1, order):
-        largest = 0.0
-        for i in range(_OMEGA):
-            largest = max(largest, abs(series[i, k]))
-        if omega_scale > 0.0:
-            for i in range(_OMEGA, _V):
-                largest = max(largest, abs(series[i, k]) / omega_scale)
-        if largest > 0.0:
-            step = min(step, (tolerance / largest) ** (1.0 / k))
-    if step == math.inf:
-        return step
-    mantissa, exponent = math.frexp(step)
-    return math.ldexp(math.floor(mantissa * 64.0) / 64.0, exponent)
+        turned = _largest(high, 0, OMEGA, k)
+        if turned != 0.0:
+            step = min(step, (tolerance / turned) ** (1.0 / k))
+        step = min(step, _reach(_largest(high, OMEGA, V, k), spin, k, tolerance))
+        if length > 0.0:
+            step = min(step, _reach(_largest(high, V, X, k) / length, speed / length, k, tolerance))
+    return step
+
+
+@inlined_kernel
+def _next_time(t: float, step: float, end: float) -> float:
+    """t + step, rounded down to a multiple of about step / 2^_GRID_BITS, or the end."""
+    if not t + step < end:
+        return end
+    grid = math.ldexp(1.0, math.frexp(step)[1] - _GRID_BITS)
+    return math.floor((t + step) / grid) * grid
 
 
 @kernel
-def _evaluate(series: Array, order: int, h: float, out: Array) -> None:
-    """series(h) - series(0) by Horner's rule into out (13,)."""
-    for i in range(_STATE):
-        total = series[i, order]
-        for k in range(order - 1, 0, -1):
-            total = total * h + series[i, k]
-        out[i] = total * h
+def _change(series: Numbers, i: int, order: int, h: float) -> Any:
+    """series_i(h) - series_i(0) by Horner's rule."""
+    total = term(series, i, order)
+    for k in range(order - 1, 0, -1):
+        total = plus(by_double(total, h), term(series, i, k))
+    return by_double(total, h)
+
+
+@inlined_kernel
+def _moved(state: tuple[Array, Array], i: int, change: Any) -> DoubleDouble:
+    """state_i + change."""
+    return dd.add((state[0][i], state[1][i]), as_pair(change))
+
+
+@inlined_kernel
+def _write(out: tuple[Array, Array], row: int, state: tuple[Array, Array]) -> None:
+    for i in range(STATE):
+        out[0][row, i], out[1][row, i] = state[0][i], state[1][i]
 
 
 @kernel
-def integrate_taylor(
-    state: Array, body: Array, load: Array, times: Array, end: float, order: int, tolerance: float
-) -> tuple[Array, int]:
-    """The states at times (n,) within [0, end], ascending, and the number of steps; state ends at `end`.
+def integrate(
+    state: tuple[Array, Array],
+    series: Numbers,
+    turning: Numbers,
+    damping: Numbers | None,
+    body_sines: Array | None,
+    world: Numbers | None,
+    world_sines: Array | None,
+    orbit: Numbers | None,
+    moving: Numbers | None,
+    springs: Array | None,
+    torsion: Numbers | None,
+    rows: tuple[int, int, int],
+    times: Array,
+    begin: float,
+    end: float,
+    tolerance: float,
+    paired_orders: int,
+    out: tuple[Array, Array],
+) -> int:
+    """Move the state from time begin to end, write it at the times into out; return the number of steps.
 
-    state (13,) holds q, omega_body, v, x at time 0 and is moved to time `end` in place. body (19,) and
-    load (21,) are packed as in equations.py. Returns ((n, 13), steps).
+    state ((13,), (13,)), high and low parts of q, omega_body, v, x; without `moving`, v and x stay. series
+    (n, order + 1) is room to work in, of the precision that is wanted; rows says where the world's sines, the
+    springs and the torsion spring have theirs. Coefficients beyond the paired orders are computed in doubles:
+    they are small. times (n,) in [begin, end],
+    ascending; out ((n, 13), (n, 13)). NaN from where the motion cannot be followed on.
     """
-    series, momentum = np.zeros((_STATE, order + 1)), np.zeros((3, order))
-    change, lost, r = np.zeros(_STATE), np.zeros(_STATE), np.zeros(9)
-    turns_loads = np.any(load[0:3] != 0.0) or np.any(load[9:21] != 0.0)
-    out = np.empty((len(times), _STATE))
-    t, due, steps = 0.0, 0, 0
-    while due < len(times) and times[due] == 0.0:
-        out[due] = state
+    high = high_part(series)
+    order = high.shape[1] - 1
+    full = min(paired_orders, order) if is_paired(series) else order
+    last = STATE if moving is not None else V
+    length = high_part(moving)[RADIUS] if moving is not None else 0.0
+    t, due, steps = begin, 0, 0
+    while due < len(times) and times[due] == begin:
+        _write(out, due, state)
         due += 1
     while t < end:
-        series[:, 0] = state
-        _expand(series, momentum, body, load, order, turns_loads, r)
-        h = _step_size(series, order, tolerance)
-        if not h > 0.0:
-            state[:] = np.nan
-            out[due:] = np.nan
-            return out, steps
-        h = min(h, end - t)
-        while due < len(times) and times[due] <= t + h:
-            _evaluate(series, order, times[due] - t, change)
-            for i in range(_STATE):
-                out[due, i] = state[i] + (change[i] - lost[i])
+        _start(series, state, body_sines, world_sines, orbit, rows, t)
+        _expand(
+            series,
+            turning,
+            damping,
+            body_sines,
+            world,
+            world_sines,
+            orbit,
+            moving,
+            springs,
+            torsion,
+            rows,
+            0,
+            full,
+        )
+        _expand(
+            high,
+            high_part(turning),
+            high_part(damping),
+            body_sines,
+            high_part(world),
+            world_sines,
+            high_part(orbit),
+            high_part(moving),
+            springs,
+            high_part(torsion),
+            rows,
+            full,
+            order,
+        )
+        step = _step_size(high, order, tolerance, length)
+        if tolerance * _SMALLER < _EPS:
+            step = min(step, _step_size(high, full, tolerance * _SMALLER, length))
+        after = _next_time(t, step, end)
+        if not after > t:
+            state[0].fill(math.nan)
+            for lost in range(due, len(times)):
+                _write(out, lost, state)
+            return steps
+        while due < len(times) and times[due] < after:
+            for i in range(last):
+                out[0][due, i], out[1][due, i] = _moved(state, i, _change(series, i, order, times[due] - t))
             due += 1
-        _evaluate(series, order, h, change)
-        for i in range(_STATE):
-            # Kahan's summation: what the sum cannot hold is handed to the next step
-            addend = change[i] - lost[i]
-            total = state[i] + addend
-            lost[i] = (total - state[i]) - addend
-            state[i] = total
-        t += h
+        for i in range(last):
+            state[0][i], state[1][i] = _moved(state, i, _change(series, i, order, after - t))
+        while due < len(times) and times[due] == after:
+            _write(out, due, state)
+            due += 1
+        t = after
         steps += 1
-    return out, steps
+    return steps
+
+
+@kernel
+def follow_parabola(
+    state: tuple[Array, Array],
+    moving: Numbers,
+    times: Array,
+    begin: float,
+    end: float,
+    out: tuple[Array, Array],
+) -> None:
+    """v = v0 + a t, x = x0 + t (v0 + a t / 2): what `integrate` does, for the centre of mass alone."""
+    for due in range(len(times) + 1):
+        t = dd.two_sum(times[due] if due < len(times) else end, -begin)
+        for i in range(3):
+            a = as_pair(entry(moving, ACCELERATION_WORLD + i))
+            v, x = (state[0][V + i], state[1][V + i]), (state[0][X + i], state[1][X + i])
+            gained = dd.multiply(a, t)
+            way = dd.multiply(t, dd.add(v, dd.scale(gained, 0.5)))
+            v, x = dd.add(v, gained), dd.add(x, way)
+            if due < len(times):
+                out[0][due, V + i], out[1][due, V + i] = v
+                out[0][due, X + i], out[1][due, X + i] = x
+            else:
+                state[0][V + i], state[1][V + i] = v
+                state[0][X + i], state[1][X + i] = x
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely a motion is followed.
+
+    order: of the series. tolerance: the size of their last terms. paired_orders: how many of the orders are
+    in double-doubles. None at all is the fastest; a few keep the round-off of many steps down; with some
+    three fifths the rest is so small that doubles hold it, for tolerances down to 1e-33.
+    """
+
+    order: int
+    tolerance: float
+    paired_orders: int = 0
+
+
+def resolution_for(tolerance: float) -> Resolution:
+    """Return the fastest resolution whose steps each err by about the tolerance, 1e-17 at the least."""
+    if not 1e-17 <= tolerance < 1.0:
+        raise ValueError(f"a tolerance of doubles lies between 1e-17 and 1, not at {tolerance!r}")
+    return Resolution(16 if tolerance > 1e-15 else 18, tolerance)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """States (n, 13): q, omega_body, v, x, each the sum of a high and a low part; and the steps made."""
+
+    high: Array
+    low: Array
+    steps: int
+
+
+Course: TypeAlias = tuple[tuple[float, float, Forcing], ...]
+"""What acts from when until when, without a gap."""
+
+
+def course_of(scene: Scene, until_s: float) -> Course:
+    """Return what acts in the scene from switch to switch."""
+    edges = [0.0, *scene.switches_before(until_s), until_s]
+    return tuple((begin, end, forcing_between(scene, begin, end)) for begin, end in pairwise(edges))
+
+
+def solve(course: Course, start: State, t_s: Array, resolution: Resolution) -> Solution:
+    """Follow a course from a start through ascending times (n,) within it."""
+    state, steps = packed_state(start), 0
+    high, low = np.empty((len(t_s), STATE)), np.empty((len(t_s), STATE))
+    for begin, end, forcing in course:
+        first, after = np.searchsorted(t_s, [begin, end])
+        part = slice(first, after if end != course[-1][1] else len(t_s))
+        out = high[part], low[part]
+        steps += advance(state, forcing, resolution, t_s[part], (begin, end), out)
+    return Solution(high, low, steps)
+
+
+def packed_state(start: State) -> tuple[Array, Array]:
+    """((13,), (13,)): q / |q|, omega_body, v, x, high and low parts."""
+    state = np.concatenate([start.quaternion, start.omega_body, start.velocity, start.position])
+    rest = np.zeros(STATE)
+    state[:4], rest[:4] = np.array(unit_quaternion(start.quaternion)).T
+    return state, rest
+
+
+def advance(
+    state: tuple[Array, Array],
+    forcing: Forcing,
+    resolution: Resolution,
+    times: Array,
+    span: tuple[float, float],
+    out: tuple[Array, Array],
+) -> int:
+    """Run the kernels that the forcing needs over the span (begin, end); as `integrate`."""
+    numbers = forcing if resolution.paired_orders else forcing.rounded()
+    rows, series = working_space(forcing, resolution)
+    steps = integrate(
+        state,
+        series,
+        numbers.turning,
+        numbers.damping,
+        numbers.body_sines,
+        numbers.world,
+        numbers.world_sines,
+        numbers.orbit,
+        None if forcing.on_parabola else numbers.moving,
+        numbers.springs,
+        numbers.torsion,
+        rows,
+        times,
+        *span,
+        resolution.tolerance,
+        resolution.paired_orders,
+        out,
+    )
+    if forcing.on_parabola:
+        follow_parabola(state, numbers.moving, times, *span, out)
+    return int(steps)
+
+
+def working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int, int, int], Numbers]:
+    """Return where the rows of the world's sines, the springs and the torsion spring begin; zeroed series."""
+    counts = [
+        0 if part is None else len(part)
+        for part in (forcing.body_sines, forcing.world_sines, forcing.springs)
+    ]
+    rows = (SINES + 2 * counts[0], SINES + 2 * (counts[0] + counts[1]))
+    torsion = rows[1] + SPRING_ROWS * counts[2]
+    shape = (torsion + (0 if forcing.torsion is None else TORSION_ROWS), resolution.order + 1)
+    series = (np.zeros(shape), np.zeros(shape)) if resolution.paired_orders else np.zeros(shape)
+    return (*rows, torsion), series

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from bodycheck.reference_impl.arithmetic import (
     Numbers,
     Three,
@@ -62,9 +63,7 @@ def reciprocal_root(series: Numbers, square: int, row: int, k: int) -> None:
         return
     total = nothing(series)
     for j in range(1, k + 1):
-        total = add_product(
-            total, by_double(term(series, square, j), 0.5 * j - k), term(series, row, k - j)
-        )
+        total = add_product(total, by_double(term(series, square, j), 0.5 * j - k), term(series, row, k - j))
     put(series, row, k, over(over_double(settled(total), float(k)), s))
 
 
@@ -74,9 +73,7 @@ def stretch(series: Numbers, spring: Array, row: int, k: int) -> None:
     for a in range(3):
         total = add_product(term(series, X + a, k), term(series, R + 3 * a, k), exactly(series, spring[AT]))
         total = add_product(total, term(series, R + 3 * a + 1, k), exactly(series, spring[AT + 1]))
-        total = settled(
-            add_product(total, term(series, R + 3 * a + 2, k), exactly(series, spring[AT + 2]))
-        )
+        total = settled(add_product(total, term(series, R + 3 * a + 2, k), exactly(series, spring[AT + 2])))
         if k == 0:
             total = minus(total, exactly(series, spring[ANCHOR + a]))
         put(series, row + _D + a, k, total)
@@ -118,9 +115,7 @@ def spring_torque(series: Numbers, spring: Array, row: int, k: int) -> Three:
 
 
 @kernel
-def springs_share(
-    series: Numbers, springs: Array, moving: Numbers, row: int, k: int
-) -> tuple[Three, Three]:
+def springs_share(series: Numbers, springs: Array, moving: Numbers, row: int, k: int) -> tuple[Three, Three]:
     """(sum of the torques)_k in body axes and (sum of the forces / m)_k in world axes."""
     none = nothing(series)
     torque, force = (none, none, none), (none, none, none)

@@ -34,7 +34,6 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.forcing import (
     ACCELERATION_BODY,
     ACCELERATION_WORLD,
-    DAMPING,
     DECAY,
     GRADIENT,
     INERTIA,
@@ -130,39 +129,50 @@ def subtracted(a: Three, b: Three) -> Three:
 
 
 @inlined_kernel
-def put_rate(series: Numbers, i: int, k: int, v: Three) -> None:
-    """a' = v: the coefficients k + 1 of the rows i, i + 1, i + 2."""
-    put(series, i, k + 1, over_double(v[0], k + 1.0))
-    put(series, i + 1, k + 1, over_double(v[1], k + 1.0))
-    put(series, i + 2, k + 1, over_double(v[2], k + 1.0))
+def put_rate(series: Numbers, i: int, k: int, v: Three, share: Any) -> None:
+    """a' = v: the coefficients k + 1 = 1 / share of the rows i, i + 1, i + 2."""
+    put(series, i, k + 1, times(share, v[0]))
+    put(series, i + 1, k + 1, times(share, v[1]))
+    put(series, i + 2, k + 1, times(share, v[2]))
 
 
 # --------------------------------------------------------------------------------------------- rotation
 
 
 @kernel
-def quaternion_rate(series: Numbers, k: int) -> None:
-    """q' = q omega / 2: the coefficient k + 1 of q."""
-    w = x = y = z = nothing(series)
+def spin(series: Numbers, k: int, share: Any) -> Three:
+    """q' = q omega / 2, the coefficient k + 1 = 1 / share; and (I omega x omega)_k, returned.
+
+    The two sums share omega's coefficients, and one loop, which is most of what a free rotation costs.
+    """
+    w = x = y = z = tx = ty = tz = nothing(series)
     for n in range(k + 1):
-        qw, qx, qy, qz = term(series, 0, n), term(series, 1, n), term(series, 2, n), term(series, 3, n)
         a, b, c = term(series, OMEGA, k - n), term(series, OMEGA + 1, k - n), term(series, OMEGA + 2, k - n)
+        lx, ly, lz = term(series, L, n), term(series, L + 1, n), term(series, L + 2, n)
+        tx = subtract_product(add_product(tx, ly, c), lz, b)
+        ty = subtract_product(add_product(ty, lz, a), lx, c)
+        tz = subtract_product(add_product(tz, lx, b), ly, a)
+        qw, qx, qy, qz = term(series, 0, n), term(series, 1, n), term(series, 2, n), term(series, 3, n)
         w = subtract_product(subtract_product(subtract_product(w, qx, a), qy, b), qz, c)
         x = subtract_product(add_product(add_product(x, qw, a), qy, c), qz, b)
         y = subtract_product(add_product(add_product(y, qw, b), qz, a), qx, c)
         z = subtract_product(add_product(add_product(z, qw, c), qx, b), qy, a)
-    put(series, 0, k + 1, over_double(settled(w), 2.0 * (k + 1.0)))
-    put(series, 1, k + 1, over_double(settled(x), 2.0 * (k + 1.0)))
-    put(series, 2, k + 1, over_double(settled(y), 2.0 * (k + 1.0)))
-    put(series, 3, k + 1, over_double(settled(z), 2.0 * (k + 1.0)))
+    half = by_double(share, 0.5)
+    put(series, 0, k + 1, times(half, settled(w)))
+    put_vector(series, 1, k + 1, (times(half, settled(x)), times(half, settled(y)), times(half, settled(z))))
+    return settled(tx), settled(ty), settled(tz)
 
 
 @kernel
-def own_torque(series: Numbers, turning: Numbers, sines: Array | None, k: int) -> Three:
-    """(tau - C omega + I omega x omega)_k, tau what is given in body axes; moves the sines to k + 1."""
+def own_torque(
+    series: Numbers, turning: Numbers, damping: Numbers | None, sines: Array | None, k: int, share: Any
+) -> Three:
+    """(tau - C omega + I omega x omega)_k, tau what is given in body axes; moves q and the sines to k + 1."""
     omega = vector_terms(series, OMEGA, k)
     put_vector(series, L, k, matrix_times(turning, INERTIA, omega))
-    torque = subtracted(cross_product(series, L, OMEGA, k), matrix_times(turning, DAMPING, omega))
+    torque = spin(series, k, share)
+    if damping is not None:
+        torque = subtracted(torque, matrix_times(damping, 0, omega))
     if k == 0:
         held = (entry(turning, TORQUE_BODY), entry(turning, TORQUE_BODY + 1), entry(turning, TORQUE_BODY + 2))
         torque = added(torque, held)
@@ -180,7 +190,8 @@ def rotation_matrix(series: Numbers, k: int) -> None:
         w, x, y, z = term(series, 0, n), term(series, 1, n), term(series, 2, n), term(series, 3, n)
         a, b = term(series, 0, k - n), term(series, 1, k - n)
         c, d = term(series, 2, k - n), term(series, 3, k - n)
-        ww, xx, yy, zz = add_product(ww, w, a), add_product(xx, x, b), add_product(yy, y, c), add_product(zz, z, d)
+        ww, xx = add_product(ww, w, a), add_product(xx, x, b)
+        yy, zz = add_product(yy, y, c), add_product(zz, z, d)
         xy, xz, yz = add_product(xy, x, c), add_product(xz, x, d), add_product(yz, y, d)
         wx, wy, wz = add_product(wx, w, b), add_product(wy, w, c), add_product(wz, w, d)
     ww, xx, yy, zz = settled(ww), settled(xx), settled(yy), settled(zz)
@@ -238,9 +249,14 @@ def gradient_torque(series: Numbers, turning: Numbers, orbit: Numbers, k: int) -
     x = y = z = nothing(series)
     for n in range(k + 1):
         sine, cosine = term(series, ORBIT, k - n), term(series, ORBIT + 1, k - n)
-        x = subtract_product(subtract_product(x, term(series, R, n), sine), term(series, R + 6, n), cosine)
-        y = subtract_product(subtract_product(y, term(series, R + 1, n), sine), term(series, R + 7, n), cosine)
-        z = subtract_product(subtract_product(z, term(series, R + 2, n), sine), term(series, R + 8, n), cosine)
+        a, b, c = vector_terms(series, R, n)
+        x, y, z = subtract_product(x, a, sine), subtract_product(y, b, sine), subtract_product(z, c, sine)
+        a, b, c = vector_terms(series, R + 6, n)
+        x, y, z = (
+            subtract_product(x, a, cosine),
+            subtract_product(y, b, cosine),
+            subtract_product(z, c, cosine),
+        )
     u = (settled(x), settled(y), settled(z))
     put_vector(series, U, k, u)
     put_vector(series, IU, k, matrix_times(turning, INERTIA, u))
@@ -319,6 +335,6 @@ def turned_acceleration(series: Numbers, moving: Numbers, k: int) -> Three:
 
 
 @inlined_kernel
-def angular_rate(series: Numbers, turning: Numbers, torque: Three, k: int) -> None:
-    """omega' = I^-1 torque: the coefficient k + 1 of omega."""
-    put_rate(series, OMEGA, k, matrix_times(turning, INERTIA_INVERSE, torque))
+def angular_rate(series: Numbers, turning: Numbers, torque: Three, k: int, share: Any) -> None:
+    """omega' = I^-1 torque: the coefficient k + 1 = 1 / share of omega."""
+    put_rate(series, OMEGA, k, matrix_times(turning, INERTIA_INVERSE, torque), share)

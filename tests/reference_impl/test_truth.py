@@ -285,7 +285,7 @@ def check_bounds(scene: Scene, times: Sequence[float], step: float) -> tuple[Tru
 TIMES = (0.0, 0.1, 1.0, 2.5, 5.0, 6.2, 7.77, 10.0)
 FAST = {"boxes": 1 / 64, "free-body": 1 / 64}  # the steps that forty digits take; the others turn slowly
 KINDS = {
-    **dict.fromkeys(("body-torque", "world-torque", "thruster", "pulsed-torque"), "estimate"),
+    **dict.fromkeys(("body-torque", "world-torque", "thruster", "pulsed-torque"), "certified"),
     **dict.fromkeys(("tumbling", "intermediate-axis", "near-separatrix", "sphere", "symmetric-top"), "exact"),
     **dict.fromkeys(("boxes", "free-body", "full-tensor"), "exact"),
 }
@@ -336,7 +336,7 @@ def random_scene(seed: int, strength: float) -> Scene:
 def test_truth_of_random_scenes_lies_within_its_bounds(seed: int) -> None:
     """World forces at body points, loads that come and go, full tensors: within the bounds all the same."""
     truth, _ = check_bounds(random_scene(seed, 0.3), (0.0, 0.3, 1.3, 2.3, 3.7, 5.0), 1 / 40)
-    assert truth.kind == "estimate"
+    assert truth.kind == "certified"
 
 
 @pytest.mark.slow

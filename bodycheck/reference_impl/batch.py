@@ -1,0 +1,231 @@
+"""Many free bodies at once, each with its principal moments and, if wanted, a torque held in its own axes.
+
+The state is one array (13, n), a row for every quantity, so that one instruction steps several bodies. A
+block of bodies makes all its steps before the next one is fetched from memory; the blocks are shared by
+the threads that numba is set to use (numba.set_num_threads), and no result depends on how many those are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Literal, TypeAlias
+
+import numba
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dormand_prince import A, B, Turning, combined, plus
+from bodycheck.reference_impl.jit import _compile, inlined_kernel, kernel
+
+BatchMethod: TypeAlias = Literal["rk4", "dop853"]
+Six: TypeAlias = tuple[float, float, float, float, float, float]
+
+WIDTH = 64
+"""Bodies in a block: 13 kB, well within a first-level cache."""
+
+_ROWS = 13  # of a block: q, omega, and what `rates` calls about
+_FLAT = 1e-12  # relative: how far rounding may take a plate's largest moment above the sum of the others
+
+
+def parallel_kernel(function: Callable[..., Any]) -> Any:
+    """Compile as `kernel` does, at the first call, with prange shared by numba's threads."""
+    return _compile(function, fastmath={"contract"}, parallel=True)
+
+
+@inlined_kernel
+def rates(y: Turning, about: Six) -> Turning:
+    """q' = q omega / 2; omega_1' = (J2 - J3) / J1 omega_2 omega_3 + tau_1 / J1, and so on in turn.
+
+    about: the three factors of the products, then the three accelerations by the torque.
+    """
+    a, b, c = 0.5 * y[4], 0.5 * y[5], 0.5 * y[6]
+    return (
+        -y[1] * a - y[2] * b - y[3] * c,
+        y[0] * a + y[2] * c - y[3] * b,
+        y[0] * b + y[3] * a - y[1] * c,
+        y[0] * c + y[1] * b - y[2] * a,
+        about[0] * (y[5] * y[6]) + about[3],
+        about[1] * (y[6] * y[4]) + about[4],
+        about[2] * (y[4] * y[5]) + about[5],
+    )
+
+
+@inlined_kernel
+def rk4_step(y: Turning, h: float, about: Six) -> Turning:
+    """y + h/6 (k1 + 2 k2 + 2 k3 + k4)."""
+    k1 = rates(y, about)
+    k2 = rates(plus(y, 0.5 * h, k1), about)
+    k3 = rates(plus(y, 0.5 * h, k2), about)
+    k4 = rates(plus(y, h, k3), about)
+    return combined(y, h / 6.0, (1.0, 2.0, 2.0, 1.0), (k1, k2, k3, k4))
+
+
+@inlined_kernel
+def dop853_step(y: Turning, h: float, about: Six) -> Turning:
+    """y + h sum b_i k_i over the twelve stages."""
+    k1 = rates(y, about)
+    k2 = rates(combined(y, h, A[2], (k1,)), about)
+    k3 = rates(combined(y, h, A[3], (k1, k2)), about)
+    k4 = rates(combined(y, h, A[4], (k1, k3)), about)
+    k5 = rates(combined(y, h, A[5], (k1, k3, k4)), about)
+    k6 = rates(combined(y, h, A[6], (k1, k4, k5)), about)
+    k7 = rates(combined(y, h, A[7], (k1, k4, k5, k6)), about)
+    k8 = rates(combined(y, h, A[8], (k1, k4, k5, k6, k7)), about)
+    k9 = rates(combined(y, h, A[9], (k1, k4, k5, k6, k7, k8)), about)
+    k10 = rates(combined(y, h, A[10], (k1, k4, k5, k6, k7, k8, k9)), about)
+    k11 = rates(combined(y, h, A[11], (k1, k4, k5, k6, k7, k8, k9, k10)), about)
+    k12 = rates(combined(y, h, A[12], (k1, k4, k5, k6, k7, k8, k9, k10, k11)), about)
+    return combined(y, h, B, (k1, k6, k7, k8, k9, k10, k11, k12))
+
+
+@inlined_kernel
+def lane(block: Array, i: int) -> tuple[Turning, Six]:
+    """Body i of a block: its q and omega, and the six constants of its motion."""
+    return (
+        (block[0, i], block[1, i], block[2, i], block[3, i], block[4, i], block[5, i], block[6, i]),
+        (block[7, i], block[8, i], block[9, i], block[10, i], block[11, i], block[12, i]),
+    )
+
+
+@inlined_kernel
+def store_lane(block: Array, i: int, y: Turning) -> None:
+    """Write q and omega of body i."""
+    block[0, i], block[1, i], block[2, i], block[3, i] = y[0], y[1], y[2], y[3]
+    block[4, i], block[5, i], block[6, i] = y[4], y[5], y[6]
+
+
+@kernel
+def rk4_block(block: Array, dt: float, steps: int) -> None:
+    """Make all steps of a block by Runge-Kutta."""
+    for _ in range(steps):
+        for i in range(WIDTH):
+            y, about = lane(block, i)
+            store_lane(block, i, rk4_step(y, dt, about))
+
+
+@kernel
+def dop853_block(block: Array, dt: float, steps: int) -> None:
+    """Make all steps of a block by Dormand and Prince."""
+    for _ in range(steps):
+        for i in range(WIDTH):
+            y, about = lane(block, i)
+            store_lane(block, i, dop853_step(y, dt, about))
+
+
+@kernel
+def gathered(state: Array, moments: Array, torque: Array, begin: int) -> Array:
+    """(13, WIDTH): q, omega and the six constants of the bodies from `begin` on.
+
+    Past the last body its copies follow, so that every loop over a block has the same known length.
+    """
+    block = np.empty((_ROWS, WIDTH))
+    last = state.shape[1] - 1
+    for i in range(WIDTH):
+        j = min(begin + i, last)
+        for k in range(4):
+            block[k, i] = state[9 + k, j]
+        for k in range(3):
+            own, next_, other = moments[k, j], moments[(k + 1) % 3, j], moments[(k + 2) % 3, j]
+            block[4 + k, i] = state[6 + k, j]
+            block[7 + k, i] = (next_ - other) / own
+            block[10 + k, i] = torque[k, j] / own
+    return block
+
+
+@kernel
+def scatter(block: Array, state: Array, begin: int, duration: float) -> None:
+    """Write a block back, and move its bodies by v times the duration."""
+    for i in range(min(WIDTH, state.shape[1] - begin)):
+        j = begin + i
+        for k in range(4):
+            state[9 + k, j] = block[k, i]
+        for k in range(3):
+            state[6 + k, j] = block[4 + k, i]
+            state[k, j] += duration * state[3 + k, j]
+
+
+@parallel_kernel
+def advance_rk4(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
+    """Make the steps in place, block by block."""
+    for k in numba.prange((state.shape[1] + WIDTH - 1) // WIDTH):
+        block = gathered(state, moments, torque, k * WIDTH)
+        rk4_block(block, dt, steps)
+        scatter(block, state, k * WIDTH, dt * steps)
+
+
+@parallel_kernel
+def advance_dop853(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
+    """Make the steps in place, block by block."""
+    for k in numba.prange((state.shape[1] + WIDTH - 1) // WIDTH):
+        block = gathered(state, moments, torque, k * WIDTH)
+        dop853_block(block, dt, steps)
+        scatter(block, state, k * WIDTH, dt * steps)
+
+
+_ADVANCE: dict[str, Callable[[Array, Array, Array, float, int], None]] = {
+    "rk4": advance_rk4,
+    "dop853": advance_dop853,
+}
+
+
+def advance_batch(
+    state: Array,
+    moments: Array,
+    dt: float,
+    steps: int,
+    method: BatchMethod = "rk4",
+    torque: Array | None = None,
+) -> None:
+    """Make `steps` steps of dt seconds for n bodies, in place.
+
+    state (13, n), C-contiguous doubles: position and velocity in world axes, omega in body axes,
+    quaternion (w, x, y, z), as a column of the single-body kernels; body axes are principal axes, and no
+    norm is taken back to 1. moments (3, n): the principal moments, kg m^2. torque (3, n): held in body
+    axes, N m; None for free bodies. Methods: the classical Runge-Kutta method of order 4 and that of
+    Dormand and Prince of order 8 (integrators/rk4.py, dop853.py).
+
+    Raises ValueError, naming the value, for a state of another shape or kind, numbers that are not finite,
+    dt <= 0, steps < 0, an unknown method, and moments that no body has.
+    """
+    if method not in _ADVANCE:
+        raise ValueError(f"method must be one of {', '.join(_ADVANCE)}, got {method!r}")
+    if not 0.0 < dt < math.inf:
+        raise ValueError(f"dt must be a positive number of seconds, got {dt!r}")
+    if steps != int(steps) or steps < 0:
+        raise ValueError(f"steps must be a number of steps, 0 or more, got {steps!r}")
+    if state.ndim != 2 or len(state) != 13:
+        raise ValueError(f"state must have shape (13, n), got {state.shape}")
+    if state.dtype != np.float64 or not state.flags.c_contiguous or not state.flags.writeable:
+        raise ValueError(f"state must be writeable C-contiguous float64, got {state.dtype}, {state.strides}")
+    n = state.shape[1]
+    held = _checked("torque", np.zeros((3, n)) if torque is None else torque, n)
+    moments = _checked("moments", moments, n)
+    _check_finite("state", state)
+    _check_bodies(moments)
+    _ADVANCE[method](state, moments, held, float(dt), int(steps))
+
+
+def _checked(name: str, value: Array, n: int) -> Array:
+    """Return the array as the kernels want it; it must be (3, n) and finite."""
+    if np.shape(value) != (3, n):
+        raise ValueError(f"{name} must have shape (3, {n}) as the state has, got {np.shape(value)}")
+    array = np.ascontiguousarray(value, dtype=np.float64)
+    _check_finite(name, array)
+    return array
+
+
+def _check_finite(name: str, array: Array) -> None:
+    bad = ~np.isfinite(array)
+    if bad.any():
+        row, body = (int(i) for i in np.argwhere(bad)[0])
+        raise ValueError(f"{name} must be finite, got {array[row, body]} in row {row} of body {body}")
+
+
+def _check_bodies(moments: Array) -> None:
+    """J > 0 and J1 + J2 >= J3 for each body, to round-off for flat ones."""
+    largest = moments.max(axis=0)
+    bad = (moments.min(axis=0) <= 0.0) | (moments.sum(axis=0) - largest < largest * (1.0 - _FLAT))
+    if bad.any():
+        body = int(np.argmax(bad))
+        raise ValueError(f"no body has the principal moments {moments[:, body].tolist()} of body {body}")

@@ -1,0 +1,115 @@
+"""One body under forces and torques that only a function knows, by the stages of Dormand and Prince."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dormand_prince import NODES, ROWS, WEIGHTS
+from bodycheck.reference_impl.equations import gyroscopic, matrix_at, packed_body, store, vector_at
+from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.registers import (
+    matrix_of,
+    quaternion_times,
+    scaled_add,
+    times,
+    transposed_times,
+)
+from bodycheck.reference_impl.scene import RigidBody, State
+from bodycheck.reference_impl.trajectory import Trajectory
+
+Wrenching: TypeAlias = Callable[[float, Array, Array, Array, Array], tuple[Array, Array]]
+"""f(t, position, R, velocity, omega) -> force in N, torque about the centre of mass in N m.
+
+position, velocity, omega, force and torque are (3,), all in world axes; R (3, 3) takes body axes to world
+axes. A function compiled by numba serves as well as a plain one.
+"""
+
+_STAGES = len(NODES)
+_A = np.array([[row.get(j + 1, 0.0) for j in range(_STAGES)] for row in ROWS])
+_B = np.array([WEIGHTS.get(j + 1, 0.0) for j in range(_STAGES)])
+
+
+def solve_black_box(
+    body: RigidBody, initial: State, wrench: Wrenching, t_s: Array, dt_s: float
+) -> Trajectory:
+    """x' = v, v' = F / m, q' = q omega / 2, omega' = I^-1 (R^T tau - omega x I omega), at the times t_s.
+
+    t_s (n,): ascending, from the time of the initial state on. Between two samples all steps are of one
+    length, the longest that divides the interval and is not longer than dt_s, so that every sample is the
+    end of a step. The order is 8 where the wrench is smooth; a switch should lie at a sample. The
+    quaternion is not normalised.
+
+    Raises ValueError, naming the value, for times that do not ascend, dt_s <= 0, and a force, torque or
+    state that is not finite or not (3,).
+    """
+    if not 0.0 < dt_s < math.inf:
+        raise ValueError(f"dt_s must be a positive number of seconds, got {dt_s!r}")
+    t_s = np.asarray(t_s, dtype=np.float64)
+    if t_s.ndim != 1 or not np.isfinite(t_s).all() or np.any(np.diff(t_s) <= 0.0):
+        raise ValueError(f"t_s must be finite times in ascending order, got {t_s.tolist()}")
+    y = np.concatenate([initial.position, initial.velocity, initial.omega_body, initial.quaternion])
+    if y.shape != (13,) or not np.isfinite(y).all():
+        raise ValueError(f"the initial state must be 13 finite numbers, got {y.tolist()}")
+    packed = packed_body(body)
+    states = np.empty((len(t_s), 13))
+    for k, end in enumerate(t_s):
+        if k > 0:
+            begin = t_s[k - 1]
+            steps = math.ceil((end - begin) / dt_s * (1.0 - 1e-12))  # rounding must not add a step
+            h = (end - begin) / steps
+            for i in range(steps):
+                y = _step(packed, wrench, float(begin + i * h), y, float(h))
+        states[k] = y
+    return Trajectory(
+        t_s=t_s,
+        position_m=states[:, 0:3],
+        velocity_m_s=states[:, 3:6],
+        quaternion=states[:, 9:13],
+        omega_body_rad_s=states[:, 6:9],
+    )
+
+
+def _step(packed: Array, wrench: Wrenching, t: float, y: Array, h: float) -> Array:
+    """y + h sum b_i k_i."""
+    k = np.zeros((_STAGES, 13))
+    for i in range(_STAGES):
+        point, at = y + h * (_A[i] @ k), t + NODES[i] * h
+        rotation, omega_world = _seen(point)
+        force, torque = wrench(at, point[0:3], rotation, point[3:6], omega_world)
+        k[i] = _rates(point, packed, _checked("force", force, at), _checked("torque", torque, at))
+    return np.asarray(y + h * (_B @ k))
+
+
+def _checked(name: str, value: Array, t: float) -> Array:
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != (3,) or not all(map(math.isfinite, array)):
+        raise ValueError(f"the {name} at t = {t!r} s must be 3 finite numbers, got {value!r}")
+    return array
+
+
+@kernel
+def _seen(y: Array) -> tuple[Array, Array]:
+    """R (3, 3), and omega in world axes."""
+    rotation = matrix_of((y[9], y[10], y[11], y[12]))
+    omega = times(rotation, vector_at(y, 6))
+    return np.array(rotation).reshape(3, 3), np.array(omega)
+
+
+@kernel
+def _rates(y: Array, body: Array, force: Array, torque: Array) -> Array:
+    """The rates of x, v, omega and q, by a force and a torque in world axes."""
+    q, omega = (y[9], y[10], y[11], y[12]), vector_at(y, 6)
+    held = transposed_times(matrix_of(q), vector_at(torque, 0))
+    turning = scaled_add(held, -1.0, gyroscopic(matrix_at(body, 1), omega))
+    rates = np.empty(13)
+    store(rates, 0, vector_at(y, 3))
+    store(rates, 3, (force[0] / body[0], force[1] / body[0], force[2] / body[0]))
+    store(rates, 6, times(matrix_at(body, 10), turning))
+    attitude = quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2]))
+    rates[9], rates[10], rates[11], rates[12] = attitude
+    return rates

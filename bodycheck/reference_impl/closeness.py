@@ -1,0 +1,115 @@
+"""How near two motions of one scene are: in angle, in energy, in angular momentum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import (
+    angular_momentum,
+    gravity_potential,
+    rotational_energy,
+    translational_energy,
+)
+from bodycheck.reference_impl.rotations import (
+    conjugate,
+    geodesic_angle,
+    log_quaternion,
+    quaternion_product,
+    quaternion_to_matrix,
+)
+from bodycheck.reference_impl.scene import Scene, Spring, TorsionSpring
+from bodycheck.reference_impl.trajectory import Trajectory
+
+_SHIFT = 2.0**-24  # large beside the round-off of a double, small beside 1
+_HALF_ULP = 2.0**-53
+
+
+def kinetic_energy(scene: Scene, motion: Trajectory) -> Array:
+    """K = 1/2 omega . I omega + 1/2 m |v|^2: (n,) in J."""
+    body = scene.body
+    return rotational_energy(body.inertia, motion.omega_body) + translational_energy(
+        body.mass, motion.velocity_m_s
+    )
+
+
+def potential_energy(scene: Scene, motion: Trajectory) -> Array:
+    """U of gravity, zero at the start, and of the springs, zero where they are relaxed: (n,) in J."""
+    energy = gravity_potential(scene.body.mass, scene.gravity, motion.position_m - scene.initial.position)
+    for load in scene.lasting_loads:
+        match load:
+            case Spring():
+                arm = quaternion_to_matrix(motion.attitude) @ load.at
+                length = np.linalg.norm(motion.position_m + arm - load.anchor, axis=-1)
+                energy = energy + 0.5 * load.stiffness * (length - load.rest_length) ** 2
+            case TorsionSpring():
+                turned = quaternion_product(conjugate(scene.initial.quaternion), motion.attitude)
+                angle = np.linalg.norm(log_quaternion(turned), axis=-1)
+                energy = energy + 0.5 * load.stiffness * angle**2
+    return energy
+
+
+def distances(scene: Scene, one: Trajectory, other: Trajectory) -> Array:
+    """(3, n): angle in rad, and the differences of E and of L over the largest K and |L| of `one`."""
+    momenta = [
+        angular_momentum(quaternion_to_matrix(motion.attitude), scene.body.inertia, motion.omega_body)
+        for motion in (one, other)
+    ]
+    kinetic = [kinetic_energy(scene, motion) for motion in (one, other)]
+    energies = [k + potential_energy(scene, motion) for k, motion in zip(kinetic, (one, other), strict=True)]
+    energy_scale = np.max(np.abs(kinetic[0]), initial=0.0) or 1.0
+    momentum_scale = np.max(np.linalg.norm(momenta[0], axis=-1), initial=0.0) or 1.0
+    return np.stack(
+        [
+            geodesic_angle(one.attitude, other.attitude),
+            np.abs(energies[1] - energies[0]) / energy_scale,
+            np.linalg.norm(momenta[1] - momenta[0], axis=-1) / momentum_scale,
+        ]
+    )
+
+
+def small_distances(scene: Scene, motion: Trajectory, change: Array) -> Array:
+    """(3, n): `distances` of a motion and the same changed by (n, 13), however small the change.
+
+    The change, of q, omega_body, v and x, is magnified until doubles can show it, and the result reduced.
+    """
+    sizes = np.max(np.abs(change), axis=-1)
+    scale = np.max([np.max(np.abs(part), axis=-1) for part in _parts(motion)], axis=0)
+    factor = np.where(sizes > _SHIFT * scale, 1.0, _SHIFT * scale / np.where(sizes == 0.0, 1.0, sizes))
+    return distances(scene, motion, changed(motion, factor[:, None] * change)) / factor
+
+
+def rounding(scene: Scene, motion: Trajectory) -> Array:
+    """(3, n): the distances that half an ulp in each number of the motion makes, summed."""
+    states = np.concatenate(_parts(motion), axis=-1)
+    n, width = states.shape
+    change = np.zeros((width, n, width))
+    for i in range(width):
+        change[i, :, i] = _SHIFT * states[:, i]
+    repeated = Trajectory(
+        t_s=np.tile(motion.t_s, width),
+        position_m=np.tile(motion.position_m, (width, 1)),
+        velocity_m_s=np.tile(motion.velocity_m_s, (width, 1)),
+        quaternion=np.tile(motion.attitude, (width, 1)),
+        omega_body_rad_s=np.tile(motion.omega_body, (width, 1)),
+    )
+    shifted = changed(repeated, change.reshape(width * n, width))
+    return distances(scene, repeated, shifted).reshape(3, width, n).sum(axis=1) * (_HALF_ULP / _SHIFT)
+
+
+def changed(motion: Trajectory, change: Array) -> Trajectory:
+    """Return the motion with (n, 13) added to q, omega_body, v and x."""
+    q, omega, velocity, position = _parts(motion)
+    return replace(
+        motion,
+        quaternion=q + change[:, 0:4],
+        omega_body_rad_s=omega + change[:, 4:7],
+        velocity_m_s=velocity + change[:, 7:10],
+        position_m=position + change[:, 10:13],
+    )
+
+
+def _parts(motion: Trajectory) -> tuple[Array, Array, Array, Array]:
+    return motion.attitude, motion.omega_body, motion.velocity_m_s, motion.position_m

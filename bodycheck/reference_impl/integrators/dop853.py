@@ -1,0 +1,80 @@
+"""The Runge-Kutta method of order 8 of Dormand and Prince, on the quaternion and on Euler's equations."""
+
+from __future__ import annotations
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dormand_prince import B_REMAINING, A, B, Turning, combined
+from bodycheck.reference_impl.equations import (
+    acceleration,
+    body_torque,
+    gyroscopic,
+    matrix_at,
+    store,
+    vector_at,
+)
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.jit import inlined_kernel, kernel
+from bodycheck.reference_impl.registers import Vec, matrix_of, quaternion_times, scaled_add, times
+
+
+@kernel
+def rates(y: Turning, body: Array, load: Array) -> tuple[Turning, Vec]:
+    """q' = q omega / 2, omega' = I^-1 (tau - omega x I omega), v' = F / m."""
+    q, omega = (y[0], y[1], y[2], y[3]), (y[4], y[5], y[6])
+    rotation = matrix_of(q)
+    turning = quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2]))
+    torque = scaled_add(body_torque(rotation, load), -1.0, gyroscopic(matrix_at(body, 1), omega))
+    speeding = times(matrix_at(body, 10), torque)
+    return turning + speeding, acceleration(rotation, load, body[0])
+
+
+@inlined_kernel
+def weighted(weights: tuple[float, ...], a: tuple[Vec, ...]) -> Vec:
+    """sum b_j a_j."""
+    total = (0.0, 0.0, 0.0)
+    for j in range(len(a)):
+        total = scaled_add(total, weights[j], a[j])
+    return total
+
+
+@kernel
+def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
+    """Make the steps in place, omega in body axes."""
+    x, v, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
+    y = (state[9], state[10], state[11], state[12], omega[0], omega[1], omega[2])
+    for _ in range(steps):
+        k1, a1 = rates(y, body, load)
+        k2, _ = rates(combined(y, dt, A[2], (k1,)), body, load)
+        k3, _ = rates(combined(y, dt, A[3], (k1, k2)), body, load)
+        k4, _ = rates(combined(y, dt, A[4], (k1, k3)), body, load)
+        k5, _ = rates(combined(y, dt, A[5], (k1, k3, k4)), body, load)
+        k6, a6 = rates(combined(y, dt, A[6], (k1, k4, k5)), body, load)
+        k7, a7 = rates(combined(y, dt, A[7], (k1, k4, k5, k6)), body, load)
+        k8, a8 = rates(combined(y, dt, A[8], (k1, k4, k5, k6, k7)), body, load)
+        k9, a9 = rates(combined(y, dt, A[9], (k1, k4, k5, k6, k7, k8)), body, load)
+        k10, a10 = rates(combined(y, dt, A[10], (k1, k4, k5, k6, k7, k8, k9)), body, load)
+        k11, a11 = rates(combined(y, dt, A[11], (k1, k4, k5, k6, k7, k8, k9, k10)), body, load)
+        k12, a12 = rates(combined(y, dt, A[12], (k1, k4, k5, k6, k7, k8, k9, k10, k11)), body, load)
+        # x'' depends on q alone: x and v need no stages of their own
+        a = (a1, a6, a7, a8, a9, a10, a11, a12)
+        x = scaled_add(scaled_add(x, dt, v), dt * dt, weighted(B_REMAINING, a))
+        v = scaled_add(v, dt, weighted(B, a))
+        y = combined(y, dt, B, (k1, k6, k7, k8, k9, k10, k11, k12))
+    store(state, 0, x)
+    store(state, 3, v)
+    store(state, 6, (y[4], y[5], y[6]))
+    state[9], state[10], state[11], state[12] = y[0], y[1], y[2], y[3]
+
+
+DOP853 = Integrator(
+    name="dop853",
+    formula="y+ = y + dt sum b_i k_i over 12 stages, y = (x, v, omega, q)",
+    order=8,
+    evaluations=12,
+    torque="every stage",
+    keeps="nothing exactly; |q| to order 9",
+    source="Dormand and Prince (1989); Hairer, Norsett and Wanner (1993), Solving ODEs I, II.5 and dop853.f",
+    attitude="quaternion",
+    spin="omega_body",
+    advance=advance,
+)

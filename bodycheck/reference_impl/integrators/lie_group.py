@@ -1,0 +1,85 @@
+"""q+ = q exp(h (3k1 + 2k2 + 2k3 - k4) / 12) exp(h (-k1 + 2k2 + 2k3 + 3k4) / 12): CF4, free of commutators."""
+
+from __future__ import annotations
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.equations import acceleration, body_torque, matrix_at, store, vector_at
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.registers import (
+    Quat,
+    Vec,
+    matrix_of,
+    quaternion_exp,
+    quaternion_times,
+    scaled_add,
+    times,
+    transposed_times,
+)
+
+
+@kernel
+def rates(q: Quat, momentum: Vec, body: Array, load: Array) -> tuple[Vec, Vec, Vec]:
+    """omega = I^-1 R^T L in body axes, L' = R tau and v' = F / m in world axes."""
+    rotation = matrix_of(q)
+    return (
+        times(matrix_at(body, 10), transposed_times(rotation, momentum)),
+        times(rotation, body_torque(rotation, load)),
+        acceleration(rotation, load, body[0]),
+    )
+
+
+@kernel
+def turned(q: Quat, s: float, omega: Vec) -> Quat:
+    """q exp(s omega / 2), omega in body axes."""
+    return quaternion_times(q, quaternion_exp((s * omega[0], s * omega[1], s * omega[2])))
+
+
+@kernel
+def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
+    """Make the steps in place.
+
+    The group is SO(3) for the attitude and R^3 for L, x and v, where the method is the classical
+    Runge-Kutta method: L, in world axes, changes by the torque alone.
+    """
+    position, velocity, momentum = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
+    q = (state[9], state[10], state[11], state[12])
+    half, sixth, third, twelfth = 0.5 * dt, dt / 6.0, dt / 3.0, dt / 12.0
+    for _ in range(steps):
+        w1, t1, a1 = rates(q, momentum, body, load)
+        q2 = turned(q, half, w1)
+        w2, t2, a2 = rates(q2, scaled_add(momentum, half, t1), body, load)
+        w3, t3, a3 = rates(turned(q, half, w2), scaled_add(momentum, half, t2), body, load)
+        # from the second stage, which has turned by dt/2 k1 already
+        q4 = turned(q2, dt, scaled_add(w3, -0.5, w1))
+        w4, t4, a4 = rates(q4, scaled_add(momentum, dt, t3), body, load)
+        middle = (2.0 * (w2[0] + w3[0]), 2.0 * (w2[1] + w3[1]), 2.0 * (w2[2] + w3[2]))
+        q = turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w1), -1.0, w4))
+        q = turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w4), -1.0, w1))
+        # x'' depends on q alone: the stages' velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3 summed up
+        position = scaled_add(position, dt, velocity)
+        position = scaled_add(position, dt * sixth, a1)
+        position = scaled_add(position, dt * sixth, a2)
+        position = scaled_add(position, dt * sixth, a3)
+        velocity = scaled_add(scaled_add(velocity, sixth, a1), third, a2)
+        velocity = scaled_add(scaled_add(velocity, third, a3), sixth, a4)
+        momentum = scaled_add(scaled_add(momentum, sixth, t1), third, t2)
+        momentum = scaled_add(scaled_add(momentum, third, t3), sixth, t4)
+    store(state, 0, position)
+    store(state, 3, velocity)
+    store(state, 6, momentum)
+    state[9], state[10], state[11], state[12] = q
+
+
+LIE4 = Integrator(
+    name="lie4",
+    formula="q+ = q exp(dt (3k1 + 2k2 + 2k3 - k4) / 12) exp(dt (-k1 + 2k2 + 2k3 + 3k4) / 12), L+ by RK4",
+    order=4,
+    evaluations=4,
+    torque="every stage",
+    keeps="L exactly where no torque acts; |q| to round-off",
+    source="Celledoni, Marthinsen and Owren (2003), Commutator-free Lie group methods, FGCS 19, 341",
+    attitude="quaternion",
+    spin="angular_momentum",
+    advance=advance,
+)
