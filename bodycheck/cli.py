@@ -69,9 +69,10 @@ def run(
     from bodycheck.reports.terminal import LiveProgress, print_summary
     from bodycheck.runner import run_selection, select
 
-    selection = select(scenarios or ["standard"], engine.split(",") if engine else None, _numbers(dt, "--dt"))
-    if out is not None:
-        check_output(out)
+    selection = select(
+        scenarios or ["standard"], None if engine is None else engine.split(","), _numbers(dt, "--dt")
+    )
+    check_output(out or Path("bodycheck-runs", "new"))
     with LiveProgress(selection.cases_listed()) as progress:
         measured = run_selection(selection, speed=not no_speed, progress=progress)
     report = write_run(measured, out or Path("bodycheck-runs", measured.run_id))

@@ -60,11 +60,16 @@ def select(
     methods, unavailable = _methods(engines)
     faults = []
     for _, scenario in loaded:
+        seen: set[int] = set()
         for step in dt_s or ():
             try:
-                steps_per_sample(scenario.scene.sample_interval_s, step)
+                stride = steps_per_sample(scenario.scene.sample_interval_s, step)
             except ValueError as error:
                 faults.append(f"{scenario.name}: {error}")
+                continue
+            if stride in seen:
+                faults.append(f"{scenario.name}: the step of {step!r} s is asked for twice")
+            seen.add(stride)
     if faults:
         raise InputError("\n".join(faults))
     return Selection(tuple(loaded), methods, unavailable, tuple(dt_s) if dt_s else None)
@@ -75,8 +80,8 @@ def _methods(asked: Sequence[str] | None) -> tuple[tuple[tuple[Adapter, Method],
     unavailable: dict[str, str] = {}
     methods: dict[tuple[str, str], tuple[Adapter, Method]] = {}
     faults = []
-    for name in asked or engine_names():
-        engine, _, method = name.partition(":")
+    for name in engine_names() if asked is None else asked:
+        engine, colon, method = (part.strip() for part in name.partition(":"))
         try:
             adapter = get_adapter(engine)
         except UnavailableError as error:
@@ -87,10 +92,10 @@ def _methods(asked: Sequence[str] | None) -> tuple[tuple[tuple[Adapter, Method],
         except InputError as error:
             faults.append(str(error))
             continue
-        if method and method not in adapter.methods:
+        if colon and method not in adapter.methods:
             faults.append(f"{engine} has no method {method!r}; it has {', '.join(adapter.methods)}")
             continue
-        for chosen in [method] if method else adapter.methods:
+        for chosen in [method] if colon else adapter.methods:
             methods[engine, chosen] = (adapter, adapter.methods[chosen])
     if faults:
         raise InputError("\n".join(faults))
@@ -137,7 +142,11 @@ def run_selection(selection: Selection, *, speed: bool, progress: Progress) -> R
     run_id = f"{created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
     progress.phase("compiling the reference's kernels (once on a machine)")
     begin = time.perf_counter()
-    compile_kernels()
+    compile_kernels(
+        method.name
+        for adapter, method in selection.methods
+        if adapter.name == "reference" and method.control == "dt"
+    )
     compiled = time.perf_counter()
     subjects: list[Subject] = []
     cases: list[CaseResult] = []

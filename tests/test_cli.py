@@ -82,6 +82,10 @@ WRONG = {
     "wrong file": (["run", "bad.toml"], "bad.toml: duration_s: should be greater than 0"),
     "unknown engine": (["run", "mine.toml", "--engine", "havok"], "no engine is named 'havok'"),
     "unknown method": (["run", "mine.toml", "--engine", "reference:rk5"], "reference has no method 'rk5'"),
+    "no engine at all": (["run", "mine.toml", "--engine", ""], "no engine is named ''"),
+    "no method at all": (["run", "mine.toml", "--engine", "reference:"], "reference has no method ''"),
+    "a step twice": (["run", "mine.toml", "--dt", "0.1,0.05,0.1"], "the step of 0.1 s is asked for twice"),
+    "here": (["run", "mine.toml", "--out", "."], "is already there"),
     "step that does not fit": (["run", "mine.toml", "--dt", "0.03"], "does not divide the sampling interval"),
     "step that is no number": (["run", "mine.toml", "--dt", "fast"], "'fast' is not a number"),
     "zero step": (["run", "mine.toml", "--dt", "0"], "must be a positive number of seconds"),
@@ -286,7 +290,7 @@ def test_a_torque_that_switches_inside_a_step_is_said_so(tmp_path: Path) -> None
     )
     measured = bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.01, 0.005], speed=False)
     assert measured.results["message"].tolist() == [
-        "1 load switches fall inside a step, which carries the mean of what acts during it",
+        "load switches inside a step: 1; such a step carries the mean of what acts in it",
         "",
     ]
     assert measured.results["orientation_error_rad"].tolist()[1] < 1e-9

@@ -31,6 +31,11 @@ _EXACT = Method(
 )
 
 
+# On the steps of today's scenarios these are at the floor throughout, and compiling them costs four
+# seconds: they wait until methods can be swept by tolerance.
+_WITHHELD = ("lie4", "splitting6", "dop853")
+
+
 def _method_of(integrator: Integrator) -> Method:
     return Method(
         name=integrator.name,
@@ -166,7 +171,7 @@ class Reference:
         self.version = version("bodycheck")
         self.methods: Mapping[str, Method] = {
             _EXACT.name: _EXACT,
-            **{name: _method_of(integrator) for name, integrator in INTEGRATORS.items()},
+            **{name: _method_of(INTEGRATORS[name]) for name in INTEGRATORS if name not in _WITHHELD},
         }
 
     def unsupported(self, scene: Scene, method: str) -> str | None:

@@ -53,4 +53,5 @@ def inlined_kernel(function: Callable[..., Any]) -> Any:
 
 def exact_kernel(function: Callable[..., Any]) -> Any:
     """Compile a function as written, rounding by rounding: for error-free arithmetic."""
-    return _compile(function)
+    # said aloud: what is left open here is inherited from the kernel that calls it first
+    return _compile(function, fastmath=False)

@@ -168,7 +168,7 @@ def plan_steps(scene: Scene, dt_s: float) -> StepPlan:
     cuts, straddled = {0, steps}, 0
     for switch in scene.switches_before(scene.duration_s):
         place = switch / step
-        if abs(place - round(place)) <= _ON_GRID:
+        if abs(place - round(place)) <= _ON_GRID + 1e-15 * place:  # of a step, and of the quotient's rounding
             cuts.add(round(place))
         else:
             cuts.update((int(place), int(place) + 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,7 +36,10 @@ class Subject:
             truth = solve_truth(scenario.scene, scenario.scene.sample_times)
         except ValueError as error:
             raise InputError(f"{asked_as}: {error}") from None
-        return cls(scenario, truth, scene_scales(scenario.scene, truth.trajectory), str(asked_as))
+        scales = scene_scales(scenario.scene, truth.trajectory)
+        if not all(math.isfinite(scale) for scale in vars(scales).values()):
+            raise InputError(f"{asked_as}: its energy or momentum is beyond the range of double precision")
+        return cls(scenario, truth, scales, str(asked_as))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,4 +142,4 @@ def _speed(cpu: CpuTime, plan: StepPlan, dt_s: float | None) -> dict[str, Any]:
 def _note(plan: StepPlan) -> str:
     if plan.straddled == 0:
         return ""
-    return f"{plan.straddled} load switches fall inside a step, which carries the mean of what acts during it"
+    return f"load switches inside a step: {plan.straddled}; such a step carries the mean of what acts in it"

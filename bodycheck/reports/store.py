@@ -21,7 +21,8 @@ from bodycheck.reports.trajectory_files import stored_arrays
 def check_output(out: Path) -> None:
     """Raise InputError where a run could not be written to `out`; asked before anything is run."""
     try:
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        in_place = out.is_symlink() or out.resolve() == Path.cwd()
+        if in_place or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
             raise InputError(f"--out {out}: is already there; name a new or an empty folder")
         parent = next(folder for folder in out.absolute().parents if folder.exists())
         with tempfile.TemporaryFile(dir=parent):

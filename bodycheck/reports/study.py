@@ -11,12 +11,12 @@ import numpy as np
 
 from bodycheck.adapters.contract import Adapter, Method
 from bodycheck.reference_impl.rotations import geodesic_angle
-from bodycheck.reference_impl.truth import Truth
 from bodycheck.reports.case import CaseResult, Subject, run_case
 from bodycheck.reports.convergence import Point, judge
 from bodycheck.reports.ladder import next_step
 
 _ORIENTATION = "orientation_error_rad"
+_EPS = float(np.finfo(np.float64).eps)
 QUANTITIES = {
     _ORIENTATION: "rad",
     "omega_error": "momentum",
@@ -64,20 +64,25 @@ def study(
     while adaptive:
         points = _points(_with_step_changes(cases), _ORIENTATION)
         step = next_step(
-            points, limit(subject.truth, _ORIENTATION), steps_s, scene.sample_interval_s, scene.duration_s
+            points, limit(subject, _ORIENTATION), steps_s, scene.sample_interval_s, scene.duration_s
         )
         if step is None:
             break
         make(step)
     ordered = _with_step_changes(cases)
-    return Study(ordered, tuple(_method_rows(ordered, subject.truth)))
+    return Study(ordered, tuple(_method_rows(ordered, subject)))
 
 
-def limit(truth: Truth, quantity: str) -> float:
+def limit(subject: Subject, quantity: str) -> float:
     """max(3 bound, eps sensitivity): an error below it is at the floor, in rad or of the scale."""
-    kind = QUANTITIES[quantity]
+    truth, kind = subject.truth, QUANTITIES[quantity]
     bound, round_off = getattr(truth, f"bound_{kind}"), getattr(truth, f"round_off_{kind}")
-    return float(max(3.0 * np.max(bound), np.max(round_off)))
+    least = float(max(3.0 * np.max(bound), np.max(round_off)))
+    if quantity == "position_error":
+        # far from the origin a position is no better than its own last digit
+        farthest = float(np.max(np.abs(truth.trajectory.position_m)))
+        least = max(least, 3.0 * _EPS * farthest / subject.scales.length_scale_m)
+    return least
 
 
 def _with_step_changes(cases: Sequence[CaseResult]) -> tuple[CaseResult, ...]:
@@ -103,10 +108,11 @@ def _points(cases: Sequence[CaseResult], quantity: str) -> list[Point]:
     return points
 
 
-def _method_rows(cases: Sequence[CaseResult], truth: Truth) -> Iterator[dict[str, Any]]:
+def _method_rows(cases: Sequence[CaseResult], subject: Subject) -> Iterator[dict[str, Any]]:
     who = ("scenario", "family", "engine", "engine_version", "method")
     first = cases[0].columns
     for quantity in QUANTITIES:
-        if not any(case.ok for case in cases) or any(quantity in case.columns for case in cases):
-            found = judge(_points(cases, quantity), limit(truth, quantity))
+        measured = any(quantity in case.columns for case in cases)
+        if measured or any(case.columns["outcome"] == "unstable" for case in cases):
+            found = judge(_points(cases, quantity), limit(subject, quantity))
             yield {**{name: first[name] for name in who}, "quantity": quantity, **vars(found)}

@@ -35,7 +35,7 @@ class LiveProgress:
     def __init__(self, cases_listed: int) -> None:
         self._console = Console(stderr=True, highlight=False)
         self._bar = Progress(
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("cases"),

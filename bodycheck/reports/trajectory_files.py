@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -78,8 +79,12 @@ def _read_csv(path: Path) -> dict[str, Array]:
     import pandas as pd
 
     try:
-        table = pd.read_csv(path, skipinitialspace=True)
-    except (ValueError, UnicodeDecodeError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # a row of the wrong width
+            table = pd.read_csv(
+                path, skipinitialspace=True, index_col=False, keep_default_na=False, na_values=["nan", "NaN"]
+            )
+    except (ValueError, pd.errors.ParserWarning) as error:
         raise InputError(f"{path}: is not CSV: {' '.join(str(error).split())}") from None
     known = {"t_s", *_IGNORED, *(column for columns in ARRAYS.values() for column in columns)}
     if unknown := [str(column) for column in table.columns if column not in known]:

@@ -237,8 +237,9 @@ class Scenario(_Table):
             return value
         if not value:
             raise ValueError("needs at least one step, or leave it out")
-        for step in value:
-            steps_per_sample(info.data["duration_s"] / (info.data["samples"] - 1), step)
+        interval = info.data["duration_s"] / (info.data["samples"] - 1)
+        if len({steps_per_sample(interval, step) for step in value}) < len(value):
+            raise ValueError("names a step twice")
         return value
 
     @property

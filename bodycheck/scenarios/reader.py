@@ -19,7 +19,7 @@ def read_scenario(path: Path) -> Scenario:
     what would be right.
     """
     try:
-        text = path.read_bytes().decode()
+        text = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
@@ -34,6 +34,8 @@ def parse_scenario(text: str, where: str) -> Scenario:
     """
     try:
         return Scenario.model_validate(tomllib.loads(text))
+    except RecursionError:
+        raise InputError(f"{where}: is nested too deeply") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{where}: is not TOML: {error}") from None
     except ValidationError as error:

@@ -40,7 +40,7 @@ def test_a_stored_trajectory_is_judged_as_its_case_was(stored: tuple[Path, pd.Se
 
 def write(table: pd.DataFrame, path: Path) -> Path:
     """Write a table as CSV and return where."""
-    table.to_csv(path, index=False)
+    table.to_csv(path, index=False, na_rep="nan")
     return path
 
 
@@ -117,6 +117,8 @@ WRONG = {
     "half a vector": ("t_s,x_m\n0,0\n", "has x_m but not y_m, z_m"),
     "unknown column": ("t_s,q0\n0,0\n", "no column of a trajectory is named q0"),
     "text in a cell": ("t_s,x_m,y_m,z_m\n0,0,0,0\n1,0,high,0\n", "line 3: y_m is 'high', not a number"),
+    "an empty cell": ("t_s,x_m,y_m,z_m\n0,0,,0\n", "line 2: y_m is '', not a number"),
+    "one cell too many": ("t_s,x_m,y_m,z_m\n0,1,0,0,0\n1,1,0,0,0\n", "is not CSV"),
     "time stands still": ("t_s,x_m,y_m,z_m\n0,0,0,0\n0,0,0,0\n", "ascending order"),
     "negative time": ("t_s,x_m,y_m,z_m\n-1,0,0,0\n", "t_s must lie within 0 and the duration"),
     "past the end": ("t_s,x_m,y_m,z_m\n11,0,0,0\n", "t_s must lie within 0 and the duration"),

@@ -152,6 +152,11 @@ FAULTS = {
         GOOD.replace("samples = 21", "samples = 21\nsteps_s = [-0.1]"),
         ["steps_s[0]: should be greater than 0"],
     ),
+    "a step twice": (
+        GOOD.replace("samples = 21", "samples = 21\nsteps_s = [0.1, 0.05, 0.1]"),
+        ["steps_s: names a step twice"],
+    ),
+    "nested too deeply": ("a = " + "[" * 3000 + "]" * 3000, ["is nested too deeply"]),
     "no steps": (GOOD.replace("samples = 21", "samples = 21\nsteps_s = []"), ["needs at least one step"]),
     "not TOML": ("name = ", ["file.toml: is not TOML"]),
     **{
