@@ -19,9 +19,8 @@ from bodycheck.reference_impl.scene import Scene, Spring, State
 from bodycheck.reference_impl.taylor import Resolution, Solution, course_of, solve
 from bodycheck.reference_impl.trajectory import Trajectory
 
-EXACT_BOUND_RAD = 1e-14
-EXACT_BOUND_RELATIVE = 1e-14
-"""What the tests hold the closed form to, against 50-digit arithmetic, rounded up."""
+_EXACT_BOUNDS = np.array([[4e-15], [8e-15], [8e-15]])
+"""What the tests hold the closed form to: angle in rad, energy and momentum relative, from omega's 4e-15."""
 
 _FINE, _CHECK = Resolution(30, 1e-32, 19), Resolution(34, 1e-33, 21)
 _NUDGED = Resolution(18, 1e-17)
@@ -77,12 +76,12 @@ def _check_finite(motion: Trajectory) -> None:
 
 
 def _free_truth(scene: Scene, t_s: Array) -> Truth:
-    """Solve in closed form, whose bound does not grow, for ascending times."""
+    """bound = that of the closed form, which does not grow, + half an ulp of each number, ascending times."""
     motion = ExactMotion.of(scene).at(t_s)
     _check_finite(motion)
     neighbours = [ExactMotion.of(replace(scene, initial=start)).at(t_s) for start in _nudges(scene, motion)]
-    angle, relative = np.full(len(t_s), EXACT_BOUND_RAD), np.full(len(t_s), EXACT_BOUND_RELATIVE)
-    return Truth(motion, "exact", angle, relative, relative, *_EPS * _growths(scene, motion, neighbours))
+    bounds = np.maximum.accumulate(_EXACT_BOUNDS + rounding(scene, motion), axis=1)
+    return Truth(motion, "exact", *bounds, *_EPS * _growths(scene, motion, neighbours))
 
 
 def _certified(scene: Scene, t_s: Array) -> Truth:
