@@ -152,3 +152,10 @@ def test_every_step_tried_divides_the_sampling_interval() -> None:
         step = next_step(points, LIMIT, steps, interval, 100 * interval)
         assert step is not None
         assert interval / step == pytest.approx(round(interval / step), rel=1e-12)
+
+
+def test_nothing_is_said_where_the_truth_itself_is_lost() -> None:
+    """Where bound or sensitivity times eps is large, the verdict is chaotic, never at-floor."""
+    lost = [Point(dt, 3.1, 0.9) for dt in STEPS]
+    assert judge(lost, limit=90.0).verdict == "chaotic"
+    assert next_step(lost, 90.0, STEPS, 0.1, 10.0) is None
