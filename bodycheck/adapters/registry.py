@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 
 from bodycheck.adapters.contract import Adapter
 from bodycheck.errors import InputError, UnavailableError
@@ -24,7 +25,7 @@ def register_adapter(adapter: Adapter) -> None:
 
 def engine_names() -> tuple[str, ...]:
     """Return the names of all engines known, whether or not they can be imported here."""
-    return tuple(dict.fromkeys([*_BUILT_IN, *_registered]))
+    return tuple(dict.fromkeys([*_BUILT_IN, *_plugged_in(), *_registered]))
 
 
 def get_adapter(name: str) -> Adapter:
@@ -34,16 +35,26 @@ def get_adapter(name: str) -> Adapter:
     """
     if name in _registered:
         return _registered[name]
-    if name not in _BUILT_IN:
+    if name not in engine_names():
         raise InputError(f"no engine is named {name!r}; known are {', '.join(engine_names())}")
     return _import(name)
 
 
 @cache
+def _plugged_in() -> dict[str, EntryPoint]:
+    """Return the engines of other packages: the entry points of the group bodycheck.adapters."""
+    return {point.name: point for point in entry_points(group="bodycheck.adapters")}
+
+
+@cache
 def _import(name: str) -> Adapter:
-    module, attribute = _BUILT_IN[name]
     try:
-        adapter: Adapter = getattr(importlib.import_module(module), attribute)()
-    except ImportError as error:
+        if name in _BUILT_IN:
+            module, attribute = _BUILT_IN[name]
+            make = getattr(importlib.import_module(module), attribute)
+        else:
+            make = _plugged_in()[name].load()
+        adapter: Adapter = make()
+    except (ImportError, AttributeError) as error:  # an engine of another age lacks what is asked of it
         raise UnavailableError(f"{name} cannot be imported: {error}") from error
     return adapter

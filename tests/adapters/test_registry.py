@@ -1,0 +1,48 @@
+"""Engines are found by name, wherever they come from, and a missing one says why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from bodycheck.adapters import registry
+from bodycheck.adapters.reference import Reference
+from bodycheck.errors import InputError, UnavailableError
+
+
+@pytest.fixture
+def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let another package offer two engines, one of them broken."""
+    group = "bodycheck.adapters"
+    points = [
+        EntryPoint("other", "bodycheck.adapters.reference:Reference", group),
+        EntryPoint("aged", "bodycheck.adapters.reference:NoSuchName", group),
+    ]
+    monkeypatch.setattr(registry, "entry_points", lambda **_: points)
+    registry._plugged_in.cache_clear()
+    registry._import.cache_clear()
+    yield
+    registry._plugged_in.cache_clear()
+    registry._import.cache_clear()
+
+
+@pytest.mark.usefixtures("plugged_in")
+def test_engines_of_other_packages_are_found_by_entry_point() -> None:
+    """An entry point of the group bodycheck.adapters is an engine like any other."""
+    assert {"mujoco", "other", "aged"} <= set(registry.engine_names())
+    assert isinstance(registry.get_adapter("other"), Reference)
+
+
+@pytest.mark.usefixtures("plugged_in")
+def test_an_engine_that_lacks_what_is_asked_of_it_is_unavailable() -> None:
+    """A package of another age is not there, with the reason, and takes nothing else down."""
+    with pytest.raises(UnavailableError, match=r"aged cannot be imported: .*NoSuchName"):
+        registry.get_adapter("aged")
+
+
+def test_an_unknown_engine_is_refused() -> None:
+    """A name that nobody offers lists those that somebody does."""
+    with pytest.raises(InputError, match="no engine is named 'havok'; known are mujoco, pybullet"):
+        registry.get_adapter("havok")

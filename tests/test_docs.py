@@ -1,0 +1,79 @@
+"""What README and docs show works word for word."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bodycheck
+from bodycheck.reports.trajectory_files import trajectory_table
+from bodycheck.scenarios.reader import parse_scenario
+
+ROOT = Path(__file__).parents[1]
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """Return the code blocks of one language on a page."""
+    return re.findall(rf"```{language}\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
+
+
+def commands() -> list[str]:
+    """Return the README's bodycheck commands, without their comments."""
+    lines = "\n".join(blocks("README.md", "sh")).splitlines()
+    return [line.partition("#")[0].strip() for line in lines if line.startswith("bodycheck ")]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder with the files that the README's commands speak of."""
+    (tmp_path / "my-scenario.toml").write_text(blocks("docs/scenarios.md", "toml")[0])
+    truth = bodycheck.truth("intermediate-axis", [0.0, 1.0, 2.0]).trajectory
+    trajectory_table(truth).to_csv(tmp_path / "my.csv", index=False)
+    corners = ["0 0 0", "1 0 0", "0 1 0", "0 0 1"]
+    facets = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
+    loops = ["outer loop", *("vertex {}",) * 3, "endloop"]
+    lines = ["solid part"]
+    for facet in facets:
+        vertices = iter(corners[i] for i in facet)
+        lines += ["facet normal 0 0 0"]
+        lines += [line.format(next(vertices)) if "{}" in line else line for line in loops]
+        lines += ["endfacet"]
+    (tmp_path / "part.stl").write_text("\n".join([*lines, "endsolid part", ""]))
+    return tmp_path
+
+
+def test_the_readme_shows_commands() -> None:
+    """The list that the next test runs is not empty."""
+    assert len(commands()) >= 6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", commands())
+def test_a_command_of_the_readme_works(line: str, folder: Path) -> None:
+    """Each command of the README ends with status 0."""
+    words = [sys.executable, "-m", *shlex.split(line)]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("code", blocks("README.md", "python"))
+def test_python_of_the_readme_works(code: str) -> None:
+    """Each Python block of the README runs."""
+    exec(compile(code, "README.md", "exec"), {})
+
+
+@pytest.mark.parametrize("text", blocks("docs/scenarios.md", "toml"))
+def test_scenarios_of_the_docs_are_accepted(text: str) -> None:
+    """Each scenario shown is a good one."""
+    assert parse_scenario(text, "docs/scenarios.md").scene.loads
+
+
+def test_ci_runs_the_test_command_of_the_readme() -> None:
+    """The README has exactly one line that ends in -m pytest, which is the one that CI takes."""
+    lines = (ROOT / "README.md").read_text().splitlines()
+    assert sum(line.endswith("-m pytest") for line in lines) == 1
