@@ -84,8 +84,9 @@ def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
 
     Raises ValueError where a load is no constant between its switches: a wrench cannot hold it.
     """
-    for lasting in scene.lasting_loads:
-        raise ValueError(f"steps of fixed length do not know the load {type(lasting).__name__} yet")
+    if scene.lasting_loads:
+        names = ", ".join(sorted({type(load).__name__ for load in scene.lasting_loads}))
+        raise ValueError(f"steps of fixed length do not know these loads yet: {names}")
     shares = []
     for load in scene.timed_loads:
         overlap = min(end_s, load.until_s) - max(begin_s, load.from_s)

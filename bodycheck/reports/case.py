@@ -15,7 +15,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth, solve_truth
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
-from bodycheck.reports.measures import error_series, instability, reduced, symmetry_axis
+from bodycheck.reports.measures import INVARIANT, error_series, instability, reduced
 from bodycheck.reports.scales import Scales, scene_scales
 from bodycheck.scenarios.model import Scenario
 
@@ -99,8 +99,8 @@ def run_case(
         return ended("failed", " ".join(f"{type(error).__name__}: {error}".split()))
     series = error_series(scene, subject.truth, trajectory)
     columns |= reduced(series, subject.scales)
-    if "invariant_drift" in series and symmetry_axis(scene) is not None:
-        columns["invariant"] = "spin about the symmetry axis"
+    if "invariant_drift" in series:
+        columns["invariant"] = INVARIANT
     return CaseResult({**columns, "outcome": "ok", "message": _note(plan)}, trajectory, series)
 
 

@@ -70,7 +70,7 @@ def round_off_floor(points: list[Point], limit: float) -> float:
     return floor
 
 
-def judge(points: list[Point], limit: float) -> Convergence:
+def convergence_of(points: list[Point], limit: float) -> Convergence:
     """Return order and verdict of one quantity from the cases of one method on one scenario.
 
     points in any order; limit as for round_off_floor.

@@ -11,7 +11,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import solve_truth
 from bodycheck.reports.case import Subject
-from bodycheck.reports.measures import error_series, instability, reduced, symmetry_axis
+from bodycheck.reports.measures import INVARIANT, error_series, instability, reduced
 from bodycheck.reports.trajectory_files import read_arrays
 from bodycheck.scenarios.model import Scenario
 
@@ -61,8 +61,8 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str) -> dict[str, Any]:
                 measured.pop(column, None)
     if "attitude" not in had:
         del measured["orientation_error_final_rad"]
-    if "invariant_drift" in measured and symmetry_axis(scenario.scene) is not None:
-        columns["invariant"] = "spin about the symmetry axis"
+    if "invariant_drift" in measured:
+        columns["invariant"] = INVARIANT
     return columns | measured
 
 

@@ -8,8 +8,8 @@ from bodycheck.reports.convergence import (
     LARGEST_ERROR,
     LEAST_POINTS,
     Point,
+    convergence_of,
     is_flat,
-    judge,
     round_off_floor,
     usable,
 )
@@ -26,7 +26,7 @@ def next_step(
 
     points: the orientation errors so far; limit: as for round_off_floor; listed: the steps asked for.
     """
-    if judge(points, limit).verdict in ("converges", "does-not-converge", "chaotic"):
+    if convergence_of(points, limit).verdict in ("converges", "does-not-converge", "chaotic"):
         return None
     floor = round_off_floor(points, limit)
     strides = sorted(round(interval_s / p.dt_s) for p in points)

@@ -100,6 +100,9 @@ SERIES_SCALES = {
 }
 """The measures that have a scale: each stands twice, over its scale and as `_abs` in SI units."""
 
+INVARIANT = "spin about the symmetry axis"
+"""The only invariant of a scene so far: see symmetry_axis."""
+
 PURE_SERIES = ("orientation_error_rad", "orthogonality", "determinant_error", "quaternion_norm_error")
 """The measures that need no scale."""
 

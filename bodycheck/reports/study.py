@@ -12,7 +12,7 @@ import numpy as np
 from bodycheck.adapters.contract import Adapter, Method
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reports.case import CaseResult, Subject, run_case
-from bodycheck.reports.convergence import Point, judge
+from bodycheck.reports.convergence import Point, convergence_of
 from bodycheck.reports.ladder import next_step
 
 _ORIENTATION = "orientation_error_rad"
@@ -114,5 +114,5 @@ def _method_rows(cases: Sequence[CaseResult], subject: Subject) -> Iterator[dict
     for quantity in QUANTITIES:
         measured = any(quantity in case.columns for case in cases)
         if measured or any(case.columns["outcome"] == "unstable" for case in cases):
-            found = judge(_points(cases, quantity), limit(subject, quantity))
+            found = convergence_of(_points(cases, quantity), limit(subject, quantity))
             yield {**{name: first[name] for name in who}, "quantity": quantity, **vars(found)}

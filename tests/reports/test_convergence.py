@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from bodycheck.reports.convergence import Point, judge, round_off_floor
+from bodycheck.reports.convergence import Point, convergence_of, round_off_floor
 from bodycheck.reports.ladder import next_step
 
 STEPS = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3)
@@ -22,7 +22,7 @@ def power_law(order: float, at_1e_2: float, steps: tuple[float, ...] = STEPS) ->
 @pytest.mark.parametrize("order", [0.7, 1.0, 2.0, 3.0, 4.0])
 def test_a_power_law_shows_its_order(order: float) -> None:
     """Errors c dt^p have the order p, in an interval of no width, and converge."""
-    found = judge(power_law(order, 1e-4), LIMIT)
+    found = convergence_of(power_law(order, 1e-4), LIMIT)
     assert found.verdict == "converges"
     assert found.order == pytest.approx(order, abs=1e-9)
     assert found.points == 5
@@ -37,7 +37,7 @@ def test_the_interval_holds_the_order_of_a_noisy_law() -> None:
             Point(p.dt_s, (p.error or 0.0) * math.exp(generator.normal(0.0, 0.03)))
             for p in power_law(2.0, 1e-4)
         ]
-        found = judge(noisy, LIMIT)
+        found = convergence_of(noisy, LIMIT)
         assert found.order_low is not None
         assert found.order_high is not None
         hits += found.order_low <= 2.0 <= found.order_high
@@ -48,7 +48,7 @@ def test_coarse_steps_that_are_not_asymptotic_are_left_out() -> None:
     """Errors above 0.3 rad, and coarse ones off the line, do not bend the order."""
     points = [Point(5e-2, 3.1), Point(2e-2, 2.0), Point(1e-2, 0.25)]
     points += power_law(1.0, 0.2, (5e-3, 2e-3, 1e-3, 5e-4))
-    found = judge(points, LIMIT)
+    found = convergence_of(points, LIMIT)
     assert found.verdict == "converges"
     assert found.order == pytest.approx(1.0, abs=0.05)
 
@@ -58,7 +58,7 @@ def test_fine_steps_on_the_round_off_floor_are_left_out() -> None:
     points = power_law(4.0, 1e-8, (5e-2, 2e-2, 1e-2, 5e-3))
     points += [Point(2e-3, 2.0e-11), Point(1e-3, 2.5e-11), Point(5e-4, 1.8e-11)]
     assert round_off_floor(points, LIMIT) == 2.5e-11
-    found = judge(points, LIMIT)
+    found = convergence_of(points, LIMIT)
     assert found.verdict == "converges"
     assert found.order == pytest.approx(4.0, abs=1e-6)
 
@@ -66,7 +66,7 @@ def test_fine_steps_on_the_round_off_floor_are_left_out() -> None:
 def test_errors_within_ten_floors_are_at_the_floor() -> None:
     """An error that is all rounding is neither converging nor failing to."""
     points = [Point(dt, error) for dt, error in zip(STEPS, (2e-15, 5e-15, 3e-15, 9e-15, 1e-14), strict=True)]
-    assert judge(points, LIMIT).verdict == "at-floor"
+    assert convergence_of(points, LIMIT).verdict == "at-floor"
 
 
 def plateau(level: float, settling: float) -> list[Point]:
@@ -77,33 +77,33 @@ def plateau(level: float, settling: float) -> list[Point]:
 @pytest.mark.parametrize("level", [1e-7, 1e-3, 0.2, 3.1])
 def test_a_settled_plateau_over_two_decades_does_not_converge(level: float) -> None:
     """An engine that converges to a wrong motion is told so, whether the error is small or total."""
-    assert judge(plateau(level, settling=1e-3), LIMIT).verdict == "does-not-converge"
+    assert convergence_of(plateau(level, settling=1e-3), LIMIT).verdict == "does-not-converge"
 
 
 def test_a_saturated_error_is_not_accused() -> None:
     """Flat errors near pi whose motions still change from step to step are only not asymptotic yet."""
-    assert judge(plateau(3.1, settling=0.9), LIMIT).verdict == "pre-asymptotic"
+    assert convergence_of(plateau(3.1, settling=0.9), LIMIT).verdict == "pre-asymptotic"
 
 
 def test_a_plateau_over_one_decade_is_not_enough() -> None:
     """A method is not accused on one decade of steps."""
-    assert judge(plateau(3.1, settling=1e-3)[:5], LIMIT).verdict == "pre-asymptotic"
+    assert convergence_of(plateau(3.1, settling=1e-3)[:5], LIMIT).verdict == "pre-asymptotic"
 
 
 def test_a_method_of_which_nothing_ended_is_unstable() -> None:
     """Without one error the verdict is unstable, never at-floor."""
-    assert judge([Point(dt, None) for dt in STEPS], LIMIT).verdict == "unstable"
+    assert convergence_of([Point(dt, None) for dt in STEPS], LIMIT).verdict == "unstable"
 
 
 def test_two_steps_are_too_few() -> None:
     """An order needs four points."""
-    assert judge(power_law(1.0, 1e-3, (1e-2, 1e-3)), LIMIT).verdict == "too-few-points"
+    assert convergence_of(power_law(1.0, 1e-3, (1e-2, 1e-3)), LIMIT).verdict == "too-few-points"
 
 
 def test_errors_that_grow_with_finer_steps_do_not_converge() -> None:
     """A method that gets worse with finer steps, well above round-off, is never called convergent."""
     points = [Point(dt, 1e-3 * (1e-2 / dt) ** 0.2, 1e-3) for dt in (*STEPS, 5e-4, 2e-4)]
-    assert judge(points, LIMIT).verdict == "does-not-converge"
+    assert convergence_of(points, LIMIT).verdict == "does-not-converge"
 
 
 def climb(law: tuple[float, float]) -> tuple[list[float], str]:
@@ -115,7 +115,7 @@ def climb(law: tuple[float, float]) -> tuple[list[float], str]:
         tried.append(step)
         points.append(Point(step, max(min(math.pi, scale * step**order), 1e-16), 0.9))
         assert len(tried) < 20
-    return tried, judge(points, LIMIT).verdict
+    return tried, convergence_of(points, LIMIT).verdict
 
 
 def test_finer_steps_are_tried_while_errors_are_too_large() -> None:
@@ -157,5 +157,5 @@ def test_every_step_tried_divides_the_sampling_interval() -> None:
 def test_nothing_is_said_where_the_truth_itself_is_lost() -> None:
     """Where bound or sensitivity times eps is large, the verdict is chaotic, never at-floor."""
     lost = [Point(dt, 3.1, 0.9) for dt in STEPS]
-    assert judge(lost, limit=90.0).verdict == "chaotic"
+    assert convergence_of(lost, limit=90.0).verdict == "chaotic"
     assert next_step(lost, 90.0, STEPS, 0.1, 10.0) is None
