@@ -235,3 +235,18 @@ def test_read_back_asks_the_engine(adapter: PyBullet, method: str, planted: str)
             pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=client)
     assert planted in str(read_back_mismatch(scene, 1e-2, simulation.read_back()))
     simulation.close()
+
+
+@pytest.mark.parametrize(("size", "turns"), [(5e-6, True), (2e-6, False)])
+def test_a_small_body_loses_its_gyroscopic_term_in_maximal_coordinates(
+    adapter: PyBullet, size: float, turns: bool
+) -> None:
+    """Where the moments multiply to less than machine epsilon omega stays constant, as on no other path."""
+    small = moving(scene_of(inertia=size * np.diag([1.0, 2.0, 2.5])), (0.0, 0.0, 0.0), (0.3, 1.0, -0.2))
+    for method, expected in (("maximal", turns), ("multibody", True)):
+        simulation = loaded(adapter, small, method)
+        simulation.advance(100)
+        omega_world = simulation.read().omega_world
+        simulation.close()
+        assert omega_world is not None
+        assert bool(np.linalg.norm(omega_world - small.initial.omega_world) > 1e-3) is expected
