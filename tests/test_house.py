@@ -97,3 +97,14 @@ def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     kept = {".py", ".toml", ".typed", ".html", ".css", ".js"}
     tree = {p.relative_to(ROOT).as_posix() for p in PACKAGE.rglob("*") if p.suffix in kept}
     assert inside == tree | {"bodycheck/py.typed"}
+
+
+MATHEMATICS = {"numpy", "numba", "bodycheck", *sys.stdlib_module_names}
+
+
+@pytest.mark.parametrize(
+    "path", sorted((PACKAGE / "reference_impl").rglob("*.py")), ids=lambda path: path.name
+)
+def test_the_reference_is_from_scratch(path: Path) -> None:
+    """reference_impl knows numpy and numba, and no other library."""
+    assert {name.split(".")[0] for name in imported_names(path) if name} <= MATHEMATICS

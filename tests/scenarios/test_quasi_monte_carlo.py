@@ -14,8 +14,8 @@ from bodycheck.reference_impl.mass_properties.implicit import (
     LevelSet,
 )
 from bodycheck.reference_impl.mass_properties.primitives import primitive
-from bodycheck.reference_impl.mass_properties.quasi_monte_carlo import Estimate, estimate
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.quasi_monte_carlo import Estimate, estimate
 
 UPRIGHT = ImplicitTorus(1.0, 0.4)
 
