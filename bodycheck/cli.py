@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bodycheck.errors import BodycheckError, InputError
+from bodycheck.errors import BodycheckError, InputError, StoppedError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,13 +23,16 @@ app = typer.Typer(
 )
 
 
+_INTERRUPTED = 130  # what a shell expects of a command that Ctrl-C ended
+
+
 def main() -> None:
     """Run the command line; wrong input ends with status 2 and its message on standard error."""
     try:
         app()
     except BodycheckError as error:
         print(error, file=sys.stderr)
-        sys.exit(2)
+        sys.exit(_INTERRUPTED if isinstance(error, StoppedError) else 2)
 
 
 def _numbers(text: str | None, option: str) -> list[float] | None:
@@ -59,23 +62,44 @@ def run(
     dt: Annotated[
         str | None, typer.Option(help="Steps in s, like 1e-2,1e-3; each scenario's own, unless told.")
     ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(help="Of the methods that are told one, like 1e-6,1e-9; their own, unless told."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="A new folder for the results.", show_default="bodycheck-runs/RUN_ID")
     ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="How many cases run side by side.", show_default="one a core")
+    ] = None,
+    timeout_s: Annotated[float, typer.Option(help="Seconds that one case may take.")] = 120.0,
     no_speed: Annotated[bool, typer.Option("--no-speed", help="Do not measure processor time.")] = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Ask every engine anew, whatever it answered before.")
+    ] = False,
+    resume: Annotated[
+        Path | None, typer.Option(help="The --out of a run that was stopped: go on with it, as it was asked.")
+    ] = None,
 ) -> None:
     """Measure scenarios through engines: results.csv, methods.csv, trajectories/, report.html."""
-    from bodycheck.reports.store import check_output, write_run
     from bodycheck.reports.terminal import LiveProgress, print_summary
-    from bodycheck.runner import run_selection, select
+    from bodycheck.stored_run import Asked, run_to_folder
+    from bodycheck.stored_run import resume as go_on
 
-    selection = select(
-        scenarios or ["standard"], None if engine is None else engine.split(","), _numbers(dt, "--dt")
-    )
-    check_output(out or Path("bodycheck-runs", "new"))
-    with LiveProgress(selection.cases_listed()) as progress:
-        measured = run_selection(selection, speed=not no_speed, progress=progress)
-    report = write_run(measured, out or Path("bodycheck-runs", measured.run_id))
+    if resume is not None:
+        measured, report = go_on(resume, LiveProgress)
+    else:
+        asked = Asked(
+            scenarios=scenarios or ["standard"],
+            engines=None if engine is None else engine.split(","),
+            dt_s=_numbers(dt, "--dt"),
+            tolerances=_numbers(tolerance, "--tolerance"),
+            speed=not no_speed,
+            jobs=jobs,
+            timeout_s=timeout_s,
+            fresh=fresh,
+        )
+        measured, report = run_to_folder(asked, out, LiveProgress)
     print_summary(measured)
     print(report)
 

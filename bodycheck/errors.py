@@ -13,3 +13,19 @@ class InputError(BodycheckError, ValueError):
 
 class UnavailableError(BodycheckError, ImportError):
     """An engine or library that was asked for cannot be imported here; the message says why."""
+
+
+class InsideWorkerError(BodycheckError):
+    """A run was started within a worker process, whose business is one engine: see adapters/worker.py."""
+
+
+class WorkerLostError(BodycheckError):
+    """A worker process died, hung, or said what is none of the protocol's; says how, with its last output."""
+
+    def __init__(self, message: str, *, timed_out: bool = False) -> None:
+        super().__init__(message)
+        self.timed_out = timed_out
+
+
+class StoppedError(BodycheckError):
+    """The user stopped a run; says how it can go on."""

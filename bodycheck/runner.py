@@ -7,7 +7,7 @@ import platform
 import secrets
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -16,90 +16,27 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bodycheck.adapters.contract import Adapter, Method
-from bodycheck.adapters.registry import engine_names, get_adapter
-from bodycheck.errors import InputError, UnavailableError
-from bodycheck.reference_impl.truth import Truth, solve_truth
+from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.host import Hosts
+from bodycheck.errors import InputError
+from bodycheck.reference_impl.truth import Truth
 from bodycheck.reference_impl.warm_up import compile_kernels
-from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.crew import Task, share_out
 from bodycheck.reports.judge import judge_file
 from bodycheck.reports.run import Run
-from bodycheck.reports.study import study
+from bodycheck.reports.speed import Quietness, measure_speeds
+from bodycheck.reports.storage.answers import Answers
+from bodycheck.reports.storage.cache import Cache
+from bodycheck.reports.storage.journal import Journal
+from bodycheck.reports.storage.truths import known_truth
+from bodycheck.reports.study import Study, study
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, as_table
-from bodycheck.scenarios.library import load_scenario, load_scenarios
-from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.library import load_scenario
+from bodycheck.selection import Selection, select
 
-
-@dataclass(frozen=True)
-class Selection:
-    """What a run is to measure, checked: nothing in it can be refused any more."""
-
-    scenarios: tuple[tuple[str, Scenario], ...]
-    methods: tuple[tuple[Adapter, Method], ...]
-    unavailable: dict[str, str]
-    dt_s: tuple[float, ...] | None
-
-    def cases_listed(self) -> int:
-        """Return how many cases there are at least; a run adds steps where an order needs them."""
-        stepped = sum(method.control == "dt" for _, method in self.methods)
-        steps = sum(len(self.dt_s or scenario.steps) for _, scenario in self.scenarios)
-        return steps * stepped + len(self.scenarios) * (len(self.methods) - stepped)
-
-
-def select(
-    scenarios: Sequence[str | Path] = ("standard",),
-    engines: Sequence[str] | None = None,
-    dt_s: Sequence[float] | None = None,
-) -> Selection:
-    """Resolve names, suites and paths; engines as NAME or NAME:METHOD; steps in s for every scenario.
-
-    Raises InputError with one line an error: unknown names, wrong files, steps that do not fit.
-    """
-    loaded = load_scenarios(scenarios)
-    methods, unavailable = _methods(engines)
-    faults = []
-    for _, scenario in loaded:
-        seen: set[int] = set()
-        for step in dt_s or ():
-            try:
-                stride = steps_per_sample(scenario.scene.sample_interval_s, step)
-            except ValueError as error:
-                faults.append(f"{scenario.name}: {error}")
-                continue
-            if stride in seen:
-                faults.append(f"{scenario.name}: the step of {step!r} s is asked for twice")
-            seen.add(stride)
-    if faults:
-        raise InputError("\n".join(faults))
-    return Selection(tuple(loaded), methods, unavailable, tuple(dt_s) if dt_s else None)
-
-
-def _methods(asked: Sequence[str] | None) -> tuple[tuple[tuple[Adapter, Method], ...], dict[str, str]]:
-    """Return the methods asked for, else all of every engine that is there, with why the others are not."""
-    unavailable: dict[str, str] = {}
-    methods: dict[tuple[str, str], tuple[Adapter, Method]] = {}
-    faults = []
-    for name in engine_names() if asked is None else asked:
-        engine, colon, method = (part.strip() for part in name.partition(":"))
-        try:
-            adapter = get_adapter(engine)
-        except UnavailableError as error:
-            if asked:
-                raise InputError(str(error)) from None
-            unavailable[engine] = str(error)
-            continue
-        except InputError as error:
-            faults.append(str(error))
-            continue
-        if colon and method not in adapter.methods:
-            faults.append(f"{engine} has no method {method!r}; it has {', '.join(adapter.methods)}")
-            continue
-        for chosen in [method] if colon else adapter.methods:
-            methods[engine, chosen] = (adapter, adapter.methods[chosen])
-    if faults:
-        raise InputError("\n".join(faults))
-    return tuple(methods.values()), unavailable
+TIMEOUT_S = 120.0
+"""What one case may take unless told otherwise."""
 
 
 class Progress(Protocol):
@@ -111,6 +48,9 @@ class Progress(Protocol):
     def case_done(self) -> None:
         """One more case has ended."""
 
+    def speed_measured(self) -> None:
+        """One more case was timed."""
+
 
 class _Silence:
     def phase(self, what: str) -> None:
@@ -119,63 +59,159 @@ class _Silence:
     def case_done(self) -> None:
         pass
 
+    def speed_measured(self) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How a run is made, whatever it measures.
+
+    speed: whether processor time is measured. jobs: how many cases run side by side, None for as many as
+    there are cores. timeout_s: what one case may take. fresh: whether answers of earlier runs are not used.
+    """
+
+    speed: bool = True
+    jobs: int | None = None
+    timeout_s: float = TIMEOUT_S
+    fresh: bool = False
+
+    def __post_init__(self) -> None:
+        if self.jobs is not None and self.jobs < 1:
+            raise InputError(f"jobs must be 1 or more, not {self.jobs}")
+        if not 0.0 < self.timeout_s < float("inf"):
+            raise InputError(f"timeout_s must be a positive number of seconds, not {self.timeout_s!r}")
+
+    @property
+    def strands(self) -> int:
+        """How many cases run side by side."""
+        return self.jobs or len(os.sched_getaffinity(0))
+
+
+@dataclass(frozen=True)
+class Identity:
+    """The name of a run and the moment at which it began, which a run that is resumed keeps."""
+
+    run_id: str
+    created: datetime
+
+    @classmethod
+    def new(cls) -> Identity:
+        """Return a name that no other run has."""
+        created = datetime.now(UTC)
+        return cls(f"{created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}", created)
+
 
 def run(
     scenarios: Sequence[str | Path] = ("standard",),
     *,
     engines: Sequence[str] | None = None,
     dt_s: Sequence[float] | None = None,
+    tolerances: Sequence[float] | None = None,
     speed: bool = True,
+    jobs: int | None = None,
+    timeout_s: float = TIMEOUT_S,
+    fresh: bool = False,
 ) -> Run:
     """Measure scenarios x methods x steps and return the tables with the motions behind them.
 
     scenarios: built-in names, suites, paths of TOML files. engines: NAME or NAME:METHOD, all that can be
     imported by default. dt_s: the steps in s; by default each scenario's own, and more where an order
-    needs them. speed: whether processor time is measured. Raises InputError for wrong input.
+    needs them. tolerances: of the methods that are told one, instead of their own. speed: whether processor
+    time is measured. jobs: how many cases run side by side, by default one a core. timeout_s: what one case
+    may take. fresh: whether to ask every engine anew, where else what it answered before is taken.
+    Raises InputError for wrong input.
     """
-    return run_selection(select(scenarios, engines, dt_s), speed=speed, progress=_Silence())
+    manner = Manner(speed, jobs, timeout_s, fresh)
+    selection = select(scenarios, engines, dt_s, tolerances)
+    return run_selection(selection, manner, Identity.new(), journal=None, progress=_Silence())
 
 
-def run_selection(selection: Selection, *, speed: bool, progress: Progress) -> Run:
-    """Run what was selected, scenario by scenario, method by method, coarse steps before fine ones."""
-    created = datetime.now(UTC)
-    run_id = f"{created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
-    progress.phase("compiling the reference's kernels (once on a machine)")
+def run_selection(
+    selection: Selection, manner: Manner, identity: Identity, *, journal: Journal | None, progress: Progress
+) -> Run:
+    """Run what was selected: first the motions, side by side, then the speeds, one case at a time.
+
+    journal: what this run has found before, and finds; None to keep nothing.
+    """
     begin = time.perf_counter()
-    compile_kernels(
+    progress.phase("compiling the reference's kernels (once on a machine)")
+    scenes = [scenario.scene for _, scenario in selection.scenarios]
+    integrators = [
         method.name
-        for adapter, method in selection.methods
-        if adapter.name == "reference" and method.control == "dt"
-    )
+        for engine, method in selection.methods
+        if engine.name == "reference" and method.control == "dt"
+    ]
+    compile_kernels(scenes, integrators)
     compiled = time.perf_counter()
-    subjects: list[Subject] = []
-    cases: list[CaseResult] = []
-    method_rows: list[dict[str, Any]] = []
-    for asked_as, scenario in selection.scenarios:
-        progress.phase(scenario.name)
-        subject = Subject.of(scenario, asked_as)
-        subjects.append(subject)
-        for adapter, method in selection.methods:
-            studied = study(
-                subject,
-                adapter,
-                method,
-                sorted(selection.dt_s or scenario.steps, reverse=True),
-                adaptive=selection.dt_s is None,
-                speed=speed,
-                case_done=progress.case_done,
-            )
-            cases += studied.cases
-            method_rows += studied.method_rows
-    seconds = {"compile_s": compiled - begin, "run_s": time.perf_counter() - compiled}
+    cache = Cache.default()
+    cache.prune()
+    cache = cache.write_only() if manner.fresh else cache
+    answers = Answers(journal, cache, manner.timeout_s)
+    progress.phase("solving the truths")
+    subjects = [Subject.of(scenario, asked_as, cache) for asked_as, scenario in selection.scenarios]
+    progress.phase("motions")
+    solved = time.perf_counter()
+    studies = _studies(selection, subjects, answers, manner.strands, progress)
+    recorded = time.perf_counter()
+    cases = tuple(case for studied in studies for case in studied.cases)
+    quietness = None
+    if manner.speed:
+        progress.phase("speeds, one case at a time")
+        engines = {engine.name: engine for engine, _ in selection.methods}
+        cases, quietness = measure_speeds(
+            subjects, cases, engines, answers, manner.timeout_s, progress.speed_measured
+        )
+    ended = time.perf_counter()
+    run_id = identity.run_id
+    seconds = {
+        "compile_s": compiled - begin,
+        "truths_s": solved - compiled,
+        "motions_s": recorded - solved,
+        "speeds_s": ended - recorded,
+        "run_s": ended - compiled,
+    }
+    method_rows = (row for studied in studies for row in studied.method_rows)
     return Run(
         run_id=run_id,
         results=as_table(({"run_id": run_id, **case.columns} for case in cases), RESULT_COLUMNS),
         methods=as_table(({"run_id": run_id, **row} for row in method_rows), METHOD_COLUMNS),
-        manifest=_manifest(run_id, created, selection, cases, seconds, speed=speed),
+        manifest=_manifest(identity, selection, manner, cases, seconds, quietness),
         subjects=tuple(subjects),
-        cases=tuple(cases),
+        cases=cases,
     )
+
+
+def _studies(
+    selection: Selection, subjects: Sequence[Subject], answers: Answers, strands: int, progress: Progress
+) -> list[Study]:
+    """Return the studies of every scenario by every method, in this order, made side by side."""
+    pairs = [(subject, engine, method) for subject in subjects for engine, method in selection.methods]
+    done: dict[int, Study] = {}
+
+    def task(place: int, subject: Subject, engine: Engine, method: Method) -> Task:
+        settings = selection.settings(subject.scenario, method)
+
+        def do(hosts: Hosts) -> None:
+            done[place] = study(
+                subject,
+                engine,
+                method,
+                settings,
+                adaptive=selection.dt_s is None,
+                ask=lambda engine, case: answers.ask(hosts, engine, case),
+                case_done=progress.case_done,
+            )
+
+        steps = sum(subject.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
+        return Task(engine.name, steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0), do)
+
+    share_out([task(place, *pair) for place, pair in enumerate(pairs)], strands)
+    return [done[place] for place in range(len(pairs))]
+
+
+_WEIGHTS = {"reference": 0.02}
+"""What a right-hand side costs beside an engine's: only for the order in which things are done."""
 
 
 def truth(scenario: str | Path, at: Sequence[float]) -> Truth:
@@ -186,7 +222,7 @@ def truth(scenario: str | Path, at: Sequence[float]) -> Truth:
     """
     scene = load_scenario(scenario).scene
     try:
-        return solve_truth(scene, np.array(at, dtype=np.float64))
+        return known_truth(scene, np.array(at, dtype=np.float64), Cache.default())
     except ValueError as error:
         raise InputError(str(error)) from None
 
@@ -196,26 +232,25 @@ def judge(trajectory: str | Path, scenario: str | Path) -> dict[str, Any]:
 
     A measure whose quantities the file has not is left out. Raises InputError for wrong files.
     """
-    return judge_file(Path(trajectory), load_scenario(scenario), str(scenario))
+    return judge_file(Path(trajectory), load_scenario(scenario), str(scenario), Cache.default())
 
 
 def _manifest(
-    run_id: str,
-    created: datetime,
+    identity: Identity,
     selection: Selection,
+    manner: Manner,
     cases: Sequence[CaseResult],
-    seconds: dict[str, float],
-    *,
-    speed: bool,
+    seconds: Mapping[str, float],
+    quietness: Quietness | None,
 ) -> dict[str, Any]:
     """Return versions, machine and settings, as plain data."""
     engines: dict[str, Any] = {name: {"unavailable": why} for name, why in selection.unavailable.items()}
-    for adapter, method in selection.methods:
-        entry = engines.setdefault(adapter.name, {"version": adapter.version, "methods": {}})
+    for engine, method in selection.methods:
+        entry = engines.setdefault(engine.name, {"version": engine.version, "methods": {}})
         entry["methods"][method.name] = asdict(method)
     return {
-        "run_id": run_id,
-        "created": created.isoformat(timespec="seconds"),
+        "run_id": identity.run_id,
+        "created": identity.created.isoformat(timespec="seconds"),
         "bodycheck": version("bodycheck"),
         "python": platform.python_version(),
         "platform": platform.platform(),
@@ -224,7 +259,12 @@ def _manifest(
         "libraries": {name: version(name) for name in ("numpy", "numba", "scipy", "pandas")},
         "engines": engines,
         "dt_s": selection.dt_s,
-        "speed": speed,
+        "tolerances": selection.tolerances,
+        "speed": manner.speed,
+        "jobs": manner.strands,
+        "timeout_s": manner.timeout_s,
+        "speed_core": quietness.core if quietness else None,
+        "speed_noise": quietness.spread if quietness else None,
         "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),
         "scenarios": {s.name: s.model_dump(mode="json", exclude_none=True) for _, s in selection.scenarios},
         **seconds,

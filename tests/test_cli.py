@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 
 import bodycheck
+from bodycheck.adapters import registry
 from bodycheck.adapters.contract import Method, ReadBack, Simulation
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import _registered, register_adapter
@@ -71,7 +72,7 @@ def test_the_reproducing_command_reproduces_the_case(tmp_path: Path) -> None:
     assert command(*words[1:], "--out", "b", cwd=tmp_path).returncode == 0
     with (tmp_path / "b/results.csv").open() as file:
         again = next(csv.DictReader(file))
-    timed = {"run_id", "cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "step_change_rad"}
+    timed = {"run_id", "cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu", "step_change_rad"}
     assert {k: v for k, v in row.items() if k not in timed} == {
         k: v for k, v in again.items() if k not in timed
     }
@@ -264,14 +265,21 @@ def test_a_case_that_goes_wrong_has_its_outcome_and_no_measure(
     assert message.split(":")[0] in report
 
 
+def plug_in(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, place: str) -> None:
+    """Install a package in the folder, on the path of this process, that offers an engine."""
+    facts = folder / f"{name}-1.0.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (facts / "entry_points.txt").write_text(f"[bodycheck.adapters]\n{name} = {place}\n")
+    monkeypatch.syspath_prepend(folder)
+    registry._plugged_in.cache_clear()
+
+
 def test_an_engine_that_cannot_be_imported_is_shown_with_the_reason(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """A missing engine stands in the manifest and the report; asked for by name it is an error."""
-    from bodycheck.adapters import registry
-
-    monkeypatch.setitem(registry._BUILT_IN, "ghost", ("bodycheck_no_such_module", "Ghost"))
-    monkeypatch.setattr(registry, "_BUILT_IN", {k: registry._BUILT_IN[k] for k in ("ghost", "reference")})
+    plug_in(tmp_path, monkeypatch, "ghost", "bodycheck_no_such_module:Ghost")
     path = tmp_path / "mine.toml"
     path.write_text(SCENARIO)
     measured = bodycheck.run([path], dt_s=[0.01], speed=False)

@@ -3,11 +3,14 @@
 An adapter is an object with the attributes of `Adapter`; nothing is inherited. `build` gives a
 `Simulation` of one scene by one method at one step. The caller reads it back, applies the wrench of
 each leg, advances it, and reads the state at each sample; building, reading and comparing are never
-timed, only `apply` and `advance` are.
+timed, only `apply` and `advance` are. A method without steps of a given length, controlled by a
+tolerance or by nothing, gives a `Solver` instead (`SolvingAdapter`), which goes through all samples in
+one call.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeAlias
@@ -16,9 +19,11 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import Wrench
 
 Stepping: TypeAlias = Literal["native", "python"]
+Control: TypeAlias = Literal["dt", "tolerance", "none"]
 
 
 @dataclass(frozen=True)
@@ -27,7 +32,8 @@ class Method:
 
     order is that of a smooth, torque-free motion in theory, None where there is none to expect.
     evaluations counts right-hand sides in a step. torque says when a torque is evaluated: at every
-    stage, or once and held over the step.
+    stage, or once and held over the step. control says what it is told: the step, a tolerance, or nothing;
+    tolerances are those that a run uses unless told otherwise.
     """
 
     name: str
@@ -37,8 +43,32 @@ class Method:
     torque: Literal["every stage", "held over the step", "none"]
     keeps: str
     source: str
-    control: Literal["dt", "none"] = "dt"
+    control: Control = "dt"
     changed_defaults: tuple[str, ...] = ()
+    tolerances: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Engine:
+    """An engine as it announces itself: its name, its version, its methods by name, a hash of its code."""
+
+    name: str
+    version: str
+    methods: Mapping[str, Method]
+    code: str
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How finely a method is told to work: by a step in s, by a tolerance, or, with neither, not at all."""
+
+    dt_s: float | None = None
+    tolerance: float | None = None
+
+    @property
+    def fineness(self) -> float | None:
+        """The one number of it."""
+        return self.tolerance if self.dt_s is None else self.dt_s
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +93,12 @@ class ReadBack:
     """What the engine says it was given.
 
     mass in kg, inertia (3, 3) in kg m^2 in body axes, the step in s (of one step, where one call makes
-    several), gravity (3,) in m/s^2, and the initial state.
+    several; None of a method without), gravity (3,) in m/s^2, and the initial state.
     """
 
     mass: float
     inertia: Array
-    dt_s: float
+    dt_s: float | None
     gravity: Array
     state: Reading
 
@@ -98,6 +128,22 @@ class Simulation(Protocol):
         """Free what the engine holds; calling it twice does nothing."""
 
 
+class Solver(Protocol):
+    """One scene in one engine, by one method that chooses its own steps or has none. Closed after use."""
+
+    steps: int | None
+    """How many steps the last `solve` made; None for a method that has none."""
+
+    def read_back(self) -> ReadBack:
+        """Return what the engine holds, its step being None."""
+
+    def solve(self) -> Trajectory:
+        """Go from the initial state through all the scene's samples, anew at every call."""
+
+    def close(self) -> None:
+        """Free what the engine holds; calling it twice does nothing."""
+
+
 class Adapter(Protocol):
     """One engine."""
 
@@ -112,11 +158,18 @@ class Adapter(Protocol):
         """Make a minimal model: nothing in it that the scene has not."""
 
 
+class SolvingAdapter(Adapter, Protocol):
+    """An engine some of whose methods are controlled by a tolerance or by nothing."""
+
+    def solver(self, scene: Scene, method: str, tolerance: float | None) -> Solver:
+        """Make a solver by such a method; the tolerance is None for one that has no control."""
+
+
 _STATE = 4e-15  # relative: a state passes at most through one change of axes
 _BODY = 1e-12  # relative: an inertia may have been through an eigen-analysis
 
 
-def read_back_mismatch(scene: Scene, dt_s: float, found: ReadBack) -> str | None:
+def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str | None:
     """Say which of mass, inertia, step, gravity or initial state the engine holds wrongly, or None.
 
     A quaternion may have changed its sign.
@@ -132,7 +185,8 @@ def read_back_mismatch(scene: Scene, dt_s: float, found: ReadBack) -> str | None
 
     compare("mass", body.mass, found.mass)
     compare("inertia", body.inertia, found.inertia, _BODY)
-    compare("step", dt_s, found.dt_s)
+    if dt_s is not None:
+        compare("step", dt_s, math.nan if found.dt_s is None else found.dt_s)
     compare("gravity", scene.gravity, found.gravity)
     state = found.state
     compare("position", initial.position, state.position)

@@ -1,33 +1,82 @@
-"""Driving a simulation through its plan of steps: once to record it, again and again to time it."""
+"""Driving an engine through one case: once to record it, then lap by lap to time it."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Literal, Protocol, TypeAlias, cast
 
 import numpy as np
 
-from bodycheck.adapters.contract import Reading, Simulation
+from bodycheck.adapters.contract import (
+    Adapter,
+    ReadBack,
+    Reading,
+    Setting,
+    Simulation,
+    Solver,
+    SolvingAdapter,
+    Stepping,
+)
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.wrench import Leg, StepPlan, Wrench
+from bodycheck.reference_impl.wrench import Leg, StepPlan, Wrench, plan_steps
 
-_MOST_REPEATS = 7
-_MOST_SECONDS = 0.12  # of stepping per case; at least one repeat is made after the recording
+_LAP_S = 2e-3  # a lap is the whole case, or as many of its first steps as take about this long
+_TRIAL_STEPS = 100
 
-
-@dataclass(frozen=True)
-class CpuTime:
-    """Median and quartiles of the processor time of stepping one whole case, in s, over the repeats."""
-
-    median_s: float
-    low_s: float
-    high_s: float
+Ending: TypeAlias = Literal["ok", "unsupported", "failed", "timeout"]
 
 
-def record(simulation: Simulation, plan: StepPlan, scene: Scene) -> Trajectory:
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene, a method by its name, and how finely that is told to work."""
+
+    scene: Scene
+    method: str
+    setting: Setting
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What came of a case: a trajectory and what the engine was found to hold, or why there is none.
+
+    steps: of a solver, how many it made.
+    """
+
+    outcome: Ending
+    message: str = ""
+    trajectory: Trajectory | None = None
+    read_back: ReadBack | None = None
+    stepping: Stepping | None = None
+    steps: int | None = None
+
+
+def record(adapter: Adapter, case: Case) -> Answer:
+    """Build, read back and step one case through its samples; whatever the engine raises, passes."""
+    scene, method, setting = case.scene, case.method, case.setting
+    if reason := adapter.unsupported(scene, method):
+        return Answer("unsupported", reason)
+    if setting.dt_s is None:
+        solver = cast(SolvingAdapter, adapter).solver(scene, method, setting.tolerance)
+        try:
+            held = solver.read_back()
+            solved = solver.solve()
+            return Answer("ok", "", solved, held, "native", solver.steps)
+        finally:
+            solver.close()
+    plan = plan_steps(scene, setting.dt_s)
+    simulation = adapter.build(scene, method, plan.dt_s)
+    try:
+        held = simulation.read_back()
+        return Answer("ok", "", _stepped(simulation, plan, scene), held, simulation.stepping)
+    finally:
+        simulation.close()
+
+
+def _stepped(simulation: Simulation, plan: StepPlan, scene: Scene) -> Trajectory:
     """Step a fresh simulation through its plan and return what it held at the samples."""
     readings = [simulation.read()]
     wrench: Wrench | None = None
@@ -39,28 +88,6 @@ def record(simulation: Simulation, plan: StepPlan, scene: Scene) -> Trajectory:
         if leg.ends_at_sample:
             readings.append(simulation.read())
     return _trajectory(scene.sample_times, readings)
-
-
-def measure_cpu(simulation: Simulation, plan: StepPlan) -> CpuTime:
-    """Step through the whole plan, stopping at no sample, until the repeats or the seconds are spent.
-
-    The simulation must have been stepped before: the first pass through an engine is never timed.
-    """
-    legs = list(plan.uninterrupted())
-    spent: list[float] = []
-    while len(spent) < _MOST_REPEATS and sum(spent) < _MOST_SECONDS:
-        simulation.reset()
-        begin = time.process_time()
-        _step_through(simulation, legs)
-        spent.append(time.process_time() - begin)
-    low, median, high = np.quantile(spent, [0.25, 0.5, 0.75]).tolist()
-    return CpuTime(median, low, high)
-
-
-def _step_through(simulation: Simulation, legs: Iterable[Leg]) -> None:
-    for leg in legs:
-        simulation.apply(leg.wrench)
-        simulation.advance(leg.steps)
 
 
 def _trajectory(t_s: Array, readings: list[Reading]) -> Trajectory:
@@ -80,3 +107,73 @@ def _trajectory(t_s: Array, readings: list[Reading]) -> Trajectory:
         omega_world_rad_s=column("omega_world"),
         omega_body_rad_s=column("omega_body"),
     )
+
+
+class Stopwatch(Protocol):
+    """A case made ready, warmed up, to be timed lap by lap."""
+
+    def lap(self) -> float:
+        """Return the processor time in s of the whole case."""
+
+    def close(self) -> None:
+        """Free what the engine holds."""
+
+
+def stopwatch(adapter: Adapter, case: Case) -> Stopwatch:
+    """Make a case ready to be timed: built, and gone through once, for the first pass is never timed."""
+    if case.setting.dt_s is None:
+        solving = cast(SolvingAdapter, adapter)
+        return _SolverWatch(solving.solver(case.scene, case.method, case.setting.tolerance))
+    plan = plan_steps(case.scene, case.setting.dt_s)
+    return _StepWatch(adapter.build(case.scene, case.method, plan.dt_s), plan)
+
+
+class _SolverWatch:
+    def __init__(self, solver: Solver) -> None:
+        self._solver = solver
+        solver.solve()
+
+    def lap(self) -> float:
+        begin = time.process_time()
+        self._solver.solve()
+        return time.process_time() - begin
+
+    def close(self) -> None:
+        self._solver.close()
+
+
+class _StepWatch:
+    """Times the first steps of a case, stopping at no sample, in proportion to all of them."""
+
+    def __init__(self, simulation: Simulation, plan: StepPlan) -> None:
+        self._simulation = simulation
+        trial = min(_TRIAL_STEPS, plan.steps)
+        self._legs, self._scale = list(first_steps(plan, trial)), 1.0
+        self.lap()
+        per_step = max(self.lap() / trial, 1e-9)
+        timed = int(min(max(_LAP_S / per_step, trial), plan.steps))
+        self._legs, self._scale = list(first_steps(plan, timed)), plan.steps / timed
+
+    def lap(self) -> float:
+        self._simulation.reset()
+        begin = time.process_time()
+        _step_through(self._simulation, self._legs)
+        return (time.process_time() - begin) * self._scale
+
+    def close(self) -> None:
+        self._simulation.close()
+
+
+def first_steps(plan: StepPlan, steps: int) -> Iterator[Leg]:
+    """Yield the legs of a run that stops at no sample, as far as its first steps reach."""
+    for leg in plan.uninterrupted():
+        if steps <= 0:
+            return
+        yield Leg(min(leg.steps, steps), leg.wrench, ends_at_sample=False)
+        steps -= leg.steps
+
+
+def _step_through(simulation: Simulation, legs: Iterable[Leg]) -> None:
+    for leg in legs:
+        simulation.apply(leg.wrench)
+        simulation.advance(leg.steps)

@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
+from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver, Stepping
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.exact import ExactMotion
@@ -15,6 +15,8 @@ from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.taylor_motion import TaylorMotion
+from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 _POSITION, _VELOCITY, _SPIN = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -31,9 +33,17 @@ _EXACT = Method(
 )
 
 
-# On the steps of today's scenarios these are at the floor throughout, and compiling them costs four
-# seconds: they wait until methods can be swept by tolerance.
-_WITHHELD = ("lie4", "splitting6", "dop853")
+_TAYLOR = Method(
+    name="taylor",
+    formula="q, omega, v and x by their Taylor series, each step as long as its last terms allow",
+    order=None,
+    evaluations=None,
+    torque="every stage",
+    keeps="everything, to the tolerance a step",
+    source="Jorba and Zou (2005), Experimental Mathematics 14, 99",
+    control="tolerance",
+    tolerances=(1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14, 1e-16),
+)
 
 
 def _method_of(integrator: Integrator) -> Method:
@@ -116,47 +126,42 @@ class FixedStep:
 
 
 class ClosedForm:
-    """A scene without torque by its exact solution: a step goes from one sample to the next.
+    """A scene by its exact solution: set up once when built, then any sample at the same cost."""
 
-    Set up once when built; `advance` solves for the time at the end of each of its steps.
-    """
+    steps: int | None = None
 
-    stepping: Stepping = "native"
-
-    def __init__(self, scene: Scene, dt_s: float) -> None:
-        self._scene, self._dt_s = scene, dt_s
-        self._motion = ExactMotion.of(scene)
-        self.reset()
-
-    def reset(self) -> None:
-        """Go back to t = 0."""
-        self._steps = 0
-        self._solution = self._motion.at(np.zeros(1))
+    def __init__(self, scene: Scene) -> None:
+        self._scene, self._motion = scene, ExactMotion.of(scene)
 
     def read_back(self) -> ReadBack:
         """Return the scene's own numbers: there is no engine between."""
-        body = self._scene.body
-        return ReadBack(body.mass, body.inertia, self._dt_s, self._scene.gravity, self.read())
+        return _own_numbers(self._scene)
 
-    def apply(self, wrench: Wrench) -> None:
-        """Do nothing: where a wrench acts there is no closed form here."""
+    def solve(self) -> Trajectory:
+        """Solve for all samples in one call."""
+        return self._motion.at(self._scene.sample_times)
 
-    def advance(self, steps: int) -> None:
-        """Solve for the ends of this many steps, in one call."""
-        times = self._scene.sample_times[self._steps + 1 : self._steps + steps + 1]
-        self._solution = self._motion.at(times)
-        self._steps += steps
+    def close(self) -> None:
+        """Nothing to free."""
 
-    def read(self) -> Reading:
-        """Return the state at the end of the last step."""
-        solved = self._solution
-        assert solved.quaternion is not None
-        return Reading(
-            position=solved.position_m[-1],
-            velocity=solved.velocity_m_s[-1],
-            quaternion=solved.quaternion[-1],
-            omega_body=solved.omega_body[-1],
-        )
+
+class Series:
+    """A scene by the Taylor integrator: packed once when built, its samples from the series' dense output."""
+
+    steps: int | None = None
+
+    def __init__(self, scene: Scene, tolerance: float) -> None:
+        self._scene, self._motion = scene, TaylorMotion.of(scene, tolerance)
+
+    def read_back(self) -> ReadBack:
+        """Return the scene's own numbers: there is no engine between."""
+        return _own_numbers(self._scene)
+
+    def solve(self) -> Trajectory:
+        """Follow the motion through all samples."""
+        solved = self._motion.solve(self._scene.sample_times)
+        self.steps = solved.steps
+        return solved.trajectory
 
     def close(self) -> None:
         """Nothing to free."""
@@ -171,7 +176,8 @@ class Reference:
         self.version = version("bodycheck")
         self.methods: Mapping[str, Method] = {
             _EXACT.name: _EXACT,
-            **{name: _method_of(INTEGRATORS[name]) for name in INTEGRATORS if name not in _WITHHELD},
+            _TAYLOR.name: _TAYLOR,
+            **{name: _method_of(integrator) for name, integrator in INTEGRATORS.items()},
         }
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
@@ -181,7 +187,24 @@ class Reference:
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
-        """Return a stepper of the scene, or its closed form."""
-        if method == _EXACT.name:
-            return ClosedForm(scene, dt_s)
+        """Return a stepper of the scene."""
         return FixedStep(scene, INTEGRATORS[method], dt_s)
+
+    def solver(self, scene: Scene, method: str, tolerance: float | None) -> Solver:
+        """Return the closed form of the scene, or its Taylor series."""
+        if method == _EXACT.name:
+            return ClosedForm(scene)
+        assert tolerance is not None
+        return Series(scene, tolerance)
+
+
+def _own_numbers(scene: Scene) -> ReadBack:
+    """Return what a solver without an engine between holds: the scene itself."""
+    body, initial = scene.body, scene.initial
+    start = Reading(
+        position=initial.position,
+        velocity=initial.velocity,
+        quaternion=initial.quaternion,
+        omega_body=initial.omega_body,
+    )
+    return ReadBack(body.mass, body.inertia, None, scene.gravity, start)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
+import inspect
+from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 
 from bodycheck.adapters.contract import Adapter
 from bodycheck.errors import InputError, UnavailableError
@@ -26,6 +30,34 @@ def register_adapter(adapter: Adapter) -> None:
 def engine_names() -> tuple[str, ...]:
     """Return the names of all engines known, whether or not they can be imported here."""
     return tuple(dict.fromkeys([*_BUILT_IN, *_plugged_in(), *_registered]))
+
+
+def registered_adapter(name: str) -> Adapter | None:
+    """Return what register_adapter was given under this name; None for an engine that others can import."""
+    return _registered.get(name)
+
+
+def code_of(adapter: Adapter) -> str:
+    """Return a hash of the code that a case of this engine runs through: its package, and our rooms."""
+    module = type(adapter).__module__.partition(".")[0]
+    if module == "bodycheck":
+        return own_code()
+    file = Path(inspect.getfile(type(adapter)))
+    package = next((folder for folder in file.parents if folder.name == module), None)
+    sources = [file] if package is None else sorted(package.rglob("*.py"))
+    return hashlib.sha256(own_code().encode() + _content(sources)).hexdigest()
+
+
+@cache
+def own_code() -> str:
+    """Return a hash of reference_impl and adapters."""
+    package = Path(__file__).parents[1]
+    rooms = (package / "reference_impl", package / "adapters")
+    return hashlib.sha256(_content(path for room in rooms for path in sorted(room.rglob("*.py")))).hexdigest()
+
+
+def _content(sources: Iterable[Path]) -> bytes:
+    return b"".join(hashlib.sha256(source.read_bytes()).digest() for source in sources)
 
 
 def get_adapter(name: str) -> Adapter:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
+
+from bodycheck.reference_impl.cache_home import cache_home
 
 
 @cache
@@ -24,10 +25,7 @@ def cache_directory() -> Path:
     for source in sorted(room.rglob("*.py")):
         digest.update(source.relative_to(room).as_posix().encode())
         digest.update(source.read_bytes())
-    home = os.environ.get("BODYCHECK_CACHE_DIR") or Path(
-        os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "bodycheck"
-    )
-    return Path(home, "kernels", digest.hexdigest()[:16])
+    return cache_home() / "kernels" / digest.hexdigest()[:16]
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:

@@ -1,52 +1,84 @@
-"""One case: a scenario through one engine's method at one step, measured against the truth."""
+"""One case: a scenario through one engine's method at one step or tolerance, measured against the truth."""
 
 from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from bodycheck.adapters.contract import Adapter, Method, read_back_mismatch
-from bodycheck.adapters.drive import CpuTime, measure_cpu, record
+import numpy as np
+
+from bodycheck.adapters.contract import Engine, Method, Setting, read_back_mismatch
+from bodycheck.adapters.drive import Answer, Case
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import Truth, solve_truth
+from bodycheck.reference_impl.truth import Truth
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
-from bodycheck.reports.measures import INVARIANT, error_series, instability, reduced
+from bodycheck.reports.measures import INVARIANT, Motion, error_series, instability, reduced
 from bodycheck.reports.scales import Scales, scene_scales
+from bodycheck.reports.storage.cache import Cache
+from bodycheck.reports.storage.truths import known_truth
 from bodycheck.scenarios.model import Scenario
+
+Asking: TypeAlias = Callable[[Engine, Case], Answer]
+"""How a case comes to its answer: from the engine, or from what it answered before."""
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A scenario with its truth at the samples and its scales; asked_as names it on the command line."""
+    """A scenario with its truth at the samples, energy and momentum along it, and its scales.
+
+    asked_as names it on the command line. compared: how many of the samples the truth can be trusted at;
+    beyond them a chaotic motion is compared with nothing.
+    """
 
     scenario: Scenario
     truth: Truth
+    motion: Motion
     scales: Scales
     asked_as: str
+    compared: int
 
     @classmethod
-    def of(cls, scenario: Scenario, asked_as: str | Path) -> Subject:
-        """Solve the truth at the scenario's samples; InputError where the motion is beyond all doubles."""
+    def of(cls, scenario: Scenario, asked_as: str | Path, cache: Cache | None = None) -> Subject:
+        """Solve the truth at the scenario's samples, or take it from the cache.
+
+        Raises InputError where the motion is beyond all doubles, or lost before the second sample.
+        """
+        scene = scenario.scene
         try:
-            truth = solve_truth(scenario.scene, scenario.scene.sample_times)
+            truth = known_truth(scene, scene.sample_times, cache)
         except ValueError as error:
             raise InputError(f"{asked_as}: {error}") from None
-        scales = scene_scales(scenario.scene, truth.trajectory)
+        scales = scene_scales(scene, truth.trajectory)
         if not all(math.isfinite(scale) for scale in vars(scales).values()):
             raise InputError(f"{asked_as}: its energy or momentum is beyond the range of double precision")
-        return cls(scenario, truth, scales, str(asked_as))
+        compared = int(np.count_nonzero(truth.trajectory.t_s < truth.trusted_until_s))
+        if compared < 2:
+            raise InputError(
+                f"{asked_as}: the motion is chaotic, and lost before the second sample: take more samples"
+            )
+        return cls(scenario, truth, Motion.of(scene, truth.trajectory), scales, str(asked_as), compared)
+
+    @property
+    def times(self) -> Array:
+        """The samples at which trajectories are compared with the truth (compared,), in s."""
+        return self.truth.trajectory.t_s[: self.compared]
+
+    def largest(self, bound: Array) -> float:
+        """Return the largest of one of the truth's bounds (n,) over the samples that are compared."""
+        return float(np.max(bound[: self.compared]))
 
 
 @dataclass(frozen=True, eq=False)
 class CaseResult:
     """How a case ended: columns (all of results.csv but run_id), and what it returned, if it did.
 
-    series: every measure over time (n,), in SI units.
+    series: every measure over time (compared,), in SI units.
     """
 
     columns: dict[str, Any]
@@ -54,10 +86,14 @@ class CaseResult:
     series: dict[str, Array] = field(default_factory=dict)
 
     @property
+    def setting(self) -> Setting:
+        """The step, or the tolerance, or neither."""
+        return Setting(self.columns.get("dt_s"), self.columns.get("tolerance"))
+
+    @property
     def dt_s(self) -> float | None:
         """The step, None for a method that has none."""
-        dt_s: float | None = self.columns.get("dt_s")
-        return dt_s
+        return self.setting.dt_s
 
     @property
     def ok(self) -> bool:
@@ -65,81 +101,84 @@ class CaseResult:
         return bool(self.columns["outcome"] == "ok")
 
 
-def run_case(
-    subject: Subject, adapter: Adapter, method: Method, dt_s: float | None, *, speed: bool
-) -> CaseResult:
-    """Build, read back, record, measure and time one case; whatever goes wrong becomes its outcome."""
+def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting, ask: Asking) -> CaseResult:
+    """Have one case answered and measure the answer; whatever goes wrong becomes its outcome."""
     scene = subject.scenario.scene
-    columns = _who(subject, adapter, method, dt_s)
+    columns = _who(subject, engine, method, setting)
+    answer = ask(engine, Case(scene, method.name, setting))
+    plan = None if setting.dt_s is None else plan_steps(scene, setting.dt_s)
+    if answer.outcome != "unsupported":
+        columns |= _effort(method, plan, answer)
 
-    def ended(outcome: str, message: str, trajectory: Trajectory | None = None) -> CaseResult:
-        return CaseResult({**columns, "outcome": outcome, "message": message}, trajectory)
+    def ended(outcome: str, message: str) -> CaseResult:
+        return CaseResult({**columns, "outcome": outcome, "message": message}, answer.trajectory)
 
-    if reason := adapter.unsupported(scene, method.name):
-        return ended("unsupported", reason)
-    plan = plan_steps(scene, scene.sample_interval_s if dt_s is None else dt_s)
-    if dt_s is not None:
-        columns["steps"] = plan.steps
-    if method.evaluations is not None:
-        columns["rhs_evaluations"] = method.evaluations * plan.steps
-    try:
-        simulation = adapter.build(scene, method.name, plan.dt_s)
-        try:
-            if fault := read_back_mismatch(scene, plan.dt_s, simulation.read_back()):
-                return ended("invalid", fault)
-            columns["stepping"] = simulation.stepping
-            trajectory = record(simulation, plan, scene)
-            if reason := instability(scene, subject.truth, trajectory):
-                return ended("unstable", reason, trajectory)
-            if speed:
-                columns |= _speed(measure_cpu(simulation, plan), plan, dt_s)
-        finally:
-            simulation.close()
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - an engine may raise anything; it costs this case alone
-        return ended("failed", " ".join(f"{type(error).__name__}: {error}".split()))
-    series = error_series(scene, subject.truth, trajectory)
+    trajectory, held = answer.trajectory, answer.read_back
+    if trajectory is None or held is None:
+        return ended(answer.outcome, answer.message)
+    if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, held):
+        return ended("invalid", fault)
+    if reason := instability(scene, subject.motion, trajectory):
+        return ended("unstable", reason)
+    whole = error_series(scene, subject.truth.trajectory, subject.motion, trajectory)
+    series = {name: values[: subject.compared] for name, values in whole.items()}
     columns |= reduced(series, subject.scales)
     if "invariant_drift" in series:
         columns["invariant"] = INVARIANT
-    return CaseResult({**columns, "outcome": "ok", "message": _note(plan)}, trajectory, series)
+    return CaseResult({**columns, "outcome": "ok", "message": _note(subject, plan)}, trajectory, series)
 
 
-def _who(subject: Subject, adapter: Adapter, method: Method, dt_s: float | None) -> dict[str, Any]:
+def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, Any]:
+    """Return how many steps and right-hand sides it took, and who made the steps."""
+    columns: dict[str, Any] = {}
+    steps = answer.steps if plan is None else plan.steps
+    if steps is not None:
+        columns["steps"] = steps
+        if method.evaluations is not None:
+            columns["rhs_evaluations"] = method.evaluations * steps
+    if answer.stepping is not None:
+        columns["stepping"] = answer.stepping
+    return columns
+
+
+def _who(subject: Subject, engine: Engine, method: Method, setting: Setting) -> dict[str, Any]:
     scenario, truth = subject.scenario, subject.truth
     return {
         "scenario": scenario.name,
         "family": scenario.family,
-        "engine": adapter.name,
-        "engine_version": adapter.version,
+        "engine": engine.name,
+        "engine_version": engine.version,
         "method": method.name,
         "control": method.control,
-        "dt_s": dt_s,
+        "dt_s": setting.dt_s,
+        "tolerance": setting.tolerance,
         "duration_s": scenario.duration_s,
-        "reproduce": reproducing_command(subject.asked_as, adapter.name, method.name, dt_s),
+        "reproduce": reproducing_command(subject.asked_as, engine.name, method.name, setting),
         **vars(subject.scales),
         "truth": truth.kind,
-        "truth_bound_rad": float(truth.bound_rad.max()),
-        "truth_bound_energy": float(truth.bound_energy.max()),
-        "truth_bound_momentum": float(truth.bound_momentum.max()),
+        "truth_bound_rad": subject.largest(truth.bound_rad),
+        "truth_bound_energy": subject.largest(truth.bound_energy),
+        "truth_bound_momentum": subject.largest(truth.bound_momentum),
+        "compared_until_s": float(subject.times[-1]),
     }
 
 
-def reproducing_command(asked_as: str, engine: str, method: str, dt_s: float | None) -> str:
+def reproducing_command(asked_as: str, engine: str, method: str, setting: Setting) -> str:
     """Return the command line that runs this one case again."""
     words = ["bodycheck", "run", asked_as, "--engine", f"{engine}:{method}"]
-    if dt_s is not None:
-        words += ["--dt", repr(dt_s)]
+    if setting.dt_s is not None:
+        words += ["--dt", repr(setting.dt_s)]
+    if setting.tolerance is not None:
+        words += ["--tolerance", repr(setting.tolerance)]
     return shlex.join(words)
 
 
-def _speed(cpu: CpuTime, plan: StepPlan, dt_s: float | None) -> dict[str, Any]:
-    columns: dict[str, Any] = {"cpu_s": cpu.median_s, "cpu_s_low": cpu.low_s, "cpu_s_high": cpu.high_s}
-    if dt_s is not None:
-        columns["ns_per_step"] = 1e9 * cpu.median_s / plan.steps
-    return columns
-
-
-def _note(plan: StepPlan) -> str:
-    if plan.straddled == 0:
-        return ""
-    return f"load switches inside a step: {plan.straddled}; such a step carries the mean of what acts in it"
+def _note(subject: Subject, plan: StepPlan | None) -> str:
+    notes = []
+    if plan is not None and plan.straddled:
+        notes.append(
+            f"load switches inside a step: {plan.straddled}; such a step carries the mean of what acts in it"
+        )
+    if subject.compared < len(subject.truth.trajectory.t_s):
+        notes.append(f"chaotic: compared until t = {subject.times[-1]:.6g} s, where the truth ends")
+    return "; ".join(notes)

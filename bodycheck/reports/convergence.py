@@ -96,6 +96,26 @@ def convergence_of(points: list[Point], limit: float) -> Convergence:
     return Convergence("too-few-points", count, floor)
 
 
+def obedience_of(points: list[Point], limit: float) -> Convergence:
+    """Return the verdict on a method told a tolerance: its errors are to fall with it, down to the floor.
+
+    points: dt_s is the tolerance; limit as for round_off_floor. An order in the step is not to be had.
+    """
+    if limit > _LARGEST_LIMIT:
+        return Convergence("chaotic", 0, limit)
+    ended = sorted((p.dt_s, p.error) for p in points if p.error is not None)
+    if not ended:
+        return Convergence("unstable", 0, limit)
+    count = len(usable(points, limit))
+    (finest, least), (coarsest, largest) = ended[0], ended[-1]
+    if largest <= _ABOVE_FLOOR * limit:
+        return Convergence("at-floor", count, limit)
+    if least <= _ABOVE_FLOOR * limit or least < largest * (finest / coarsest) ** _LEAST_ORDER:
+        return Convergence("converges", count, limit)
+    few = math.log10(coarsest / finest) < _PLATEAU_DECADES
+    return Convergence("too-few-points" if few else "does-not-converge", count, limit)
+
+
 def is_flat(points: list[Point], floor: float) -> bool:
     """Whether the errors, well above the floor, hardly shrink from the coarsest to the finest step."""
     ended = [p for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]

@@ -12,7 +12,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.measures import SERIES_SCALES
-from bodycheck.reports.summary import MethodKey, key_of
+from bodycheck.reports.summary import MethodKey, key_of, shown_case
 from bodycheck.reports.tables import ABSOLUTE
 
 LINE_POINTS = 200  # more could not be told apart on a screen, and would make the page heavy
@@ -78,10 +78,14 @@ def plot_data(
     drifts are shown over time. Values have 4 digits or more: they are drawn, not read.
     """
     index = {key: style.number for key, style in drawn.items()}
-    shown = {index[key_of(case.columns)]: case for case in cases if case.dt_s in (None, at_s)}
+    by_method: dict[MethodKey, list[CaseResult]] = {}
+    for case in cases:
+        by_method.setdefault(key_of(case.columns), []).append(case)
+    standing = ((index[key], shown_case(own, at_s)) for key, own in by_method.items())
+    shown = {m: case for m, case in standing if case is not None}
     return {
-        "floor": _rounded(3.0 * float(subject.truth.bound_rad.max())),
-        "t": [_rounded(t) for t in thinned_times(subject.truth.trajectory.t_s)],
+        "floor": _rounded(3.0 * subject.largest(subject.truth.bound_rad)),
+        "t": [_rounded(t) for t in thinned_times(subject.times)],
         "drifts": _drifts(subject, shown),
         "missing": [_mark(m, case) for m, case in shown.items() if not case.ok],
         "ranks": _ranks(cases, drawn),
@@ -133,7 +137,12 @@ def _bucket_starts(samples: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
 
 def _point(m: int, case: CaseResult) -> dict[str, Any]:
     columns = case.columns
-    point: dict[str, Any] = {"m": m, "dt": case.dt_s, "error": _rounded(columns["orientation_error_rad"])}
+    point: dict[str, Any] = {
+        "m": m,
+        "dt": case.dt_s,
+        "tolerance": case.setting.tolerance,
+        "error": _rounded(columns["orientation_error_rad"]),
+    }
     if "cpu_s" in columns:
         point["cpu"] = [_rounded(columns[name]) for name in ("cpu_s_low", "cpu_s", "cpu_s_high")]
         point["stepping"] = columns["stepping"]
@@ -143,7 +152,13 @@ def _point(m: int, case: CaseResult) -> dict[str, Any]:
 
 
 def _mark(m: int, case: CaseResult) -> dict[str, Any]:
-    return {"m": m, "dt": case.dt_s, "outcome": case.columns["outcome"], "message": case.columns["message"]}
+    return {
+        "m": m,
+        "dt": case.dt_s,
+        "tolerance": case.setting.tolerance,
+        "outcome": case.columns["outcome"],
+        "message": case.columns["message"],
+    }
 
 
 def _rounded(value: float) -> float:

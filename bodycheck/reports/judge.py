@@ -9,9 +9,10 @@ from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import solve_truth
 from bodycheck.reports.case import Subject
-from bodycheck.reports.measures import INVARIANT, error_series, instability, reduced
+from bodycheck.reports.measures import INVARIANT, Motion, error_series, instability, reduced
+from bodycheck.reports.storage.cache import Cache
+from bodycheck.reports.storage.truths import known_truth
 from bodycheck.reports.trajectory_files import read_arrays
 from bodycheck.scenarios.model import Scenario
 
@@ -33,7 +34,7 @@ _NEEDS = {
 """What a trajectory must have for each measure; the energy's potential needs the position too."""
 
 
-def judge_file(path: Path, scenario: Scenario, asked_as: str) -> dict[str, Any]:
+def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | None) -> dict[str, Any]:
     """Return outcome, message and the measures of the trajectory in a file, like a row of results.csv.
 
     Raises InputError where the file is wrong, or its times are none of the scenario's.
@@ -41,7 +42,10 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str) -> dict[str, Any]:
     arrays = read_arrays(path)
     if arrays["t_s"][0] < 0.0 or arrays["t_s"][-1] > scenario.duration_s * (1.0 + 1e-12):
         raise InputError(f"{path}: t_s must lie within 0 and the duration of {scenario.duration_s!r} s")
-    subject, truth = Subject.of(scenario, asked_as), solve_truth(scenario.scene, arrays["t_s"])
+    subject = Subject.of(scenario, asked_as, cache)
+    truth = known_truth(scenario.scene, arrays["t_s"], cache)
+    if not arrays["t_s"][0] < truth.trusted_until_s:
+        raise InputError(f"{path}: the motion is chaotic, and the truth ends before the first of t_s")
     had = _quantities(arrays)
     trajectory = _completed(arrays, truth.trajectory)
     columns: dict[str, Any] = {
@@ -49,11 +53,18 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str) -> dict[str, Any]:
         "outcome": "ok",
         "message": "",
         "truth": truth.kind,
-        "truth_bound_rad": float(truth.bound_rad.max()),
+        "truth_bound_rad": float(truth.bound_rad[arrays["t_s"] < truth.trusted_until_s].max()),
     }
-    if reason := instability(scenario.scene, truth, trajectory):
+    true = Motion.of(scenario.scene, truth.trajectory)
+    if reason := instability(scenario.scene, true, trajectory):
         return {**columns, "outcome": "unstable", "message": reason}
-    series = error_series(scenario.scene, truth, trajectory)
+    whole = error_series(scenario.scene, truth.trajectory, true, trajectory)
+    trusted = arrays["t_s"] < truth.trusted_until_s
+    if not trusted.all():
+        columns["message"] = (
+            f"chaotic: compared until t = {truth.trusted_until_s:.6g} s, where the truth ends"
+        )
+    series = {name: values[trusted] for name, values in whole.items()}
     measured = reduced(series, subject.scales)
     for name in series:
         if not _needed(name, scenario.scene) <= had:

@@ -18,7 +18,6 @@ from bodycheck.reference_impl.dynamics import (
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import Truth
 from bodycheck.reports.scales import Scales
 from bodycheck.reports.work import work_done
 
@@ -52,7 +51,7 @@ class Motion:
         )
 
 
-def instability(scene: Scene, truth: Truth, trajectory: Trajectory) -> str | None:
+def instability(scene: Scene, true: Motion, trajectory: Trajectory) -> str | None:
     """Say why a trajectory is unstable: not finite, det R <= 0, or K > 100 max K*; None if it is not."""
     if lost := _first_not_finite(trajectory):
         sample, name = lost
@@ -61,7 +60,7 @@ def instability(scene: Scene, truth: Truth, trajectory: Trajectory) -> str | Non
         return "det R <= 0"
     if trajectory.quaternion is not None and np.any(np.linalg.norm(trajectory.quaternion, axis=-1) == 0.0):
         return "the quaternion is zero"
-    largest = float(Motion.of(scene, truth.trajectory).kinetic.max())
+    largest = float(true.kinetic.max())
     kinetic = Motion.of(scene, trajectory).kinetic
     if largest > 0.0 and np.any(kinetic > _UNSTABLE_ENERGY * largest):
         first = np.argmax(kinetic > _UNSTABLE_ENERGY * largest)
@@ -107,25 +106,28 @@ PURE_SERIES = ("orientation_error_rad", "orthogonality", "determinant_error", "q
 """The measures that need no scale."""
 
 
-def error_series(scene: Scene, truth: Truth, trajectory: Trajectory) -> dict[str, Array]:
-    """Return every measure over time (n,), in SI units, that this trajectory has: its max is the measure."""
-    true, motion = Motion.of(scene, truth.trajectory), Motion.of(scene, trajectory)
+def error_series(scene: Scene, truth: Trajectory, true: Motion, trajectory: Trajectory) -> dict[str, Array]:
+    """Return every measure over time (n,), in SI units, that this trajectory has: its max is the measure.
+
+    true: the energy and momentum along the truth.
+    """
+    motion = Motion.of(scene, trajectory)
     series = {
         "energy_drift": np.abs(motion.energy - true.energy),
         "rotational_energy_drift": np.abs(motion.rotational - true.rotational),
         "angular_momentum_drift": _distance(motion.angular_momentum, true.angular_momentum),
         "linear_momentum_drift": _distance(motion.linear_momentum, true.linear_momentum),
-        "orientation_error_rad": geodesic_angle(truth.trajectory.attitude, trajectory.attitude),
-        "omega_error": _distance(trajectory.omega_body, truth.trajectory.omega_body),
-        "position_error": _distance(trajectory.position_m, truth.trajectory.position_m),
-        "velocity_error": _distance(trajectory.velocity_m_s, truth.trajectory.velocity_m_s),
+        "orientation_error_rad": geodesic_angle(truth.attitude, trajectory.attitude),
+        "omega_error": _distance(trajectory.omega_body, truth.omega_body),
+        "position_error": _distance(trajectory.position_m, truth.position_m),
+        "velocity_error": _distance(trajectory.velocity_m_s, truth.velocity_m_s),
     }
     balance = _energy_balance(scene, trajectory, motion)
     if balance is not None:
         series["energy_balance"] = balance
     axis = symmetry_axis(scene)
     if axis is not None:
-        series["invariant_drift"] = np.abs((trajectory.omega_body - truth.trajectory.omega_body) @ axis)
+        series["invariant_drift"] = np.abs((trajectory.omega_body - truth.omega_body) @ axis)
     if trajectory.rotation is not None:
         gram = np.swapaxes(trajectory.rotation, -1, -2) @ trajectory.rotation
         series["orthogonality"] = np.linalg.norm(gram - np.eye(3), axis=(-2, -1))

@@ -72,9 +72,10 @@ def _write_files(run: Run, folder: Path) -> None:
 
 
 def trajectory_file(case: CaseResult) -> Path:
-    """Return scenario/engine_method_dt.npz, relative to the run's trajectories/."""
+    """Return scenario/engine_method_step.npz or .._tolerance.npz, relative to the run's trajectories/."""
     columns = case.columns
-    step = "" if case.dt_s is None else f"_{case.dt_s!r}"
+    fineness = case.setting.fineness
+    step = "" if fineness is None else f"_{fineness!r}"
     name = file_name(f"{columns['engine']}_{columns['method']}{step}")
     return Path(file_name(columns["scenario"]), f"{name}.npz")
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters.contract import Adapter, Method
+from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.reference_impl.rotations import geodesic_angle
-from bodycheck.reports.case import CaseResult, Subject, run_case
-from bodycheck.reports.convergence import Point, convergence_of
+from bodycheck.reports.case import Asking, CaseResult, Subject, run_case
+from bodycheck.reports.convergence import Point, convergence_of, obedience_of
 from bodycheck.reports.ladder import next_step
 
 _ORIENTATION = "orientation_error_rad"
@@ -37,47 +37,47 @@ class Study:
 
 def study(
     subject: Subject,
-    adapter: Adapter,
+    engine: Engine,
     method: Method,
-    steps_s: Sequence[float],
+    settings: Sequence[Setting],
     *,
     adaptive: bool,
-    speed: bool,
+    ask: Asking,
     case_done: Callable[[], None],
 ) -> Study:
-    """Run the steps asked for and, if adaptive, more until an order shows or the budget ends."""
+    """Run the settings asked for and, if adaptive, more steps until an order shows or the budget ends."""
     cases: list[CaseResult] = []
 
-    def make(dt_s: float | None) -> CaseResult:
-        case = run_case(subject, adapter, method, dt_s, speed=speed)
+    def make(setting: Setting) -> CaseResult:
+        case = run_case(subject, engine, method, setting, ask)
         cases.append(case)
         case_done()
         return case
 
-    if method.control == "none":
-        make(None)
-        return Study(tuple(cases), ())
-    for dt_s in steps_s:
-        if make(dt_s).columns["outcome"] == "unsupported":
+    for setting in settings:
+        if make(setting).columns["outcome"] == "unsupported":
             return Study(tuple(cases), ())  # a scene that cannot be represented is so at every step
+    if method.control == "none":
+        return Study(tuple(cases), ())
     scene = subject.scenario.scene
-    while adaptive:
+    asked = [setting.dt_s for setting in settings if setting.dt_s is not None]
+    while adaptive and method.control == "dt":
         points = _points(_with_step_changes(cases), _ORIENTATION)
         step = next_step(
-            points, limit(subject, _ORIENTATION), steps_s, scene.sample_interval_s, scene.duration_s
+            points, limit(subject, _ORIENTATION), asked, scene.sample_interval_s, scene.duration_s
         )
         if step is None:
             break
-        make(step)
+        make(Setting(dt_s=step))
     ordered = _with_step_changes(cases)
-    return Study(ordered, tuple(_method_rows(ordered, subject)))
+    return Study(ordered, tuple(_method_rows(ordered, subject, method)))
 
 
 def limit(subject: Subject, quantity: str) -> float:
     """max(3 bound, eps sensitivity): an error below it is at the floor, in rad or of the scale."""
     truth, kind = subject.truth, QUANTITIES[quantity]
     bound, round_off = getattr(truth, f"bound_{kind}"), getattr(truth, f"round_off_{kind}")
-    least = float(max(3.0 * np.max(bound), np.max(round_off)))
+    least = max(3.0 * subject.largest(bound), subject.largest(round_off))
     if quantity == "position_error":
         # far from the origin a position is no better than its own last digit
         farthest = float(np.max(np.abs(truth.trajectory.position_m)))
@@ -87,7 +87,7 @@ def limit(subject: Subject, quantity: str) -> float:
 
 def _with_step_changes(cases: Sequence[CaseResult]) -> tuple[CaseResult, ...]:
     """Return the cases coarsest first, each with its largest angle to the next coarser one that ended."""
-    ordered = sorted(cases, key=lambda case: -(case.dt_s or 0.0))
+    ordered = sorted(cases, key=lambda case: -(case.setting.fineness or 0.0))
     changed = ordered[:1]
     for coarser, case in pairwise(ordered):
         if case.ok and coarser.ok and case.trajectory is not None and coarser.trajectory is not None:
@@ -101,18 +101,20 @@ def _points(cases: Sequence[CaseResult], quantity: str) -> list[Point]:
     """Return the cases as points of error against step; without an error where one did not end well."""
     points = []
     for case in cases:
-        assert case.dt_s is not None
+        fineness = case.setting.fineness
+        assert fineness is not None
         change, error = case.columns.get("step_change_rad"), case.columns.get(_ORIENTATION)
         settling = change / error if change is not None and error else None
-        points.append(Point(case.dt_s, case.columns.get(quantity) if case.ok else None, settling))
+        points.append(Point(fineness, case.columns.get(quantity) if case.ok else None, settling))
     return points
 
 
-def _method_rows(cases: Sequence[CaseResult], subject: Subject) -> Iterator[dict[str, Any]]:
+def _method_rows(cases: Sequence[CaseResult], subject: Subject, method: Method) -> Iterator[dict[str, Any]]:
     who = ("scenario", "family", "engine", "engine_version", "method")
     first = cases[0].columns
+    judged = convergence_of if method.control == "dt" else obedience_of
     for quantity in QUANTITIES:
         measured = any(quantity in case.columns for case in cases)
         if measured or any(case.columns["outcome"] == "unstable" for case in cases):
-            found = convergence_of(_points(cases, quantity), limit(subject, quantity))
+            found = judged(_points(cases, quantity), limit(subject, quantity))
             yield {**{name: first[name] for name in who}, "quantity": quantity, **vars(found)}

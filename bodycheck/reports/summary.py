@@ -68,7 +68,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Fault:
-    """Cases of one method on one scenario that ended badly in the same way, at these steps."""
+    """Cases of one method on one scenario that ended badly in the same way, at these steps or tolerances."""
 
     scenario: str
     key: MethodKey
@@ -84,7 +84,7 @@ def faults_of(cases: Iterable[CaseResult]) -> list[Fault]:
         columns = case.columns
         if columns["outcome"] in _FAULTS:
             alike = (columns["scenario"], key_of(columns), columns["outcome"], columns["message"])
-            steps.setdefault(alike, []).append(case.dt_s)
+            steps.setdefault(alike, []).append(case.setting.fineness)
     return [Fault(*alike, steps=tuple(dts)) for alike, dts in steps.items()]
 
 
@@ -101,13 +101,19 @@ def common_step(cases: Iterable[CaseResult]) -> float | None:
     return max(shared, key=lambda dt_s: (shared[dt_s], -dt_s), default=None)
 
 
+def shown_case(cases: Iterable[CaseResult], at_s: float | None) -> CaseResult | None:
+    """Return the case of a method that stands for it: at the common step, else at its finest tolerance."""
+    fitting = [case for case in cases if case.dt_s in (None, at_s)]
+    return min(fitting, key=lambda case: case.setting.fineness or 0.0, default=None)
+
+
 def summary_cell(cases: Sequence[CaseResult], found: Mapping[str, Any] | None, at_s: float | None) -> Cell:
     """Return what the cases of one method on one scenario come to.
 
     found: their row of methods.csv for the orientation error, if there is one; at_s: the common step.
     """
-    at_step = next((case for case in cases if case.dt_s in (None, at_s) and case.ok), None)
-    error = at_step.columns[_ORIENTATION] if at_step else None
+    at_step = shown_case(cases, at_s)
+    error = at_step.columns[_ORIENTATION] if at_step and at_step.ok else None
     ended = Counter(case.columns["outcome"] for case in cases)
     faults = tuple(f"{ended[fault]} of {len(cases)} {fault}" for fault in _FAULTS if ended[fault])
     if not ended["ok"]:

@@ -62,8 +62,22 @@ ABSOLUTE = {
     "position_error": "m",
     "velocity_error": "m/s",
 }
-_TRUTH = ("truth", "truth_bound_rad", "truth_bound_energy", "truth_bound_momentum")
-_SPEED = ("cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "rhs_evaluations", "stepping")
+_TRUTH = (
+    "truth",
+    "truth_bound_rad",
+    "truth_bound_energy",
+    "truth_bound_momentum",
+    "compared_until_s",
+)
+_SPEED = (
+    "cpu_s",
+    "cpu_s_low",
+    "cpu_s_high",
+    "ns_per_step",
+    "relative_cpu",
+    "rhs_evaluations",
+    "stepping",
+)
 
 RESULT_COLUMNS = (
     *_WHO,

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
-from bodycheck.adapters.registry import engine_names, get_adapter
-from bodycheck.errors import UnavailableError
+from bodycheck.adapters.contract import Engine
+from bodycheck.adapters.host import announced
+from bodycheck.adapters.registry import engine_names
 from bodycheck.reports.tables import ABSOLUTE, MEASURES
 from bodycheck.scenarios.library import load_scenario, scenario_names, suites
 
@@ -40,12 +49,15 @@ class LiveProgress:
             MofNCompleteColumn(),
             TextColumn("cases"),
             TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
             console=self._console,
             transient=True,
             disable=not self._console.is_terminal,
         )
         self._task = self._bar.add_task("starting", total=cases_listed)
-        self._listed, self._done = cases_listed, 0
+        self._lock = threading.Lock()
+        self._listed, self._done, self._timed = cases_listed, 0, 0
 
     def __enter__(self) -> LiveProgress:
         self._bar.start()
@@ -56,6 +68,13 @@ class LiveProgress:
     ) -> None:
         self._bar.stop()
 
+    def speed_measured(self) -> None:
+        """Count one more speed; as many are due as there were motions."""
+        if self._timed == 0:
+            self._bar.reset(self._task, total=self._done)
+        self._timed += 1
+        self._bar.update(self._task, completed=self._timed)
+
     def phase(self, what: str) -> None:
         """Name the phase that has begun."""
         self._bar.update(self._task, description=what)
@@ -63,8 +82,9 @@ class LiveProgress:
             self._console.print(Text(what))
 
     def case_done(self) -> None:
-        """Count one more case; steps that were added on the way raise the total."""
-        self._done += 1
+        """Count one more case, from any thread; steps that were added on the way raise the total."""
+        with self._lock:
+            self._done += 1
         self._listed = max(self._listed, self._done)
         self._bar.update(self._task, completed=self._done, total=self._listed)
 
@@ -81,7 +101,7 @@ def print_summary(run: Run) -> None:
         if "unavailable" in engine:
             console.print(Text(f"not measured: {engine['unavailable']}", style="yellow"))
     for case in run.cases:
-        if case.columns["outcome"] in ("failed", "invalid"):
+        if case.columns["outcome"] in ("failed", "invalid", "timeout"):
             line = f"{case.columns['outcome']}: {case.columns['reproduce']}: {case.columns['message']}"
             console.print(Text(line, style="red"))
     console.print(_order_table(run))
@@ -127,23 +147,16 @@ def _measure_rows() -> list[tuple[str, str]]:
 
 
 def _engine_rows() -> list[tuple[str, str]]:
-    rows = []
-    for name in engine_names():
-        try:
-            rows.append((name, get_adapter(name).version))
-        except UnavailableError as error:
-            rows.append((name, f"not there: {error}"))
-    return rows
+    return [
+        (name, engine.version if isinstance(engine, Engine) else f"not there: {engine}")
+        for name, engine in announced(engine_names()).items()
+    ]
 
 
 def _method_rows() -> list[tuple[str, str]]:
     rows = []
-    for name in engine_names():
-        try:
-            methods = get_adapter(name).methods
-        except UnavailableError:
-            continue
-        for method in methods.values():
+    for name, engine in announced(engine_names()).items():
+        for method in engine.methods.values() if isinstance(engine, Engine) else ():
             order = "" if method.order is None else f"; order {method.order}, torque {method.torque}"
             rows.append((f"{name}:{method.name}", f"{method.formula}{order}; keeps {method.keeps}"))
     return rows

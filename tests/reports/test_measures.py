@@ -18,7 +18,7 @@ from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, 
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth, solve_truth
 from bodycheck.reference_impl.wrench import plan_steps
-from bodycheck.reports.measures import error_series, instability, reduced, symmetry_axis
+from bodycheck.reports.measures import Motion, error_series, instability, reduced, symmetry_axis
 from bodycheck.reports.scales import scene_scales
 from bodycheck.reports.work import work_done
 
@@ -54,6 +54,11 @@ DT = 0.01
 def truth_of(name: str) -> Truth:
     """Return the truth of one of the scenes."""
     return solve_truth(SCENES[name], SCENES[name].sample_times)
+
+
+def motion_of(name: str) -> Motion:
+    """Return energy and momentum along the truth of one of the scenes."""
+    return Motion.of(SCENES[name], truth_of(name).trajectory)
 
 
 Tamper = Callable[[Array], None]
@@ -137,7 +142,7 @@ def stretched(name: str) -> Trajectory:
 def measured(name: str, trajectory: Trajectory) -> dict[str, float]:
     """Return the columns of a trajectory through one of the scenes."""
     truth = truth_of(name)
-    series = error_series(SCENES[name], truth, trajectory)
+    series = error_series(SCENES[name], truth.trajectory, motion_of(name), trajectory)
     return reduced(series, scene_scales(SCENES[name], truth.trajectory))
 
 
@@ -265,7 +270,7 @@ def unstable_versions() -> dict[str, Trajectory]:
 @pytest.mark.parametrize("reason", unstable_versions())
 def test_an_unstable_motion_is_called_so_with_its_reason(reason: str) -> None:
     """NaN, a mirrored matrix, a zero quaternion and a hundredfold energy each are named."""
-    found = instability(SCENES["free"], truth_of("free"), unstable_versions()[reason])
+    found = instability(SCENES["free"], motion_of("free"), unstable_versions()[reason])
     assert found is not None
     assert found.startswith(reason)
 
@@ -273,7 +278,7 @@ def test_an_unstable_motion_is_called_so_with_its_reason(reason: str) -> None:
 def test_a_sound_motion_is_not_called_unstable() -> None:
     """The healthy method is stable in every scene."""
     for name, made in SCENES.items():
-        assert instability(made, truth_of(name), stepped(made)) is None
+        assert instability(made, motion_of(name), stepped(made)) is None
 
 
 def test_drift_is_measured_as_a_vector_in_world_axes() -> None:
@@ -294,7 +299,9 @@ def test_a_scene_at_rest_has_no_relative_drift() -> None:
         initial=State(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3)),
     )
     truth = solve_truth(resting, resting.sample_times)
-    columns = reduced(error_series(resting, truth, stepped(resting)), scene_scales(resting, truth.trajectory))
+    true = Motion.of(resting, truth.trajectory)
+    series = error_series(resting, truth.trajectory, true, stepped(resting))
+    columns = reduced(series, scene_scales(resting, truth.trajectory))
     assert "energy_drift" not in columns
     assert columns["energy_drift_abs"] == 0.0
     assert columns["orientation_error_rad"] == 0.0

@@ -103,10 +103,13 @@
   });
   const withFloor = floor => ({ shapes: [floorLine(floor)], annotations: [floorLabel(floor)] });
 
+  const fineness = p =>
+    p.dt !== null ? `dt ${p.dt} s` : p.tolerance !== null ? `tolerance ${p.tolerance}` : "no steps";
+
   function pointText(p) {
     return hover([
       methods[p.m].name,
-      p.dt === null ? "no steps" : `dt ${p.dt} s`,
+      fineness(p),
       `error ${short(p.error)} rad`,
       p.cpu && `processor ${short(p.cpu[1])} s (${short(p.cpu[0])} to ${short(p.cpu[2])})`,
       p.ns !== undefined && `${short(p.ns)} ns a step`,
@@ -147,7 +150,8 @@
     error(data, shown) {
       const faults = data.faults.filter(fault => fault.dt !== null && shown(fault));
       const steps = [...data.points, ...data.faults].map(p => p.dt).filter(dt => dt !== null);
-      const traces = byMethod(data.points.filter(shown)).map(([m, own]) => {
+      const plotted = data.points.filter(p => p.tolerance === null && shown(p)); // a tolerance is no step
+      const traces = byMethod(plotted).map(([m, own]) => {
         const stepless = own[0].dt === null; // one error, drawn across all steps
         const points = stepless ? [Math.min(...steps), Math.max(...steps)].map(dt => ({ ...own[0], at: dt })) : own;
         return {

@@ -1,0 +1,152 @@
+"""How fast: each case alone on one core, lap by lap, in turn with a yardstick of the reference."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bodycheck.adapters import protocol
+from bodycheck.adapters.contract import Engine, Setting
+from bodycheck.adapters.drive import Case
+from bodycheck.adapters.host import Hosts
+from bodycheck.adapters.protocol import Message
+from bodycheck.errors import UnavailableError, WorkerLostError
+from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.storage.answers import Answers
+
+_LAPS = 5
+_YARDSTICK = ("reference", "rk4")
+
+
+@dataclass(frozen=True)
+class Quietness:
+    """What is known of the machine while speeds were measured.
+
+    core: the one that all of it ran on, None where processes cannot be pinned. spread: the yardstick's
+    interquartile range over its median, the median over the cases: what is below it is noise.
+    """
+
+    core: int | None
+    spread: float | None
+
+
+def measure_speeds(
+    subjects: Sequence[Subject],
+    cases: Sequence[CaseResult],
+    engines: Mapping[str, Engine],
+    answers: Answers,
+    timeout_s: float,
+    case_done: Callable[[], None],
+) -> tuple[tuple[CaseResult, ...], Quietness]:
+    """Return the cases with their speed, those that ended well; nothing else runs meanwhile.
+
+    The yardstick is the reference's rk4 on the same scenario, at its finest listed step: relative_cpu is a
+    case's time over the yardstick's, both measured in turn.
+    """
+    by_name = {subject.scenario.name: subject for subject in subjects}
+    timed: list[CaseResult] = []
+    spreads: list[float] = []
+    core = _last_core()
+    hosts, yardstick = Hosts(), _Yardstick(core, timeout_s)
+    try:
+        for result in cases:
+            if result.ok:
+                subject, engine = by_name[result.columns["scenario"]], engines[result.columns["engine"]]
+                case = Case(subject.scenario.scene, result.columns["method"], result.setting)
+                laps = answers.laps(engine, case)
+                if laps is None:
+                    yardstick.prepare(subject)
+                    laps = _laps(hosts, engine, case, yardstick, core, timeout_s)
+                    answers.keep_laps(engine, case, laps)
+                result = _with_speed(result, laps)
+                if laps.get("yardstick_s"):
+                    spreads.append(_spread(laps["yardstick_s"]))
+                case_done()
+            timed.append(result)
+    finally:
+        hosts.close()
+        yardstick.close()
+    return tuple(timed), Quietness(core, float(np.median(spreads)) if spreads else None)
+
+
+class _Yardstick:
+    """The reference on the scenario that is being timed."""
+
+    def __init__(self, core: int | None, timeout_s: float) -> None:
+        self._hosts, self._core, self._timeout_s = Hosts(), core, timeout_s
+        self._prepared: Subject | None = None
+
+    def prepare(self, subject: Subject) -> None:
+        """Make it ready, unless it is."""
+        if self._prepared is not subject:
+            engine, method = _YARDSTICK
+            case = Case(subject.scenario.scene, method, Setting(dt_s=min(subject.scenario.steps)))
+            answer = _prepare(self._hosts, engine, case, self._core, self._timeout_s)
+            self._prepared = subject if answer["outcome"] == "ok" else None
+
+    def lap(self) -> float | None:
+        """Return one lap's time in s; None on a scenario that the yardstick cannot run."""
+        if self._prepared is None:
+            return None
+        answer = self._hosts.ask(_YARDSTICK[0], {"do": "lap"}, self._timeout_s)
+        seconds: float | None = answer.get("cpu_s")
+        return seconds
+
+    def close(self) -> None:
+        """End its worker."""
+        self._hosts.close()
+
+
+def _laps(
+    hosts: Hosts, engine: Engine, case: Case, yardstick: _Yardstick, core: int | None, timeout_s: float
+) -> Message:
+    """Return the times of the case's laps and of the yardstick's between them, or why there are none."""
+    answer = _prepare(hosts, engine.name, case, core, timeout_s)
+    own: list[float] = []
+    others: list[float] = []
+    while answer["outcome"] == "ok" and len(own) < _LAPS:
+        if (other := yardstick.lap()) is not None:
+            others.append(other)
+        answer = hosts.ask(engine.name, {"do": "lap"}, timeout_s)
+        if answer["outcome"] == "ok":
+            own.append(answer["cpu_s"])
+    if answer["outcome"] != "ok":
+        return {"lost": str(answer.get("message", ""))}
+    return {"own_s": own, "yardstick_s": others}
+
+
+def _prepare(hosts: Hosts, engine: str, case: Case, core: int | None, timeout_s: float) -> Message:
+    if core is not None and engine not in hosts:
+        with suppress(WorkerLostError, UnavailableError):
+            if (pid := hosts.get(engine).pid) is not None:
+                os.sched_setaffinity(pid, {core})
+    return hosts.ask(engine, {"do": "prepare", "case": protocol.case_message(case)}, timeout_s)
+
+
+def _with_speed(result: CaseResult, laps: Message) -> CaseResult:
+    columns: dict[str, Any] = dict(result.columns)
+    if "lost" in laps:
+        notes = [columns["message"], f"speed not measured: {laps['lost']}"]
+        return replace(result, columns={**columns, "message": "; ".join(note for note in notes if note)})
+    low, median, high = np.quantile(laps["own_s"], [0.25, 0.5, 0.75]).tolist()
+    columns |= {"cpu_s": median, "cpu_s_low": low, "cpu_s_high": high}
+    if result.dt_s is not None:
+        columns["ns_per_step"] = 1e9 * median / columns["steps"]
+    if laps["yardstick_s"]:
+        columns["relative_cpu"] = median / float(np.median(laps["yardstick_s"]))
+    return replace(result, columns=columns)
+
+
+def _spread(seconds: Sequence[float]) -> float:
+    low, median, high = np.quantile(seconds, [0.25, 0.5, 0.75]).tolist()
+    return float((high - low) / median)
+
+
+def _last_core() -> int | None:
+    """Return the core to measure on: the last that this process may use; the system favours the first."""
+    return max(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None

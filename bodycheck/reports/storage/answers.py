@@ -1,0 +1,65 @@
+"""How a case comes to its answer: from this run's journal, from the cache, else from the engine."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bodycheck.adapters import protocol
+from bodycheck.adapters.contract import Engine
+from bodycheck.adapters.drive import Answer, Case
+from bodycheck.adapters.host import Hosts
+from bodycheck.adapters.protocol import Message
+from bodycheck.reports.storage.cache import Cache
+from bodycheck.reports.storage.journal import Journal
+from bodycheck.reports.storage.sealed import key_of
+
+_CACHED = ("ok", "unsupported")  # a crash or a timeout may be an accident: it is tried again in the next run
+
+
+class Answers:
+    """Answers of engines to cases, and laps of their clocks, each asked for once.
+
+    journal: of this run; what is in it is never asked for again. cache: of all runs, None to ask anew; laps
+    are never cached. timeout_s: what one case may take.
+    """
+
+    def __init__(self, journal: Journal | None, cache: Cache | None, timeout_s: float) -> None:
+        self._journal, self._cache, self._timeout_s = journal, cache, timeout_s
+
+    def ask(self, hosts: Hosts, engine: Engine, case: Case) -> Answer:
+        """Return what came of a case, whatever became of the engine."""
+        key = _key(engine, case, "record")
+        message = self._journal.get(key) if self._journal else None
+        if message is None:
+            message = self._asked(hosts, engine, case, key)
+            if self._journal:
+                self._journal.put(key, message)
+        try:
+            return protocol.answer_of(message, case.scene.sample_times)
+        except ValueError as error:
+            return Answer("failed", " ".join(f"{type(error).__name__}: {error}".split()))
+
+    def _asked(self, hosts: Hosts, engine: Engine, case: Case, key: str) -> Message:
+        cache = self._cache if engine.code else None
+        if cache and (known := cache.get(key)):
+            return known
+        request = {"do": "record", "case": protocol.case_message(case)}
+        message = {**hosts.ask(engine.name, request, self._timeout_s)}
+        message.pop("id", None)
+        if cache and message.get("outcome") in _CACHED:
+            cache.put(key, message)
+        return message
+
+    def laps(self, engine: Engine, case: Case) -> Message | None:
+        """Return what this run has measured of a case's speed, if it was before it was interrupted."""
+        return self._journal.get(_key(engine, case, "laps")) if self._journal else None
+
+    def keep_laps(self, engine: Engine, case: Case, measured: Message) -> None:
+        """Write down what was measured of a case's speed."""
+        if self._journal:
+            self._journal.put(_key(engine, case, "laps"), measured)
+
+
+def _key(engine: Engine, case: Case, what: str) -> str:
+    identity: dict[str, Any] = {"name": engine.name, "version": engine.version, "code": engine.code}
+    return key_of(what=what, protocol=protocol.VERSION, engine=identity, case=protocol.case_message(case))

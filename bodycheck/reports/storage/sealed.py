@@ -1,0 +1,30 @@
+"""Messages as lines that know whether they are whole: the hash of the text, a blank, the text."""
+
+from __future__ import annotations
+
+import json
+from hashlib import sha256
+from typing import Any
+
+from bodycheck.adapters.protocol import Message
+
+
+def sealed(message: Message) -> bytes:
+    """Return a message as one line, newline included."""
+    text = json.dumps(message, separators=(",", ":")).encode()
+    return sha256(text).hexdigest().encode() + b" " + text + b"\n"
+
+
+def opened(line: bytes) -> Message | None:
+    """Return the message of a line; None where it is cut off or changed."""
+    digest, _, text = line.removesuffix(b"\n").partition(b" ")
+    if not line.endswith(b"\n") or sha256(text).hexdigest().encode() != digest:
+        return None
+    message: Message = json.loads(text)
+    return message
+
+
+def key_of(**parts: Any) -> str:
+    """Return the hash of plain data: equal where, and only where, all of it is."""
+    text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
+    return sha256(text.encode()).hexdigest()

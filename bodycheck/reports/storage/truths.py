@@ -1,0 +1,58 @@
+"""Truths that were solved before: the cache of solve_truth."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from bodycheck.adapters import protocol
+from bodycheck.adapters.protocol import Message, packed, unpacked
+from bodycheck.adapters.registry import own_code
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.truth import Truth, solve_truth
+from bodycheck.reports.storage.cache import Cache
+from bodycheck.reports.storage.sealed import key_of
+
+
+def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
+    """Return solve_truth(scene, t_s), from the cache where it is there; kept there else.
+
+    Raises ValueError as solve_truth does.
+    """
+    if cache is None:
+        return solve_truth(scene, t_s)
+    key = key_of(truth=protocol.scene_message(scene), t_s=packed(t_s), code=own_code())
+    if (message := cache.get(key)) is not None:
+        return _truth_of(message)
+    truth = solve_truth(scene, t_s)
+    cache.put(key, _message(truth))
+    return truth
+
+
+def _message(truth: Truth) -> Message:
+    message: Message = {}
+    for field in fields(truth):
+        value: Any = getattr(truth, field.name)
+        match value:
+            case np.ndarray():
+                message[field.name] = packed(value)
+            case Trajectory():
+                arrays = {part.name: getattr(value, part.name) for part in fields(value)}
+                message[field.name] = {name: packed(a) for name, a in arrays.items() if a is not None}
+            case _:
+                message[field.name] = value
+    return message
+
+
+def _truth_of(message: Message) -> Truth:
+    values: dict[str, Any] = {}
+    for name, value in message.items():
+        if name == "trajectory":
+            values[name] = Trajectory(**{part: unpacked(array) for part, array in value.items()})
+        else:
+            values[name] = unpacked(value) if isinstance(value, dict) else value
+    return Truth(**values)

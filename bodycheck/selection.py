@@ -1,0 +1,124 @@
+"""What a run is to measure: scenarios, methods, steps and tolerances, checked before anything runs."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.adapters.host import INSIDE_WORKER, announced
+from bodycheck.adapters.registry import engine_names
+from bodycheck.errors import InputError, InsideWorkerError
+from bodycheck.reference_impl.wrench import steps_per_sample
+from bodycheck.scenarios.library import load_scenarios
+from bodycheck.scenarios.model import Scenario
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What a run is to measure, checked: nothing in it can be refused any more."""
+
+    scenarios: tuple[tuple[str, Scenario], ...]
+    methods: tuple[tuple[Engine, Method], ...]
+    unavailable: dict[str, str]
+    dt_s: tuple[float, ...] | None
+    tolerances: tuple[float, ...] | None
+
+    def settings(self, scenario: Scenario, method: Method) -> list[Setting]:
+        """Return how finely a method is to work on a scenario, coarsest first."""
+        match method.control:
+            case "dt":
+                return [Setting(dt_s=dt_s) for dt_s in sorted(self.dt_s or scenario.steps, reverse=True)]
+            case "tolerance":
+                asked = self.tolerances or method.tolerances
+                return [Setting(tolerance=tolerance) for tolerance in sorted(asked, reverse=True)]
+            case _:
+                return [Setting()]
+
+    def cases_listed(self) -> int:
+        """Return how many cases there are at least; a run adds steps where an order needs them."""
+        pairs = ((scenario, method) for _, scenario in self.scenarios for _, method in self.methods)
+        return sum(len(self.settings(scenario, method)) for scenario, method in pairs)
+
+
+def select(
+    scenarios: Sequence[str | Path] = ("standard",),
+    engines: Sequence[str] | None = None,
+    dt_s: Sequence[float] | None = None,
+    tolerances: Sequence[float] | None = None,
+) -> Selection:
+    """Resolve names, suites and paths; engines as NAME or NAME:METHOD; steps in s for every scenario.
+
+    Raises InputError with one line an error: unknown names, wrong files, steps that do not fit.
+    """
+    if os.environ.get(INSIDE_WORKER):
+        raise InsideWorkerError("a run cannot be started from within a worker of another run")
+    loaded = load_scenarios(scenarios)
+    faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]
+    if faults:
+        raise InputError("\n".join(faults))
+    methods, unavailable = _methods(engines)
+    return Selection(
+        tuple(loaded),
+        methods,
+        unavailable,
+        tuple(dt_s) if dt_s else None,
+        tuple(tolerances) if tolerances else None,
+    )
+
+
+def _step_faults(loaded: Sequence[tuple[str, Scenario]], dt_s: Sequence[float]) -> list[str]:
+    faults = []
+    for _, scenario in loaded:
+        seen: set[int] = set()
+        for step in dt_s:
+            try:
+                stride = steps_per_sample(scenario.scene.sample_interval_s, step)
+            except ValueError as error:
+                faults.append(f"{scenario.name}: {error}")
+                continue
+            if stride in seen:
+                faults.append(f"{scenario.name}: the step of {step!r} s is asked for twice")
+            seen.add(stride)
+    return faults
+
+
+def _tolerance_faults(tolerances: Sequence[float]) -> list[str]:
+    faults = [
+        f"a tolerance must be a number between 0 and 1, not {tolerance!r}"
+        for tolerance in tolerances
+        if not 0.0 < tolerance < 1.0
+    ]
+    twice = [tolerance for tolerance, count in Counter(tolerances).items() if count > 1]
+    return faults + [f"the tolerance {tolerance!r} is asked for twice" for tolerance in twice]
+
+
+def _methods(asked: Sequence[str] | None) -> tuple[tuple[tuple[Engine, Method], ...], dict[str, str]]:
+    """Return the methods asked for, else all of every engine that is there, with why the others are not."""
+    names = [tuple(part.strip() for part in name.partition(":")) for name in asked or engine_names()]
+    known = engine_names()
+    faults = [
+        f"no engine is named {engine!r}; known are {', '.join(known)}"
+        for engine in dict.fromkeys(engine for engine, _, _ in names)
+        if engine not in known
+    ]
+    found = announced([name for name in dict.fromkeys(engine for engine, _, _ in names) if name in known])
+    unavailable = {name: engine for name, engine in found.items() if isinstance(engine, str)}
+    if asked:
+        faults += unavailable.values()
+    methods: dict[tuple[str, str], tuple[Engine, Method]] = {}
+    for name, colon, method in names:
+        engine = found.get(name)
+        if not isinstance(engine, Engine):
+            continue
+        if colon and method not in engine.methods:
+            faults.append(f"{name} has no method {method!r}; it has {', '.join(engine.methods)}")
+            continue
+        for chosen in [method] if colon else engine.methods:
+            methods[name, chosen] = (engine, engine.methods[chosen])
+    if faults:
+        raise InputError("\n".join(faults))
+    return tuple(methods.values()), unavailable

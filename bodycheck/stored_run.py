@@ -1,0 +1,112 @@
+"""A run that leaves a folder: what it finds is on disk at once, and a run that was stopped can go on."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from bodycheck.errors import InputError, StoppedError
+from bodycheck.reports.run import Run
+from bodycheck.reports.storage.journal import Journal
+from bodycheck.reports.store import check_output, write_run
+from bodycheck.runner import Identity, Manner, Progress, run_selection
+from bodycheck.selection import Selection, select
+
+Watching = Callable[[int], AbstractContextManager[Progress]]
+"""How a run is watched, given the number of cases that are listed."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What was asked of a run, as plain data: enough to ask it again."""
+
+    scenarios: list[str]
+    engines: list[str] | None
+    dt_s: list[float] | None
+    tolerances: list[float] | None
+    speed: bool
+    jobs: int | None
+    timeout_s: float
+    fresh: bool
+
+    @property
+    def selection(self) -> Selection:
+        """The same, resolved and checked; InputError where it is wrong."""
+        return select(self.scenarios, self.engines, self.dt_s, self.tolerances)
+
+    @property
+    def manner(self) -> Manner:
+        """How the run is made; InputError where that is wrong."""
+        return Manner(self.speed, self.jobs, self.timeout_s, self.fresh)
+
+
+def run_to_folder(asked: Asked, out: Path | None, watching: Watching) -> tuple[Run, Path]:
+    """Run what is asked and write it to `out`; return the run and its report's path.
+
+    Until all is done the folder is `out` with .partial after its name. Raises InputError where something is
+    wrong or the disk is full, StoppedError where the user stops it: then `resume` goes on.
+    """
+    identity = Identity.new()
+    out = out or Path("bodycheck-runs", identity.run_id)
+    selection, manner = asked.selection, asked.manner
+    check_output(out)
+    partial = partial_of(out)
+    if partial.exists():
+        raise InputError(f"{partial}: is of a run that was stopped: go on with --resume {out}, or remove it")
+    try:
+        partial.mkdir(parents=True)
+        description = {
+            "run_id": identity.run_id,
+            "created": identity.created.isoformat(),
+            "asked": asdict(asked),
+        }
+        (partial / "asked.json").write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
+    return _carried_out(selection, manner, identity, out, watching)
+
+
+def resume(out: Path, watching: Watching) -> tuple[Run, Path]:
+    """Go on with a run that was stopped, as it was asked; nothing that it found is asked for again.
+
+    Raises InputError where there is none, and as run_to_folder does.
+    """
+    partial = partial_of(out)
+    try:
+        description: dict[str, Any] = json.loads((partial / "asked.json").read_text(encoding="utf-8"))
+        asked = Asked(**description["asked"])
+        identity = Identity(description["run_id"], datetime.fromisoformat(description["created"]))
+    except FileNotFoundError:
+        state = "that run is complete" if (out / "results.csv").exists() else "no run was stopped there"
+        raise InputError(f"--resume {out}: {state}") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"--resume {out}: {partial / 'asked.json'} cannot be read: {error}") from None
+    return _carried_out(asked.selection, asked.manner, identity, out, watching)
+
+
+def partial_of(out: Path) -> Path:
+    """Return the folder of a run that is not yet complete."""
+    return out.with_name(f"{out.name}.partial")
+
+
+def _carried_out(
+    selection: Selection, manner: Manner, identity: Identity, out: Path, watching: Watching
+) -> tuple[Run, Path]:
+    partial = partial_of(out)
+    go_on = f"go on with: bodycheck run --resume {out}"
+    try:
+        with Journal(partial / "journal") as journal, watching(selection.cases_listed()) as progress:
+            measured = run_selection(selection, manner, identity, journal=journal, progress=progress)
+        report = write_run(measured, out)
+    except KeyboardInterrupt:
+        raise StoppedError(f"stopped; {go_on}") from None
+    except InputError as error:
+        raise InputError(f"{error}\n{go_on}") from None
+    shutil.rmtree(partial, ignore_errors=True)
+    return measured, report
