@@ -14,9 +14,7 @@ from bodycheck.reference_impl.mass_properties.merging import merged
 from bodycheck.reference_impl.mass_properties.orientation import consistent, with_turned
 from bodycheck.reference_impl.mass_properties.places import first_few, place
 from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
-
-_SIZES = (1e-50, 1e50)
-"""Lengths in m whose fifth powers, the second moments, are normal doubles."""
+from bodycheck.reference_impl.mass_properties.solid import LENGTHS
 
 
 class Mesh(NamedTuple):
@@ -69,9 +67,9 @@ def _arrays(vertices: ArrayLike, triangles: ArrayLike) -> tuple[Array, Triangles
         row = np.flatnonzero(~np.isfinite(points).all(axis=1))[0]
         raise ValueError(f"vertex {row} is not finite: {points[row].tolist()}")
     size = float(np.abs(points).max())
-    if not _SIZES[0] < size < _SIZES[1]:
+    if not LENGTHS[0] < size < LENGTHS[1]:
         raise ValueError(
-            f"the largest coordinate is {size!r} m; it must be within {_SIZES[0]} to {_SIZES[1]} m"
+            f"the largest coordinate is {size!r} m; it must be within {LENGTHS[0]} to {LENGTHS[1]} m"
         )
     return points, corners.astype(np.int64)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.reference_impl.mass_properties.solid import LENGTHS, MassProperties
 
 
 @dataclass(frozen=True)
@@ -87,15 +87,20 @@ PRIMITIVES: dict[str, Primitive] = {
 }
 
 
+def known_shape(shape: str) -> str:
+    """Return the name of a primitive as it stands. Raises ValueError, with the names, where there is none."""
+    if shape not in PRIMITIVES:
+        raise ValueError(f"no shape is named {shape!r}; there are {', '.join(PRIMITIVES)}")
+    return shape
+
+
 def primitive(shape: str, size: Sequence[float]) -> MassProperties:
     """Return the mass properties, at unit density, of a primitive by its name and sizes in m.
 
     Raises ValueError for a name or a number of sizes that there is not, sizes that are not positive and
-    finite, and a torus whose tube meets itself.
+    finite, the largest of them beyond LENGTHS, and a torus whose tube meets itself.
     """
-    if shape not in PRIMITIVES:
-        raise ValueError(f"no shape is named {shape!r}; there are {', '.join(PRIMITIVES)}")
-    known = PRIMITIVES[shape]
+    known = PRIMITIVES[known_shape(shape)]
     if len(size) != len(known.sizes):
         raise ValueError(
             f"a {shape} has {len(known.sizes)} sizes ({', '.join(known.sizes)}), not {len(size)}"
@@ -103,4 +108,9 @@ def primitive(shape: str, size: Sequence[float]) -> MassProperties:
     for name, value in zip(known.sizes, size, strict=True):
         if not 0.0 < value < math.inf:
             raise ValueError(f"the {name} of a {shape} must be positive and finite, not {value!r}")
+    largest = max(size)
+    if not LENGTHS[0] < largest < LENGTHS[1]:
+        raise ValueError(
+            f"the largest size of a {shape} must be within {LENGTHS[0]} to {LENGTHS[1]} m, not {largest!r}"
+        )
     return known.closed_form(*map(float, size))

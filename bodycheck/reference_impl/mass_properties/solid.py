@@ -10,6 +10,12 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import principal_axes
 
+LENGTHS = (1e-50, 1e50)
+"""Lengths in m whose fifth powers, the second moments, are normal doubles."""
+
+_LEAST = float(np.finfo(np.float64).tiny)
+"""The least normal double: what is smaller has lost digits."""
+
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
@@ -43,11 +49,19 @@ class MassProperties:
     def at_density(self, density: float) -> MassProperties:
         """m = rho V, I = rho I(1): these properties, taken as those of unit density, at another, kg/m^3.
 
-        Raises ValueError where the density is not a positive finite number.
+        Raises ValueError where the density is not a positive finite number, and where mass or moments leave
+        the range of normal doubles.
         """
         if not 0.0 < density < math.inf:
             raise ValueError(f"density must be positive and finite, not {density!r}")
-        return replace(self, mass=density * self.mass, inertia=density * self.inertia)
+        with np.errstate(over="ignore", under="ignore"):
+            mass, inertia = density * self.mass, density * self.inertia
+        if not all(_LEAST <= x < math.inf for x in (mass, *np.diagonal(inertia))):
+            raise ValueError(
+                f"a density of {density!r} kg/m^3 makes a mass of {mass!r} kg and moments of "
+                f"{np.diagonal(inertia).tolist()} kg m^2: beyond the range of double precision"
+            )
+        return replace(self, mass=mass, inertia=inertia)
 
     def moved(self, displacement: Array) -> MassProperties:
         """c' = c + d: the solid displaced by d (3,), m; the inertia about its centre stays."""

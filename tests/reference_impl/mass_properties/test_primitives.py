@@ -103,6 +103,8 @@ def test_every_primitive_is_a_possible_body(shape: str) -> None:
         ("sphere", [-1.0], "the radius of a sphere must be positive and finite, not -1.0"),
         ("cylinder", [1.0, float("nan")], "the length of a cylinder must be positive and finite, not nan"),
         ("capsule", [float("inf"), 1.0], "the radius of a capsule must be positive and finite, not inf"),
+        ("box", [1.0, 1e60, 1.0], r"the largest size of a box must be within 1e-50 to 1e\+50 m, not 1e\+60"),
+        ("sphere", [1e-60], r"the largest size of a sphere must be within 1e-50 to 1e\+50 m, not 1e-60"),
         ("torus", [1.0, 2.0], "the major radius 1.0 m must not be less than the minor one, 2.0 m"),
     ],
 )

@@ -55,6 +55,15 @@ def test_an_impossible_density_is_refused(density: float) -> None:
         CLOUD.at_density(density)
 
 
+@pytest.mark.parametrize("density", [1e-310, 1.7e308])
+def test_a_density_that_leaves_double_precision_is_refused(density: float) -> None:
+    """Where mass or moments would be infinite or lose digits, the message says what they would be."""
+    with pytest.raises(
+        ValueError, match=r"makes a mass of .* kg and moments of .* beyond the range of double"
+    ):
+        CLOUD.at_density(density)
+
+
 def test_principal_axes_diagonalise() -> None:
     """A diag(J) A^T is the inertia, A a rotation, J ascending; re-posed, the body is centred and diagonal."""
     moments, axes = CLOUD.principal()
