@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import shutil
 import subprocess
 import sys
@@ -85,7 +86,7 @@ def test_public_names_come_from_their_homes() -> None:
 
 @pytest.mark.slow
 def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
-    """The wheel's files are the tree's: all modules and data files, no links, no tests."""
+    """The wheel's files are the tree's, no links, no tests; unpacked, it finds its meshes."""
     # built from a copy: setuptools leaves build/ behind, and would put stale files of it into the next wheel
     source = tmp_path / "source"
     unwanted = shutil.ignore_patterns(".*", "build", "*.egg-info", "__pycache__", "tests", "bodycheck-runs")
@@ -94,9 +95,20 @@ def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     subprocess.run(command, check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
     inside = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
-    kept = {".py", ".toml", ".typed", ".html", ".css", ".js"}
+    kept = {".py", ".toml", ".typed", ".html", ".css", ".js", ".obj"}
     tree = {p.relative_to(ROOT).as_posix() for p in PACKAGE.rglob("*") if p.suffix in kept}
     assert inside == tree | {"bodycheck/py.typed"}
+    unpacked = tmp_path / "unpacked"
+    zipfile.ZipFile(wheel).extractall(unpacked)
+    code = "import bodycheck; print(bodycheck.__file__, bodycheck.load_scenario('t-handle').body.mass_kg)"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code],
+        env={**os.environ, "PYTHONPATH": str(unpacked)},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.split() == [str(unpacked / "bodycheck/__init__.py"), "0.16200000000000006"]
 
 
 MATHEMATICS = {"numpy", "numba", "bodycheck", *sys.stdlib_module_names}

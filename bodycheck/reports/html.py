@@ -28,6 +28,7 @@ from bodycheck.reports.summary import (
     summary_cells,
     verdict_sentences,
 )
+from bodycheck.scenarios.body import Body, GivenBody, MeshBody, ShapeBody
 from bodycheck.scenarios.model import Forcing
 
 _TABLE_MEASURES = (
@@ -165,6 +166,7 @@ def scenario_facts(subject: Subject) -> list[tuple[str, str]]:
     facts = [
         ("Source", scenario.source),
         ("Tags", ", ".join(scenario.tags)),
+        ("Shape", _shape_words(scenario.body)),
         ("Body", _body_words(scene)),
         ("Start", _start_words(scene)),
         ("Acts on it", "; ".join(map(_forcing_words, scenario.forcing)) or "nothing"),
@@ -172,6 +174,18 @@ def scenario_facts(subject: Subject) -> list[tuple[str, str]]:
         ("Truth", f"{truth.kind}, bound {bound}"),
     ]
     return [(term, text) for term, text in facts if text]
+
+
+def _shape_words(body: Body) -> str:
+    """Return what a body's numbers came from, and what was put right in it; nothing of a body by numbers."""
+    match body:
+        case MeshBody():
+            what = f"mesh {body.mesh.name}"
+        case ShapeBody():
+            what = f"{body.shape}, sizes {wording.vector(np.array(body.size_m))} m"
+        case GivenBody():
+            return ""
+    return "; ".join([f"{what}, {wording.number(body.density_kg_m3, 6)} kg/m³", *body.notes])
 
 
 def _body_words(scene: Scene) -> str:

@@ -90,7 +90,7 @@ class LiveProgress:
 
 
 def print_summary(run: Run) -> None:
-    """Print how the cases ended, what failed and why, and the order of each method on each scenario."""
+    """Print how the cases ended, what was noted or failed, and the order of each method on each scenario."""
     console = Console(highlight=False)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in run.manifest["outcomes"].items())
     seconds = run.manifest["run_s"]
@@ -100,6 +100,9 @@ def print_summary(run: Run) -> None:
     for engine in run.manifest["engines"].values():
         if "unavailable" in engine:
             console.print(Text(f"not measured: {engine['unavailable']}", style="yellow"))
+    for scenario in (subject.scenario for subject in run.subjects):
+        for note in scenario.body.notes:
+            console.print(Text(f"{scenario.name}: {note}", style="yellow"))
     for case in run.cases:
         if case.columns["outcome"] in ("failed", "invalid", "timeout"):
             line = f"{case.columns['outcome']}: {case.columns['reproduce']}: {case.columns['message']}"

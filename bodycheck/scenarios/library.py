@@ -43,7 +43,8 @@ def load_scenario(name: str | Path) -> Scenario:
             f"{name}: is neither a .toml file nor a built-in scenario or suite; built in are "
             f"{', '.join(scenario_names())}; suites: {', '.join(suites())}"
         )
-    return parse_scenario((_LIBRARY / f"{name}.toml").read_text(encoding="utf-8"), where=f"{name}.toml")
+    text = (_LIBRARY / f"{name}.toml").read_text(encoding="utf-8")
+    return parse_scenario(text, where=f"{name}.toml", folder=_LIBRARY)
 
 
 def load_scenarios(asked: Sequence[str | Path]) -> list[tuple[str, Scenario]]:

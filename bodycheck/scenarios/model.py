@@ -12,12 +12,9 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from pydantic import (
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
-    PlainValidator,
     StrictInt,
     StrictStr,
     ValidationInfo,
@@ -28,73 +25,16 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import normalised, quaternion_to_matrix
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
 from bodycheck.reference_impl.wrench import steps_per_sample
-
-Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive: TypeAlias = Annotated[Number, Field(gt=0.0)]
-Vector: TypeAlias = tuple[Number, Number, Number]
-Quaternion: TypeAlias = tuple[Number, Number, Number, Number]
-Matrix: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+from bodycheck.scenarios.body import Body
+from bodycheck.scenarios.fields import NotYet, Number, Positive, Quaternion, Table, Vector
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
-_TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
 _UNIT_TOLERANCE = 1e-6  # how far a quaternion's norm may be from 1
 _MOST_SAMPLES = 1_000_000
 DEFAULT_STEPS_PER_SAMPLE = (5, 10, 20, 50, 100)
 
 
-def _refuse(_: Any, info: ValidationInfo) -> None:
-    """Refuse a key of the format that is not built so far, by a message that says so."""
-    raise ValueError(f"{info.field_name} is not yet supported")
-
-
-NotYet: TypeAlias = Annotated[None, PlainValidator(_refuse)]
-
-
-def _inertia(value: Any) -> Matrix:
-    """Accept three principal moments or a 3x3 tensor: symmetric, positive definite, a possible body's."""
-    try:
-        tensor = np.array(value, dtype=object)
-    except ValueError:
-        tensor = np.empty(0, dtype=object)
-    if tensor.shape not in ((3,), (3, 3)) or not all(type(x) in (int, float) for x in tensor.flat):
-        raise ValueError("needs three principal moments or a 3x3 tensor of numbers")
-    if not all(abs(x) < 1e300 for x in tensor.flat):  # also false for NaN
-        raise ValueError("needs finite numbers")
-    inertia = tensor.astype(np.float64)
-    if inertia.shape == (3,):
-        inertia = np.diag(inertia)
-    if np.max(np.abs(inertia - inertia.T)) > _TENSOR_TOLERANCE * np.max(np.abs(inertia)):
-        raise ValueError("must be symmetric: I_xy = I_yx = -sum m x y")
-    inertia = 0.5 * (inertia + inertia.T)
-    moments = np.linalg.eigvalsh(inertia)
-    if not moments[0] > 0.0:
-        raise ValueError(f"must be positive definite; the least principal moment is {moments[0]:.6g}")
-    if moments[0] + moments[1] < moments[2] * (1.0 - _TENSOR_TOLERANCE):
-        raise ValueError(
-            "no body has these moments: the two smaller must together reach the largest (triangle "
-            f"inequality), but {moments[0]:.6g} + {moments[1]:.6g} < {moments[2]:.6g}"
-        )
-    return tuple(tuple(row) for row in inertia.tolist())  # type: ignore[return-value]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Body(_Table):
-    """[body]: mass in kg, inertia about the centre of mass in body axes in kg m^2."""
-
-    mass_kg: Positive
-    inertia_kg_m2: Annotated[Matrix, BeforeValidator(_inertia)]
-    mesh: NotYet = None
-    shape: NotYet = None
-    size_m: NotYet = None
-    density_kg_m3: NotYet = None
-    link_offset_m: NotYet = None
-    link_quaternion: NotYet = None
-
-
-class Initial(_Table):
+class Initial(Table):
     """[initial]: where the body starts; at rest at the origin, axes aligned, unless said."""
 
     position_m: Vector = _ZERO
@@ -131,7 +71,7 @@ class Initial(_Table):
         return State(np.array(self.position_m), quaternion, np.array(self.velocity_m_s), omega_body)
 
 
-class _TimedTable(_Table):
+class _TimedTable(Table):
     axes: Literal["body", "world"]
     from_s: Number = 0.0
     until_s: Number | None = None
@@ -172,7 +112,7 @@ class ForceTable(_TimedTable):
         return PointForce(self.axes, np.array(self.value_n), np.array(self.at_m), self.from_s, self._until)
 
 
-class GravityTable(_Table):
+class GravityTable(Table):
     """Uniform gravity, in world axes."""
 
     kind: Literal["gravity"]
@@ -208,7 +148,7 @@ Forcing: TypeAlias = Annotated[
 ]
 
 
-class Scenario(_Table):
+class Scenario(Table):
     """One scenario file: a body, its initial state, what acts on it, and how long it is watched."""
 
     name: Annotated[StrictStr, Field(min_length=1, max_length=200)]

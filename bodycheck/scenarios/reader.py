@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import tomllib
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from bodycheck.errors import InputError
+from bodycheck.scenarios.body import BODY_FORMS
 from bodycheck.scenarios.model import FORCING_KINDS, Scenario
+
+_HERE = Path()
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -24,16 +28,16 @@ def read_scenario(path: Path) -> Scenario:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
-    return parse_scenario(text, where=str(path))
+    return parse_scenario(text, where=str(path), folder=path.parent)
 
 
-def parse_scenario(text: str, where: str) -> Scenario:
-    """Read a scenario from TOML text; `where` names it in messages.
+def parse_scenario(text: str, where: str, folder: Traversable = _HERE) -> Scenario:
+    """Read a scenario from TOML text; `where` names it in messages, its mesh file is sought from `folder`.
 
     Raises InputError as read_scenario does.
     """
     try:
-        return Scenario.model_validate(tomllib.loads(text))
+        return Scenario.model_validate(tomllib.loads(text), context={"folder": folder})
     except RecursionError:
         raise InputError(f"{where}: is nested too deeply") from None
     except tomllib.TOMLDecodeError as error:
@@ -50,7 +54,10 @@ def _line(fault: Any) -> str:
         case "missing":
             return f"{path}: is required"
         case "extra_forbidden":
-            return f"{path}: is no key of this table"
+            table = next((form for form in BODY_FORMS if form in fault["loc"]), "this table")
+            return f"{path}: is no key of {table}"
+        case "model_type":
+            return f"{path}: should be a table (it is {fault['input']!r:.60})"
         case "too_long":
             return f"{path}: needs {fault['ctx']['max_length']} numbers, not {fault['ctx']['actual_length']}"
         case "value_error":
@@ -65,7 +72,7 @@ def _path(location: tuple[int | str, ...]) -> str:
     """Return the key's path as TOML would name it: forcing[0].value_n_m[1]."""
     path = ""
     for before, part in zip((None, *location), location, strict=False):
-        if isinstance(before, int) and part in FORCING_KINDS:
+        if part in BODY_FORMS or (isinstance(before, int) and part in FORCING_KINDS):
             continue  # pydantic names the union's member here, which is no key of the file
         path += f"[{part}]" if isinstance(part, int) else f".{part}"
     return path.lstrip(".")

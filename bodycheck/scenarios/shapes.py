@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from bodycheck.errors import InputError
@@ -11,22 +13,45 @@ from bodycheck.reference_impl.mass_properties import primitives
 from bodycheck.reference_impl.mass_properties.mesh_check import checked_mesh
 from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.scenarios.mesh_files import read_mesh
+from bodycheck.scenarios.mesh_files import mesh_bytes, parse_mesh
+
+
+@dataclass(frozen=True)
+class MeshSolid:
+    """A mesh file's name and SHA-256, and the solid that it bounds, at unit density in the file's axes."""
+
+    name: str
+    sha256: str
+    solid: MassProperties = field(compare=False)
+
+
+def mesh_solid(folder: Traversable, name: str) -> MeshSolid:
+    """Return the solid that a mesh file, named from a folder, bounds; lengths in it are taken as m.
+
+    The notes of the solid say what was put right in the mesh. Raises InputError with one line where the
+    file or the mesh is not good for it.
+    """
+    path = folder.joinpath(name)
+    data = mesh_bytes(path)
+    vertices, triangles = parse_mesh(path, data)
+    try:
+        mesh = checked_mesh(vertices, triangles)
+        solid = polyhedron(mesh.vertices, mesh.triangles)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    return MeshSolid(name, sha256(data).hexdigest(), replace(solid, notes=mesh.notes))
 
 
 def load_mesh(path: Path, density: float) -> MassProperties:
-    """Return the mass properties, in the file's own axes, of the solid that a mesh file bounds.
+    """Return the mass properties of a mesh file's solid at a density in kg/m^3.
 
-    Lengths in the file are taken as m; density in kg/m^3. The notes say what was put right in the mesh.
     Raises InputError with one line where the file, the mesh or the density is not good for it.
     """
-    vertices, triangles = read_mesh(path)
+    solid = mesh_solid(path.parent, path.name).solid
     try:
-        mesh = checked_mesh(vertices, triangles)
-        solid = polyhedron(mesh.vertices, mesh.triangles).at_density(density)
+        return solid.at_density(density)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
-    return replace(solid, notes=mesh.notes)
 
 
 def primitive(shape: str, size: Sequence[float], density: float) -> MassProperties:

@@ -286,8 +286,9 @@ TIMES = (0.0, 0.1, 1.0, 2.5, 5.0, 6.2, 7.77, 10.0)
 FAST = {"boxes": 1 / 64, "free-body": 1 / 64}  # the steps that forty digits take; the others turn slowly
 KINDS = {
     **dict.fromkeys(("body-torque", "world-torque", "thruster", "pulsed-torque"), "certified"),
+    **dict.fromkeys(("torus-spin-up",), "certified"),
     **dict.fromkeys(("tumbling", "intermediate-axis", "near-separatrix", "sphere", "symmetric-top"), "exact"),
-    **dict.fromkeys(("boxes", "free-body", "full-tensor"), "exact"),
+    **dict.fromkeys(("boxes", "free-body", "full-tensor", "t-handle"), "exact"),
 }
 
 

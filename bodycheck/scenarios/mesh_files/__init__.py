@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
+from collections.abc import Callable
+from importlib.resources.abc import Traversable
+from pathlib import PurePath
+from typing import TypeAlias
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
@@ -11,30 +15,53 @@ from bodycheck.scenarios.mesh_files.obj import parse_obj
 from bodycheck.scenarios.mesh_files.ply import parse_ply
 from bodycheck.scenarios.mesh_files.stl import parse_stl
 
-_PARSERS = {".stl": parse_stl, ".obj": parse_obj, ".ply": parse_ply}
+Parser: TypeAlias = Callable[[bytes], tuple[Array, Triangles]]
+
+_PARSERS: dict[str, Parser] = {".stl": parse_stl, ".obj": parse_obj, ".ply": parse_ply}
+MESH_SUFFIXES = tuple(_PARSERS)
 _MOST_BYTES = 1 << 30
 
 
-def read_mesh(path: Path) -> tuple[Array, Triangles]:
-    """Read a mesh file, its format told by its suffix: vertices (n, 3), taken as m, and triangles (m, 3).
+def read_mesh(path: Traversable) -> tuple[Array, Triangles]:
+    """Read a mesh file: the bytes of mesh_bytes by the rules of parse_mesh."""
+    return parse_mesh(path, mesh_bytes(path))
+
+
+def mesh_bytes(path: Traversable) -> bytes:
+    """Return the bytes of a file that has a mesh's name.
+
+    Raises InputError with one line: the file, and why it cannot be read.
+    """
+    _parser(path)
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            if size > _MOST_BYTES:
+                raise InputError(f"{path}: has {size} bytes; at most {_MOST_BYTES} are read")
+            file.seek(0)
+            return file.read(size)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def parse_mesh(path: Traversable, data: bytes) -> tuple[Array, Triangles]:
+    """Return the vertices (n, 3), taken as m, and triangles (m, 3) of a file, its format told by its suffix.
 
     Polygons become fans about their first corner, which is exact for plane ones, convex or not. Raises
     InputError with one line: the file, where in it, what is wrong.
     """
-    parse = _PARSERS.get(path.suffix.lower())
-    if parse is None:
-        raise InputError(f"{path}: is no mesh file by its name; known are {', '.join(_PARSERS)}")
     try:
-        size = path.stat().st_size
-        if size > _MOST_BYTES:
-            raise InputError(f"{path}: has {size} bytes; at most {_MOST_BYTES} are read")
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    try:
-        vertices, triangles = parse(data)
+        vertices, triangles = _parser(path)(data)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
     if not len(triangles):
         raise InputError(f"{path}: has no faces")
     return vertices, triangles
+
+
+def _parser(path: Traversable) -> Parser:
+    """Return the parser that a file's suffix asks for, or refuse the file."""
+    parse = _PARSERS.get(PurePath(path.name).suffix.lower())
+    if parse is None:
+        raise InputError(f"{path}: is no mesh file by its name; known are {', '.join(MESH_SUFFIXES)}")
+    return parse

@@ -1,0 +1,195 @@
+"""[body]: a rigid body by its mass and inertia, by a mesh file, or by a primitive of one density."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    PlainSerializer,
+    PlainValidator,
+    SerializerFunctionWrapHandler,
+    StrictStr,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+)
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.mass_properties.primitives import known_shape, primitive
+from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.fields import Matrix, NotYet, Positive, Table
+from bodycheck.scenarios.shapes import MeshSolid, mesh_solid
+
+_TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
+
+
+def _inertia(value: Any) -> Matrix:
+    """Accept three principal moments or a 3x3 tensor: of finite numbers, a possible body's."""
+    try:
+        tensor = np.array(value, dtype=object)
+    except ValueError:
+        tensor = np.empty(0, dtype=object)
+    if tensor.shape not in ((3,), (3, 3)) or not all(type(x) in (int, float) for x in tensor.flat):
+        raise ValueError("needs three principal moments or a 3x3 tensor of numbers")
+    if not all(abs(x) < 1e300 for x in tensor.flat):  # also false for NaN
+        raise ValueError("needs finite numbers")
+    inertia = tensor.astype(np.float64)
+    return _possible(np.diag(inertia) if inertia.shape == (3,) else inertia)
+
+
+def _possible(inertia: Array) -> Matrix:
+    """Return a tensor (3, 3) that some body has, exactly symmetric; refuse any other."""
+    if np.max(np.abs(inertia - inertia.T)) > _TENSOR_TOLERANCE * np.max(np.abs(inertia)):
+        raise ValueError("must be symmetric: I_xy = I_yx = -sum m x y")
+    inertia = 0.5 * (inertia + inertia.T)
+    moments = np.linalg.eigvalsh(inertia)
+    if not moments[0] > 0.0:
+        raise ValueError(f"must be positive definite; the least principal moment is {moments[0]:.6g}")
+    if moments[0] + moments[1] < moments[2] * (1.0 - _TENSOR_TOLERANCE):
+        raise ValueError(
+            "no body has these moments: the two smaller must together reach the largest (triangle "
+            f"inequality), but {moments[0]:.6g} + {moments[1]:.6g} < {moments[2]:.6g}"
+        )
+    return tuple(tuple(row) for row in inertia.tolist())  # type: ignore[return-value]
+
+
+class _BodyTable(Table):
+    link_offset_m: NotYet = None
+    link_quaternion: NotYet = None
+
+
+class GivenBody(_BodyTable):
+    """A body as its mass in kg and its inertia about the centre of mass, in body axes, in kg m^2."""
+
+    mass_kg: Positive
+    inertia_kg_m2: Annotated[Matrix, BeforeValidator(_inertia)]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Nothing is put right in numbers."""
+        return ()
+
+
+class _Solid(_BodyTable):
+    """A solid of one density: body axes are those of its shape, their origin moved to the centre of mass."""
+
+    @property
+    @abstractmethod
+    def solid(self) -> MassProperties:
+        """The mass properties at this density, in the shape's own axes."""
+
+    @property
+    def mass_kg(self) -> float:
+        """The mass in kg."""
+        return self.solid.mass
+
+    @property
+    def inertia_kg_m2(self) -> Matrix:
+        """The tensor about the centre of mass, in the shape's own axes, in kg m^2."""
+        return _possible(self.solid.inertia)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was put right in the shape, one sentence each."""
+        return self.solid.notes
+
+    @model_serializer(mode="wrap")
+    def _with_what_came_of_it(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The keys of the file, and the numbers of the body that they made: enough to do without the file."""
+        return {
+            **handler(self),
+            "centre_m": self.solid.centre.tolist(),
+            "mass_kg": self.mass_kg,
+            "inertia_kg_m2": self.inertia_kg_m2,
+            "notes": self.notes,
+        }
+
+
+def _checked_density(density: float, solid: MassProperties) -> float:
+    """Return the density, unless the solid is at this density no body to reckon with."""
+    _possible(solid.at_density(density).inertia)
+    return density
+
+
+def _meshed(value: Any, info: ValidationInfo) -> MeshSolid:
+    """Read the mesh of this name in the folder that the reading's context says."""
+    if not isinstance(value, str):
+        raise ValueError("needs the name of a mesh file, relative to the scenario's own folder")
+    return mesh_solid((info.context or {}).get("folder", Path()), value)
+
+
+def _mesh_facts(mesh: MeshSolid) -> dict[str, str]:
+    return {"file": mesh.name, "sha256": mesh.sha256}
+
+
+class MeshBody(_Solid):
+    """The solid that a mesh file bounds; lengths in the file are m."""
+
+    mesh: Annotated[MeshSolid, PlainValidator(_meshed), PlainSerializer(_mesh_facts)]
+    density_kg_m3: Positive
+
+    @field_validator("density_kg_m3")
+    @classmethod
+    def _not_absurd(cls, value: float, info: ValidationInfo) -> float:
+        return _checked_density(value, info.data["mesh"].solid) if "mesh" in info.data else value
+
+    @cached_property
+    def solid(self) -> MassProperties:
+        """The mass properties at this density, in the file's own axes."""
+        return self.mesh.solid.at_density(self.density_kg_m3)
+
+
+class ShapeBody(_Solid):
+    """A primitive, its axis along z; its sizes, in m, are what scenarios.shapes says of each."""
+
+    shape: Annotated[StrictStr, AfterValidator(known_shape)]
+    size_m: tuple[Positive, ...]
+    density_kg_m3: Positive
+
+    @field_validator("size_m")
+    @classmethod
+    def _fitting(cls, value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        if "shape" in info.data:
+            primitive(info.data["shape"], value)
+        return value
+
+    @field_validator("density_kg_m3")
+    @classmethod
+    def _not_absurd(cls, value: float, info: ValidationInfo) -> float:
+        if not {"shape", "size_m"} <= info.data.keys():
+            return value
+        return _checked_density(value, primitive(info.data["shape"], info.data["size_m"]))
+
+    @cached_property
+    def solid(self) -> MassProperties:
+        """The mass properties at this density, in the shape's own axes."""
+        return primitive(self.shape, self.size_m).at_density(self.density_kg_m3)
+
+
+GIVEN = "a [body] with mass_kg, inertia_kg_m2"
+MESH = "a [body] with mesh, density_kg_m3"
+SHAPE = "a [body] with shape, size_m, density_kg_m3"
+BODY_FORMS = (GIVEN, MESH, SHAPE)
+"""The members of the union below, by the words in which messages speak of them."""
+
+
+def _form(value: Any) -> str:
+    """Tell by its keys which of the three forms a table has, or a body that is to be written down."""
+    keys = value if isinstance(value, dict) else getattr(type(value), "model_fields", ())
+    if "mesh" in keys:
+        return MESH
+    return SHAPE if "shape" in keys or "size_m" in keys else GIVEN
+
+
+Body: TypeAlias = Annotated[
+    Annotated[GivenBody, Tag(GIVEN)] | Annotated[MeshBody, Tag(MESH)] | Annotated[ShapeBody, Tag(SHAPE)],
+    Discriminator(_form),
+]

@@ -1,0 +1,302 @@
+"""Bodies by a mesh or a shape: what becomes of them, what is refused, what a manifest holds."""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+from hashlib import sha256
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodycheck.errors import InputError
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.scenarios.body import GivenBody
+from bodycheck.scenarios.library import load_scenario, load_scenarios
+from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.reader import parse_scenario, read_scenario
+
+HEAD = 'name = "x"\nduration_s = 1.0\nsamples = 11\n[body]\n'
+
+# An L-bracket of two boxes, its outline in the xy plane and 1/8 m thick: no axis of it is a principal one.
+OUTLINE = [(0.0, 0.0), (2.0, 0.0), (2.0, 0.5), (0.5, 0.5), (0.5, 1.0), (0.0, 1.0)]
+THICKNESS = 0.125
+
+
+def bracket(*, inside_out: bool = False) -> str:
+    """Return the bracket as OBJ, of hexagons and quadrilaterals."""
+    sides = [[i + 1, (i + 1) % 6 + 1, (i + 1) % 6 + 7, i + 7] for i in range(6)]
+    faces = [[6, 5, 4, 3, 2, 1], [7, 8, 9, 10, 11, 12], *sides]
+    vertices = "".join(f"v {x} {y} {z}\n" for z in (0.0, THICKNESS) for x, y in OUTLINE)
+    turn = -1 if inside_out else 1
+    return vertices + "".join("f " + " ".join(map(str, face[::turn])) + "\n" for face in faces)
+
+
+Box = tuple[tuple[Fraction, Fraction], ...]
+"""The ends of a box along x, y, z."""
+
+
+def of_boxes(boxes: list[Box], density: Fraction) -> tuple[float, Array, Array]:
+    """Return mass, centre and inertia of boxes that touch, by integrals in rational numbers."""
+
+    def integral(box: Box, powers: tuple[int, ...]) -> Fraction:
+        ends = zip(box, powers, strict=True)
+        x, y, z = ((b ** (n + 1) - a ** (n + 1)) / (n + 1) for (a, b), n in ends)
+        return x * y * z
+
+    def total(*axes: int) -> Fraction:
+        powers = tuple(axes.count(axis) for axis in range(3))
+        return density * sum((integral(box, powers) for box in boxes), Fraction(0))
+
+    mass = total()
+    centre = [total(i) / mass for i in range(3)]
+    second = [[total(i, j) - mass * centre[i] * centre[j] for j in range(3)] for i in range(3)]
+    trace = second[0][0] + second[1][1] + second[2][2]
+    inertia = [[(i == j) * trace - second[i][j] for j in range(3)] for i in range(3)]
+    return float(mass), np.array(centre, dtype=np.float64), np.array(inertia, dtype=np.float64)
+
+
+def box(*ends: str) -> Box:
+    """Return a box from 'begin end' along x, y, z."""
+    return tuple((Fraction(a), Fraction(b)) for a, b in (pair.split() for pair in ends))
+
+
+BRACKET = [box("0 2", "0 0.5", "0 0.125"), box("0 0.5", "0.5 1", "0 0.125")]
+T_HANDLE = [box("-0.01 0.01", "0 0.05", "-0.01 0.01"), box("-0.05 0.05", "0.05 0.07", "-0.01 0.01")]
+
+
+def refusals(body: str, folder: Path) -> list[str]:
+    """Return the lines by which a body is refused, without the file's name."""
+    with pytest.raises(InputError) as caught:
+        parse_scenario(HEAD + body, "file.toml", folder)
+    return [line.removeprefix("file.toml: ") for line in str(caught.value).splitlines()]
+
+
+def written(folder: Path, mesh: str = "part.obj", text: str | None = None) -> Scenario:
+    """Write a scenario and its mesh into a folder and read them."""
+    path = folder / "mine.toml"
+    path.write_text(f'{HEAD}mesh = "{mesh}"\ndensity_kg_m3 = 8.0\n')
+    (folder / mesh).parent.mkdir(exist_ok=True)
+    (folder / mesh).write_text(bracket() if text is None else text)
+    return read_scenario(path)
+
+
+def test_a_mesh_is_taken_in_its_own_axes_about_its_centre_of_mass(tmp_path: Path) -> None:
+    """The bracket's mass and full tensor are the rational integrals of its two boxes, off-diagonals too."""
+    body = written(tmp_path).scene.body
+    mass, _, inertia = of_boxes(BRACKET, Fraction(8))
+    assert body.mass == pytest.approx(mass, rel=1e-15)
+    assert abs(inertia[0, 1]) > 0.05 * inertia[0, 0]
+    assert np.max(np.abs(body.inertia - inertia)) < 1e-15 * np.max(inertia)
+
+
+def test_the_t_handle_of_the_library_is_its_two_boxes() -> None:
+    """Mass 0.162 kg and the rational moments, the stem's the middle one: it is what turns over."""
+    body = load_scenario("t-handle").scene.body
+    mass, _, inertia = of_boxes(T_HANDLE, Fraction(2700))
+    assert mass == 0.162
+    assert np.diag(inertia).tolist() == [6.435e-05, 9.72e-05, 15.075e-05]
+    assert body.mass == pytest.approx(mass, rel=4e-16)
+    assert np.max(np.abs(body.inertia - inertia)) < 1e-15 * np.max(inertia)
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "mass", "moments"),
+    [
+        ("box", "[1, 2, 3]", 6.0, (6.5, 5.0, 2.5)),
+        ("sphere", "[2]", 32 / 3 * np.pi, (256 / 15 * np.pi,) * 3),
+        ("ellipsoid", "[1, 2, 3]", 8 * np.pi, (20.8 * np.pi, 16 * np.pi, 8 * np.pi)),
+        ("cylinder", "[1, 2]", 2 * np.pi, (7 / 6 * np.pi, 7 / 6 * np.pi, np.pi)),
+        ("capsule", "[1, 2]", 10 / 3 * np.pi, (121 / 30 * np.pi, 121 / 30 * np.pi, 23 / 15 * np.pi)),
+        ("torus", "[2, 1]", 4 * np.pi**2, (10.5 * np.pi**2, 10.5 * np.pi**2, 19 * np.pi**2)),
+    ],
+)
+def test_sizes_come_in_the_order_that_the_docs_say(
+    shape: str, size: str, mass: float, moments: tuple[float, ...]
+) -> None:
+    """Mass and moments at 1 kg/m^3, worked out by hand: each size means what the docs say."""
+    scene = parse_scenario(
+        f'{HEAD}shape = "{shape}"\nsize_m = {size}\ndensity_kg_m3 = 1\n', "file.toml"
+    ).scene
+    assert scene.body.mass == pytest.approx(mass, rel=1e-15)
+    assert np.diag(scene.body.inertia) == pytest.approx(moments, rel=1e-15)
+    assert np.array_equal(scene.body.inertia, np.diag(np.diag(scene.body.inertia)))
+
+
+def test_a_mesh_is_sought_beside_its_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The path is relative to the scenario's file, wherever the program was started."""
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert written(tmp_path, "meshes/part.obj").scene.body.mass == pytest.approx(5.0 / 32 * 8, rel=1e-15)
+
+
+@pytest.mark.parametrize("name", ["t-handle", "torus-spin-up"])
+def test_a_body_from_a_shape_is_read_twice_as_one(name: str) -> None:
+    """The same scenario asked for twice is one, not two of one name, also after its scene was made."""
+    ((_, first),) = load_scenarios([name])
+    assert first.scene.body.mass > 0.0
+    ((_, again),) = load_scenarios([name, name])
+    assert again == first
+
+
+def test_what_is_written_down_is_enough_to_do_it_again(tmp_path: Path) -> None:
+    """The dump is JSON; it has the mesh's name and hash, and numbers that make the very same body."""
+    scenario = written(tmp_path)
+    told = json.loads(json.dumps(scenario.model_dump(mode="json", exclude_none=True)))["body"]
+    data = (tmp_path / "part.obj").read_bytes()
+    assert told["mesh"] == {"file": "part.obj", "sha256": sha256(data).hexdigest()}
+    assert told["density_kg_m3"] == 8.0
+    _, centre, _ = of_boxes(BRACKET, Fraction(8))
+    assert told["centre_m"] == pytest.approx(centre.tolist(), rel=1e-15)
+    given = GivenBody.model_validate({key: told[key] for key in ("mass_kg", "inertia_kg_m2")})
+    assert given.mass_kg == scenario.scene.body.mass
+    assert np.array_equal(given.inertia_kg_m2, scenario.scene.body.inertia)
+
+
+def test_a_shape_is_written_down_with_its_numbers() -> None:
+    """The dump of a shape has its keys, its mass and its inertia."""
+    told = load_scenario("torus-spin-up").model_dump(mode="json", exclude_none=True)["body"]
+    assert (told["shape"], told["size_m"], told["density_kg_m3"]) == ("torus", [1.0, 0.2], 50.0)
+    assert told["mass_kg"] == pytest.approx(50 * 2 * np.pi**2 * 0.04, rel=1e-15)
+    assert told["inertia_kg_m2"][2][2] == pytest.approx(told["mass_kg"] * 1.03, rel=1e-15)
+
+
+def test_what_was_put_right_in_a_mesh_is_noted(tmp_path: Path) -> None:
+    """An inside-out bracket is the same body, and a note says that it was turned; a sound one has none."""
+    turned, sound = written(tmp_path, text=bracket(inside_out=True)), written(tmp_path)
+    assert turned.body.notes == ("the mesh was inside-out; all its triangles were turned",)
+    assert turned.model_dump(mode="json")["body"]["notes"] == list(turned.body.notes)
+    assert sound.body.notes == ()
+    assert np.allclose(turned.scene.body.inertia, sound.scene.body.inertia, rtol=1e-15)
+
+
+DENSITY = "density_kg_m3 = 1000\n"
+FAULTS = {
+    "no such mesh": ('mesh = "no.obj"\n' + DENSITY, ["body.mesh: {folder}/no.obj: cannot be read: No such"]),
+    "no mesh by name": ('mesh = "part.step"\n' + DENSITY, ["body.mesh: {folder}/part.step: is no mesh file"]),
+    "open mesh": ('mesh = "open.obj"\n' + DENSITY, ["body.mesh: {folder}/open.obj: the mesh is open"]),
+    "mesh that is no name": ("mesh = 3\n" + DENSITY, ["body.mesh: needs the name of a mesh file"]),
+    "mesh and no density": ('mesh = "part.obj"\n', ["body.density_kg_m3: is required"]),
+    "mesh and sizes": (
+        'mesh = "part.obj"\nsize_m = [1]\n' + DENSITY,
+        ["body.size_m: is no key of a [body] with mesh, density_kg_m3"],
+    ),
+    "mesh and shape": (
+        'mesh = "part.obj"\nshape = "box"\n' + DENSITY,
+        ["body.shape: is no key of a [body] w"],
+    ),
+    "mesh and numbers": (
+        'mesh = "part.obj"\nmass_kg = 1\ninertia_kg_m2 = [1, 1, 1]\n' + DENSITY,
+        [
+            "body.mass_kg: is no key of a [body] with mesh",
+            "body.inertia_kg_m2: is no key of a [body] with mesh",
+        ],
+    ),
+    "numbers and density": (
+        "mass_kg = 1\ninertia_kg_m2 = [1, 1, 1]\n" + DENSITY,
+        ["body.density_kg_m3: is no key of a [body] with mass_kg, inertia_kg_m2"],
+    ),
+    "density too small": (
+        'mesh = "part.obj"\ndensity_kg_m3 = 0\n',
+        ["body.density_kg_m3: should be greater"],
+    ),
+    "density too large": (
+        'shape = "sphere"\nsize_m = [1e10]\ndensity_kg_m3 = 1e300\n',
+        ["body.density_kg_m3: a density of 1e+300 kg/m^3 makes a mass of inf kg"],
+    ),
+    "density of nothing": (
+        'mesh = "part.obj"\ndensity_kg_m3 = nan\n',
+        ["body.density_kg_m3: should be a finite"],
+    ),
+    "no such shape": (
+        'shape = "cone"\nsize_m = [1]\n' + DENSITY,
+        ["body.shape: no shape is named 'cone'; there"],
+    ),
+    "shape that is no name": (
+        "shape = [1]\nsize_m = [1]\n" + DENSITY,
+        ["body.shape: should be a valid string"],
+    ),
+    "shape without sizes": ('shape = "box"\n' + DENSITY, ["body.size_m: is required"]),
+    "sizes without shape": ("size_m = [1]\n" + DENSITY, ["body.shape: is required"]),
+    "too few sizes": (
+        'shape = "cylinder"\nsize_m = [1]\n' + DENSITY,
+        ["body.size_m: a cylinder has 2 sizes (radius, length), not 1"],
+    ),
+    "negative size": (
+        'shape = "sphere"\nsize_m = [-1]\n' + DENSITY,
+        ["body.size_m[0]: should be greater than 0"],
+    ),
+    "size that is no number": (
+        'shape = "box"\nsize_m = [1, true, nan]\n' + DENSITY,
+        ["body.size_m[1]: should be a valid number", "body.size_m[2]: should be a finite number"],
+    ),
+    "absurd size": (
+        'shape = "cylinder"\nsize_m = [1e200, 1]\n' + DENSITY,
+        ["body.size_m: the largest size of a c"],
+    ),
+    "vanishing body": (
+        'shape = "cylinder"\nsize_m = [1e-45, 1]\ndensity_kg_m3 = 1e-300\n',
+        ["body.density_kg_m3: a density of 1e-300 kg/m^3 makes a mass of 0.0 kg"],
+    ),
+    "tube that meets itself": (
+        'shape = "torus"\nsize_m = [1, 2]\n' + DENSITY,
+        ["body.size_m: the major radius"],
+    ),
+    "link frame": (
+        'shape = "sphere"\nsize_m = [1]\nlink_offset_m = [0, 0, 1]\n' + DENSITY,
+        ["body.link_offset_m: link_offset_m is not yet supported"],
+    ),
+    "nothing": ("", ["body.mass_kg: is required", "body.inertia_kg_m2: is required"]),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_wrong_body_is_refused_by_a_line_that_names_it(fault: str, tmp_path: Path) -> None:
+    """Each error has its line, with its path within the file; nothing else is complained of."""
+    (tmp_path / "part.obj").write_text(bracket())
+    (tmp_path / "open.obj").write_text(bracket().rsplit("f ", 1)[0])
+    body, expected = FAULTS[fault]
+    lines = refusals(body, tmp_path)
+    for line, part in zip(lines, expected, strict=True):
+        assert line.startswith(part.format(folder=tmp_path)), lines
+
+
+def test_a_body_that_is_no_table_is_refused() -> None:
+    """Where [body] should be stands a number: one line says so."""
+    with pytest.raises(InputError, match=r"^file.toml: body: should be a table \(it is 3\)$"):
+        parse_scenario('name = "x"\nduration_s = 1.0\nsamples = 11\nbody = 3\n', "file.toml")
+
+
+def test_all_errors_of_a_file_come_at_once_with_those_of_its_mesh(tmp_path: Path) -> None:
+    """What is wrong with the mesh, with other keys of the body and elsewhere is reported in one reading."""
+    text = (HEAD + 'mesh = "no.stl"\ndensity_kg_m3 = -1\nmass_kg = 2\n').replace("1.0\nsam", "-1.0\nsam")
+    with pytest.raises(InputError) as caught:
+        parse_scenario(text, "file.toml", tmp_path)
+    paths = [line.split(": ")[1] for line in str(caught.value).splitlines()]
+    assert sorted(paths) == ["body.density_kg_m3", "body.mass_kg", "body.mesh", "duration_s"]
+
+
+@pytest.mark.parametrize("density", [1.0, 7.3, 2700.0])
+def test_density_scales_the_body(density: float, tmp_path: Path) -> None:
+    """Mass and inertia of mesh and shape are those of unit density, times the density."""
+    (tmp_path / "part.obj").write_text(bracket())
+    for kind in ('mesh = "part.obj"', 'shape = "torus"\nsize_m = [1.0, 0.3]'):
+        unit, dense = (
+            parse_scenario(f"{HEAD}{kind}\ndensity_kg_m3 = {rho}\n", "file.toml", tmp_path).scene.body
+            for rho in (1.0, density)
+        )
+        assert dense.mass == density * unit.mass
+        assert np.allclose(dense.inertia, density * unit.inertia, rtol=1e-15)
+
+
+def test_the_bracket_is_what_its_boxes_are() -> None:
+    """The oracle itself: 5/32 m^3, and the moments of one box of it by m (b^2 + c^2) / 12."""
+    assert of_boxes(BRACKET, Fraction(1))[0] == 5 / 32
+    _, centre, inertia = of_boxes(BRACKET[:1], Fraction(12))
+    assert centre.tolist() == [1.0, 0.25, 0.0625]
+    edges = (2.0, 0.5, 0.125)
+    for i, j in product(range(3), repeat=2):
+        others = sum(edge**2 for axis, edge in enumerate(edges) if axis != i)
+        assert inertia[i, j] == (0.125 * others if i == j else 0.0)
