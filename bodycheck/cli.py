@@ -135,21 +135,29 @@ def judge(
 
 @app.command()
 def body(
-    mesh: Annotated[Path, typer.Argument(help="A closed surface: .stl, .obj or .ply, lengths in m.")],
+    solid: Annotated[
+        str,
+        typer.Argument(
+            help="A closed mesh (.stl, .obj, .ply, in m), a shape (box, torus, ...), "
+            "or package.module:function, f <= 0 inside."
+        ),
+    ],
     density_kg_m3: Annotated[float, typer.Option(help="Density in kg/m^3.")],
+    size_m: Annotated[str | None, typer.Option(help="The sizes of a shape in m, like 1.0,0.3.")] = None,
+    box_m: Annotated[
+        str | None, typer.Option(help="A box around f <= 0: xmin,ymin,zmin,xmax,ymax,zmax in m.")
+    ] = None,
+    monte_carlo: Annotated[
+        bool, typer.Option("--monte-carlo", help="Estimate a torus or an ellipsoid all the same.")
+    ] = False,
+    allow_code: Annotated[bool, typer.Option("--allow-code", help="Let a function be imported.")] = False,
 ) -> None:
-    """Print mass, centre, inertia tensor, principal moments and axes, at full precision, as TOML."""
-    from bodycheck.scenarios.shapes import load_mesh
+    """Print mass, centre and inertia tensor as TOML: exact with principal axes, or with standard errors."""
+    from bodycheck.scenarios.solids import Asked, as_toml, mass_properties
 
-    solid = load_mesh(mesh, density_kg_m3)
-    moments, axes = solid.principal()
-    for note in solid.notes:
-        print(f"# {note}")
-    print(f"mass_kg = {solid.mass!r}")
-    print(f"centre_m = {solid.centre.tolist()}")
-    print(f"inertia_kg_m2 = {solid.inertia.tolist()}  # about the centre of mass, in the file's axes")
-    print(f"principal_moments_kg_m2 = {moments.tolist()}")
-    print(f"principal_axes = {axes.T.tolist()}  # one axis a row, in the file's axes")
+    size, box = _numbers(size_m, "--size-m"), _numbers(box_m, "--box-m")
+    for line in as_toml(mass_properties(Asked(solid, density_kg_m3, size, box, monte_carlo, allow_code))):
+        print(line)
 
 
 @app.command(name="list")

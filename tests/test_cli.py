@@ -97,7 +97,17 @@ WRONG = {
     "truth at no time": (["truth", "mine.toml", "--at", "nan"], "not nan"),
     "truth of nothing": (["truth", "nope", "--at", "0"], "nope: is neither"),
     "no mesh": (["body", "no.stl", "--density-kg-m3", "1"], "no.stl: "),
-    "no density": (["body", "mine.toml", "--density-kg-m3", "0"], "mine.toml: "),
+    "no solid": (["body", "mine.toml", "--density-kg-m3", "1"], "mine.toml: is neither a mesh file"),
+    "no density": (["body", "sphere", "--size-m", "1", "--density-kg-m3", "0"], "density must be positive"),
+    "no sizes": (["body", "sphere", "--density-kg-m3", "1"], "sphere: a shape needs --size-m"),
+    "sizes in words": (
+        ["body", "sphere", "--size-m", "big", "--density-kg-m3", "1"],
+        "'big' is not a number",
+    ),
+    "code not allowed": (
+        ["body", "mine:f", "--box-m", "-1,-1,-1,1,1,1", "--density-kg-m3", "1"],
+        "mine:f: to import it runs its code; add --allow-code if you trust it",
+    ),
     "judged file that is none": (["judge", "no.csv", "--scenario", "mine.toml"], "no.csv: cannot be read"),
     "unknown list": (["list", "colours"], "'colours' is not one of"),
     "unknown option": (["run", "--fast"], "No such option"),
@@ -141,9 +151,44 @@ def test_a_body_is_printed_as_toml_at_full_precision(tmp_path: Path) -> None:
     done = command("body", "cube.obj", "--density-kg-m3", "6", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = tomllib.loads(done.stdout)
-    assert found["mass_kg"] == 6.0
-    assert found["centre_m"] == [0.5, 0.5, 0.5]
-    assert found["principal_moments_kg_m2"] == pytest.approx([1.0, 1.0, 1.0], rel=1e-15)
+    assert found["body"]["mass_kg"] == 6.0
+    assert found["solid"]["centre_m"] == [0.5, 0.5, 0.5]
+    assert found["solid"]["principal_moments_kg_m2"] == pytest.approx([1.0, 1.0, 1.0], rel=1e-15)
+
+
+def test_a_shape_and_a_users_function_are_bodies_too(tmp_path: Path) -> None:
+    """A ball by its radius, and as a user's level set: the same mass, the estimate with its error."""
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\n\n\ndef ball(p):\n    return np.linalg.norm(p, axis=1) - 0.5\n"
+    )
+    size, box = ("--size-m", "0.5"), ("--box-m", "-1,-1,-1,1,1,1")
+    shape = command("body", "sphere", *size, "--density-kg-m3", "6", cwd=tmp_path)
+    level_set = command("body", "mine:ball", *box, "--density-kg-m3", "6", "--allow-code", cwd=tmp_path)
+    assert shape.returncode == level_set.returncode == 0, shape.stderr + level_set.stderr
+    exact, found = tomllib.loads(shape.stdout), tomllib.loads(level_set.stdout)
+    assert exact["body"]["mass_kg"] == pytest.approx(np.pi, rel=1e-15)
+    assert "estimated" in level_set.stdout.splitlines()[0]
+    off = abs(found["body"]["mass_kg"] - exact["body"]["mass_kg"])
+    assert 0.0 < off < 4.0 * found["solid"]["mass_standard_error_kg"] < 0.01
+
+
+def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
+    """The note on an inside-out mesh stands on the terminal, in the report and in the manifest."""
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+    (tmp_path / "part.obj").write_text(corners + "f 1 2 3\nf 1 4 2\nf 2 4 3\nf 1 3 4\n")
+    numbers = "mass_kg = 1.0\ninertia_kg_m2 = [1.0, 2.0, 2.5]\n"
+    (tmp_path / "mine.toml").write_text(
+        SCENARIO.replace(numbers, 'mesh = "part.obj"\ndensity_kg_m3 = 600.0\n')
+    )
+    words = ("run", "mine.toml", "--engine", "reference:m1", "--dt", "0.01", "--no-speed", "--out", "out")
+    done = command(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    note = "the mesh was inside-out; all its triangles were turned"
+    assert f"mine: {note}" in " ".join(done.stdout.split())
+    assert f"mesh part.obj, 600 kg/m³; {note}" in (tmp_path / "out/report.html").read_text()
+    body = json.loads((tmp_path / "out/manifest.json").read_text())["scenarios"]["mine"]["body"]
+    assert body["notes"] == [note]
+    assert body["mass_kg"] == pytest.approx(100.0, rel=1e-15)
 
 
 @pytest.mark.parametrize(

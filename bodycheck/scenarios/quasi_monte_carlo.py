@@ -41,6 +41,14 @@ class Estimate:
     centre_error: Array
     inertia_error: Array
 
+    def at_density(self, density: float) -> Estimate:
+        """m = rho V, I = rho I(1), and their standard errors with them: from unit density to another, kg/m^3.
+
+        Raises ValueError as MassProperties.at_density does.
+        """
+        heavier = self.properties.at_density(density)
+        return Estimate(heavier, density * self.mass_error, self.centre_error, density * self.inertia_error)
+
 
 def estimate(solid: ImplicitSolid, *, columns_log2: int = 12, seed: int = 0) -> Estimate:
     """Estimate the mass properties of an implicit solid from 32 scramblings of 2^columns_log2 columns each.

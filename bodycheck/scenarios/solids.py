@@ -1,0 +1,99 @@
+"""One solid as the command line names it, and its mass properties as TOML."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bodycheck.errors import InputError
+from bodycheck.reference_impl.mass_properties.implicit import ImplicitEllipsoid, ImplicitSolid, ImplicitTorus
+from bodycheck.reference_impl.mass_properties.primitives import PRIMITIVES
+from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.level_sets import estimate_level_set
+from bodycheck.scenarios.mesh_files import MESH_SUFFIXES
+from bodycheck.scenarios.quasi_monte_carlo import Estimate, estimate
+from bodycheck.scenarios.shapes import load_mesh, primitive
+from bodycheck.scenarios.user_functions import user_function
+
+_IMPLICIT: dict[str, Callable[..., ImplicitSolid]] = {"ellipsoid": ImplicitEllipsoid, "torus": ImplicitTorus}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A mesh file, shape or package.module:function by name, its density in kg/m^3, and what goes with it.
+
+    size and box in m; monte_carlo: estimate a shape all the same; allow_code: a function may be imported.
+    """
+
+    name: str
+    density: float
+    size: Sequence[float] | None = None
+    box: Sequence[float] | None = None
+    monte_carlo: bool = False
+    allow_code: bool = False
+
+
+def mass_properties(asked: Asked) -> MassProperties | Estimate:
+    """Return the mass properties of a mesh or a shape, exact to round-off, or those of a function, estimated.
+
+    Raises InputError with one line for a name that is none of these, for an option that is missing or does
+    not go with it, and for whatever is wrong with the solid.
+    """
+    name = asked.name
+    if Path(name).suffix.lower() in MESH_SUFFIXES:
+        _check_options(asked, "a mesh file", size=False, box=False)
+        return load_mesh(Path(name), asked.density)
+    if name in PRIMITIVES:
+        _check_options(asked, "a shape", size=True, box=False, monte_carlo=name in _IMPLICIT)
+        exact = primitive(name, asked.size or (), asked.density)
+        return (
+            _at_density(estimate(_IMPLICIT[name](*asked.size or ())), asked) if asked.monte_carlo else exact
+        )
+    if ":" in name:
+        _check_options(asked, "a function", size=False, box=True)
+        function = user_function(name, allow_code=asked.allow_code)
+        return _at_density(estimate_level_set(name, function, asked.box or ()), asked)
+    raise InputError(
+        f"{name}: is neither a mesh file ({', '.join(MESH_SUFFIXES)}), nor a shape "
+        f"({', '.join(PRIMITIVES)}), nor a function (package.module:function)"
+    )
+
+
+def _at_density(found: Estimate, asked: Asked) -> Estimate:
+    try:
+        return found.at_density(asked.density)
+    except ValueError as error:
+        raise InputError(f"{asked.name}: {error}") from None
+
+
+def _check_options(asked: Asked, what: str, *, size: bool, box: bool, monte_carlo: bool = False) -> None:
+    """Refuse options that are missing, and those that would be left aside in silence."""
+    for option, value, wanted in (("--size-m", asked.size, size), ("--box-m", asked.box, box)):
+        if (value is not None) != wanted:
+            raise InputError(f"{asked.name}: {what} {'needs' if wanted else 'has no'} {option}")
+    if asked.monte_carlo and not monte_carlo:
+        raise InputError(f"{asked.name}: --monte-carlo is for {', '.join(_IMPLICIT)}")
+
+
+def as_toml(found: MassProperties | Estimate) -> Iterator[str]:
+    """Yield the lines of [body], as a scenario takes it, and of [solid], what else is known."""
+    solid = found.properties if isinstance(found, Estimate) else found
+    if isinstance(found, Estimate):
+        yield "# estimated by randomised quasi-Monte Carlo; the standard error of each number is in [solid]"
+    for note in solid.notes:
+        yield f"# {note}"
+    yield "[body]"
+    yield f"mass_kg = {solid.mass!r}"
+    yield f"inertia_kg_m2 = {solid.inertia.tolist()}  # about the centre of mass, in the solid's own axes"
+    yield ""
+    yield "[solid]"
+    yield f"centre_m = {solid.centre.tolist()}"
+    if isinstance(found, Estimate):
+        yield f"mass_standard_error_kg = {found.mass_error!r}"
+        yield f"inertia_standard_error_kg_m2 = {found.inertia_error.tolist()}"
+        yield f"centre_standard_error_m = {found.centre_error.tolist()}"
+    else:
+        moments, axes = solid.principal()
+        yield f"principal_moments_kg_m2 = {moments.tolist()}"
+        yield f"principal_axes = {axes.T.tolist()}  # one axis a row, in the solid's own axes"

@@ -1,0 +1,43 @@
+"""Functions that a user names as package.module:function: code, so only where the user allows it."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from bodycheck.errors import InputError
+
+_NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
+
+
+def user_function(name: str, *, allow_code: bool) -> Callable[..., Any]:
+    """Import package.module:function; modules of the working directory are found first, as by python -m.
+
+    Raises InputError with one line where code is not allowed, the name is none, the import fails, or what
+    it names cannot be called.
+    """
+    if not _NAME.fullmatch(name):
+        raise InputError(f"{name}: is no name of a function; it should be like package.module:function")
+    if not allow_code:
+        raise InputError(f"{name}: to import it runs its code; add --allow-code if you trust it")
+    module_name, _, function_name = name.partition(":")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        module = importlib.import_module(module_name)
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{name}: cannot be imported: {said(error)}") from error
+    function = getattr(module, function_name, None)
+    if not callable(function):
+        raise InputError(f"{name}: {module_name} has no function {function_name!r}")
+    return function
+
+
+def said(error: BaseException) -> str:
+    """Return an error's kind and message in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
