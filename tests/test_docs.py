@@ -23,15 +23,16 @@ def blocks(page: str, language: str) -> list[str]:
 
 
 def commands() -> list[str]:
-    """Return the README's bodycheck commands, without their comments."""
-    lines = "\n".join(blocks("README.md", "sh")).splitlines()
+    """Return the bodycheck commands of README and docs, without their comments."""
+    lines = "\n".join([*blocks("README.md", "sh"), *blocks("docs/scenarios.md", "sh")]).splitlines()
     return [line.partition("#")[0].strip() for line in lines if line.startswith("bodycheck ")]
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder with the files that the README's commands speak of."""
+    """Return a folder with the files that the commands speak of."""
     (tmp_path / "my-scenario.toml").write_text(blocks("docs/scenarios.md", "toml")[0])
+    (tmp_path / "my_shapes.py").write_text(blocks("docs/scenarios.md", "python")[0])
     truth = bodycheck.truth("intermediate-axis", [0.0, 1.0, 2.0]).trajectory
     trajectory_table(truth).to_csv(tmp_path / "my.csv", index=False)
     corners = ["0 0 0", "1 0 0", "0 1 0", "0 0 1"]
@@ -47,15 +48,15 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_readme_shows_commands() -> None:
-    """The list that the next test runs is not empty."""
-    assert len(commands()) >= 6
+def test_readme_and_docs_show_commands() -> None:
+    """The list that the next test runs has those of either."""
+    assert len(commands()) >= 9
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("line", commands())
-def test_a_command_of_the_readme_works(line: str, folder: Path) -> None:
-    """Each command of the README ends with status 0."""
+def test_a_command_that_is_shown_works(line: str, folder: Path) -> None:
+    """Each command of README and docs ends with status 0."""
     words = [sys.executable, "-m", *shlex.split(line)]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -75,10 +76,16 @@ def test_the_small_body_shows_what_the_readme_says() -> None:
     assert verdicts.to_dict() == {"multibody": "converges", "maximal": "does-not-converge"}
 
 
+BODY = re.compile(r"^\[body\]\n.*?\n\n", flags=re.DOTALL | re.MULTILINE)
+
+
 @pytest.mark.parametrize("text", blocks("docs/scenarios.md", "toml"))
-def test_scenarios_of_the_docs_are_accepted(text: str) -> None:
-    """Each scenario shown is a good one."""
-    assert parse_scenario(text, "docs/scenarios.md").scene.loads
+def test_scenarios_of_the_docs_are_accepted(text: str, folder: Path) -> None:
+    """Each scenario shown is a good one, and so is the first with each of the other bodies in it."""
+    first = blocks("docs/scenarios.md", "toml")[0]
+    whole = BODY.sub(text + "\n", first) if text.startswith("[body]") else text
+    assert text in whole
+    assert parse_scenario(whole, "docs/scenarios.md", folder).scene.loads
 
 
 def test_ci_runs_the_test_command_of_the_readme() -> None:
