@@ -33,10 +33,9 @@ def ring(points):
 
 
 def careless(points):
-    points -= 0.0  # in place
-    points[:] *= 2.0
+    points *= 2.0
     x, y, z = 0.5 * points.T
-    return (np.hypot(x, z) - 1.0) ** 2 + y**2 - 0.09
+    return np.maximum(np.abs(z - 0.005) - 0.003, np.maximum(np.abs(x), np.abs(y)) - 0.3)
 
 
 def counted(points):
@@ -116,18 +115,24 @@ def worst_deviation(found: Estimate, truth: MassProperties) -> float:
     )
 
 
-@pytest.mark.parametrize("function", ["ring", "careless"])
-def test_a_users_level_set_is_estimated_with_its_standard_errors(function: str) -> None:
-    """A torus about y at 7 kg/m^3 is within 4 standard errors, each below 1e-3 of the whole.
-
-    Also where the function changes the points that it is handed.
-    """
+def test_a_users_level_set_is_estimated_with_its_standard_errors() -> None:
+    """A torus about y at 7 kg/m^3 is within 4 standard errors, each below 1e-3 of the whole."""
     truth = primitive("torus", TORUS, 7.0).rotated(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]))
-    found = estimated(function)
+    found = estimated("ring")
     assert worst_deviation(found, truth) < 4.0
     assert 0.0 < found.mass_error < 1e-3 * truth.mass
     assert np.max(found.inertia_error) < 1e-3 * np.max(truth.inertia)
     assert found.properties.notes == ()
+
+
+def test_a_function_may_change_its_points() -> None:
+    """A function that works in place spoils nothing.
+
+    Its plate is thinner than the grid of the chords, so that all of it is summed up from the very points.
+    """
+    found = estimated("careless", (-0.5, -0.5, -0.5, 0.5, 0.5, 0.5))
+    assert found.mass_error > 1e-3 * found.properties.mass
+    assert worst_deviation(found, primitive("box", [0.6, 0.6, 0.006], 7.0)) < 4.0
 
 
 def test_whole_numbers_will_do() -> None:
