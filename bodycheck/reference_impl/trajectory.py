@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -16,8 +17,8 @@ class Trajectory:
 
     t_s (n,); position_m and velocity_m_s (n, 3) of the centre of mass, world axes; quaternion (n, 4),
     scalar first, and/or rotation (n, 3, 3), body to world; omega_world_rad_s and/or omega_body_rad_s
-    (n, 3), whichever the engine itself holds. Raises ValueError where a shape does not fit, or the
-    attitude or omega is missing.
+    (n, 3), whichever the engine itself holds. What is derived from them is computed once. Raises
+    ValueError where a shape does not fit, or the attitude or omega is missing.
     """
 
     t_s: Array
@@ -47,7 +48,7 @@ class Trajectory:
         if self.omega_world_rad_s is None and self.omega_body_rad_s is None:
             raise ValueError("a trajectory needs omega_world_rad_s or omega_body_rad_s")
 
-    @property
+    @cached_property
     def attitude(self) -> Array:
         """The orientation as quaternions (n, 4): those stored, else of the matrices' polar factors."""
         if self.quaternion is not None:
@@ -55,7 +56,7 @@ class Trajectory:
         assert self.rotation is not None
         return matrix_to_quaternion(project_to_so3(self.rotation))
 
-    @property
+    @cached_property
     def rotation_matrices(self) -> Array:
         """The orientation as proper rotation matrices (n, 3, 3): of q / |q|, or the polar factors."""
         if self.quaternion is not None:
@@ -63,7 +64,7 @@ class Trajectory:
         assert self.rotation is not None
         return project_to_so3(self.rotation)
 
-    @property
+    @cached_property
     def omega_body(self) -> Array:
         """Angular velocity in body axes (n, 3), rad/s."""
         if self.omega_body_rad_s is not None:
@@ -71,7 +72,7 @@ class Trajectory:
         assert self.omega_world_rad_s is not None
         return np.einsum("nji,nj->ni", self.rotation_matrices, self.omega_world_rad_s)
 
-    @property
+    @cached_property
     def omega_world(self) -> Array:
         """Angular velocity in world axes (n, 3), rad/s."""
         if self.omega_world_rad_s is not None:

@@ -18,7 +18,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
-from bodycheck.reports.measures import INVARIANT, Motion, error_series, instability, reduced
+from bodycheck.reports.measures import INVARIANT, Motion, defect, error_series, reduced, runaway
 from bodycheck.reports.scales import Scales, scene_scales
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.truths import known_truth
@@ -118,9 +118,12 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
         return ended(answer.outcome, answer.message)
     if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, held):
         return ended("invalid", fault)
-    if reason := instability(scene, subject.motion, trajectory):
+    if reason := defect(trajectory):
         return ended("unstable", reason)
-    whole = error_series(scene, subject.truth.trajectory, subject.motion, trajectory)
+    motion = Motion.of(scene, trajectory)
+    if reason := runaway(subject.motion, motion, trajectory.t_s):
+        return ended("unstable", reason)
+    whole = error_series(scene, subject.truth.trajectory, subject.motion, trajectory, motion)
     series = {name: values[: subject.compared] for name, values in whole.items()}
     columns |= reduced(series, subject.scales)
     if "invariant_drift" in series:

@@ -10,7 +10,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.case import Subject
-from bodycheck.reports.measures import INVARIANT, Motion, error_series, instability, reduced
+from bodycheck.reports.measures import INVARIANT, Motion, defect, error_series, reduced, runaway
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.truths import known_truth
 from bodycheck.reports.trajectory_files import read_arrays
@@ -56,9 +56,12 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | Non
         "truth_bound_rad": float(truth.bound_rad[arrays["t_s"] < truth.trusted_until_s].max()),
     }
     true = Motion.of(scenario.scene, truth.trajectory)
-    if reason := instability(scenario.scene, true, trajectory):
+    if reason := defect(trajectory):
         return {**columns, "outcome": "unstable", "message": reason}
-    whole = error_series(scenario.scene, truth.trajectory, true, trajectory)
+    motion = Motion.of(scenario.scene, trajectory)
+    if reason := runaway(true, motion, trajectory.t_s):
+        return {**columns, "outcome": "unstable", "message": reason}
+    whole = error_series(scenario.scene, truth.trajectory, true, trajectory, motion)
     trusted = arrays["t_s"] < truth.trusted_until_s
     if not trusted.all():
         columns["message"] = (

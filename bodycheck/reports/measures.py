@@ -51,8 +51,8 @@ class Motion:
         )
 
 
-def instability(scene: Scene, true: Motion, trajectory: Trajectory) -> str | None:
-    """Say why a trajectory is unstable: not finite, det R <= 0, or K > 100 max K*; None if it is not."""
+def defect(trajectory: Trajectory) -> str | None:
+    """Say why a trajectory is no motion: not finite, det R <= 0, or a zero quaternion; None if it is one."""
     if lost := _first_not_finite(trajectory):
         sample, name = lost
         return f"{name} is not finite from t = {trajectory.t_s[sample]:.6g} s on"
@@ -60,11 +60,15 @@ def instability(scene: Scene, true: Motion, trajectory: Trajectory) -> str | Non
         return "det R <= 0"
     if trajectory.quaternion is not None and np.any(np.linalg.norm(trajectory.quaternion, axis=-1) == 0.0):
         return "the quaternion is zero"
+    return None
+
+
+def runaway(true: Motion, motion: Motion, t_s: Array) -> str | None:
+    """Say from when on K > 100 max K*; None where it never is."""
     largest = float(true.kinetic.max())
-    kinetic = Motion.of(scene, trajectory).kinetic
-    if largest > 0.0 and np.any(kinetic > _UNSTABLE_ENERGY * largest):
-        first = np.argmax(kinetic > _UNSTABLE_ENERGY * largest)
-        return f"kinetic energy above 100 times the truth's largest from t = {trajectory.t_s[first]:.6g} s on"
+    if largest > 0.0 and np.any(motion.kinetic > _UNSTABLE_ENERGY * largest):
+        first = np.argmax(motion.kinetic > _UNSTABLE_ENERGY * largest)
+        return f"kinetic energy above 100 times the truth's largest from t = {t_s[first]:.6g} s on"
     return None
 
 
@@ -106,12 +110,13 @@ PURE_SERIES = ("orientation_error_rad", "orthogonality", "determinant_error", "q
 """The measures that need no scale."""
 
 
-def error_series(scene: Scene, truth: Trajectory, true: Motion, trajectory: Trajectory) -> dict[str, Array]:
+def error_series(
+    scene: Scene, truth: Trajectory, true: Motion, trajectory: Trajectory, motion: Motion
+) -> dict[str, Array]:
     """Return every measure over time (n,), in SI units, that this trajectory has: its max is the measure.
 
-    true: the energy and momentum along the truth.
+    true, motion: the energy and momentum along the truth and along the trajectory.
     """
-    motion = Motion.of(scene, trajectory)
     series = {
         "energy_drift": np.abs(motion.energy - true.energy),
         "rotational_energy_drift": np.abs(motion.rotational - true.rotational),

@@ -23,7 +23,7 @@ from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.host import announced
 from bodycheck.adapters.registry import engine_names
 from bodycheck.reports.tables import ABSOLUTE, MEASURES
-from bodycheck.scenarios.library import load_scenario, scenario_names, suites
+from bodycheck.scenarios.library import scenario_summaries, suites
 
 if TYPE_CHECKING:
     from bodycheck.reports.run import Run
@@ -132,7 +132,7 @@ def print_catalogue(what: str) -> None:
     """Print one line an entry: the name, then what it is."""
     console = Console(highlight=False, soft_wrap=True)
     catalogues: dict[str, Callable[[], list[tuple[str, str]]]] = {
-        "scenarios": lambda: [(name, load_scenario(name).summary) for name in scenario_names()],
+        "scenarios": lambda: list(scenario_summaries().items()),
         "suites": lambda: [(name, ", ".join(members)) for name, members in suites().items()],
         "engines": _engine_rows,
         "methods": _method_rows,

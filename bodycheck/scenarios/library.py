@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -24,6 +25,12 @@ def suites() -> dict[str, tuple[str, ...]]:
         "smoke": ("intermediate-axis", "full-tensor", "body-torque"),
         "standard": scenario_names(),
     }
+
+
+def scenario_summaries() -> dict[str, str]:
+    """Return the built-in scenarios' one-line summaries, by name, without working out their bodies."""
+    texts = ((name, (_LIBRARY / f"{name}.toml").read_text(encoding="utf-8")) for name in scenario_names())
+    return {name: tomllib.loads(text)["summary"] for name, text in texts}
 
 
 _LATER_SUITES = ("hard", "full")
