@@ -20,7 +20,8 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.free_rotation import FreeRotation
+from bodycheck.reference_impl.free_rotation import FreeRotation, FreeRotations, motions
+from bodycheck.reference_impl.free_rotation.set_up import begin
 
 MP = mpmath.MPContext()
 MP.dps = 60
@@ -166,6 +167,17 @@ def _about(axis: Any, angle: Any) -> Any:
     return MP.eye(3) + MP.sin(angle) * hat + (1 - MP.cos(angle)) * hat * hat
 
 
+def textbook_of_tensor(tensor: Array, omega: Array, t_s: float) -> tuple[Any, list[Any]]:
+    """Return R (3, 3) and omega (3,) at a time, through the principal axes of a full tensor in 60 digits."""
+    with MP.workdps(100):
+        moments, axes = MP.eigsy(MP.matrix(tensor.tolist()))
+        axes *= MP.sign(MP.det(axes))
+        start = MP.matrix(rotation_of([MP.mpf(c) for c in QUATERNION]))
+        rotation, spin = _textbook(list(moments), list(axes.T * MP.matrix(omega.tolist())), t_s)
+        # the textbook starts its own axes from the quaternion: take that back, and start these
+        return start * axes * start.T * rotation * axes.T, list(axes * MP.matrix(spin))
+
+
 def textbook(moments: Any, omega: Any, t_s: float, digits: int = 60) -> tuple[Any, list[Any]]:
     """Return R (3, 3) and omega (3,) at a time, for three different moments off the separatrix.
 
@@ -180,8 +192,8 @@ def textbook(moments: Any, omega: Any, t_s: float, digits: int = 60) -> tuple[An
 def _textbook(moments: Any, omega: Any, t_s: float) -> tuple[Any, list[Any]]:
     # the axes are numbered, and turned by half turns, so that L = (a1 cn, side a2 sn, a3 dn), a1 and a3 > 0
     order = sorted(range(3), key=lambda i: moments[i])
-    spin = [MP.mpf(float(x)) for x in omega]
-    inertia = [MP.mpf(float(x)) for x in moments]
+    spin = [MP.mpf(x) for x in omega]
+    inertia = [MP.mpf(x) for x in moments]
     middle = inertia[order[1]]
     if sum(i * (i - middle) * x**2 for i, x in zip(inertia, spin, strict=True)) < 0:
         order.reverse()
@@ -407,6 +419,31 @@ def test_textbook_in_every_corner(case: int) -> None:
         assert_close(rotation, t_s, textbook(inertia, omega, t_s))
 
 
+FULL: list[Any] = [
+    [1, 2, 3],
+    [1, 1 + 1e-9, 2],
+    [1, 1, 2],
+    [1, 2, 2],
+    [1e-6, 1, 1],
+    [1e-12, 1, 1],
+    [1, 1 + 1e-14, 1 + 1e-15],
+]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("moments", FULL)
+def test_textbook_of_full_tensors(moments: Any, seed: int) -> None:
+    """Full tensors are right at any time: moments equal to rounding, needles, spins all but about an axis."""
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    tensor = axes @ np.diag(moments) @ axes.T
+    tensor = 0.5 * (tensor + tensor.T)
+    for omega in (rng.normal(size=3), *(axes[:, i] + 1e-9 * rng.normal(size=3) for i in range(3))):
+        rotation = FreeRotation.from_state(tensor, QUATERNION, omega)
+        for t_s in (-17.0, 1e9):
+            assert_close(rotation, t_s, textbook_of_tensor(tensor, omega, t_s))
+
+
 def test_offset_of_1e_160() -> None:
     """A spin that leaves the middle axis by 1e-160 flips 640 s later, on time."""
     inertia, omega = [1, 2, 3], [1e-160, 1, -3e-160]
@@ -590,6 +627,65 @@ def test_shapes() -> None:
     assert rotation.at([])[1].shape == (0, 3)
     times = np.linspace(0.0, 1.0, 7)
     np.testing.assert_array_equal(rotation.at(times[::-2])[0], rotation.at(times)[0][::-2])
+
+
+# -------------------------------------------------------------------------------------------- many bodies
+
+
+def all_cases() -> tuple[Array, Array, Array]:
+    """Return the states of every named case, of all kinds of motion mixed."""
+    cases = [(as_tensor(inertia), omega) for inertia, omega, *_ in (CASES | LONG_CASES).values()]
+    omegas = np.array([omega for _, omega in cases], dtype=float)
+    quaternions = np.random.default_rng(3).normal(size=(len(cases), 4))
+    return np.array([tensor for tensor, _ in cases]), quaternions, omegas
+
+
+def test_many_bodies_are_as_each_alone() -> None:
+    """Steady, doubtful and tumbling bodies set up together move, bit for bit, as each does alone."""
+    states, times = all_cases(), np.array([0.0, 0.3, -7.0, 1e5])
+    together = FreeRotations.from_states(*states)
+    quaternion, omega = together.at(times)
+    assert quaternion.shape == (len(states[0]), 4, 4)
+    for k, state in enumerate(zip(*states, strict=True)):
+        alone = FreeRotation.from_state(*state)
+        np.testing.assert_array_equal(quaternion[k], alone.at(times)[0])
+        np.testing.assert_array_equal(omega[k], alone.at(times)[1])
+        assert together.quarter_period_s[k] == alone.quarter_period_s
+
+
+def test_no_bodies() -> None:
+    """No body at all has no motion."""
+    nobody = FreeRotations.from_states(np.zeros((0, 3, 3)), np.zeros((0, 4)), np.zeros((0, 3)))
+    assert nobody.at([0.0, 1.0])[0].shape == (0, 2, 4)
+
+
+def test_one_bad_body_is_refused_by_its_numbers() -> None:
+    """Among many bodies the one that is none is refused, by what it is or where it stands."""
+    inertia, quaternion, omega = all_cases()
+    inertia[3] = np.diag([1.0, -2.0, 3.0])
+    with pytest.raises(ValueError, match=r"positive definite, got \[\[1.0, 0.0, 0.0\], \[0.0, -2.0"):
+        FreeRotations.from_states(inertia, quaternion, omega)
+    omega[5, 1] = math.nan
+    with pytest.raises(ValueError, match=r"omega_body must be finite, got nan at \[5, 1\]"):
+        FreeRotations.from_states(inertia, quaternion, omega)
+    with pytest.raises(ValueError, match=r"quaternion must have shape \(42, 4\)"):
+        FreeRotations.from_states(inertia, quaternion[:-1], omega)
+
+
+@pytest.mark.parametrize("offset", [0.3, 0.1, 1e-2, 1e-9, 1e-15])
+def test_doubt_changes_nothing(offset: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether floating point decides or exact integers do, the motion is the same to rounding."""
+    state = (tensor_of([4, 5, 9]), QUATERNION, _Q @ [3 * (1 + offset), 2, 1])
+    decided = FreeRotation.from_state(*state).at([1e9])
+
+    def doubt(*arguments: Any) -> None:
+        begin(*arguments)
+        arguments[-1].fill(True)
+
+    monkeypatch.setattr(motions, "begin", doubt)
+    exact = FreeRotation.from_state(*state).at([1e9])
+    assert np.abs(decided[0] - exact[0]).max() < 4e-15
+    assert np.abs(decided[1] - exact[1]).max() < 1e-14
 
 
 # ---------------------------------------------------------------------------------------------- refusals

@@ -1,0 +1,96 @@
+"""What floating point cannot decide of a state: decided in exact integers."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.double_double import DoubleDouble
+from bodycheck.reference_impl.free_rotation.numbered_axes import Separation
+
+_NEGLIGIBLE_BITS = 960  # as in the set-up
+_KEPT_BITS = 120  # of an integer on its way to a double-double
+
+
+class ExactState(NamedTuple):
+    """The state at t = 0 in integers, in units of 2^-bits, scaled to largest magnitudes in [1, 2)."""
+
+    inertia: list[int]
+    """xx, xy, xz, yy, yz, zz."""
+    inertia_bits: int
+    omega: list[int]
+    omega_bits: int
+
+    @property
+    def momentum(self) -> tuple[int, int, int]:
+        """L = I omega along the body axes."""
+        (a, b, c, d, e, f), (x, y, z) = self.inertia, self.omega
+        return a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
+
+    @property
+    def is_positive_definite(self) -> bool:
+        """Whether all the leading minors of the inertia are positive (Sylvester)."""
+        a, b, _, d, _, _ = self.inertia
+        return a > 0 and a * d > b * b and _determinant(self.inertia) > 0
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether omega is along a principal axis, or zero: L x omega = 0."""
+        (x, y, z), (lx, ly, lz) = self.omega, self.momentum
+        return ly * z == lz * y and lz * x == lx * z and lx * y == ly * x
+
+    @property
+    def separation(self) -> Separation:
+        """det(2E I - G^2) = d1 D2 d3."""
+        (a, b, c, d, e, f), (x, y, z), (lx, ly, lz) = self.inertia, self.omega, self.momentum
+        energy, square = x * lx + y * ly + z * lz, lx * lx + ly * ly + lz * lz
+        shifted = [
+            energy * a - square,
+            energy * b,
+            energy * c,
+            energy * d - square,
+            energy * e,
+            energy * f - square,
+        ]
+        determinant = _determinant(shifted)
+        size, exponent = _even_exponent(abs(determinant), -6 * (self.inertia_bits + self.omega_bits))
+        return Separation(determinant < 0, size, exponent)
+
+    @classmethod
+    def of(cls, inertia: Array, omega: Array) -> ExactState:
+        """Take over inertia (9,), symmetric, and omega (3,)."""
+        xx, xy, xz, _, yy, yz, _, _, zz = inertia.tolist()
+        components, bits = _integers(omega.tolist())
+        kept = [n if n.bit_length() > bits - _NEGLIGIBLE_BITS else 0 for n in components]
+        return cls(*_integers([xx, xy, xz, yy, yz, zz]), kept, bits)
+
+
+def _integers(values: list[float]) -> tuple[list[int], int]:
+    """(n, bits) with values proportional to n 2^-bits, the largest |n| in [2^bits, 2^(bits + 1))."""
+    ratios = [value.as_integer_ratio() for value in values]
+    common = max(denominator for _, denominator in ratios)
+    integers = [numerator * (common // denominator) for numerator, denominator in ratios]
+    return integers, max(map(abs, integers)).bit_length() - 1
+
+
+def _determinant(m: list[int]) -> int:
+    """Determinant of the symmetric matrix (xx, xy, xz, yy, yz, zz)."""
+    a, b, c, d, e, f = m
+    return a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+
+
+def _double_double(n: int, exponent: int) -> DoubleDouble:
+    """Round n 2^exponent to 2^-106."""
+    shift = n.bit_length() - _KEPT_BITS
+    if shift > 0:
+        n, exponent = n >> shift, exponent + shift
+    high = float(n)
+    return math.ldexp(high, exponent), math.ldexp(float(n - int(high)), exponent)
+
+
+def _even_exponent(n: int, exponent: int) -> tuple[DoubleDouble, int]:
+    """(x, e), e even, with n 2^exponent = x 2^e to 2^-106 and x, unless zero, in [1/4, 1)."""
+    bits = n.bit_length()
+    bits += (bits + exponent) % 2
+    return _double_double(n, -bits), exponent + bits

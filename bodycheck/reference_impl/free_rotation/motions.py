@@ -1,0 +1,147 @@
+"""The torque-free rotation of bodies, set up once and known at any time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.free_rotation.evaluation import evaluate
+from bodycheck.reference_impl.free_rotation.exact_integers import ExactState
+from bodycheck.reference_impl.free_rotation.rows import WIDTH, least_horizon, quarter_period
+from bodycheck.reference_impl.free_rotation.set_up import begin, begin_steady, begin_tumbling
+
+_SYMMETRY_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRotations:
+    """q(t) and omega(t) of m bodies by I omega' = (I omega) x omega, q' = q omega / 2, without stepping."""
+
+    _rows: Array
+    """(m, WIDTH)."""
+
+    @classmethod
+    def from_states(cls, inertia: ArrayLike, quaternion: ArrayLike, omega_body: ArrayLike) -> FreeRotations:
+        """Set up the motions through states at t = 0.
+
+        inertia (m, 3, 3): about the centre of mass, in body axes, kg m^2; any positive multiple gives the
+        same motion. quaternion (m, 4): scalar first, body to world, of any norm but zero. omega_body (m, 3):
+        body axes, rad/s; components below 1e-288 of the largest are taken as zero. All else is taken as
+        exact.
+
+        Raises ValueError for other shapes, NaN, infinities, a zero quaternion, and an inertia that is not
+        symmetric (to 1e-12 of its largest element; the symmetric part is used) or not positive definite.
+        """
+        tensors = np.asarray(inertia, dtype=np.float64)
+        m = len(tensors) if tensors.ndim else 0
+        tensors = _checked("inertia", tensors, (m, 3, 3))
+        attitudes = _checked("quaternion", quaternion, (m, 4))
+        omegas = _checked("omega_body", omega_body, (m, 3))
+        return cls.from_checked(tensors, attitudes, omegas)
+
+    @classmethod
+    def from_checked(cls, inertia: Array, quaternion: Array, omega: Array) -> FreeRotations:
+        """Set up, the shapes and the finiteness of what is given being known."""
+        if not quaternion.any(axis=1).all():
+            raise ValueError(f"quaternion must not be zero, got {[0.0] * 4}")
+        tensors = _symmetric(inertia).reshape(-1, 9)
+        rows, doubtful = np.empty((len(tensors), WIDTH)), np.empty(len(tensors), dtype=np.bool_)
+        begin(tensors, quaternion, omega, rows, doubtful)
+        for k in np.flatnonzero(doubtful) if doubtful.any() else ():
+            state = ExactState.of(tensors[k], omega[k])
+            if not state.is_positive_definite:
+                raise ValueError(f"inertia must be positive definite, got {inertia[k].tolist()}")
+            if state.is_steady:
+                begin_steady(quaternion[k], omega[k], rows[k])
+            else:
+                begin_tumbling(tensors[k], quaternion[k], omega[k], state.separation, rows[k])
+        return cls(rows)
+
+    @property
+    def quarter_period_s(self) -> Array:
+        """K / lambda (m,): omega_body repeats after four of them; infinite if steady or on the separatrix."""
+        return np.array([quarter_period(row) for row in self._rows])
+
+    def at(self, t_s: ArrayLike) -> tuple[Array, Array]:
+        """Return (quaternion (m, n, 4), omega_body (m, n, 3)) at the times t_s (n,).
+
+        Times are of either sign, in any order. The unit quaternions are scalar first, map body to world and
+        are continuous in t; omega is along body axes, in rad/s.
+        The attitude is within 4e-15 rad, and omega within 4e-15 of its size.
+
+        Raises ValueError for another shape, NaN or infinite times, and times more than some 1e16 rad away,
+        where 106 bits would no longer hold that.
+        """
+        t = np.asarray(t_s, dtype=np.float64, order="C")
+        if t.ndim != 1:
+            raise ValueError(f"t_s must have shape (n,), got {t.shape}")
+        return self.at_pairs(t, np.zeros(len(t)))
+
+    def at_pairs(self, high: Array, low: Array) -> tuple[Array, Array]:
+        """Return the same at times that are sums of two doubles, high and low (n,)."""
+        horizon = least_horizon(self._rows)
+        within = np.abs(high) < horizon
+        if not within.all():
+            first = float(high[~within][0])
+            limit = f"within {horizon:.1e} s" if math.isfinite(first) else "finite"
+            raise ValueError(f"t_s must be {limit}, got {first}")
+        m, n = len(self._rows), len(high)
+        quaternion, omega = np.empty((m, n, 4)), np.empty((m, n, 3))
+        evaluate(self._rows, high, low, quaternion, omega)
+        return quaternion, omega
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRotation:
+    """q(t) and omega(t) of one body: `FreeRotations`, without the first axis of each array."""
+
+    _alone: FreeRotations
+
+    @classmethod
+    def from_state(cls, inertia: ArrayLike, quaternion: ArrayLike, omega_body: ArrayLike) -> FreeRotation:
+        """Set up the motion through a state at t = 0: inertia (3, 3), quaternion (4,), omega_body (3,)."""
+        tensor = _checked("inertia", inertia, (3, 3))
+        attitude = _checked("quaternion", quaternion, (4,))
+        omega = _checked("omega_body", omega_body, (3,))
+        return cls(FreeRotations.from_checked(tensor[None], attitude[None], omega[None]))
+
+    @property
+    def quarter_period_s(self) -> float:
+        """K / lambda: omega_body repeats after four of them; infinite if steady or on the separatrix."""
+        return float(self._alone.quarter_period_s[0])
+
+    def at(self, t_s: ArrayLike) -> tuple[Array, Array]:
+        """Return (quaternion (n, 4), omega_body (n, 3)) at the times t_s (n,)."""
+        quaternion, omega = self._alone.at(t_s)
+        return quaternion[0], omega[0]
+
+    def at_pairs(self, high: Array, low: Array) -> tuple[Array, Array]:
+        """Return the same at times that are sums of two doubles, high and low (n,)."""
+        quaternion, omega = self._alone.at_pairs(high, low)
+        return quaternion[0], omega[0]
+
+
+def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    array = np.asarray(value, dtype=np.float64, order="C")
+    if array.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        where = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise ValueError(f"{name} must be finite, got {array[tuple(where)]} at {where}")
+    return array
+
+
+def _symmetric(tensors: Array) -> Array:
+    """(A + A^T) / 2 of each (m, 3, 3)."""
+    turned = tensors.transpose(0, 2, 1)
+    if (tensors == turned).all():
+        return tensors
+    gap, size = np.abs(tensors - turned).max(axis=(1, 2)), np.abs(tensors).max(axis=(1, 2))
+    skew = gap > _SYMMETRY_TOLERANCE * size
+    if skew.any():
+        raise ValueError(f"inertia must be symmetric, got {tensors[skew][0].tolist()}")
+    return 0.5 * tensors + 0.5 * turned

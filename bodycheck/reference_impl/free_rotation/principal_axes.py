@@ -1,0 +1,199 @@
+"""The principal moments, their gaps and the principal axes of a tensor of doubles, beyond double-double.
+
+A turn whose quaternion is of short integers, and so its matrix of doubles without rounding, makes the tensor
+nearly diagonal; what that leaves is summed without error, and rotated away in double-double arithmetic, the
+moments being kept as a double and a rest. So gaps of 1e-16 between moments, moments of 1e-6 beside larger
+ones, and components of omega that nearly vanish are known to nearly 106 bits of themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from bodycheck.reference_impl import double_double as dd
+from bodycheck.reference_impl.double_double import DoubleDouble
+from bodycheck.reference_impl.free_rotation.error_free_sums import (
+    Split,
+    difference,
+    divided,
+    put_product,
+    rounded,
+    summed,
+)
+from bodycheck.reference_impl.jacobi import principal_frame
+from bodycheck.reference_impl.jit import exact_kernel, kernel
+from bodycheck.reference_impl.registers import Mat, Quat, Vec
+
+Triple: TypeAlias = tuple[DoubleDouble, DoubleDouble, DoubleDouble]
+
+_TURN_BITS = 25  # of the turn's quaternion: the elements of its matrix are sums of products, of 52 bits
+_SETTLED = 2.0**-158  # off-diagonal elements below this of the largest moment are none
+_SWEEPS = 6  # from 2^-25: 2^-50, 2^-100, and one more; equal moments take another
+
+
+class Frame(NamedTuple):
+    """I = A diag(moments) A^T."""
+
+    moments: Triple
+    gaps: Triple
+    """I2 - I1, I3 - I1, I3 - I2, of either sign."""
+    omega: Triple
+    """A^T omega."""
+    axes: tuple[Vec, Vec, Vec]
+    """The columns of A, a proper rotation, rounded to doubles."""
+
+
+@kernel
+def quaternion_of(m: Mat) -> Quat:
+    """q with R(q) = m, a rotation matrix, up to a factor, through its largest component (Shepperd 1978)."""
+    w, x = 1.0 + m[0] + m[4] + m[8], 1.0 + m[0] - m[4] - m[8]
+    y, z = 1.0 - m[0] + m[4] - m[8], 1.0 - m[0] - m[4] + m[8]
+    largest = max(w, x, y, z)
+    if w == largest:
+        return w, m[7] - m[5], m[2] - m[6], m[3] - m[1]
+    if x == largest:
+        return m[7] - m[5], x, m[1] + m[3], m[2] + m[6]
+    if y == largest:
+        return m[2] - m[6], m[1] + m[3], y, m[5] + m[7]
+    return m[3] - m[1], m[2] + m[6], m[5] + m[7], z
+
+
+@exact_kernel
+def _short_turn(inertia: Mat) -> tuple[Mat, float]:
+    """(|q|^2 R(q), |q|^2), without rounding, of a turn q to within 2^-25 of the principal axes."""
+    if inertia[1] == 0.0 and inertia[2] == 0.0 and inertia[5] == 0.0:
+        return (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 1.0
+    q = quaternion_of(principal_frame(inertia)[1])
+    size = max(abs(q[0]), abs(q[1]), abs(q[2]), abs(q[3]))
+    grid = math.ldexp(1.0, math.frexp(size)[1] - _TURN_BITS)
+    back = math.ldexp(1.0, 1 - _TURN_BITS)
+    w, x, y, z = (
+        np.rint(q[0] / grid) * back,
+        np.rint(q[1] / grid) * back,
+        np.rint(q[2] / grid) * back,
+        np.rint(q[3] / grid) * back,
+    )
+    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    turn = (
+        ww + xx - yy - zz,
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        ww - xx + yy - zz,
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        ww - xx - yy + zz,
+    )
+    return turn, ww + xx + yy + zz
+
+
+@exact_kernel
+def _congruence(inertia: Mat, turn: Mat, i: int, j: int) -> Split:
+    """(turn^T inertia turn)_ij."""
+    row, terms = np.empty(6), np.empty(18)
+    for k in range(3):
+        for n in range(3):
+            put_product(row, 2 * n, inertia[3 * k + n], turn[3 * n + j])
+        base, rest = summed(row)
+        put_product(terms, 6 * k, turn[3 * k + i], base)
+        put_product(terms, 6 * k + 2, turn[3 * k + i], rest[0])
+        put_product(terms, 6 * k + 4, turn[3 * k + i], rest[1])
+    return summed(terms)
+
+
+@exact_kernel
+def _turned(turn: Mat, omega: Vec, i: int) -> DoubleDouble:
+    """(turn^T omega)_i."""
+    terms = np.empty(6)
+    for k in range(3):
+        put_product(terms, 2 * k, turn[3 * k + i], omega[k])
+    return rounded(summed(terms))
+
+
+@exact_kernel
+def _tangent(off: DoubleDouble, gap: DoubleDouble) -> DoubleDouble:
+    """tan of the smaller angle that makes a 2 x 2 matrix diagonal: 2 off / (gap +- sqrt(gap^2 + 4 off^2))."""
+    twice = dd.scale(off, 2.0)
+    root = dd.square_root(dd.add(dd.multiply(gap, gap), dd.multiply(twice, twice)))
+    return dd.divide(twice, dd.add(gap, root) if gap[0] >= 0.0 else dd.subtract(gap, root))
+
+
+@exact_kernel
+def _rotated(
+    c: DoubleDouble, s: DoubleDouble, x: DoubleDouble, y: DoubleDouble
+) -> tuple[DoubleDouble, DoubleDouble]:
+    """(c x - s y, s x + c y)."""
+    return (
+        dd.subtract(dd.multiply(c, x), dd.multiply(s, y)),
+        dd.add(dd.multiply(s, x), dd.multiply(c, y)),
+    )
+
+
+@exact_kernel
+def principal(inertia: Mat, omega: Vec) -> Frame:
+    """Diagonalise a symmetric tensor whose largest element is of ordinary size, by cyclic Jacobi rotations.
+
+    The rests of the moments err by some 2^-150 of the largest moment, omega by 2^-128 of itself. A diagonal
+    tensor is its own answer, exactly. Source: Golub & Van Loan 2013, Matrix computations, 8.5.
+    """
+    turn, norm = _short_turn(inertia)
+    bases, rests, offs = np.empty(3), np.empty((3, 2)), np.empty((3, 2))
+    spin, axes = np.empty((3, 2)), np.empty((3, 3, 2))
+    largest = 0.0
+    for i in range(3):
+        base, rest = divided(divided(_congruence(inertia, turn, i, i), norm), norm)
+        bases[i], rests[i, 0], rests[i, 1] = base, rest[0], rest[1]
+        largest = max(largest, abs(base))
+        # offs[r] couples the two axes other than r
+        off = rounded(_congruence(inertia, turn, (i + 1) % 3, (i + 2) % 3))
+        off = dd.divide(dd.divide(off, (norm, 0.0)), (norm, 0.0))
+        offs[i, 0], offs[i, 1] = off
+        component = dd.divide(_turned(turn, omega, i), (norm, 0.0))
+        spin[i, 0], spin[i, 1] = component
+        for k in range(3):
+            axes[k, i, 0], axes[k, i, 1] = dd.divide((turn[3 * k + i], 0.0), (norm, 0.0))
+    for _ in range(_SWEEPS):
+        for r in range(3):
+            p, q = (r + 1) % 3, (r + 2) % 3
+            off = (offs[r, 0], offs[r, 1])
+            if abs(off[0]) <= _SETTLED * largest:
+                continue
+            rest_p, rest_q = (rests[p, 0], rests[p, 1]), (rests[q, 0], rests[q, 1])
+            tangent = _tangent(off, difference((bases[q], rest_q), (bases[p], rest_p)))
+            c = dd.divide(dd.ONE, dd.square_root(dd.add(dd.ONE, dd.multiply(tangent, tangent))))
+            s = dd.multiply(tangent, c)
+            moved = dd.multiply(tangent, off)
+            rests[p, 0], rests[p, 1] = dd.subtract(rest_p, moved)
+            rests[q, 0], rests[q, 1] = dd.add(rest_q, moved)
+            offs[r, 0], offs[r, 1] = 0.0, 0.0
+            # the axis r is coupled to p by offs[q], to q by offs[p]
+            to_p, to_q = _rotated(c, s, (offs[q, 0], offs[q, 1]), (offs[p, 0], offs[p, 1]))
+            offs[q, 0], offs[q, 1] = to_p
+            offs[p, 0], offs[p, 1] = to_q
+            to_p, to_q = _rotated(c, s, (spin[p, 0], spin[p, 1]), (spin[q, 0], spin[q, 1]))
+            spin[p, 0], spin[p, 1] = to_p
+            spin[q, 0], spin[q, 1] = to_q
+            for k in range(3):
+                x, y = (axes[k, p, 0], axes[k, p, 1]), (axes[k, q, 0], axes[k, q, 1])
+                to_p, to_q = _rotated(c, s, x, y)
+                axes[k, p, 0], axes[k, p, 1] = to_p
+                axes[k, q, 0], axes[k, q, 1] = to_q
+    first, second, third = (
+        (bases[0], (rests[0, 0], rests[0, 1])),
+        (bases[1], (rests[1, 0], rests[1, 1])),
+        (bases[2], (rests[2, 0], rests[2, 1])),
+    )
+    return Frame(
+        (rounded(first), rounded(second), rounded(third)),
+        (difference(second, first), difference(third, first), difference(third, second)),
+        ((spin[0, 0], spin[0, 1]), (spin[1, 0], spin[1, 1]), (spin[2, 0], spin[2, 1])),
+        (
+            (axes[0, 0, 0], axes[1, 0, 0], axes[2, 0, 0]),
+            (axes[0, 1, 0], axes[1, 1, 0], axes[2, 1, 0]),
+            (axes[0, 2, 0], axes[1, 2, 0], axes[2, 2, 0]),
+        ),
+    )

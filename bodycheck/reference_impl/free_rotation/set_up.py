@@ -1,0 +1,134 @@
+"""From a state at t = 0 to the constants of its motion, as one row."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bodycheck.reference_impl import double_double as dd
+from bodycheck.reference_impl import registers
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.equations import matrix_at, vector_at
+from bodycheck.reference_impl.free_rotation.decisions import is_certainly_tumbling, separation_of
+from bodycheck.reference_impl.free_rotation.numbered_axes import Separation, numbered
+from bodycheck.reference_impl.free_rotation.principal_axes import Frame, principal, quaternion_of
+from bodycheck.reference_impl.free_rotation.rows import Steady, Tumbling, put_steady, put_tumbling
+from bodycheck.reference_impl.free_rotation.state import Tumble, state_at
+from bodycheck.reference_impl.free_rotation.tumble import FOUR_PI, hypotenuse, tumble
+from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.registers import Mat, Quat, Vec
+
+_NEGLIGIBLE = 2.0**-960  # of omega's largest component: smaller ones would leave the range of doubles
+
+
+@kernel
+def unit(q: Quat) -> Quat:
+    """q / |q|, |q| > 0 and of ordinary size."""
+    shrink = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q[0] * shrink, q[1] * shrink, q[2] * shrink, q[3] * shrink
+
+
+@kernel
+def _exponent(values: Array) -> int:
+    """e with the largest |value| in [2^e, 2^(e + 1)); 0 where all are zero."""
+    largest = 0.0
+    for value in values:
+        largest = max(largest, abs(value))
+    return math.frexp(largest)[1] - 1 if largest > 0.0 else 0
+
+
+@kernel
+def _scaled(values: Array) -> Array:
+    """Return the values over a power of two, the largest in [1, 2)."""
+    exponent = _exponent(values)
+    scaled = np.empty(len(values))
+    for i in range(len(values)):
+        scaled[i] = math.ldexp(values[i], -exponent)
+    return scaled
+
+
+@kernel
+def _frequency(omega: Array) -> float:
+    """What omega is divided by."""
+    return math.ldexp(1.0, _exponent(omega))
+
+
+@kernel
+def _without_negligible(omega: Vec) -> Vec:
+    x, y, z = omega
+    return (
+        x if abs(x) >= _NEGLIGIBLE else 0.0,
+        y if abs(y) >= _NEGLIGIBLE else 0.0,
+        z if abs(z) >= _NEGLIGIBLE else 0.0,
+    )
+
+
+@kernel
+def _frame_of(inertia: Array, omega: Array) -> Frame:
+    """The principal frame of the scaled state."""
+    return principal(matrix_at(_scaled(inertia), 0), _without_negligible(vector_at(_scaled(omega), 0)))
+
+
+@kernel
+def _attitude(quaternion: Array) -> Quat:
+    q = _scaled(quaternion)
+    return unit((q[0], q[1], q[2], q[3]))
+
+
+@kernel
+def _conjugate(q: Quat) -> Quat:
+    return q[0], -q[1], -q[2], -q[3]
+
+
+@kernel
+def _placed(motion: Tumble, frequency: float, columns: Mat, quaternion: Quat) -> Tumbling:
+    """Let the motion start from the quaternion."""
+    principal_axes = unit(quaternion_of(columns))
+    relative = unit(state_at(motion, dd.ZERO)[0])
+    left = registers.quaternion_times(
+        registers.quaternion_times(quaternion, principal_axes), _conjugate(relative)
+    )
+    return Tumbling(motion, frequency, left, _conjugate(principal_axes), columns)
+
+
+@kernel
+def _put_tumbling_from(
+    frame: Frame, separation: Separation, frequency: float, attitude: Quat, row: Array
+) -> None:
+    axes = numbered(frame, separation.descending)
+    put_tumbling(row, _placed(tumble(axes, separation), frequency, axes.columns, attitude))
+
+
+@kernel
+def begin(inertia: Array, quaternion: Array, omega: Array, rows: Array, doubtful: Array) -> None:
+    """Fill the rows (m, WIDTH) of the bodies that surely tumble, and tell which are doubtful (m,).
+
+    inertia (m, 9), symmetric; quaternion (m, 4), not zero; omega (m, 3), body axes.
+    """
+    for k in range(len(rows)):
+        frame = _frame_of(inertia[k], omega[k])
+        ascending = numbered(frame, False)
+        sure, separation = separation_of(ascending)
+        doubtful[k] = not (sure and is_certainly_tumbling(ascending))
+        if not doubtful[k]:
+            _put_tumbling_from(frame, separation, _frequency(omega[k]), _attitude(quaternion[k]), rows[k])
+
+
+@kernel
+def begin_tumbling(
+    inertia: Array, quaternion: Array, omega: Array, separation: Separation, row: Array
+) -> None:
+    """Fill one row, given on which side of the separatrix the motion is and how far from it."""
+    _put_tumbling_from(_frame_of(inertia, omega), separation, _frequency(omega), _attitude(quaternion), row)
+
+
+@kernel
+def begin_steady(quaternion: Array, omega: Array, row: Array) -> None:
+    """Fill one row with a rotation about a fixed axis, or none for omega = 0."""
+    x, y, z = vector_at(_scaled(omega), 0)
+    norm = hypotenuse(hypotenuse((x, 0.0), (y, 0.0)), (z, 0.0))
+    size = norm[0] if norm[0] > 0.0 else 1.0
+    axis = (x / size, y / size, z / size)
+    turn_rate = dd.divide(norm, FOUR_PI)
+    put_steady(row, Steady(_frequency(omega), turn_rate, axis, _attitude(quaternion), vector_at(omega, 0)))
