@@ -444,6 +444,23 @@ def test_textbook_of_full_tensors(moments: Any, seed: int) -> None:
             assert_close(rotation, t_s, textbook_of_tensor(tensor, omega, t_s))
 
 
+@pytest.mark.parametrize("offset", [0.0, 1e-12, -1e-6])
+@pytest.mark.parametrize("seed", range(4))
+def test_flips_of_full_tensors_far_away(offset: float, seed: int) -> None:
+    """A full tensor a rounding beside the separatrix, whatever the numbers, flips on time after 1e9 s."""
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    i1, i2, i3 = moments = np.sort(rng.uniform(1.0, 3.0, size=3))
+    tensor = axes @ np.diag(moments) @ axes.T
+    tensor = 0.5 * (tensor + tensor.T)
+    third = math.sqrt(i1 * (i2 - i1) / (i3 * (i3 - i2)))
+    omega = axes @ [1.0 + offset, 0.5, third]
+    rotation = FreeRotation.from_state(tensor, QUATERNION, omega)
+    times = 1e9 + np.linspace(0.0, 2.0 * rotation.quarter_period_s, 2001)
+    flip_s = float(times[np.argmin(np.abs(rotation.at(times)[1] @ axes[:, 1]))])
+    assert_close(rotation, flip_s, textbook_of_tensor(tensor, omega, flip_s))
+
+
 def test_offset_of_1e_160() -> None:
     """A spin that leaves the middle axis by 1e-160 flips 640 s later, on time."""
     inertia, omega = [1, 2, 3], [1e-160, 1, -3e-160]

@@ -1,6 +1,6 @@
 """Sums of many products of doubles to three doubles' worth of bits, by error-free transformations.
 
-Source: Ogita, Rump & Oishi 2005, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 1955, SumK.
+Source: Ogita, Rump & Oishi 2005, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 1955.
 """
 
 from __future__ import annotations
@@ -15,23 +15,17 @@ from bodycheck.reference_impl.jit import exact_kernel
 Split: TypeAlias = tuple[float, DoubleDouble]
 """A number as a double and a small rest: of two that are nearly equal, the difference is not lost."""
 
-_PASSES = 3
-
-
 @exact_kernel
 def summed(terms: Array) -> Split:
-    """Return the sum of terms (n,), which are overwritten, to 2^-157 of the largest of them.
+    """Return the sum of terms (n,) to some 2^-155 of the sum of their magnitudes.
 
-    Each pass leaves the total of the terms as it is, and more and more of it in the last of them.
+    What each addition loses is itself a double, and the losses are added in double-double arithmetic.
     """
-    last = len(terms) - 1
-    for _ in range(_PASSES):
-        for i in range(last):
-            terms[i + 1], terms[i] = dd.two_sum(terms[i + 1], terms[i])
-    rest = dd.ZERO
-    for i in range(last):
-        rest = dd.add(rest, (terms[i], 0.0))
-    base, low = dd.two_sum(terms[last], rest[0])
+    total, rest = 0.0, dd.ZERO
+    for term in terms:
+        total, lost = dd.two_sum(total, term)
+        rest = dd.add(rest, (lost, 0.0))
+    base, low = dd.two_sum(total, rest[0])
     return base, dd.two_sum(low, rest[1])
 
 
