@@ -10,7 +10,7 @@ import numpy as np
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver, Stepping
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import packed_body
-from bodycheck.reference_impl.exact import ExactMotion
+from bodycheck.reference_impl.exact import closed_form_of
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
@@ -56,6 +56,9 @@ def _method_of(integrator: Integrator) -> Method:
         keeps=integrator.keeps,
         source=integrator.source,
     )
+
+
+_NO_CLOSED_FORM = "no closed form for this body, this start and these loads"
 
 
 class FixedStep:
@@ -131,7 +134,10 @@ class ClosedForm:
     steps: int | None = None
 
     def __init__(self, scene: Scene) -> None:
-        self._scene, self._motion = scene, ExactMotion.of(scene)
+        motion = closed_form_of(scene)
+        if motion is None:
+            raise ValueError(_NO_CLOSED_FORM)
+        self._scene, self._motion = scene, motion
 
     def read_back(self) -> ReadBack:
         """Return the scene's own numbers: there is no engine between."""
@@ -181,9 +187,9 @@ class Reference:
         }
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Only the closed form has limits: it knows free rotation, also in uniform gravity."""
-        if method == _EXACT.name and not scene.is_free_rotation:
-            return "no closed form for a body under a torque or a force at a point"
+        """Only the closed form has limits."""
+        if method == _EXACT.name and closed_form_of(scene) is None:
+            return _NO_CLOSED_FORM
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:

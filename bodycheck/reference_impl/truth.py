@@ -1,4 +1,4 @@
-"""The truth of a scene: its exact motion where it is free, else a certified one, each with its bounds."""
+"""The truth of a scene: its closed form where it has one, else a certified motion, each with its bounds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closeness import distances, rounding, small_distances
 from bodycheck.reference_impl.dynamics import gyration_radius
-from bodycheck.reference_impl.exact import ExactMotion
+from bodycheck.reference_impl.exact import ExactMotion, closed_form_of
 from bodycheck.reference_impl.rotations import exp_quaternion, normalised, quaternion_product
 from bodycheck.reference_impl.scene import Scene, Spring, State
 from bodycheck.reference_impl.taylor import Resolution, Solution, course_of, solve
@@ -62,7 +62,8 @@ def solve_truth(scene: Scene, t_s: Array) -> Truth:
     for t in t_s[~(np.isfinite(t_s) & (t_s >= 0.0))]:
         raise ValueError(f"a truth needs times that are finite and not negative, not {float(t)!r}")
     order = np.argsort(t_s, kind="stable")
-    ascending = _free_truth(scene, t_s[order]) if scene.is_free_rotation else _certified(scene, t_s[order])
+    closed = closed_form_of(scene)
+    ascending = _certified(scene, t_s[order]) if closed is None else _exact(scene, closed, t_s[order])
     return _reordered(ascending, np.argsort(order, kind="stable"))
 
 
@@ -75,13 +76,22 @@ def _check_finite(motion: Trajectory) -> None:
         raise ValueError(f"the motion cannot be computed in double precision at t = {first!r} s")
 
 
-def _free_truth(scene: Scene, t_s: Array) -> Truth:
+def _exact(scene: Scene, closed: ExactMotion, t_s: Array) -> Truth:
     """bound = that of the closed form, which does not grow, + half an ulp of each number, ascending times."""
-    motion = ExactMotion.of(scene).at(t_s)
+    motion = closed.at(t_s)
     _check_finite(motion)
-    neighbours = [ExactMotion.of(replace(scene, initial=start)).at(t_s) for start in _nudges(scene, motion)]
+    neighbours = [_neighbour(replace(scene, initial=start), t_s) for start in _nudges(scene, motion)]
     bounds = np.maximum.accumulate(_EXACT_BOUNDS + rounding(scene, motion), axis=1)
     return Truth(motion, "exact", *bounds, *_EPS * _growths(scene, motion, neighbours))
+
+
+def _neighbour(scene: Scene, t_s: Array) -> Trajectory:
+    """Return the motion from a nudged start, which may have left the closed form."""
+    closed = closed_form_of(scene)
+    if closed is not None:
+        return closed.at(t_s)
+    course = course_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
+    return _trajectory(t_s, solve(course, scene.initial, t_s, _NUDGED))
 
 
 def _certified(scene: Scene, t_s: Array) -> Truth:

@@ -15,6 +15,7 @@ from bodycheck.reference_impl.jit import exact_kernel
 Split: TypeAlias = tuple[float, DoubleDouble]
 """A number as a double and a small rest: of two that are nearly equal, the difference is not lost."""
 
+
 @exact_kernel
 def summed(terms: Array) -> Split:
     """Return the sum of terms (n,) to some 2^-155 of the sum of their magnitudes.

@@ -1,0 +1,152 @@
+"""Rotation about one principal axis that neither the body nor the loads ever leave: J w' = tau(t) - d w."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from operator import mul
+
+import numpy as np
+
+from bodycheck.reference_impl import double_double as dd
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.closed_forms.decaying import DecayingMotion
+from bodycheck.reference_impl.closed_forms.loads import Loads, Vector
+from bodycheck.reference_impl.closed_forms.sine_swing import swing
+from bodycheck.reference_impl.double_double import DoubleDouble
+from bodycheck.reference_impl.forcing import added, cross, fractions, pair, unit_quaternion
+from bodycheck.reference_impl.free_rotation.set_up import unit
+from bodycheck.reference_impl.free_rotation.state import turned
+from bodycheck.reference_impl.free_rotation.tumble import FOUR_PI
+from bodycheck.reference_impl.jit import exact_kernel, kernel
+from bodycheck.reference_impl.registers import Quat, Vec, quaternion_times
+from bodycheck.reference_impl.scene import Scene
+
+_MOST_RADIANS = 2.0**50  # on the way: beyond, 106 bits would no longer hold the angle to 4e-15
+
+
+@exact_kernel
+def _add_swings(swings: Array, t_s: Array, angle: tuple[Array, Array], rate: tuple[Array, Array]) -> None:
+    """Add to angle and rate (n,), high and low parts, what the sines (k, 4) contribute."""
+    for i in range(len(t_s)):
+        theta, w = (angle[0][i], angle[1][i]), (rate[0][i], rate[1][i])
+        for sine in swings:
+            more, faster = swing((sine[0], sine[1]), sine[2], sine[3], t_s[i])
+            theta, w = dd.add(theta, more), dd.add(w, faster)
+        angle[0][i], angle[1][i] = theta
+        rate[0][i], rate[1][i] = w
+
+
+@kernel
+def _turn(start: Quat, axis: Vec, angle: tuple[Array, Array], quaternion: Array) -> None:
+    """Fill quaternion (n, 4) with start exp(axis angle / 2)."""
+    for i in range(len(quaternion)):
+        turns = dd.divide((angle[0][i], angle[1][i]), FOUR_PI)
+        s, c = turned(turns, dd.ONE, 0.0)
+        q = unit(quaternion_times(start, (c, s * axis[0], s * axis[1], s * axis[2])))
+        for j in range(4):
+            quaternion[i, j] = q[j]
+
+
+@dataclass(frozen=True, eq=False)
+class FixedAxisRotation:
+    """q(t) = q(0) exp(axis theta / 2), omega = axis w: theta and w in double-double arithmetic."""
+
+    _start: Quat
+    _axis: Vec
+    _motion: DecayingMotion
+    _swings: Array
+    """(k, 4): angular acceleration, high and low part, rate and phase of each sine torque."""
+
+    @classmethod
+    def of(cls, scene: Scene, loads: Loads) -> FixedAxisRotation | None:
+        """Set up; None where omega, a torque or the drag leaves one principal axis, and where it is not one.
+
+        All of that is decided in rational arithmetic: an axis that is principal but for a rounding is none.
+        Sine torques and drag together are left to other methods.
+        """
+        if any(any(piece.arms) for piece in loads.pieces) or (loads.sines and any(loads.angular_drag)):
+            return None
+        inertia, to_body = fractions(scene.body.inertia), _world_to_body(scene.initial.quaternion)
+        torques = [added(piece.torque_body, _times(to_body, piece.torque_world)) for piece in loads.pieces]
+        amplitudes = [
+            fractions(sine.amplitude) if sine.axes == "body" else _times(to_body, fractions(sine.amplitude))
+            for sine in loads.sines
+        ]
+        omega = fractions(scene.initial.omega_body)
+        axis = next(vector for vector in (omega, *torques, *amplitudes) if any(vector))
+        along = (omega, *torques, *amplitudes, _times(inertia, axis), _times(loads.angular_drag, axis))
+        if any(any(cross(axis, vector)) for vector in along):
+            return None
+        square = _dot(axis, axis)
+        moment = _dot(axis, _times(inertia, axis)) / square
+        length = dd.square_root(pair(square))
+
+        def about(vector: Vector) -> DoubleDouble:
+            """The component along the axis."""
+            return dd.divide(pair(_dot(axis, vector)), length)
+
+        def acceleration(torque: Vector) -> DoubleDouble:
+            return about([component / moment for component in torque])
+
+        pieces = [
+            (piece.begin_s, [acceleration(torque)])
+            for piece, torque in zip(loads.pieces, torques, strict=True)
+        ]
+        drag = _dot(axis, _times(loads.angular_drag, axis)) / square
+        swings = [
+            (*acceleration(amplitude), sine.rate, sine.phase)
+            for sine, amplitude in zip(loads.sines, amplitudes, strict=True)
+        ]
+        w, x, y, z = (high for high, _ in unit_quaternion(scene.initial.quaternion))
+        first, second, third = (dd.divide(pair(component), length)[0] for component in axis)
+        return cls(
+            (w, x, y, z),
+            (first, second, third),
+            DecayingMotion.of([dd.ZERO], [about(omega)], pieces, pair(drag / moment)),
+            np.array(swings, dtype=np.float64).reshape(-1, 4),
+        )
+
+    def at(self, t_s: Array) -> tuple[Array, Array]:
+        """Return (quaternion (n, 4), omega_body (n, 3)) at times t_s >= 0 (n,).
+
+        Raises ValueError where the body has turned by some 1e15 rad: 106 bits would no longer hold the angle.
+        """
+        angles, rates = self._motion.at(t_s)
+        angle = np.ascontiguousarray(angles[0][:, 0]), np.ascontiguousarray(angles[1][:, 0])
+        rate = np.ascontiguousarray(rates[0][:, 0]), np.ascontiguousarray(rates[1][:, 0])
+        _add_swings(self._swings, t_s, angle, rate)
+        way = t_s * (self._motion.largest_rate + np.abs(rate[0]) + self._largest_swing_rate(t_s))
+        for t in t_s[~(way < _MOST_RADIANS)]:
+            raise ValueError(f"the body turns by more than {_MOST_RADIANS:.0e} rad until t = {float(t)!r} s")
+        quaternion = np.empty((len(t_s), 4))
+        _turn(self._start, self._axis, angle, quaternion)
+        return quaternion, rate[0][:, None] * np.array(self._axis)
+
+    def _largest_swing_rate(self, t_s: Array) -> Array:
+        """The largest rate that sines may give until t (n,), sum of a min(t, 2 / r), and that of a phase."""
+        amplitude, _, rate, _ = np.abs(self._swings.T)[:, :, None]
+        # where r = 0 the first is the least
+        with np.errstate(divide="ignore"):
+            largest = amplitude * np.minimum(t_s, 2.0 / rate)
+        return np.asarray(np.sum(largest, axis=0) + np.max(rate, axis=0, initial=0.0))
+
+
+def _world_to_body(q: Array) -> list[Fraction]:
+    """R(q / |q|)^T (9,) without rounding: the norm enters by its square alone."""
+    w, x, y, z = fractions(q)
+    s = 2 / (w * w + x * x + y * y + z * z)
+    return [
+        *(1 - s * (y * y + z * z), s * (x * y + w * z), s * (x * z - w * y)),
+        *(s * (x * y - w * z), 1 - s * (x * x + z * z), s * (y * z + w * x)),
+        *(s * (x * z + w * y), s * (y * z - w * x), 1 - s * (x * x + y * y)),
+    ]
+
+
+def _times(m: Vector, v: Vector) -> Vector:
+    """m v of a matrix (9,)."""
+    return [_dot(m[3 * i : 3 * i + 3], v) for i in range(3)]
+
+
+def _dot(a: Vector, b: Vector) -> Fraction:
+    return sum(map(mul, a, b), Fraction(0))
