@@ -42,7 +42,7 @@ ACCELERATION_BODY, ACCELERATION_WORLD, DECAY, MASS_INVERSE, RADIUS = 0, 3, 6, 7,
 # ... and of each row of Forcing.springs
 ANCHOR, AT, STIFFNESS, REST_LENGTH = 0, 3, 6, 7
 
-_Vector: TypeAlias = list[Fraction]
+Vector: TypeAlias = list[Fraction]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +84,14 @@ class Forcing:
         )
 
 
+def held_between(scene: Scene, begin_s: float, end_s: float) -> list[Timed]:
+    """Return the loads that are constant within [begin_s, end_s), through which nothing switches."""
+    return [load for load in scene.timed_loads if load.from_s <= begin_s and end_s <= load.until_s]
+
+
 def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     """Return what acts within [begin_s, end_s), through which nothing switches, in double-doubles."""
-    timed = [load for load in scene.timed_loads if load.from_s <= begin_s and end_s <= load.until_s]
+    timed = held_between(scene, begin_s, end_s)
     sines = [load for load in scene.lasting_loads if isinstance(load, SineTorque)]
     drags = [load for load in scene.lasting_loads if isinstance(load, Drag)]
     springs = [load for load in scene.lasting_loads if isinstance(load, Spring)]
@@ -112,7 +117,7 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     )
 
 
-def _turning(body: RigidBody, timed: Iterable[Timed]) -> _Vector:
+def _turning(body: RigidBody, timed: Iterable[Timed]) -> Vector:
     torque = [Fraction(0)] * 3
     for load in timed:
         if load.axes == "body":
@@ -122,14 +127,14 @@ def _turning(body: RigidBody, timed: Iterable[Timed]) -> _Vector:
     return [*fractions(body.inertia), *inverse(fractions(body.inertia)), *torque]
 
 
-def _damping(drags: Iterable[Drag]) -> _Vector:
+def _damping(drags: Iterable[Drag]) -> Vector:
     damping = [Fraction(0)] * 9
     for drag in drags:
         damping = added(damping, fractions(drag.angular))
     return damping
 
 
-def _world(timed: Iterable[Timed]) -> _Vector:
+def _world(timed: Iterable[Timed]) -> Vector:
     torque, moment = [Fraction(0)] * 3, [Fraction(0)] * 9
     for load in timed:
         if load.axes == "world":
@@ -141,14 +146,14 @@ def _world(timed: Iterable[Timed]) -> _Vector:
     return [*torque, *moment]
 
 
-def _orbit(gradients: Sequence[GravityGradient]) -> _Vector:
+def _orbit(gradients: Sequence[GravityGradient]) -> Vector:
     if len({load.rate for load in gradients}) > 1:
         raise ValueError("gravity gradients of different orbits cannot act on one body")
     rates = [Fraction(load.rate) for load in gradients]
     return [3 * len(rates) * rates[0] ** 2, rates[0]] if rates else []
 
 
-def _moving(scene: Scene, timed: Iterable[Timed], drags: Iterable[Drag]) -> _Vector:
+def _moving(scene: Scene, timed: Iterable[Timed], drags: Iterable[Drag]) -> Vector:
     mass = Fraction(scene.body.mass)
     sums = {"body": [Fraction(0)] * 3, "world": [mass * g for g in fractions(scene.gravity)]}
     for load in timed:
@@ -177,22 +182,22 @@ def _torsion(scene: Scene, springs: Iterable[TorsionSpring]) -> Numbers:
 # ---------------------------------------------------------------------------------- rational arithmetic
 
 
-def fractions(values: Array) -> _Vector:
+def fractions(values: Array) -> Vector:
     """Return doubles as the rational numbers that they are, row by row."""
     return [Fraction(float(x)) for x in np.ravel(values)]
 
 
-def added(a: _Vector, b: _Vector) -> _Vector:
+def added(a: Vector, b: Vector) -> Vector:
     """a + b."""
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
-def cross(a: _Vector, b: _Vector) -> _Vector:
+def cross(a: Vector, b: Vector) -> Vector:
     """a x b."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
-def inverse(m: _Vector) -> _Vector:
+def inverse(m: Vector) -> Vector:
     """m^-1 of the nine numbers of a matrix, by cofactors."""
     columns = [cross(m[3:6], m[6:9]), cross(m[6:9], m[0:3]), cross(m[0:3], m[3:6])]
     determinant = sum((x * y for x, y in zip(m[0:3], columns[0], strict=True)), Fraction(0))
@@ -207,7 +212,11 @@ def pair(x: Fraction) -> DoubleDouble:
 
 def unit_quaternion(q: Array) -> list[DoubleDouble]:
     """q / |q| in double-doubles."""
-    exact = fractions(q)
+    return unit(fractions(q))
+
+
+def unit(exact: Vector) -> list[DoubleDouble]:
+    """v / |v| in double-doubles."""
     norm = dd.square_root(pair(sum((x * x for x in exact), Fraction(0))))
     return [dd.divide(pair(x), norm) for x in exact]
 

@@ -44,6 +44,14 @@ def kernel(function: Callable[..., Any]) -> Any:
     return _compile(function, fastmath={"contract"})
 
 
+def borrowing_kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function that makes no array, so that those it is given need no counting of references.
+
+    The counts are atomic, and stand wherever an inlined function takes an array: within the innermost loops.
+    """
+    return _compile(function, fastmath={"contract"}, _nrt=False)
+
+
 def inlined_kernel(function: Callable[..., Any]) -> Any:
     """Compile a function of a few lines into each of its callers: a compilation of its own costs 50 ms."""
     return _compile(function, fastmath={"contract"}, inline="always")

@@ -1,0 +1,156 @@
+"""A body and what turns it, along its principal axes, as the numbers that taylor_rotation.py is given.
+
+Formed in rational arithmetic and rounded once, so that the frame costs no more than half an ulp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.forcing import Vector, added, cross, fractions, held_between, pair, unit
+from bodycheck.reference_impl.principal_axes import (
+    IntegerQuaternion,
+    axes_of,
+    in_axes_of,
+    principal_quaternion,
+)
+from bodycheck.reference_impl.scene import (
+    Drag,
+    GravityGradient,
+    PointForce,
+    RigidBody,
+    Scene,
+    SineTorque,
+    State,
+    Timed,
+    Torque,
+)
+from bodycheck.reference_impl.taylor_rotation import (
+    ANGULAR,
+    BODY,
+    COSINE,
+    DAMPED,
+    DAMPING,
+    EULER,
+    FACTS,
+    FRAME,
+    GRADIENT,
+    LOAD,
+    ORBIT_RATE,
+    PHASES,
+    SINE,
+    TORQUE,
+)
+
+_TURNS, _STAYS, _SWINGS = 1.0, 0.0, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class PrincipalFrame:
+    """The quaternion from principal to body axes, of any length, its R row by row, and the moments."""
+
+    quaternion: IntegerQuaternion
+    axes: Vector
+    moments: Vector
+
+    @classmethod
+    def of(cls, body: RigidBody) -> PrincipalFrame:
+        """Find the principal axes."""
+        quaternion, moments = principal_quaternion(fractions(body.inertia))
+        return cls(quaternion, axes_of(quaternion), moments)
+
+    def components(self, v: Vector) -> Vector:
+        """A^T v, of v in body axes."""
+        return [sum((self.axes[3 * k + i] * v[k] for k in range(3)), Fraction(0)) for i in range(3)]
+
+    def accelerations(self, torque: Vector) -> Vector:
+        """diag(J)^-1 torque."""
+        return [a / b for a, b in zip(torque, self.moments, strict=True)]
+
+    def start(self, state: State) -> Array:
+        """(2, 2, 4): the high parts of q and omega along the principal axes, and the low parts."""
+        a, b, c, d = fractions(state.quaternion)
+        w, x, y, z = self.quaternion
+        q = [
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        ]
+        omega = [*(pair(x) for x in self.components(fractions(state.omega_body))), (0.0, 0.0)]
+        return np.ascontiguousarray(np.array([unit(q), omega]).transpose(2, 0, 1))
+
+
+def packed_rotation(
+    scene: Scene, frame: PrincipalFrame, begin_s: float, end_s: float
+) -> tuple[Array, Array | None]:
+    """Return the constants of the body and of its loads within [begin_s, end_s).
+
+    Nothing switches there. None for the loads where nothing at all turns the body. Springs are not known here.
+    """
+    held, lasting = held_between(scene, begin_s, end_s), scene.lasting_loads
+    body = _packed_body(frame, held)
+    for drag in (load for load in lasting if isinstance(load, Drag)):
+        damping = in_axes_of(frame.quaternion, fractions(drag.angular))
+        columns = [frame.accelerations([-x for x in damping[column::3]]) for column in range(3)]
+        body[DAMPING : DAMPING + 3, :3] += np.array(columns, dtype=np.float64)
+        body[FACTS, DAMPED] = 1.0
+    for gradient in (load for load in lasting if isinstance(load, GravityGradient)):
+        body[FACTS, ORBIT_RATE] = gradient.rate
+        body[GRADIENT] -= 3.0 * gradient.rate**2 * body[EULER]
+    rows = [
+        *_held_in_world(frame, held),
+        *(_swinging(frame, load) for load in lasting if isinstance(load, SineTorque)),
+    ]
+    free = not rows and not held and not any(isinstance(load, Drag | GravityGradient) for load in lasting)
+    return body[None], None if free else np.array(rows, dtype=np.float64).reshape(len(rows), LOAD, 4)
+
+
+def _packed_body(frame: PrincipalFrame, held: Iterable[Timed]) -> Array:
+    a, b, c = frame.moments
+    torque = [Fraction(0)] * 3
+    for load in held:
+        if load.axes == "body":
+            value = fractions(load.value)
+            torque = added(torque, value if isinstance(load, Torque) else cross(fractions(load.at), value))
+    body = np.zeros((BODY, 4))
+    body[EULER, :3] = [float((b - c) / a), float((c - a) / b), float((a - b) / c)]
+    body[TORQUE, :3] = _floats(frame.accelerations(frame.components(torque)))
+    w, x, y, z = (high for high, _ in unit([Fraction(n) for n in frame.quaternion]))
+    body[FRAME] = w, -x, -y, -z
+    return body
+
+
+def _held_in_world(frame: PrincipalFrame, held: Iterable[Timed]) -> list[Array]:
+    """Pack I^-1 y and I^-1 (at x y), y a torque or a force seen from the body."""
+    units = [[Fraction(int(i == j)) for j in range(3)] for i in range(3)]
+    rows = []
+    for load in held:
+        if load.axes == "world":
+            row = np.zeros((LOAD, 4))
+            row[COSINE, :3] = load.value
+            row[PHASES] = 0.0, 0.0, _TURNS, 0.0
+            columns = units
+            if isinstance(load, PointForce):
+                columns = [cross(frame.components(fractions(load.at)), e) for e in units]
+            row[ANGULAR : ANGULAR + 3, :3] = [_floats(frame.accelerations(column)) for column in columns]
+            rows.append(row)
+    return rows
+
+
+def _swinging(frame: PrincipalFrame, load: SineTorque) -> Array:
+    in_world = load.axes == "world"
+    row = np.zeros((LOAD, 4))
+    row[SINE, :3] = load.amplitude if in_world else _floats(frame.components(fractions(load.amplitude)))
+    row[PHASES] = load.rate, load.phase, _TURNS if in_world else _STAYS, _SWINGS
+    row[ANGULAR : ANGULAR + 3, :3] = np.diag([float(1 / moment) for moment in frame.moments])
+    return row
+
+
+def _floats(values: Vector) -> list[float]:
+    return [float(x) for x in values]
