@@ -12,8 +12,8 @@ from inspect import signature as signature_of
 from typing import Any, TypeAlias
 
 import numba
-from llvmlite import ir
 from numba import types
+from numba.core.cgutils import ir  # of llvmlite, which numba brings along
 from numba.extending import intrinsic, models, register_model
 
 from bodycheck.reference_impl.arrays import Array
@@ -25,13 +25,13 @@ _MASK = ir.VectorType(ir.IntType(32), 4)
 _UNALIGNED = 8  # bytes: numpy promises no more
 
 
-class _LanesType(types.Type):
+class _LanesType(types.Type):  # type: ignore[misc]
     def __init__(self) -> None:
         super().__init__(name="Lanes")
 
 
 @register_model(_LanesType)
-class _LanesModel(models.PrimitiveModel):
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, numba_type: Any) -> None:
         super().__init__(manager, numba_type, _VECTOR)
 
@@ -41,26 +41,17 @@ _Emitter: TypeAlias = Callable[..., Any]
 
 
 def _compiled_to(emit: _Emitter, result: types.Type = _LANES) -> Callable[[_Emitter], Any]:
-    """Have the compiler emit this code for a word: emit(builder, values), an array given as its address."""
+    """Have the compiler emit this code for a word: emit(builder, values)."""
 
     def decorate(python: _Emitter) -> Any:
         if numba.config.DISABLE_JIT:
             return python
 
-        def typed(_context: Any, *arguments: Any) -> Any:
-            def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-                given = [
-                    context.make_array(kind)(context, builder, value)
-                    if isinstance(kind, types.Array)
-                    else context.cast(builder, value, kind, types.intp)
-                    if isinstance(kind, types.Integer)
-                    else value
-                    for kind, value in zip(signature.args, values, strict=True)
-                ]
-                return emit(builder, *given)
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            given = zip(signature.args, values, strict=True)
+            return emit(builder, *(_as_emitted(context, builder, kind, value) for kind, value in given))
 
-            return result(*arguments), generate
-
+        typed: Any = lambda _context, *arguments: (result(*arguments), generate)  # noqa: E731 - it is given names
         # the compiler matches arguments by the names that a signature gives
         context, named = Parameter("context", Parameter.POSITIONAL_OR_KEYWORD), signature_of(python)
         typed.__signature__ = named.replace(parameters=[context, *named.parameters.values()])
@@ -68,6 +59,15 @@ def _compiled_to(emit: _Emitter, result: types.Type = _LANES) -> Callable[[_Emit
         return intrinsic(typed)
 
     return decorate
+
+
+def _as_emitted(context: Any, builder: Any, kind: types.Type, value: Any) -> Any:
+    """Return an array's fields, an index in the width of addresses, anything else as it is."""
+    if isinstance(kind, types.Array):
+        return context.make_array(kind)(context, builder, value)
+    if isinstance(kind, types.Integer):
+        return context.cast(builder, value, kind, types.intp)
+    return value
 
 
 # --------------------------------------------------------------------------------------- to and from memory

@@ -91,7 +91,7 @@ def packed_rotation(
 ) -> tuple[Array, Array | None]:
     """Return the constants of the body and of its loads within [begin_s, end_s).
 
-    Nothing switches there. None for the loads where nothing at all turns the body. Springs are not known here.
+    Nothing switches there. None for the loads where nothing at all turns the body. Springs are not known.
     """
     held, lasting = held_between(scene, begin_s, end_s), scene.lasting_loads
     body = _packed_body(frame, held)

@@ -8,7 +8,7 @@ taylor.py's, whose recurrences are the general ones. Sources: as there.
 
 series (rows, order + 1, 4) has a row for q, and three for each vector: itself, its components shifted by one
 place and by two; a vector that swings is followed by its partner, a quarter period ahead. body (1, BODY, 4)
-and loads (m, LOAD, 4) are packed by principal_forcing.py; loads is None where nothing but inertia turns the body.
+and loads (m, LOAD, 4) are packed by principal_forcing.py; loads is None where nothing turns the body.
 """
 
 from __future__ import annotations
@@ -330,7 +330,7 @@ def follow(
     """Move the state from time begin to end; return how many times are written now, and the steps made.
 
     state (2, 2, 4): high parts of q and of omega along the principal axes, low parts. times (n,), ascending,
-    those before index `due` being written; q and omega_body go into out (n, 7 at least), for times up to the end.
+    those before index `due` written; q and omega_body go into out (n, 7 at least), for times up to the end.
     NaN from where the motion cannot be followed on.
     """
     q, omega = lanes.load(state, 0, 0), lanes.load(state, 0, 1)
