@@ -52,6 +52,11 @@ def borrowing_kernel(function: Callable[..., Any]) -> Any:
     return _compile(function, fastmath={"contract"}, _nrt=False)
 
 
+def borrowing_inline(function: Callable[..., Any]) -> Any:
+    """The same for a part of a loop, to vanish in its callers: typed once, however often it is used."""
+    return _compile(function, fastmath={"contract"}, _nrt=False, forceinline=True)
+
+
 def inlined_kernel(function: Callable[..., Any]) -> Any:
     """Compile a function of a few lines into each of its callers: a compilation of its own costs 50 ms."""
     return _compile(function, fastmath={"contract"}, inline="always")

@@ -349,7 +349,8 @@ def resolution_for(tolerance: float) -> Resolution:
     """Return the fastest resolution whose steps each err by about the tolerance, 1e-17 at the least."""
     if not 1e-17 <= tolerance < 1.0:
         raise ValueError(f"a tolerance of doubles lies between 1e-17 and 1, not at {tolerance!r}")
-    return Resolution(16 if tolerance > 1e-15 else 18, tolerance)
+    digits = -math.log10(tolerance)
+    return Resolution(14 if digits < 7.0 else 16 if digits < 10.0 else 18 if digits < 14.0 else 20, tolerance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Protocol
 
 import numpy as np
 
-from bodycheck.reference_impl.arithmetic import Numbers, high_part
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.forcing import DECAY
+from bodycheck.reference_impl.forcing import ACCELERATION_WORLD, added, fractions
 from bodycheck.reference_impl.jit import borrowing_kernel
 from bodycheck.reference_impl.principal_forcing import PrincipalFrame, packed_rotation
 from bodycheck.reference_impl.scene import Scene, State
@@ -23,8 +23,6 @@ from bodycheck.reference_impl.taylor import (
     Course,
     Resolution,
     course_of,
-    follow_parabola,
-    packed_state,
     resolution_for,
     solve,
 )
@@ -127,21 +125,23 @@ class _General:
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """What turns the body between two switches, room for its series, and what moves its centre of mass."""
+    """What turns the body between two switches, room for its series, and its centre of mass at the beginning.
+
+    parabola (3, 3): the acceleration, v and x.
+    """
 
     begin_s: float
     end_s: float
     body: Array
     loads: Array | None
     series: Array
-    moving: Numbers
+    parabola: Array
 
 
 @dataclass(frozen=True, eq=False)
 class _Principal:
-    """The rotation along the principal axes and, apart from it, the centre of mass, if that moves at all."""
+    """The rotation along the principal axes and, apart from it, the centre of mass."""
 
-    initial: State
     start: Array
     stretches: tuple[_Stretch, ...]
     tolerance: float
@@ -149,42 +149,46 @@ class _Principal:
 
     @classmethod
     def of(cls, scene: Scene, course: Course, resolution: Resolution) -> _Principal:
+        """Pack a scene without springs whose centre of mass moves on parabolas."""
         frame = PrincipalFrame.of(scene.body)
         stretches = []
-        for begin_s, end_s, forcing in course:
+        for (begin_s, end_s, _), parabola in zip(course, parabolas(scene.initial, course), strict=True):
             body, loads = packed_rotation(scene, frame, begin_s, end_s)
             series = working_space(loads, resolution.order)
-            stretches.append(_Stretch(begin_s, end_s, body, loads, series, forcing.moving))
-        is_moving = bool(scene.initial.velocity.any()) or any(
-            high_part(stretch.moving)[:DECAY].any() for stretch in stretches
-        )
-        return cls(
-            scene.initial, frame.start(scene.initial), tuple(stretches), resolution.tolerance, is_moving
-        )
+            stretches.append(_Stretch(begin_s, end_s, body, loads, series, parabola))
+        is_moving = any(stretch.parabola[:2].any() for stretch in stretches)
+        return cls(frame.start(scene.initial), tuple(stretches), resolution.tolerance, is_moving)
 
     def solve(self, t_s: Array) -> tuple[Array, int]:
         """Return the states (n, 13) at times in order, and the steps made."""
         out, state = np.empty((len(t_s), STATE)), self.start.copy()
-        out[:, V:X], out[:, X:] = self.initial.velocity, self.initial.position
+        out[:, V:X], out[:, X:] = self.stretches[0].parabola[1:]
         until = float(t_s[-1]) if len(t_s) else 0.0
         due = steps = 0
         for stretch in self.stretches:
-            begin, end = stretch.begin_s, min(stretch.end_s, until)
+            first, begin, end = due, stretch.begin_s, min(stretch.end_s, until)
             due, made = follow(
                 state, stretch.series, stretch.body, stretch.loads, t_s, due, begin, end, self.tolerance, out
             )
             steps += made
+            if self.is_moving:
+                (a, v, x), t = stretch.parabola, t_s[first:due, None] - begin
+                out[first:due, V:X], out[first:due, X:] = v + t * a, x + t * (v + 0.5 * t * a)
             if end == until:
                 break
-        if self.is_moving:
-            self._move(t_s, out)
         return out, steps
 
-    def _move(self, t_s: Array, out: Array) -> None:
-        """Fill in v and x."""
-        state, low = packed_state(self.initial), np.empty_like(out)
-        for stretch in self.stretches:
-            first, after = np.searchsorted(t_s, [stretch.begin_s, stretch.end_s])
-            part = slice(first, after)
-            end = min(stretch.end_s, float(t_s[-1])) if len(t_s) else 0.0
-            follow_parabola(state, stretch.moving, t_s[part], stretch.begin_s, end, (out[part], low[part]))
+
+def parabolas(start: State, course: Course) -> list[Array]:
+    """(3, 3) for each part of a course: a, v and x where it begins, in rational arithmetic, rounded once."""
+    v, x = fractions(start.velocity), fractions(start.position)
+    found = []
+    for begin_s, end_s, forcing in course:
+        held = slice(ACCELERATION_WORLD, ACCELERATION_WORLD + 3)
+        a = added(*(fractions(part[held]) for part in forcing.moving))
+        found.append(np.array([a, v, x], dtype=np.float64))
+        if end_s < math.inf:
+            t = Fraction(end_s) - Fraction(begin_s)
+            x = [p + t * (q + t * r / 2) for p, q, r in zip(x, v, a, strict=True)]
+            v = [q + t * r for q, r in zip(v, a, strict=True)]
+    return found

@@ -20,7 +20,7 @@ import numpy as np
 
 from bodycheck.reference_impl import lanes
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.jit import borrowing_kernel, exact_kernel
+from bodycheck.reference_impl.jit import borrowing_inline, borrowing_kernel, exact_kernel
 from bodycheck.reference_impl.lanes import Lanes
 from bodycheck.reference_impl.registers import Mat, Quat, matrix_of, quaternion_times, transposed_times
 
@@ -49,7 +49,7 @@ _Parts: TypeAlias = tuple[Lanes, Lanes, Lanes]
 # The newest coefficients are added last: what does not wait for them is worked out ahead.
 
 
-@borrowing_kernel
+@borrowing_inline
 def _put_vector(series: Array, row: int, k: int, x: Lanes) -> None:
     """Set the k-th coefficients of a vector."""
     lanes.store(series, row, k, x)
@@ -57,7 +57,7 @@ def _put_vector(series: Array, row: int, k: int, x: Lanes) -> None:
     lanes.store(series, row + _TURNED_TWICE, k, lanes.rotated(lanes.rotated(x)))
 
 
-@borrowing_kernel
+@borrowing_inline
 def _add_square(total: Lanes, series: Array, row: int, n: int, m: int) -> Lanes:
     """(y2 z3, y3 z1, y1 z2) of y_n and z = y_m, added."""
     return lanes.add_product(
@@ -65,7 +65,7 @@ def _add_square(total: Lanes, series: Array, row: int, n: int, m: int) -> Lanes:
     )
 
 
-@borrowing_kernel
+@borrowing_inline
 def _add_turned(halves: tuple[Lanes, Lanes], series: Array, row: int, n: int, m: int) -> tuple[Lanes, Lanes]:
     """The two halves of y_n x omega_m, added."""
     ahead, behind = lanes.load(series, row + _TURNED_ONCE, n), lanes.load(series, row + _TURNED_TWICE, n)
@@ -75,7 +75,7 @@ def _add_turned(halves: tuple[Lanes, Lanes], series: Array, row: int, n: int, m:
     )
 
 
-@borrowing_kernel
+@borrowing_inline
 def _turned(series: Array, row: int, k: int) -> Lanes:
     """(y x omega)_k."""
     halves = (lanes.nothing(), lanes.nothing())
@@ -85,7 +85,7 @@ def _turned(series: Array, row: int, k: int) -> Lanes:
     return lanes.minus(halves[0], halves[1])
 
 
-@borrowing_kernel
+@borrowing_inline
 def _add_times_omega(parts: _Parts, series: Array, n: int, m: int) -> _Parts:
     """q_n times each component of omega_m, added."""
     q = lanes.load(series, Q, n)
@@ -96,7 +96,7 @@ def _add_times_omega(parts: _Parts, series: Array, n: int, m: int) -> _Parts:
     )
 
 
-@borrowing_kernel
+@borrowing_inline
 def _quaternion_product(parts: _Parts, factor: float) -> Lanes:
     """Factor q (0, a, b, c), of the parts q a, q b, q c."""
     s = factor
@@ -105,7 +105,7 @@ def _quaternion_product(parts: _Parts, factor: float) -> Lanes:
     return lanes.add_product(total, lanes.backwards(parts[2]), lanes.lanes(-s, s, -s, s))
 
 
-@borrowing_kernel
+@borrowing_inline
 def _add_columns(
     total: Lanes, constants: Array, i: int, first: int, series: Array, row: int, k: int
 ) -> Lanes:
@@ -119,7 +119,7 @@ def _add_columns(
 # --------------------------------------------------------------------------------- the equations of motion
 
 
-@borrowing_kernel
+@borrowing_inline
 def _put_swing(series: Array, row: int, k: int, rate: float, share: float, y: Lanes, z: Lanes) -> None:
     """y' = (y given) + rate z, z' = (z given) - rate y: the coefficients k + 1 = 1 / share."""
     y = lanes.add_scaled(y, lanes.load(series, row + _PARTNER, k), rate)
@@ -128,7 +128,7 @@ def _put_swing(series: Array, row: int, k: int, rate: float, share: float, y: La
     _put_vector(series, row + _PARTNER, k + 1, lanes.scaled(z, share))
 
 
-@borrowing_kernel
+@borrowing_inline
 def _gradient(series: Array, rate: float, k: int, share: float) -> Lanes:
     """(u2 u3, u3 u1, u1 u2)_k; moves u to k + 1: u' = u x omega + n z."""
     products = lanes.nothing()
@@ -144,7 +144,7 @@ def _gradient(series: Array, rate: float, k: int, share: float) -> Lanes:
     return products
 
 
-@borrowing_kernel
+@borrowing_inline
 def _add_load(total: Lanes, series: Array, loads: Array, j: int, k: int, share: float) -> Lanes:
     """Total + I^-1 tau_k of a load; moves its vectors to k + 1."""
     row = LOADS + _LOAD_ROWS * j
@@ -162,7 +162,7 @@ def _add_load(total: Lanes, series: Array, loads: Array, j: int, k: int, share: 
     return total
 
 
-@borrowing_kernel
+@borrowing_inline
 def _add_forcing(total: Lanes, series: Array, body: Array, loads: Array, k: int, share: float) -> Lanes:
     """Total + I^-1 torque_k; moves the vectors that it depends on to k + 1."""
     if k == 0:
