@@ -7,6 +7,7 @@ plain Python they are a tuple of four floats, by the formulas below. They lie in
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import wraps
 from inspect import Parameter
 from inspect import signature as signature_of
 from typing import Any, TypeAlias
@@ -51,11 +52,13 @@ def _compiled_to(emit: _Emitter, result: types.Type = _LANES) -> Callable[[_Emit
             given = zip(signature.args, values, strict=True)
             return emit(builder, *(_as_emitted(context, builder, kind, value) for kind, value in given))
 
-        typed: Any = lambda _context, *arguments: (result(*arguments), generate)  # noqa: E731 - it is given names
+        @wraps(python)
+        def typed(_context: Any, *arguments: Any) -> Any:
+            return result(*arguments), generate
+
         # the compiler matches arguments by the names that a signature gives
         context, named = Parameter("context", Parameter.POSITIONAL_OR_KEYWORD), signature_of(python)
-        typed.__signature__ = named.replace(parameters=[context, *named.parameters.values()])
-        typed.__name__, typed.__doc__ = python.__name__, python.__doc__
+        vars(typed)["__signature__"] = named.replace(parameters=[context, *named.parameters.values()])
         return intrinsic(typed)
 
     return decorate

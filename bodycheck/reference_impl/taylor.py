@@ -183,7 +183,7 @@ def _step_size(high: Array, order: int, tolerance: float, length: float) -> floa
 
 
 @inlined_kernel
-def _next_time(t: float, step: float, end: float) -> float:
+def next_time(t: float, step: float, end: float) -> float:
     """t + step, rounded down to a multiple of about step / 2^_GRID_BITS, or the end."""
     if not t + step < end:
         return end
@@ -285,7 +285,7 @@ def integrate(
         step = _step_size(high, order, tolerance, length)
         if tolerance * _SMALLER < _EPS:
             step = min(step, _step_size(high, full, tolerance * _SMALLER, length))
-        after = _next_time(t, step, end)
+        after = next_time(t, step, end)
         if not after > t:
             state[0].fill(math.nan)
             for lost in range(due, len(times)):

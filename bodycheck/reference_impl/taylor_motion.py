@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -31,8 +31,7 @@ from bodycheck.reference_impl.taylor_terms import STATE, V, X
 from bodycheck.reference_impl.trajectory import Trajectory
 
 
-@dataclass(frozen=True, eq=False)
-class TaylorSolution:
+class TaylorSolution(NamedTuple):
     """What a solve returned: states (n, 13), namely q, omega_body, v, x at t_s (n,), and the steps made.
 
     The states are NaN from where the motion leaves the range of doubles.
@@ -87,6 +86,7 @@ class TaylorMotion:
 
         Raises ValueError that names the first time which is negative, not finite or before its predecessor.
         """
+        t_s = np.array(t_s, dtype=np.float64)  # of the one type that the kernels are compiled for
         misplaced = _first_misplaced(t_s)
         if misplaced < len(t_s):
             t = float(t_s[misplaced])
@@ -146,6 +146,8 @@ class _Principal:
     stretches: tuple[_Stretch, ...]
     tolerance: float
     is_moving: bool
+    resting: Array
+    """v and x at the start, (6,): always, unless it is moving."""
 
     @classmethod
     def of(cls, scene: Scene, course: Course, resolution: Resolution) -> _Principal:
@@ -157,12 +159,13 @@ class _Principal:
             series = working_space(loads, resolution.order)
             stretches.append(_Stretch(begin_s, end_s, body, loads, series, parabola))
         is_moving = any(stretch.parabola[:2].any() for stretch in stretches)
-        return cls(frame.start(scene.initial), tuple(stretches), resolution.tolerance, is_moving)
+        resting = stretches[0].parabola[1:].ravel()
+        return cls(frame.start(scene.initial), tuple(stretches), resolution.tolerance, is_moving, resting)
 
     def solve(self, t_s: Array) -> tuple[Array, int]:
         """Return the states (n, 13) at times in order, and the steps made."""
         out, state = np.empty((len(t_s), STATE)), self.start.copy()
-        out[:, V:X], out[:, X:] = self.stretches[0].parabola[1:]
+        out[:, V:] = self.resting
         until = float(t_s[-1]) if len(t_s) else 0.0
         due = steps = 0
         for stretch in self.stretches:

@@ -23,6 +23,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.jit import borrowing_inline, borrowing_kernel, exact_kernel
 from bodycheck.reference_impl.lanes import Lanes
 from bodycheck.reference_impl.registers import Mat, Quat, matrix_of, quaternion_times, transposed_times
+from bodycheck.reference_impl.taylor import next_time
 
 Q, OMEGA, U, LOADS = 0, 1, 4, 10
 """Rows: q, omega, the way down to the orbit's centre and its partner, where those of the loads begin."""
@@ -38,7 +39,6 @@ DAMPED, ORBIT_RATE = 0, 1
 SINE, COSINE, ANGULAR, PHASES, LOAD = 0, 1, 2, 5, 6
 RATE, PHASE, TURNS, SWINGS = 0, 1, 2, 3
 
-_GRID_BITS = 6
 _LINE = 64  # bytes
 
 _Parts: TypeAlias = tuple[Lanes, Lanes, Lanes]
@@ -276,15 +276,6 @@ def _step_size(series: Array, tolerance: float) -> float:
 
 
 @borrowing_kernel
-def _next_time(t: float, step: float, end: float) -> float:
-    """t + step, rounded down to a multiple of about step / 2^_GRID_BITS, or the end."""
-    if not t + step < end:
-        return end
-    grid = math.ldexp(1.0, math.frexp(step)[1] - _GRID_BITS)
-    return math.floor((t + step) / grid) * grid
-
-
-@borrowing_kernel
 def _change(series: Array, row: int, h: float) -> Lanes:
     """series(h) - series(0) by Horner's rule."""
     order = series.shape[1] - 1
@@ -345,7 +336,7 @@ def follow(
         if loads is not None:
             _start_forcing(series, body, loads, q, t)
         _expand(series, body, loads)
-        after = _next_time(t, _step_size(series, tolerance), end)
+        after = next_time(t, _step_size(series, tolerance), end)
         if not after > t:
             q = lanes.lanes(math.nan, math.nan, math.nan, math.nan)
             omega = q
