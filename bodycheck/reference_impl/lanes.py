@@ -158,9 +158,8 @@ def _spread(builder: Any, s: Any) -> Any:
     return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), ir.Constant(_MASK, [0] * 4))
 
 
-def _fused(builder: Any, total: Any, x: Any, y: Any, subtract: bool = False) -> Any:
-    product = builder.fmul(x, y, flags=("contract",))
-    return (builder.fsub if subtract else builder.fadd)(total, product, flags=("contract",))
+def _fused(builder: Any, total: Any, x: Any, y: Any) -> Any:
+    return builder.fadd(total, builder.fmul(x, y, flags=("contract",)), flags=("contract",))
 
 
 @_compiled_to(lambda builder, x, y: builder.fadd(x, y))
@@ -191,12 +190,6 @@ def scaled(x: Lanes, s: float) -> Lanes:
 def add_product(total: Lanes, x: Lanes, y: Lanes) -> Lanes:
     """Return total + x y, lane by lane, fused."""
     return plus(total, times(x, y))
-
-
-@_compiled_to(lambda builder, total, x, y: _fused(builder, total, x, y, subtract=True))
-def subtract_product(total: Lanes, x: Lanes, y: Lanes) -> Lanes:
-    """Return total - x y, lane by lane, fused."""
-    return minus(total, times(x, y))
 
 
 @_compiled_to(lambda builder, total, x, s: _fused(builder, total, x, _spread(builder, s)))

@@ -1,4 +1,4 @@
-"""A body and what turns it, along its principal axes, as the numbers that taylor_rotation.py is given.
+"""A body and what turns it, along its principal axes, as the numbers that principal_terms.py is given.
 
 Formed in rational arithmetic and rounded once, so that the frame costs no more than half an ulp.
 """
@@ -19,18 +19,7 @@ from bodycheck.reference_impl.principal_axes import (
     in_axes_of,
     principal_quaternion,
 )
-from bodycheck.reference_impl.scene import (
-    Drag,
-    GravityGradient,
-    PointForce,
-    RigidBody,
-    Scene,
-    SineTorque,
-    State,
-    Timed,
-    Torque,
-)
-from bodycheck.reference_impl.taylor_rotation import (
+from bodycheck.reference_impl.principal_terms import (
     ANGULAR,
     BODY,
     COSINE,
@@ -45,6 +34,17 @@ from bodycheck.reference_impl.taylor_rotation import (
     PHASES,
     SINE,
     TORQUE,
+)
+from bodycheck.reference_impl.scene import (
+    Drag,
+    GravityGradient,
+    PointForce,
+    RigidBody,
+    Scene,
+    SineTorque,
+    State,
+    Timed,
+    Torque,
 )
 
 _TURNS, _STAYS, _SWINGS = 1.0, 0.0, 1.0
