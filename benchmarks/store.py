@@ -1,0 +1,91 @@
+"""Files of a measurement: results.csv, a row a figure; work-precision.csv, a row a point; machine.json."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pandas as pd
+
+from benchmarks.figures import FIGURES
+from benchmarks.machine import machine
+from benchmarks.suite import Measurements
+from benchmarks.timing import Spread
+
+RESULTS, POINTS, MACHINE = "results.csv", "work-precision.csv", "machine.json"
+
+NOT_LIKE_FOR_LIKE = (
+    "A kernel specialised to one rigid body beside a general engine or solver is not like for like: the "
+    "engines carry joints, contacts and many bodies, the solvers any equation."
+)
+
+
+def write_results(measured: Measurements, folder: Path, *, command: str, quick: bool) -> None:
+    """Write the three files into a folder, which is made if need be."""
+    folder.mkdir(parents=True, exist_ok=True)
+    results_table(measured, quick=quick).to_csv(folder / RESULTS, index=False)
+    points_table(measured).to_csv(folder / POINTS, index=False)
+    facts = {"command": command, **machine(), "note": NOT_LIKE_FOR_LIKE}
+    (folder / MACHINE).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+
+
+def read_results(folder: Path) -> pd.DataFrame:
+    """Return the rows of results.csv; numbers that were not measured are NaN, words empty."""
+    words = dict.fromkeys(("figure", "what", "unit", "target", "verdict", "note"), "")
+    return pd.read_csv(folder / RESULTS, dtype=dict.fromkeys(words, str)).fillna(words)
+
+
+def read_points(folder: Path) -> pd.DataFrame:
+    """Return the rows of work-precision.csv."""
+    return pd.read_csv(folder / POINTS)
+
+
+def results_table(measured: Measurements, *, quick: bool) -> pd.DataFrame:
+    """Return a row a figure: value between its quartiles, target, verdict; quick sizes are never judged."""
+    rows = []
+    for figure, found in zip(FIGURES, measured.figures, strict=True):
+        assert figure.name == found.figure
+        against = NOT_LIKE_FOR_LIKE if figure.name.startswith("against.") else ""
+        rows.append(
+            {
+                "figure": figure.name,
+                "what": figure.what,
+                "value": _digits(found.value),
+                "low": _digits(found.low),
+                "high": _digits(found.high),
+                "unit": figure.unit,
+                "target": figure.target,
+                "verdict": "" if quick else figure.verdict(found.value),
+                "note": ". ".join(note for note in (found.note, against) if note),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def points_table(measured: Measurements) -> pd.DataFrame:
+    """Return a row a point; where a contender reached no such error its best stands there, without times."""
+    rows = []
+    for point in measured.points:
+        spread = None if point.seconds is None else Spread.of(point.seconds)
+        rows.append(
+            {
+                "problem": point.problem,
+                "contender": point.contender.name,
+                "version": point.contender.version,
+                "target_error": point.target,
+                "knob": point.contender.knob,
+                "setting": _digits(point.tuned.setting),
+                "error": _digits(point.tuned.error),
+                "time_s": spread and _digits(spread.median),
+                "time_low_s": spread and _digits(spread.low),
+                "time_high_s": spread and _digits(spread.high),
+                "prepare_s": _digits(point.tuned.prepare_s),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _digits(value: float | None) -> float | None:
+    """Round to four digits: no time is known better."""
+    return None if value is None or not math.isfinite(value) else float(f"{value:.4g}")

@@ -1,0 +1,53 @@
+"""Everything that is measured, topic after topic, each alone on the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from benchmarks.effort import Effort
+from benchmarks.figures import FIGURES, Measured
+from benchmarks.topics.against import Points, against
+from benchmarks.topics.batch import batch
+from benchmarks.topics.certified import certified
+from benchmarks.topics.closed_form import closed_form
+from benchmarks.topics.drift import drift
+from benchmarks.topics.forced import forced
+from benchmarks.topics.mesh import mesh
+from benchmarks.topics.specialised import specialised
+from benchmarks.topics.start import start
+
+_TOPICS: tuple[Callable[[Effort], list[Measured]], ...] = (
+    closed_form,
+    forced,
+    drift,
+    batch,
+    certified,
+    mesh,
+    specialised,
+    start,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """All figures, in the order of their list, and the points of the work-precision curves."""
+
+    figures: list[Measured]
+    points: Points
+
+
+def measure(effort: Effort, tell: Callable[[str], None]) -> Measurements:
+    """Run all topics; tell which one begins. A figure that no topic reached says so."""
+    tell("against engines and solvers")
+    found, points = against(effort)
+    for topic in _TOPICS:
+        tell(topic.__name__.replace("_", " "))
+        found += topic(effort)
+    by_name = {measured.figure: measured for measured in found}
+    unknown = by_name.keys() - {figure.name for figure in FIGURES}
+    assert not unknown, unknown
+    absent = "not reached at any setting"
+    return Measurements(
+        [by_name.get(figure.name, Measured(figure.name, None, note=absent)) for figure in FIGURES], points
+    )

@@ -1,0 +1,82 @@
+"""Interleaved timing: every round runs every task, so that what slows the machine slows them all."""
+
+from __future__ import annotations
+
+import gc
+import math
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.contenders.contender import Task
+from benchmarks.effort import Effort
+from bodycheck.reference_impl.arrays import Array
+
+_MOST_RUNS = 2000  # of one task in one round
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A median between its quartiles."""
+
+    median: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, values: Array) -> Spread:
+        """Return that of some values (n,)."""
+        low, median, high = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
+        return cls(median, low, high)
+
+    def scaled(self, factor: float) -> Spread:
+        """Return the same in a unit 1 / factor as large, factor > 0."""
+        return Spread(factor * self.median, factor * self.low, factor * self.high)
+
+
+def interleaved(tasks: Sequence[Task], effort: Effort) -> Array:
+    """Time the tasks round-robin: (tasks, rounds) in s, each the median of the runs of its round.
+
+    A round begins with another task each time. Wall clock, the garbage collector off, resets left out;
+    the first run of each task, which may compile or fill caches, is never counted.
+    """
+    repeats = [_repeats(task, effort.seconds) for task in tasks]
+    seconds = np.empty((len(tasks), effort.rounds))
+    with _no_collector():
+        for k in range(effort.rounds):
+            for place in range(len(tasks)):
+                i = (k + place) % len(tasks)
+                seconds[i, k] = np.median([_once(tasks[i]) for _ in range(repeats[i])])
+    return seconds
+
+
+def ratio(slower: Array, faster: Array) -> Spread:
+    """Ratio of the medians, between the quartiles of the ratios round by round; (rounds,) each."""
+    rounds = Spread.of(slower / faster)
+    return Spread(float(np.median(slower) / np.median(faster)), rounds.low, rounds.high)
+
+
+def _once(task: Task) -> float:
+    task.reset()
+    begin = time.perf_counter_ns()
+    task.run()
+    return 1e-9 * (time.perf_counter_ns() - begin)
+
+
+def _repeats(task: Task, seconds: float) -> int:
+    _once(task)
+    return min(max(math.ceil(seconds / max(_once(task), 1e-9)), 1), _MOST_RUNS)
+
+
+@contextmanager
+def _no_collector() -> Iterator[None]:
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()

@@ -1,0 +1,134 @@
+"""The benchmark as a whole, at sizes that a test can afford; and what is committed of the real one."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from benchmarks.figures import FIGURES, Figure
+from benchmarks.picture import PICTURE, work_precision_picture
+from benchmarks.readme import BEGIN, END, with_table
+from benchmarks.store import NOT_LIKE_FOR_LIKE, read_points, read_results
+from benchmarks.table import markdown_table, terminal_table
+
+ROOT = Path(__file__).parents[2]
+COMMITTED = ROOT / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run the benchmark in a process of its own, as a user does, and return its folder."""
+    out = tmp_path_factory.mktemp("benchmarks") / "new"
+    command = [sys.executable, "-W", "error", "-m", "benchmarks", "--quick", "--out", str(out)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert NOT_LIKE_FOR_LIKE in done.stdout
+    return out
+
+
+@pytest.mark.slow
+def test_every_figure_is_there_and_none_is_judged(quick: Path) -> None:
+    """results.csv has the list's figures in order; what was not measured says why, and nothing is a pass."""
+    results = read_results(quick)
+    assert list(results["figure"]) == [figure.name for figure in FIGURES]
+    assert results.loc[results["value"].isna(), "note"].all()
+    assert not results["verdict"].any()
+    start = results["figure"].str.startswith("start.")
+    assert results.loc[start, "value"].isna().all()
+    assert results.loc[~start, "value"].notna().mean() > 0.8
+
+
+@pytest.mark.slow
+def test_tuned_contenders_keep_the_error(quick: Path) -> None:
+    """Each timed point's error is at most its target; one without a time shows an error above it."""
+    points = read_points(quick)
+    timed = points["time_s"].notna()
+    assert {"Taylor", "closed form", "MuJoCo rk4", "scipy DOP853"} <= set(points.loc[timed, "contender"])
+    assert (points.loc[timed, "error"] <= points.loc[timed, "target_error"]).all()
+    assert (points.loc[~timed, "error"] > points.loc[~timed, "target_error"]).all()
+    assert (points.loc[timed, ["time_low_s", "time_s", "time_high_s"]].diff(axis=1).iloc[:, 1:] >= 0.0).all(
+        axis=None
+    )
+
+
+@pytest.mark.slow
+def test_the_machine_is_named_by_its_parts_alone(quick: Path) -> None:
+    """machine.json has processor, cores, versions, and the note that it is not like for like; no path."""
+    text = (quick / "machine.json").read_text()
+    facts = json.loads(text)
+    assert facts["note"] == NOT_LIKE_FOR_LIKE
+    assert {"cpu", "cores", "python", "libraries", "load_average"} <= facts.keys()
+    assert str(ROOT) not in text
+
+
+@pytest.mark.parametrize(
+    ("figure", "value", "verdict"),
+    [
+        (Figure("a", "", "", at_most=2.0), 2.0, "pass"),
+        (Figure("a", "", "", at_most=2.0), 2.1, "miss"),
+        (Figure("a", "", "", at_least=2.0), 2.0, "pass"),
+        (Figure("a", "", "", at_least=2.0), 1.9, "miss"),
+        (Figure("a", "", "", at_least=2.0), float("nan"), "miss"),
+        (Figure("a", "", "", at_least=2.0), None, "not measured"),
+        (Figure("a", "", ""), 2.0, ""),
+    ],
+)
+def test_a_target_is_met_or_missed(figure: Figure, value: float | None, verdict: str) -> None:
+    """At the bound is met, beyond it and NaN missed; nothing measured is neither."""
+    assert figure.verdict(value) == verdict
+
+
+def test_names_of_figures_are_unique() -> None:
+    """No two figures share a row."""
+    assert len({figure.name for figure in FIGURES}) == len(FIGURES)
+
+
+def test_the_committed_results_are_of_this_list() -> None:
+    """results.csv has every figure, with the targets that stand in the code and the verdicts they give."""
+    results = read_results(COMMITTED)
+    assert list(results["figure"]) == [figure.name for figure in FIGURES]
+    for figure, (_, row) in zip(FIGURES, results.iterrows(), strict=True):
+        assert row["target"] == figure.target
+        assert row["verdict"] == figure.verdict(None if pd.isna(row["value"]) else row["value"])
+    against = results["figure"].str.startswith("against.")
+    assert results.loc[against, "note"].str.contains(NOT_LIKE_FOR_LIKE, regex=False).all()
+
+
+def test_the_readme_has_the_committed_numbers() -> None:
+    """The README's table is the one that the committed results give."""
+    page = (ROOT / "README.md").read_text()
+    assert with_table(page, markdown_table(read_results(COMMITTED))) == page
+
+
+def test_the_picture_is_of_the_committed_points() -> None:
+    """The committed picture is the one that the committed points give, and is well-formed."""
+    drawn = work_precision_picture(read_points(COMMITTED))
+    assert (COMMITTED / PICTURE).read_text() == drawn
+    ET.fromstring(drawn)
+
+
+def test_a_page_without_its_marks_is_refused() -> None:
+    """The table is put between the marks and nowhere else."""
+    assert with_table(f"a\n{BEGIN}old\n{END}b\n", "new\n") == f"a\n{BEGIN}new\n{END}b\n"
+    with pytest.raises(ValueError, match="needs the marks"):
+        with_table(f"a\n{END}b\n{BEGIN}", "new\n")
+
+
+def test_the_terminal_says_misses_as_misses() -> None:
+    """The table counts every verdict."""
+    rows = {
+        "verdict": ["pass", "miss", "miss", "not measured"],
+        "value": [1.0, 2.0, 3e8, float("nan")],
+        "unit": ["us", "", "1/s", "x"],
+        "target": ["<= 2", "<= 1", ">= 4e+08", ""],
+        "what": ["first", "second", "third", "fourth"],
+    }
+    text = terminal_table(pd.DataFrame(rows))
+    assert text.endswith("1 pass, 2 miss, 1 not measured")
+    assert "3e+08 1/s" in text

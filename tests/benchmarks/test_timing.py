@@ -1,0 +1,74 @@
+"""Timing is fair in its order and right in its arithmetic; no test says how long anything takes."""
+
+from __future__ import annotations
+
+import gc
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from benchmarks.effort import QUICK
+from benchmarks.timing import Spread, interleaved, ratio
+
+
+@dataclass
+class Noted:
+    """A task that writes down when it is reset and run."""
+
+    name: str
+    log: list[str]
+
+    def reset(self) -> None:
+        """Note it."""
+        self.log.append(f"reset {self.name}")
+
+    def run(self) -> None:
+        """Note it, if reset just before."""
+        assert self.log[-1] == f"reset {self.name}"
+        self.log.append(self.name)
+
+
+def test_every_round_runs_every_task_and_begins_with_another() -> None:
+    """After the warm-up each round has each task once, in a rotated order, always from its start."""
+    log: list[str] = []
+    seconds = interleaved([Noted(name, log) for name in "abc"], replace(QUICK, rounds=4))
+    runs = "".join(entry for entry in log if not entry.startswith("reset"))
+    assert runs == "aabbcc" + "abc" + "bca" + "cab" + "abc"
+    assert seconds.shape == (3, 4)
+    assert (seconds >= 0.0).all()
+
+
+def test_short_tasks_are_run_often_enough_to_fill_their_time() -> None:
+    """A task much shorter than the seconds of a round is repeated in it."""
+    log: list[str] = []
+    interleaved([Noted("a", log)], replace(QUICK, rounds=1, seconds=1e-3))
+    assert log.count("a") > 3
+
+
+@pytest.mark.parametrize("was_on", [True, False])
+def test_the_collector_is_left_as_it_was(was_on: bool) -> None:
+    """Garbage collection is as before after the timing, and off within."""
+    within: list[bool] = []
+
+    class Looking(Noted):
+        def run(self) -> None:
+            within.append(gc.isenabled())
+
+    before = gc.isenabled()
+    (gc.enable if was_on else gc.disable)()
+    try:
+        interleaved([Looking("a", [])], QUICK)
+        assert gc.isenabled() is was_on
+    finally:
+        (gc.enable if before else gc.disable)()
+    assert not any(within[-QUICK.rounds :])
+
+
+def test_ratios_are_of_medians_between_paired_quartiles() -> None:
+    """A round that slows both tasks alike leaves the paired ratios alone."""
+    fast = np.array([1.0, 1.0, 1.0, 5.0, 5.0])
+    found = ratio(3.0 * fast, fast)
+    assert (found.median, found.low, found.high) == (3.0, 3.0, 3.0)
+    assert ratio(np.array([2.0, 4.0, 6.0]), np.array([1.0, 1.0, 2.0])).median == 4.0
+    assert Spread.of(np.arange(5.0)).scaled(2.0) == Spread(4.0, 2.0, 6.0)
