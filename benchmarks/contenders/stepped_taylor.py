@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.contenders.contender import Contender, tolerances
-from benchmarks.prepared_taylor import PreparedTaylor
 from benchmarks.problems import End, Problem
+from bodycheck.reference_impl.taylor_motion import TaylorMotion
 
 
 class _Solving:
     def __init__(self, problem: Problem, tolerance: float) -> None:
-        self._motion = PreparedTaylor(problem.scene, tolerance)
+        self._motion = TaylorMotion.of(problem.scene, tolerance)
         self._t_s = np.array([problem.scene.duration_s])
         self._solved = self._motion.solve(self._t_s)
 
@@ -24,7 +24,7 @@ class _Solving:
 
     def end(self) -> End:
         """Return the one row solved for."""
-        state = self._solved.high[0]
+        state = self._solved.states[0]
         return state[:4], state[4:7]
 
 

@@ -7,11 +7,11 @@ import numpy as np
 from benchmarks.contenders.stepped_taylor import STEPPED_TAYLOR
 from benchmarks.effort import Effort
 from benchmarks.figures import Measured, key
-from benchmarks.prepared_taylor import PreparedTaylor
 from benchmarks.problems import BODY_SINE, BODY_TORQUE, DRAG, GRAVITY_GRADIENT, WORLD_TORQUE, Problem
 from benchmarks.search import cheapest, tried
 from benchmarks.timing import Spread, interleaved
 from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.taylor_motion import TaylorMotion
 
 FORCED = (BODY_TORQUE, DRAG, BODY_SINE, GRAVITY_GRADIENT, WORLD_TORQUE)
 
@@ -38,6 +38,6 @@ def forced(effort: Effort) -> list[Measured]:
 def floor(problem: Problem) -> float:
     """max over the samples of angle / (eps x sensitivity), at the tightest tolerance."""
     truth = problem.truth
-    followed = PreparedTaylor(problem.scene, _TIGHTEST).solve(truth.trajectory.t_s)
-    angles = geodesic_angle(truth.trajectory.attitude, followed.high[:, :4])
+    followed = TaylorMotion.of(problem.scene, _TIGHTEST).solve(truth.trajectory.t_s)
+    angles = geodesic_angle(truth.trajectory.attitude, followed.states[:, :4])
     return float(np.max(angles / truth.round_off_rad))
