@@ -12,17 +12,17 @@ PICTURE = "work-precision.svg"
 
 _PANELS = {"free": "No torque, 10 s", "constant world torque": "Constant torque of the world, 10 s"}
 
-# in the order of the legend; the colours of Okabe and Ito (2008), which the colour-blind tell apart
+# in the order of the legend; colours after Okabe and Ito (2008), for the colour-blind, on light and on dark
 _LINES = {
-    "closed form": ("bodycheck, closed form", "#009e73"),
-    "Taylor": ("bodycheck, Taylor", "#0072b2"),
-    "heyoka Taylor": ("heyoka, Taylor", "#56b4e9"),
+    "closed form": ("bodycheck, closed form with its set-up", "#009e73"),
+    "Taylor": ("bodycheck, Taylor", "#1c86d1"),
+    "heyoka Taylor": ("heyoka, Taylor", "#8592a0"),
     "reference rk4": ("bodycheck, RK4", "#e69f00"),
-    "scipy DOP853": ("scipy DOP853, compiled right-hand side", "#cc79a7"),
+    "scipy DOP853": ("scipy, DOP853", "#cc79a7"),
     "MuJoCo rk4": ("MuJoCo, RK4", "#d55e00"),
 }
 
-_WIDTH, _HEIGHT = 900, 470
+_WIDTH, _HEIGHT = 900, 485
 _PANEL_WIDTH, _PANEL_HEIGHT, _TOP = 370, 290, 110
 _LEFTS = (70, 500)
 
