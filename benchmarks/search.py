@@ -5,7 +5,6 @@ Every contender is tuned by this one search, over a grid of the same fineness.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -33,8 +32,7 @@ def tried(contender: Contender, problem: Problem, hardest: float) -> list[Tried]
         prepared = time.perf_counter() - begin
         solver.reset()
         solver.run()
-        error = problem.error(solver.end())
-        found.append(Tried(setting, solver, prepared, math.inf if math.isnan(error) else error))
+        found.append(Tried(setting, solver, prepared, problem.error(solver.end())))
         if found[-1].error <= hardest:
             break
     return found
