@@ -84,7 +84,7 @@ def _up(seconds: float, decades: range) -> float:
 def _legend(names: Iterable[str]) -> Iterator[str]:
     for place, name in enumerate(names):
         label, colour = _LINES[name]
-        x, y = 70 + 290 * (place % 3), 30 + 24 * (place // 3)
+        x, y = 70 + 310 * (place % 3), 30 + 24 * (place // 3)
         yield f'<path d="M{x} {y}h26" stroke="{colour}" stroke-width="2.5"/>'
         yield f'<circle cx="{x + 13}" cy="{y}" r="3.5" fill="{colour}"/>'
         yield f'<text x="{x + 34}" y="{y + 4.5}">{escape(label)}</text>'
