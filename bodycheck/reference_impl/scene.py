@@ -136,10 +136,23 @@ Load: TypeAlias = Timed | Lasting
 
 
 @dataclass(frozen=True, eq=False)
+class Link:
+    """An engine's frame of the body: how it is built, never how it moves.
+
+    offset (3,) in m: its origin from the centre of mass, body axes; quaternion (4,): link axes to body axes.
+    """
+
+    offset: Array
+    quaternion: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """One body from one initial state under its loads, sampled evenly from 0 to duration_s.
 
-    gravity (3,) in m/s^2, world axes.
+    gravity (3,) in m/s^2, world axes. pivot (3,) in m: the body-fixed point, from the centre of mass in body
+    axes, that stays where it is at the start; None for a body that is free to move. link: where an engine is
+    to have its own frame of the body; None for the centre of mass and the body axes.
     """
 
     body: RigidBody
@@ -148,6 +161,8 @@ class Scene:
     gravity: Array
     duration_s: float
     samples: int
+    pivot: Array | None = None
+    link: Link | None = None
 
     @property
     def sample_interval_s(self) -> float:
