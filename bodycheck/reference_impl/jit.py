@@ -48,6 +48,7 @@ def borrowing_kernel(function: Callable[..., Any]) -> Any:
     """Compile a function that makes no array, so that those it is given need no counting of references.
 
     The counts are atomic, and stand wherever an inlined function takes an array: within the innermost loops.
+    numba lets them be left out by an option that it does not document.
     """
     return _compile(function, fastmath={"contract"}, _nrt=False)
 

@@ -1,6 +1,6 @@
 """A body and what turns it, along its principal axes, as the numbers that principal_terms.py is given.
 
-Formed in rational arithmetic and rounded once, so that the frame costs no more than half an ulp.
+Formed in rational arithmetic and then rounded, so that the frame costs no more than an ulp.
 """
 
 from __future__ import annotations

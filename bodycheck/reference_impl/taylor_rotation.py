@@ -1,9 +1,9 @@
 """The Taylor integrator of a rotation in doubles, along the principal axes: the fast one.
 
 The state is carried in two parts, so that adding the steps up loses nothing, and steps end on a coarse binary
-grid. Good to a few eps times the motion's sensitivity; over a million steps energy, momentum and |q| wander by
-some 1e-13. Springs, drag of the centre of mass and double-doubles are for taylor.py, whose recurrences are the
-general ones. Sources: as there.
+grid. Good to a few eps times the motion's sensitivity; over a million steps energy, momentum and |q| wander
+by some 1e-13. Springs, drag of the centre of mass and double-doubles are for taylor.py, whose recurrences are
+the general ones. Sources: as there.
 """
 
 from __future__ import annotations
