@@ -32,15 +32,15 @@ class Method:
 
     order is that of a smooth, torque-free motion in theory, None where there is none to expect.
     evaluations counts right-hand sides in a step. torque says when a torque is evaluated: at every
-    stage, or once and held over the step. control says what it is told: the step, a tolerance, or nothing;
-    tolerances are those that a run uses unless told otherwise.
+    stage, once and held over the step, or nowhere but in a closed form. control says what it is told: the
+    step, a tolerance, or nothing; tolerances are those that a run uses unless told otherwise.
     """
 
     name: str
     formula: str
     order: int | None
     evaluations: int | None
-    torque: Literal["every stage", "held over the step", "none"]
+    torque: Literal["every stage", "held over the step", "in closed form"]
     keeps: str
     source: str
     control: Control = "dt"

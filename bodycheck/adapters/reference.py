@@ -23,10 +23,10 @@ _POSITION, _VELOCITY, _SPIN = slice(0, 3), slice(3, 6), slice(6, 9)
 
 _EXACT = Method(
     name="exact",
-    formula="omega and q at any t by Jacobi's elliptic functions, without stepping",
+    formula="q and omega at any t without stepping: Jacobi's elliptic functions, or about a fixed axis",
     order=None,
     evaluations=None,
-    torque="none",
+    torque="in closed form",
     keeps="everything, to round-off",
     source="Jacobi (1849); van Zon and Schofield (2007), J. Comput. Phys. 225, 145",
     control="none",
