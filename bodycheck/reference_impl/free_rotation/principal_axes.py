@@ -14,6 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl import double_double as dd
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.double_double import DoubleDouble
 from bodycheck.reference_impl.free_rotation.error_free_sums import (
     Split,
@@ -134,66 +135,85 @@ def _rotated(
 
 
 @exact_kernel
+def _pair(values: Array) -> DoubleDouble:
+    return values[0], values[1]
+
+
+@exact_kernel
+def _put(values: Array, x: DoubleDouble) -> None:
+    values[0], values[1] = x
+
+
+@exact_kernel
+def _rotate_pairs(c: DoubleDouble, s: DoubleDouble, x: Array, y: Array) -> None:
+    """(x, y) -> (c x - s y, s x + c y)."""
+    new_x, new_y = _rotated(c, s, _pair(x), _pair(y))
+    _put(x, new_x)
+    _put(y, new_y)
+
+
+@exact_kernel
+def _nearly_diagonal(
+    inertia: Mat, omega: Vec, bases: Array, rests: Array, offs: Array, spin: Array, axes: Array
+) -> None:
+    """Fill what `principal` works on with what the short turn leaves."""
+    turn, norm = _short_turn(inertia)
+    for i in range(3):
+        bases[i], rest = divided(divided(_congruence(inertia, turn, i, i), norm), norm)
+        _put(rests[i], rest)
+        off = rounded(_congruence(inertia, turn, (i + 1) % 3, (i + 2) % 3))
+        _put(offs[i], dd.divide(dd.divide(off, (norm, 0.0)), (norm, 0.0)))
+        _put(spin[i], dd.divide(_turned(turn, omega, i), (norm, 0.0)))
+        for k in range(3):
+            _put(axes[i, k], dd.divide((turn[3 * k + i], 0.0), (norm, 0.0)))
+
+
+@exact_kernel
+def _rotate_away(r: int, bases: Array, rests: Array, offs: Array, spin: Array, axes: Array) -> None:
+    """Turn about the axis r, so that the other two are no longer coupled."""
+    p, q = (r + 1) % 3, (r + 2) % 3
+    off, rest_p, rest_q = _pair(offs[r]), _pair(rests[p]), _pair(rests[q])
+    tangent = _tangent(off, difference((bases[q], rest_q), (bases[p], rest_p)))
+    c = dd.divide(dd.ONE, dd.square_root(dd.add(dd.ONE, dd.multiply(tangent, tangent))))
+    s = dd.multiply(tangent, c)
+    moved = dd.multiply(tangent, off)
+    _put(rests[p], dd.subtract(rest_p, moved))
+    _put(rests[q], dd.add(rest_q, moved))
+    _put(offs[r], dd.ZERO)
+    _rotate_pairs(c, s, offs[q], offs[p])  # the axis r is coupled to p by offs[q], to q by offs[p]
+    _rotate_pairs(c, s, spin[p], spin[q])
+    for k in range(3):
+        _rotate_pairs(c, s, axes[p, k], axes[q, k])
+
+
+@exact_kernel
 def principal(inertia: Mat, omega: Vec) -> Frame:
     """Diagonalise a symmetric tensor whose largest element is of ordinary size, by cyclic Jacobi rotations.
 
     The rests of the moments err by some 2^-150 of the largest moment, omega by 2^-128 of itself. A diagonal
     tensor is its own answer, exactly. Source: Golub & Van Loan 2013, Matrix computations, 8.5.
     """
-    turn, norm = _short_turn(inertia)
+    # a moment is a base and a rest; offs[r] couples the two axes other than r; an axis is a row
     bases, rests, offs = np.empty(3), np.empty((3, 2)), np.empty((3, 2))
     spin, axes = np.empty((3, 2)), np.empty((3, 3, 2))
-    largest = 0.0
-    for i in range(3):
-        base, rest = divided(divided(_congruence(inertia, turn, i, i), norm), norm)
-        bases[i], rests[i, 0], rests[i, 1] = base, rest[0], rest[1]
-        largest = max(largest, abs(base))
-        # offs[r] couples the two axes other than r
-        off = rounded(_congruence(inertia, turn, (i + 1) % 3, (i + 2) % 3))
-        off = dd.divide(dd.divide(off, (norm, 0.0)), (norm, 0.0))
-        offs[i, 0], offs[i, 1] = off
-        component = dd.divide(_turned(turn, omega, i), (norm, 0.0))
-        spin[i, 0], spin[i, 1] = component
-        for k in range(3):
-            axes[k, i, 0], axes[k, i, 1] = dd.divide((turn[3 * k + i], 0.0), (norm, 0.0))
+    _nearly_diagonal(inertia, omega, bases, rests, offs, spin, axes)
+    settled = _SETTLED * max(abs(bases[0]), abs(bases[1]), abs(bases[2]))
     for _ in range(_SWEEPS):
         for r in range(3):
-            p, q = (r + 1) % 3, (r + 2) % 3
-            off = (offs[r, 0], offs[r, 1])
-            if abs(off[0]) <= _SETTLED * largest:
-                continue
-            rest_p, rest_q = (rests[p, 0], rests[p, 1]), (rests[q, 0], rests[q, 1])
-            tangent = _tangent(off, difference((bases[q], rest_q), (bases[p], rest_p)))
-            c = dd.divide(dd.ONE, dd.square_root(dd.add(dd.ONE, dd.multiply(tangent, tangent))))
-            s = dd.multiply(tangent, c)
-            moved = dd.multiply(tangent, off)
-            rests[p, 0], rests[p, 1] = dd.subtract(rest_p, moved)
-            rests[q, 0], rests[q, 1] = dd.add(rest_q, moved)
-            offs[r, 0], offs[r, 1] = 0.0, 0.0
-            # the axis r is coupled to p by offs[q], to q by offs[p]
-            to_p, to_q = _rotated(c, s, (offs[q, 0], offs[q, 1]), (offs[p, 0], offs[p, 1]))
-            offs[q, 0], offs[q, 1] = to_p
-            offs[p, 0], offs[p, 1] = to_q
-            to_p, to_q = _rotated(c, s, (spin[p, 0], spin[p, 1]), (spin[q, 0], spin[q, 1]))
-            spin[p, 0], spin[p, 1] = to_p
-            spin[q, 0], spin[q, 1] = to_q
-            for k in range(3):
-                x, y = (axes[k, p, 0], axes[k, p, 1]), (axes[k, q, 0], axes[k, q, 1])
-                to_p, to_q = _rotated(c, s, x, y)
-                axes[k, p, 0], axes[k, p, 1] = to_p
-                axes[k, q, 0], axes[k, q, 1] = to_q
+            if abs(offs[r, 0]) > settled:
+                _rotate_away(r, bases, rests, offs, spin, axes)
     first, second, third = (
-        (bases[0], (rests[0, 0], rests[0, 1])),
-        (bases[1], (rests[1, 0], rests[1, 1])),
-        (bases[2], (rests[2, 0], rests[2, 1])),
+        (bases[0], _pair(rests[0])),
+        (bases[1], _pair(rests[1])),
+        (bases[2], _pair(rests[2])),
     )
     return Frame(
         (rounded(first), rounded(second), rounded(third)),
         (difference(second, first), difference(third, first), difference(third, second)),
-        ((spin[0, 0], spin[0, 1]), (spin[1, 0], spin[1, 1]), (spin[2, 0], spin[2, 1])),
+        (_pair(spin[0]), _pair(spin[1]), _pair(spin[2])),
         (
-            (axes[0, 0, 0], axes[1, 0, 0], axes[2, 0, 0]),
-            (axes[0, 1, 0], axes[1, 1, 0], axes[2, 1, 0]),
-            (axes[0, 2, 0], axes[1, 2, 0], axes[2, 2, 0]),
+            (axes[0, 0, 0], axes[0, 1, 0], axes[0, 2, 0]),
+            (axes[1, 0, 0], axes[1, 1, 0], axes[1, 2, 0]),
+            (axes[2, 0, 0], axes[2, 1, 0], axes[2, 2, 0]),
         ),
     )
