@@ -374,7 +374,12 @@ def course_of(scene: Scene, until_s: float) -> Course:
 
 def solve(course: Course, start: State, t_s: Array, resolution: Resolution) -> Solution:
     """Follow a course from a start through ascending times (n,) within it."""
-    state, steps = packed_state(start), 0
+    return solve_packed(course, packed_state(start), t_s, resolution)
+
+
+def solve_packed(course: Course, state: tuple[Array, Array], t_s: Array, resolution: Resolution) -> Solution:
+    """As `solve`, from the high and low parts of a state ((13,), (13,)), which end where the course does."""
+    steps = 0
     high, low = np.empty((len(t_s), STATE)), np.empty((len(t_s), STATE))
     for begin, end, forcing in course:
         first, after = np.searchsorted(t_s, [begin, end])

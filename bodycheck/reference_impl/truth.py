@@ -16,7 +16,15 @@ from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.exact import ExactMotion, closed_form_of
 from bodycheck.reference_impl.rotations import exp_quaternion, normalised, quaternion_product
 from bodycheck.reference_impl.scene import Scene, Spring, State
-from bodycheck.reference_impl.taylor import Resolution, Solution, course_of, solve
+from bodycheck.reference_impl.taylor import (
+    Course,
+    Resolution,
+    Solution,
+    course_of,
+    packed_state,
+    solve,
+    solve_packed,
+)
 from bodycheck.reference_impl.trajectory import Trajectory
 
 _EXACT_BOUNDS = np.array([[4e-15], [8e-15], [8e-15]])
@@ -25,6 +33,8 @@ _EXACT_BOUNDS = np.array([[4e-15], [8e-15], [8e-15]])
 _FINE, _CHECK = Resolution(30, 1e-32, 19), Resolution(34, 1e-33, 21)
 _NUDGED = Resolution(18, 1e-17)
 _NUDGE = 1e-7  # rad, or relative to max |omega|: the size of the perturbations that measure sensitivity
+_PROPORTIONAL_RAD = 1e-2  # an angle up to which a nudge grows in proportion to its size
+_FINE_NUDGE = 1e-15  # of those nudges: what double-doubles still hold to nine digits
 _MARGIN = 10.0
 _EPS = float(np.finfo(np.float64).eps)
 _EPS_PAIR = 2.0**-104  # of double-double arithmetic
@@ -103,14 +113,30 @@ def _certified(scene: Scene, t_s: Array) -> Truth:
     fine, check = (solve(course, scene.initial, t_s, resolution) for resolution in (_FINE, _CHECK))
     motion = _trajectory(t_s, fine)
     _check_finite(motion)
-    neighbours = [_trajectory(t_s, solve(course, start, t_s, _NUDGED)) for start in _nudges(scene, motion)]
-    growths = _growths(scene, motion, neighbours)
+    growths = _certified_growths(scene, course, motion, fine)
     gaps = small_distances(scene, motion, (check.high - fine.high) + (check.low - fine.low))
     noise = _EPS_PAIR * growths * (1 + max(fine.steps, check.steps))
     bounds = np.maximum.accumulate(_MARGIN * (gaps + noise) + rounding(scene, motion), axis=1)
     truth = Truth(motion, "certified", *bounds, *_EPS * growths)
     lost = t_s[truth.bound_rad > _TRUSTED_RAD]
     return replace(truth, trusted_until_s=float(lost[0])) if len(lost) else truth
+
+
+def _certified_growths(scene: Scene, course: Course, motion: Trajectory, fine: Solution) -> Array:
+    """(3, n): as _growths; in double-doubles where nudges that doubles can hold grow out of proportion."""
+    t_s = motion.t_s
+    neighbours = [_trajectory(t_s, solve(course, start, t_s, _NUDGED)) for start in _nudges(scene, motion)]
+    growths = _growths(scene, motion, neighbours)
+    if float(np.max(growths[0], initial=0.0)) * _NUDGE < _PROPORTIONAL_RAD:
+        return growths
+    apart = np.zeros_like(growths)
+    for start in _nudges(scene, motion):
+        state, rest = packed_state(scene.initial)
+        nudge = (packed_state(start)[0] - state) + (packed_state(start)[1] - rest)
+        found = solve_packed(course, (state, rest + _FINE_NUDGE * nudge), t_s, _FINE)
+        difference = (found.high - fine.high) + (found.low - fine.low)
+        apart = np.maximum(apart, small_distances(scene, motion, difference))
+    return np.maximum.accumulate(np.maximum(growths, apart / (_NUDGE * _FINE_NUDGE)), axis=1)
 
 
 def _trajectory(t_s: Array, solution: Solution) -> Trajectory:

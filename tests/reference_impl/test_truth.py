@@ -492,3 +492,22 @@ def test_bounds_never_shrink(name: str) -> None:
     for bound in (truth.bound_rad, truth.bound_energy, truth.bound_momentum, truth.round_off_rad):
         assert np.all(np.diff(bound) >= 0.0)
         assert np.all(bound > 0.0)
+
+
+@pytest.mark.slow
+def test_the_sensitivity_of_a_chaotic_motion_is_not_cut_off() -> None:
+    """A nudge of 1e-13 grows as much in forty digits as the truth says, where nudges of doubles saturate."""
+    start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))
+    torque = Torque("world", np.array([0.3, -0.2, 0.1]))
+    scene = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 3.0])), start, (torque,), np.zeros(3), 50.0, 2)
+    said = float(solve_truth(scene, np.array([50.0])).round_off_rad[0]) / EPS
+    nudge = 1e-13
+    pushed = replace(start, omega_body=start.omega_body + np.array([0.0, 0.0, nudge]))
+    (there,), (elsewhere,) = (
+        exact_states(replace(scene, initial=initial), [50.0], 1 / 32) for initial in (start, pushed)
+    )
+    apart = [float(a - b) for a, b in zip(there.values()[:9], elsewhere.values()[:9], strict=True)]
+    # |R - S|_F = sqrt(2) angle for a small angle; the truth's nudges are relative to its largest |omega|
+    grown = float(np.linalg.norm(apart)) / math.sqrt(2.0) / nudge
+    assert grown > 1e8
+    assert grown < said < 30.0 * grown

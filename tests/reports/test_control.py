@@ -1,0 +1,130 @@
+"""Methods told a tolerance, and motions that no truth can be followed through to their end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bodycheck
+from bodycheck.reports.convergence import Point, obedience_of
+
+CHAOTIC = """
+name = "long torque"
+duration_s = 100.0
+samples = 201
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 3.0]
+[initial]
+omega_body_rad_s = [0.1, 2.0, 0.1]
+[[forcing]]
+kind = "torque"
+axes = "world"
+value_n_m = [0.3, -0.2, 0.1]
+"""
+
+
+@pytest.fixture(scope="module")
+def obedient() -> bodycheck.Run:
+    """Return a run of the Taylor method on a free and a forced scenario, by its own tolerances."""
+    return bodycheck.run(["full-tensor", "body-torque"], engines=["reference:taylor"], speed=False)
+
+
+def test_errors_fall_with_the_tolerance_that_a_method_is_told(obedient: bodycheck.Run) -> None:
+    """From one tolerance to the next finer one the error falls, until round-off holds it."""
+    for _, rows in obedient.results.groupby("scenario"):
+        assert rows["dt_s"].isna().all()
+        assert (rows["control"] == "tolerance").all()
+        assert rows["tolerance"].is_monotonic_decreasing
+        errors = rows["orientation_error_rad"].to_numpy()
+        assert np.all((errors[1:] < errors[:-1]) | (errors[1:] < 1e-14))
+        assert errors[-1] < 1e-14
+        assert rows["steps"].is_monotonic_increasing
+
+
+def test_a_method_told_a_tolerance_has_a_verdict_and_no_order(obedient: bodycheck.Run) -> None:
+    """It converges where its errors obey; a slope over tolerances is no order."""
+    assert set(obedient.methods["verdict"]) <= {"converges", "at-floor"}
+    assert obedient.methods["order"].isna().all()
+
+
+def test_tolerances_asked_for_take_the_place_of_its_own() -> None:
+    """--tolerance says which; the reproducing command repeats it."""
+    run = bodycheck.run(["full-tensor"], engines=["reference:taylor"], tolerances=[1e-9], speed=False)
+    (row,) = run.results.to_dict("records")
+    assert row["tolerance"] == 1e-9
+    assert row["reproduce"] == "bodycheck run full-tensor --engine reference:taylor --tolerance 1e-09"
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "message"),
+    [
+        ([0.0], "a tolerance must be a number between 0 and 1, not 0.0"),
+        ([float("nan")], "between 0 and 1, not nan"),
+        ([1.0], "not 1.0"),
+        ([1e-6, 1e-6], "the tolerance 1e-06 is asked for twice"),
+    ],
+)
+def test_an_impossible_tolerance_is_refused(tolerances: list[float], message: str) -> None:
+    """One line that names the value."""
+    with pytest.raises(bodycheck.InputError, match=message):
+        bodycheck.run(["full-tensor"], engines=["reference:taylor"], tolerances=tolerances)
+
+
+def points(*errors: float | None) -> list[Point]:
+    """Return errors at tolerances from 1e-3 on, a thousandfold finer each."""
+    return [Point(10.0 ** (-3 * (i + 1)), error) for i, error in enumerate(errors)]
+
+
+@pytest.mark.parametrize(
+    ("found", "verdict"),
+    [
+        (points(1e-3, 1e-6, 1e-9), "converges"),
+        (points(1e-2, 1e-14, 2e-14), "converges"),
+        (points(2e-14, 1e-14, 1e-14), "at-floor"),
+        (points(1e-3, 9e-4, 8e-4), "does-not-converge"),
+        (points(1e-3), "too-few-points"),
+        (points(None, None), "unstable"),
+    ],
+)
+def test_obedience_is_judged_from_the_coarsest_to_the_finest(found: list[Point], verdict: str) -> None:
+    """Errors that fall as the tolerance's root or reach the floor obey; flat ones do not."""
+    assert obedience_of(found, 1e-14).verdict == verdict
+
+
+def test_nothing_is_said_of_a_tolerance_where_the_motion_is_lost() -> None:
+    """Where round-off alone is beyond a hundredth of 0.3, the verdict is chaotic."""
+    assert obedience_of(points(0.1, 0.2), 0.01).verdict == "chaotic"
+
+
+def test_a_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> None:
+    """Beyond it nothing is measured, the row says until when, and the verdict is chaotic."""
+    path = tmp_path / "chaotic.toml"
+    path.write_text(CHAOTIC)
+    run = bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.05, 0.025], speed=False)
+    (subject,) = run.subjects
+    until = subject.truth.trusted_until_s
+    assert 50.0 < until < 100.0
+    last = subject.truth.trajectory.t_s[subject.compared - 1]
+    assert last < until <= subject.truth.trajectory.t_s[subject.compared]
+    assert (run.results["compared_until_s"] == last).all()
+    assert run.results["message"].str.contains(f"chaotic: compared until t = {last:.6g} s").all()
+    assert (run.results["truth_bound_rad"] < 1e-10).all()
+    assert all(len(values) == subject.compared for case in run.cases for values in case.series.values())
+    verdicts = run.methods.set_index("quantity")["verdict"]
+    assert verdicts["orientation_error_rad"] == "chaotic"
+
+
+def test_speed_is_told_beside_a_yardstick() -> None:
+    """A case's time has quartiles in order and a ratio to the yardstick; the machine's noise is known."""
+    run = bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01, 0.005])
+    rows: pd.DataFrame = run.results
+    assert (rows["cpu_s"] > 0.0).all()
+    assert (rows["cpu_s_low"] <= rows["cpu_s"]).all()
+    assert (rows["cpu_s"] <= rows["cpu_s_high"]).all()
+    assert (rows["relative_cpu"] > 0.0).all()
+    assert np.allclose(rows["ns_per_step"], 1e9 * rows["cpu_s"] / rows["steps"].astype(float))
+    assert run.manifest["speed_noise"] >= 0.0
