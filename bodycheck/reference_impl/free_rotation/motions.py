@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.free_rotation.evaluation import evaluate
 from bodycheck.reference_impl.free_rotation.exact_integers import ExactState
-from bodycheck.reference_impl.free_rotation.rows import WIDTH, least_horizon, quarter_period
-from bodycheck.reference_impl.free_rotation.set_up import begin, begin_steady, begin_tumbling
+from bodycheck.reference_impl.free_rotation.rows import HORIZON, QUARTER_PERIOD, WIDTH
+from bodycheck.reference_impl.free_rotation.set_up import begin, begin_steady
 
 _SYMMETRY_TOLERANCE = 1e-12
 
@@ -49,22 +49,26 @@ class FreeRotations:
         if not quaternion.any(axis=1).all():
             raise ValueError(f"quaternion must not be zero, got {[0.0] * 4}")
         tensors = _symmetric(inertia).reshape(-1, 9)
-        rows, doubtful = np.empty((len(tensors), WIDTH)), np.empty(len(tensors), dtype=np.bool_)
-        begin(tensors, quaternion, omega, rows, doubtful)
-        for k in np.flatnonzero(doubtful) if doubtful.any() else ():
+        m = len(tensors)
+        rows, doubtful = np.empty((m, WIDTH)), np.empty(m, dtype=np.bool_)
+        separations = np.zeros((m, 4))
+        begin(tensors, quaternion, omega, separations, rows, doubtful)
+        for k in np.flatnonzero(doubtful):
             state = ExactState.of(tensors[k], omega[k])
             if not state.is_positive_definite:
                 raise ValueError(f"inertia must be positive definite, got {inertia[k].tolist()}")
             if state.is_steady:
                 begin_steady(quaternion[k], omega[k], rows[k])
             else:
-                begin_tumbling(tensors[k], quaternion[k], omega[k], state.separation, rows[k])
+                one, (descending, size, exponent) = slice(k, k + 1), state.separation
+                separations[k] = -1.0 if descending else 1.0, *size, exponent
+                begin(tensors[one], quaternion[one], omega[one], separations[one], rows[one], doubtful[one])
         return cls(rows)
 
     @property
     def quarter_period_s(self) -> Array:
         """K / lambda (m,): omega_body repeats after four of them; infinite if steady or on the separatrix."""
-        return np.array([quarter_period(row) for row in self._rows])
+        return self._rows[:, QUARTER_PERIOD].copy()
 
     def at(self, t_s: ArrayLike) -> tuple[Array, Array]:
         """Return (quaternion (m, n, 4), omega_body (m, n, 3)) at the times t_s (n,).
@@ -83,7 +87,7 @@ class FreeRotations:
 
     def at_pairs(self, high: Array, low: Array) -> tuple[Array, Array]:
         """Return the same at times that are sums of two doubles, high and low (n,)."""
-        horizon = least_horizon(self._rows)
+        horizon = float(np.min(self._rows[:, HORIZON], initial=math.inf))
         within = np.abs(high) < horizon
         if not within.all():
             first = float(high[~within][0])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from bodycheck.reference_impl import double_double as dd
 from bodycheck.reference_impl.double_double import DoubleDouble
 from bodycheck.reference_impl.free_rotation.principal_axes import Frame, Triple
-from bodycheck.reference_impl.jit import exact_kernel
+from bodycheck.reference_impl.jit import exact_kernel, inlined_kernel
 from bodycheck.reference_impl.registers import Mat
 
 
@@ -37,7 +37,7 @@ class NumberedAxes(NamedTuple):
     """s: +1 where the moments ascend, -1 where they descend."""
 
 
-@exact_kernel
+@inlined_kernel
 def _gap(frame: Frame, i: int, j: int) -> DoubleDouble:
     """I_j - I_i."""
     gap = frame.gaps[i + j - 1]
@@ -58,7 +58,7 @@ def _order(frame: Frame, descending: bool) -> tuple[int, int, int]:
     return a, b, c
 
 
-@exact_kernel
+@inlined_kernel
 def _signed(x: DoubleDouble, sign: float) -> DoubleDouble:
     return sign * x[0], sign * x[1]
 

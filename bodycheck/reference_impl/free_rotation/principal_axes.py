@@ -25,7 +25,7 @@ from bodycheck.reference_impl.free_rotation.error_free_sums import (
     summed,
 )
 from bodycheck.reference_impl.jacobi import principal_frame
-from bodycheck.reference_impl.jit import exact_kernel, kernel
+from bodycheck.reference_impl.jit import exact_kernel, inlined_kernel, kernel
 from bodycheck.reference_impl.registers import Mat, Quat, Vec
 
 Triple: TypeAlias = tuple[DoubleDouble, DoubleDouble, DoubleDouble]
@@ -134,12 +134,12 @@ def _rotated(
     )
 
 
-@exact_kernel
+@inlined_kernel
 def _pair(values: Array) -> DoubleDouble:
     return values[0], values[1]
 
 
-@exact_kernel
+@inlined_kernel
 def _put(values: Array, x: DoubleDouble) -> None:
     values[0], values[1] = x
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.double_double import DoubleDouble
 from bodycheck.reference_impl.elliptic import Quotients
-from bodycheck.reference_impl.equations import matrix_at, vector_at
+from bodycheck.reference_impl.equations import matrix_at
 from bodycheck.reference_impl.free_rotation.series import CayleyKlein
 from bodycheck.reference_impl.free_rotation.state import Tumble
-from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.jit import inlined_kernel, kernel
 from bodycheck.reference_impl.registers import Mat, Quat, Vec
 
 
@@ -39,40 +39,51 @@ class Tumbling(NamedTuple):
     """The principal axes in body axes, as columns."""
 
 
-WIDTH = 54
-_MOST_TURNS = 2.0**50
-_KIND, _FREQUENCY, _TURN_RATE = 0, 1, 2
+WIDTH = 56
+QUARTER_PERIOD = 1
+"""K / lambda in s; infinite if steady or on the separatrix."""
+HORIZON = 2
+"""Time in s in which the common phase or the momentum in the body makes 2^50 turns or half periods."""
+_KIND, _FREQUENCY, _TURN_RATE = 0, 3, 4
 _STEADY, _TUMBLING = 1.0, 2.0
+_MOST_TURNS = 2.0**50
 
 
-@kernel
-def _put(row: Array, i: int, values: Any) -> int:
-    """Write numbers from row[i] on, and return where they end."""
-    for value in values:
-        row[i] = value
-        i += 1
-    return i
-
-
-@kernel
+@inlined_kernel
 def _pair(row: Array, i: int) -> DoubleDouble:
     return row[i], row[i + 1]
 
 
-@kernel
+@inlined_kernel
 def _four(row: Array, i: int) -> Quat:
     return row[i], row[i + 1], row[i + 2], row[i + 3]
+
+
+@inlined_kernel
+def _put_pair(row: Array, i: int, x: DoubleDouble) -> None:
+    row[i], row[i + 1] = x
+
+
+@inlined_kernel
+def _put_vector(row: Array, i: int, x: Vec) -> None:
+    row[i], row[i + 1], row[i + 2] = x
+
+
+@inlined_kernel
+def _put_four(row: Array, i: int, x: Quat) -> None:
+    row[i], row[i + 1], row[i + 2], row[i + 3] = x
 
 
 @kernel
 def put_steady(row: Array, motion: Steady) -> None:
     """Write a steady motion."""
-    row[_KIND] = _STEADY
-    row[_FREQUENCY] = motion.frequency
-    i = _put(row, _TURN_RATE, motion.turn_rate)
-    i = _put(row, i, motion.axis)
-    i = _put(row, i, motion.quaternion)
-    _put(row, i, motion.omega)
+    turn_rate = motion.turn_rate[0]
+    row[_KIND], row[_FREQUENCY], row[QUARTER_PERIOD] = _STEADY, motion.frequency, math.inf
+    row[HORIZON] = _MOST_TURNS / turn_rate / motion.frequency if turn_rate > 0.0 else math.inf
+    _put_pair(row, _TURN_RATE, motion.turn_rate)
+    _put_vector(row, 6, motion.axis)
+    _put_four(row, 9, motion.quaternion)
+    _put_vector(row, 13, motion.omega)
 
 
 @kernel
@@ -85,62 +96,52 @@ def is_steady(row: Array) -> bool:
 def steady_in(row: Array) -> Steady:
     """Read a steady motion."""
     return Steady(
-        row[_FREQUENCY], _pair(row, _TURN_RATE), vector_at(row, 4), _four(row, 7), vector_at(row, 11)
+        row[_FREQUENCY],
+        _pair(row, _TURN_RATE),
+        (row[6], row[7], row[8]),
+        _four(row, 9),
+        (row[13], row[14], row[15]),
     )
 
 
 @kernel
 def put_tumbling(row: Array, tumbling: Tumbling) -> None:
     """Write a tumbling motion."""
-    motion, f = tumbling.motion, tumbling.motion.functions
-    row[_KIND] = _TUMBLING
-    row[_FREQUENCY] = tumbling.frequency
-    i = _put(row, _TURN_RATE, motion.turn_rate)
-    i = _put(row, i, motion.rate)
-    i = _put(row, i, motion.start)
-    i = _put(row, i, f.quarter_period)
-    i = _put(row, i, f.rate)
-    row[i] = 1.0 if f.trigonometric else 0.0
-    i = _put(row, i + 1, (f.nome, f.sn, f.cn, f.dn, motion.series.twist))
-    i = _put(row, i, motion.series.alpha_real)
-    i = _put(row, i, motion.series.alpha_imag)
-    i = _put(row, i, motion.series.beta_real)
-    i = _put(row, i, motion.series.beta_imag)
-    i = _put(row, i, motion.omega)
-    i = _put(row, i, tumbling.left)
-    i = _put(row, i, tumbling.right)
-    _put(row, i, tumbling.axes)
+    motion, f, series = tumbling.motion, tumbling.motion.functions, tumbling.motion.series
+    half_period_rate = 0.5 * motion.rate[0] / f.quarter_period[0]
+    row[_KIND], row[_FREQUENCY] = _TUMBLING, tumbling.frequency
+    row[QUARTER_PERIOD] = f.quarter_period[0] / motion.rate[0] / tumbling.frequency
+    row[HORIZON] = _MOST_TURNS / max(abs(motion.turn_rate[0]), half_period_rate) / tumbling.frequency
+    _put_pair(row, _TURN_RATE, motion.turn_rate)
+    _put_pair(row, 6, motion.rate)
+    _put_pair(row, 8, motion.start)
+    _put_pair(row, 10, f.quarter_period)
+    _put_pair(row, 12, f.rate)
+    row[14] = 1.0 if f.trigonometric else 0.0
+    _put_four(row, 15, (f.nome, f.sn, f.cn, f.dn))
+    row[19] = series.twist
+    _put_four(row, 20, series.alpha_real)
+    _put_four(row, 24, series.alpha_imag)
+    _put_four(row, 28, series.beta_real)
+    _put_four(row, 32, series.beta_imag)
+    _put_vector(row, 36, motion.omega)
+    _put_four(row, 39, tumbling.left)
+    _put_four(row, 43, tumbling.right)
+    for i in range(9):
+        row[47 + i] = tumbling.axes[i]
 
 
 @kernel
 def tumbling_in(row: Array) -> Tumbling:
     """Read a tumbling motion."""
-    functions = Quotients(row[12] == 1.0, _pair(row, 8), _pair(row, 10), row[13], row[14], row[15], row[16])
-    series = CayleyKlein(_four(row, 18), _four(row, 22), _four(row, 26), _four(row, 30), row[17])
+    functions = Quotients(row[14] == 1.0, _pair(row, 10), _pair(row, 12), row[15], row[16], row[17], row[18])
+    series = CayleyKlein(_four(row, 20), _four(row, 24), _four(row, 28), _four(row, 32), row[19])
     motion = Tumble(
-        functions, _pair(row, 6), _pair(row, 4), _pair(row, _TURN_RATE), series, vector_at(row, 34)
+        functions,
+        _pair(row, 8),
+        _pair(row, 6),
+        _pair(row, _TURN_RATE),
+        series,
+        (row[36], row[37], row[38]),
     )
-    return Tumbling(motion, row[_FREQUENCY], _four(row, 37), _four(row, 41), matrix_at(row, 45))
-
-
-@kernel
-def quarter_period(row: Array) -> float:
-    """K / lambda in s; infinite if steady or on the separatrix."""
-    if is_steady(row):
-        return math.inf
-    motion = tumbling_in(row).motion
-    return motion.functions.quarter_period[0] / motion.rate[0] / row[_FREQUENCY]
-
-
-@kernel
-def least_horizon(rows: Array) -> float:
-    """Time in s in which a common phase or a momentum in the body makes 2^50 turns or half periods."""
-    least = math.inf
-    for row in rows:
-        turn_rate = abs(row[_TURN_RATE])
-        if not is_steady(row):
-            motion = tumbling_in(row).motion
-            turn_rate = max(turn_rate, 0.5 * motion.rate[0] / motion.functions.quarter_period[0])
-        if turn_rate > 0.0:
-            least = min(least, _MOST_TURNS / turn_rate / row[_FREQUENCY])
-    return least
+    return Tumbling(motion, row[_FREQUENCY], _four(row, 39), _four(row, 43), matrix_at(row, 47))

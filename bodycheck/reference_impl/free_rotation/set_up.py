@@ -11,13 +11,13 @@ from bodycheck.reference_impl import registers
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import matrix_at, vector_at
 from bodycheck.reference_impl.free_rotation.decisions import is_certainly_tumbling, separation_of
-from bodycheck.reference_impl.free_rotation.numbered_axes import Separation, numbered
+from bodycheck.reference_impl.free_rotation.numbered_axes import NumberedAxes, Separation, numbered
 from bodycheck.reference_impl.free_rotation.principal_axes import Frame, principal, quaternion_of
 from bodycheck.reference_impl.free_rotation.rows import Steady, Tumbling, put_steady, put_tumbling
 from bodycheck.reference_impl.free_rotation.state import Tumble, state_at
 from bodycheck.reference_impl.free_rotation.tumble import FOUR_PI, hypotenuse, tumble
 from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import Mat, Quat, Vec
+from bodycheck.reference_impl.registers import Quat, Vec
 
 _NEGLIGIBLE = 2.0**-960  # of omega's largest component: smaller ones would leave the range of doubles
 
@@ -82,45 +82,42 @@ def _conjugate(q: Quat) -> Quat:
 
 
 @kernel
-def _placed(motion: Tumble, frequency: float, columns: Mat, quaternion: Quat) -> Tumbling:
+def _placed(motion: Tumble, axes: NumberedAxes, omega: Array, quaternion: Array) -> Tumbling:
     """Let the motion start from the quaternion."""
-    principal_axes = unit(quaternion_of(columns))
+    principal_axes = unit(quaternion_of(axes.columns))
     relative = unit(state_at(motion, dd.ZERO)[0])
     left = registers.quaternion_times(
-        registers.quaternion_times(quaternion, principal_axes), _conjugate(relative)
+        registers.quaternion_times(_attitude(quaternion), principal_axes), _conjugate(relative)
     )
-    return Tumbling(motion, frequency, left, _conjugate(principal_axes), columns)
+    return Tumbling(motion, _frequency(omega), left, _conjugate(principal_axes), axes.columns)
 
 
 @kernel
-def _put_tumbling_from(
-    frame: Frame, separation: Separation, frequency: float, attitude: Quat, row: Array
+def begin(
+    inertia: Array, quaternion: Array, omega: Array, separations: Array, rows: Array, doubtful: Array
 ) -> None:
-    axes = numbered(frame, separation.descending)
-    put_tumbling(row, _placed(tumble(axes, separation), frequency, axes.columns, attitude))
-
-
-@kernel
-def begin(inertia: Array, quaternion: Array, omega: Array, rows: Array, doubtful: Array) -> None:
     """Fill the rows (m, WIDTH) of the bodies that surely tumble, and tell which are doubtful (m,).
 
-    inertia (m, 9), symmetric; quaternion (m, 4), not zero; omega (m, 3), body axes.
+    inertia (m, 9), symmetric; quaternion (m, 4), not zero; omega (m, 3), body axes. separations (m, 4): side,
+    size, its low part, exponent; a side of 0 leaves it to floating point to find out.
     """
     for k in range(len(rows)):
         frame = _frame_of(inertia[k], omega[k])
-        ascending = numbered(frame, False)
-        sure, separation = separation_of(ascending)
-        doubtful[k] = not (sure and is_certainly_tumbling(ascending))
-        if not doubtful[k]:
-            _put_tumbling_from(frame, separation, _frequency(omega[k]), _attitude(quaternion[k]), rows[k])
-
-
-@kernel
-def begin_tumbling(
-    inertia: Array, quaternion: Array, omega: Array, separation: Separation, row: Array
-) -> None:
-    """Fill one row, given on which side of the separatrix the motion is and how far from it."""
-    _put_tumbling_from(_frame_of(inertia, omega), separation, _frequency(omega), _attitude(quaternion), row)
+        axes = numbered(frame, False)
+        side, high, low, exponent = (
+            separations[k, 0],
+            separations[k, 1],
+            separations[k, 2],
+            separations[k, 3],
+        )
+        sure, separation = True, Separation(side < 0.0, (high, low), int(exponent))
+        if side == 0.0:
+            sure, separation = separation_of(axes)
+            sure = sure and is_certainly_tumbling(axes)
+        doubtful[k] = not sure
+        if sure:
+            axes = numbered(frame, separation.descending)
+            put_tumbling(rows[k], _placed(tumble(axes, separation), axes, omega[k], quaternion[k]))
 
 
 @kernel
