@@ -86,19 +86,21 @@ def run(
     from bodycheck.stored_run import Asked, run_to_folder
     from bodycheck.stored_run import resume as go_on
 
+    asked = Asked(
+        scenarios=scenarios or ["standard"],
+        engines=None if engine is None else engine.split(","),
+        dt_s=_numbers(dt, "--dt"),
+        tolerances=_numbers(tolerance, "--tolerance"),
+        speed=not no_speed,
+        jobs=jobs,
+        timeout_s=timeout_s,
+        fresh=fresh,
+    )
     if resume is not None:
+        if asked != Asked() or out is not None:
+            raise InputError("--resume goes on with a run as it was asked: give nothing beside it")
         measured, report = go_on(resume, LiveProgress)
     else:
-        asked = Asked(
-            scenarios=scenarios or ["standard"],
-            engines=None if engine is None else engine.split(","),
-            dt_s=_numbers(dt, "--dt"),
-            tolerances=_numbers(tolerance, "--tolerance"),
-            speed=not no_speed,
-            jobs=jobs,
-            timeout_s=timeout_s,
-            fresh=fresh,
-        )
         measured, report = run_to_folder(asked, out, LiveProgress)
     print_summary(measured)
     print(report)

@@ -20,11 +20,14 @@ class InsideWorkerError(BodycheckError):
 
 
 class WorkerLostError(BodycheckError):
-    """A worker process died, hung, or said what is none of the protocol's; says how, with its last output."""
+    """A worker process died, hung, or said what is none of the protocol's; says how, with its last output.
 
-    def __init__(self, message: str, *, timed_out: bool = False) -> None:
+    killed: by SIGKILL, which no engine brings upon itself, but users and a machine out of memory do.
+    """
+
+    def __init__(self, message: str, *, timed_out: bool = False, killed: bool = False) -> None:
         super().__init__(message)
-        self.timed_out = timed_out
+        self.timed_out, self.killed = timed_out, killed
 
 
 class StoppedError(BodycheckError):

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.adapters.host import INSIDE_WORKER, announced
+from bodycheck.adapters.host import announced
 from bodycheck.adapters.registry import engine_names
+from bodycheck.adapters.worker import RUN_PID
 from bodycheck.errors import InputError, InsideWorkerError
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.scenarios.library import load_scenarios
@@ -54,7 +55,7 @@ def select(
 
     Raises InputError with one line an error: unknown names, wrong files, steps that do not fit.
     """
-    if os.environ.get(INSIDE_WORKER):
+    if os.environ.get(RUN_PID):
         raise InsideWorkerError("a run cannot be started from within a worker of another run")
     loaded = load_scenarios(scenarios)
     faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]

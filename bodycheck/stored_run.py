@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,10 @@ from bodycheck.errors import InputError, StoppedError
 from bodycheck.reports.run import Run
 from bodycheck.reports.storage.journal import Journal
 from bodycheck.reports.store import check_output, write_run
-from bodycheck.runner import Identity, Manner, Progress, run_selection
+from bodycheck.runner import TIMEOUT_S, Identity, Manner, Progress, run_selection
 from bodycheck.selection import Selection, select
+
+_ASKED = "asked.json"
 
 Watching = Callable[[int], AbstractContextManager[Progress]]
 """How a run is watched, given the number of cases that are listed."""
@@ -26,14 +29,14 @@ Watching = Callable[[int], AbstractContextManager[Progress]]
 class Asked:
     """What was asked of a run, as plain data: enough to ask it again."""
 
-    scenarios: list[str]
-    engines: list[str] | None
-    dt_s: list[float] | None
-    tolerances: list[float] | None
-    speed: bool
-    jobs: int | None
-    timeout_s: float
-    fresh: bool
+    scenarios: list[str] = field(default_factory=lambda: ["standard"])
+    engines: list[str] | None = None
+    dt_s: list[float] | None = None
+    tolerances: list[float] | None = None
+    speed: bool = True
+    jobs: int | None = None
+    timeout_s: float = TIMEOUT_S
+    fresh: bool = False
 
     @property
     def selection(self) -> Selection:
@@ -54,22 +57,37 @@ def run_to_folder(asked: Asked, out: Path | None, watching: Watching) -> tuple[R
     """
     identity = Identity.new()
     out = out or Path("bodycheck-runs", identity.run_id)
-    selection, manner = asked.selection, asked.manner
+    manner = asked.manner
     check_output(out)
     partial = partial_of(out)
-    if partial.exists():
+    if (partial / _ASKED).exists():
         raise InputError(f"{partial}: is of a run that was stopped: go on with --resume {out}, or remove it")
     try:
-        partial.mkdir(parents=True)
-        description = {
-            "run_id": identity.run_id,
-            "created": identity.created.isoformat(),
-            "asked": asdict(asked),
-        }
-        (partial / "asked.json").write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+        selection = asked.selection
+    except KeyboardInterrupt:
+        raise StoppedError("stopped, before anything was measured") from None
+    _describe(partial, asked, identity, out)
+    return _carried_out(selection, manner, identity, out, watching)
+
+
+def _describe(partial: Path, asked: Asked, identity: Identity, out: Path) -> None:
+    """Write down what was asked, whole or not at all: a folder without it is of no run."""
+    description = {
+        "run_id": identity.run_id,
+        "created": identity.created.isoformat(),
+        "asked": asdict(asked),
+    }
+    try:
+        partial.mkdir(parents=True, exist_ok=True)
+        try:
+            unfinished = partial / f"{_ASKED}.part"
+            unfinished.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+            unfinished.replace(partial / _ASKED)
+        except OSError:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
-    return _carried_out(selection, manner, identity, out, watching)
 
 
 def resume(out: Path, watching: Watching) -> tuple[Run, Path]:
@@ -79,15 +97,31 @@ def resume(out: Path, watching: Watching) -> tuple[Run, Path]:
     """
     partial = partial_of(out)
     try:
-        description: dict[str, Any] = json.loads((partial / "asked.json").read_text(encoding="utf-8"))
+        description: dict[str, Any] = json.loads((partial / _ASKED).read_text(encoding="utf-8"))
         asked = Asked(**description["asked"])
         identity = Identity(description["run_id"], datetime.fromisoformat(description["created"]))
     except FileNotFoundError:
-        state = "that run is complete" if (out / "results.csv").exists() else "no run was stopped there"
+        state = "that run is complete" if _run_id(out) else "no run was stopped there"
         raise InputError(f"--resume {out}: {state}") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"--resume {out}: {partial / 'asked.json'} cannot be read: {error}") from None
-    return _carried_out(asked.selection, asked.manner, identity, out, watching)
+        raise InputError(f"--resume {out}: {partial / _ASKED} cannot be read: {error}") from None
+    if _run_id(out) == identity.run_id:  # stopped between its last two strokes
+        shutil.rmtree(partial, ignore_errors=True)
+        raise InputError(f"--resume {out}: that run is complete")
+    try:
+        selection = asked.selection
+    except KeyboardInterrupt:
+        raise StoppedError(f"stopped; {_go_on(out)}") from None
+    return _carried_out(selection, asked.manner, identity, out, watching)
+
+
+def _run_id(out: Path) -> str | None:
+    """Return the name of the run whose results are there, if there are any."""
+    try:
+        run_id: str = json.loads((out / "manifest.json").read_text(encoding="utf-8"))["run_id"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return run_id
 
 
 def partial_of(out: Path) -> Path:
@@ -99,14 +133,17 @@ def _carried_out(
     selection: Selection, manner: Manner, identity: Identity, out: Path, watching: Watching
 ) -> tuple[Run, Path]:
     partial = partial_of(out)
-    go_on = f"go on with: bodycheck run --resume {out}"
     try:
         with Journal(partial / "journal") as journal, watching(selection.cases_listed()) as progress:
             measured = run_selection(selection, manner, identity, journal=journal, progress=progress)
-        report = write_run(measured, out)
+            report = write_run(measured, out, beside=partial)
     except KeyboardInterrupt:
-        raise StoppedError(f"stopped; {go_on}") from None
+        raise StoppedError(f"stopped; {_go_on(out)}") from None
     except InputError as error:
-        raise InputError(f"{error}\n{go_on}") from None
+        raise InputError(f"{error}; {_go_on(out)}") from None
     shutil.rmtree(partial, ignore_errors=True)
     return measured, report
+
+
+def _go_on(out: Path) -> str:
+    return f"go on with: bodycheck run --resume {shlex.quote(str(out))}"

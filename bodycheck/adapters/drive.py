@@ -93,11 +93,11 @@ def _stepped(simulation: Simulation, plan: StepPlan, scene: Scene) -> Trajectory
 def _trajectory(t_s: Array, readings: list[Reading]) -> Trajectory:
     def column(name: str) -> Array | None:
         values = [getattr(reading, name) for reading in readings]
-        return None if values[0] is None else np.array(values, dtype=np.float64)
+        return None if values[0] is None else np.array(values)
 
     position, velocity = column("position"), column("velocity")
-    assert position is not None
-    assert velocity is not None
+    if position is None or velocity is None:
+        raise TypeError("a reading without position or velocity")
     return Trajectory(
         t_s=t_s,
         position_m=position,

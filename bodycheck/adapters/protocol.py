@@ -13,11 +13,11 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
 
-from bodycheck.adapters.contract import Adapter, Engine, Method, ReadBack, Reading, Setting
+from bodycheck.adapters.contract import Adapter, Control, Engine, Method, ReadBack, Reading, Setting
 from bodycheck.adapters.drive import Answer, Case
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import (
@@ -38,6 +38,8 @@ from bodycheck.reference_impl.trajectory import Trajectory
 VERSION = 1
 LARGEST_MESSAGE = 1 << 29
 """Bytes of a line: a million samples of all quantities."""
+_LONGEST_TEXT = 1000
+_CONTROLS = get_args(Control)
 
 Message: TypeAlias = dict[str, Any]
 
@@ -58,8 +60,17 @@ class ProtocolError(ValueError):
 
 
 def line_of(message: Mapping[str, Any]) -> bytes:
-    """Return a message as its line, newline included."""
-    return json.dumps(message, separators=(",", ":")).encode() + b"\n"
+    """Return a message as its line, newline included.
+
+    Raises ProtocolError where it holds what JSON has not, or is longer than a message may be.
+    """
+    try:
+        line = json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+    except (TypeError, ValueError) as error:
+        raise ProtocolError(f"a message that JSON cannot hold: {error}") from None
+    if len(line) > LARGEST_MESSAGE:
+        raise ProtocolError(f"a message of {len(line)} bytes, more than {LARGEST_MESSAGE}")
+    return line
 
 
 def message_of(line: bytes) -> Message:
@@ -76,13 +87,26 @@ def message_of(line: bytes) -> Message:
     return message
 
 
+def shown(text: str) -> str:
+    """Return a text of an engine as one line that a table can hold: printable, and not without end."""
+    begin = text[: 4 * _LONGEST_TEXT]
+    line = "".join(c if c.isprintable() else "?" for c in " ".join(begin.split()))
+    return line if len(line) <= _LONGEST_TEXT else f"{line[:_LONGEST_TEXT]}..."
+
+
 # -------------------------------------------------------------------------------------------------- arrays
 
 
 def packed(array: Array) -> Message:
-    """Return an array as its shape and its doubles, little-endian, in base64."""
-    data = np.ascontiguousarray(array, dtype="<f8")
-    return {"shape": list(data.shape), "base64": base64.b64encode(data.tobytes()).decode("ascii")}
+    """Return an array as its shape and its doubles, little-endian, in base64.
+
+    Raises ProtocolError where it does not hold real numbers: a text that reads like one is none.
+    """
+    data = np.asarray(array)
+    if data.dtype.kind not in "fiu":
+        raise ProtocolError(f"an array of {data.dtype}, not of real numbers")
+    doubles = data.astype("<f8").tobytes()
+    return {"shape": list(data.shape), "base64": base64.b64encode(doubles).decode("ascii")}
 
 
 def unpacked(value: Message) -> Array:
@@ -95,6 +119,11 @@ def unpacked(value: Message) -> Array:
         return data.reshape(value["shape"]).astype(np.float64)
     except (KeyError, TypeError, ValueError, binascii.Error) as error:
         raise ProtocolError(f"an array that is none: {error}") from None
+
+
+def _number(value: float) -> float | None:
+    """Return a number as JSON has it: one that is not finite as null."""
+    return float(value) if math.isfinite(value) else None
 
 
 def _packed_fields(holder: Any) -> Message:
@@ -192,10 +221,26 @@ def engine_of(message: Message) -> Engine:
     """
     try:
         methods = {method["name"]: _method(method) for method in message["methods"]}
-        code = message.get("code", "")
-        return Engine(message["engine"], message["version"], methods, code)
+        name, version, code = message["engine"], message["version"], message["code"]
     except (KeyError, TypeError, AttributeError) as error:
         raise ProtocolError(f"an announcement without its parts: {error}") from None
+    if not all(isinstance(text, str) for text in (name, version, code, *methods)):
+        raise ProtocolError("an announcement whose names, version or code are no texts")
+    if wrong := [method.control for method in methods.values() if method.control not in _CONTROLS]:
+        raise ProtocolError(f"an announcement with the control {wrong[0]!r}, none of {', '.join(_CONTROLS)}")
+    return Engine(name, version, methods, code)
+
+
+def request_limit_of(message: Message) -> int:
+    """Return the bytes of the longest request that the worker of an announcement takes.
+
+    Raises ProtocolError where it does not say.
+    """
+    limits: Any = message.get("limits")
+    most = limits.get("message_bytes") if isinstance(limits, dict) else None
+    if type(most) is not int or most < 1:
+        raise ProtocolError(f"an announcement whose limits are {limits!r}")
+    return min(most, LARGEST_MESSAGE)
 
 
 def _method(message: Message) -> Method:
@@ -205,18 +250,19 @@ def _method(message: Message) -> Method:
 
 def answer_message(answer: Answer) -> Message:
     """Return an answer as plain data."""
-    message: Message = {"outcome": answer.outcome, "message": answer.message}
+    message: Message = {"outcome": answer.outcome, "message": shown(answer.message)}
     if answer.trajectory is not None:
         message["trajectory"] = _packed_fields(answer.trajectory)
     if (held := answer.read_back) is not None:
         message["read_back"] = {
-            "mass": held.mass,
+            "mass": _number(held.mass),
             "inertia": packed(held.inertia),
-            "dt_s": held.dt_s,
+            "dt_s": None if held.dt_s is None else _number(held.dt_s),
             "gravity": packed(held.gravity),
             "state": _packed_fields(held.state),
         }
-    return {**message, "stepping": answer.stepping, "steps": answer.steps}
+    steps = None if answer.steps is None else int(answer.steps)
+    return {**message, "stepping": answer.stepping, "steps": steps}
 
 
 def answer_of(message: Message, t_s: Array) -> Answer:
@@ -224,25 +270,42 @@ def answer_of(message: Message, t_s: Array) -> Answer:
 
     Raises ProtocolError or ValueError, which say what is wrong, where it is no answer to that.
     """
-    outcome = message.get("outcome")
+    outcome, text = message.get("outcome"), shown(str(message.get("message", "")))
     if outcome in ("unsupported", "failed", "timeout"):
-        return Answer(outcome, str(message.get("message", "")))
+        return Answer(outcome, text)
     if outcome != "ok":
         raise ProtocolError(f"an answer whose outcome is {outcome!r}")
     try:
         arrays = {name: unpacked(value) for name, value in message["trajectory"].items()}
-        held = message["read_back"]
-        read_back = ReadBack(
-            mass=float(held["mass"]),
-            inertia=unpacked(held["inertia"]),
-            dt_s=held["dt_s"],
-            gravity=unpacked(held["gravity"]),
-            state=Reading(**{name: unpacked(value) for name, value in held["state"].items()}),
-        )
-        trajectory = Trajectory(**arrays)
+        trajectory, read_back = Trajectory(**arrays), _read_back(message["read_back"])
         stepping, steps = message["stepping"], message["steps"]
     except (KeyError, TypeError, AttributeError) as error:
         raise ProtocolError(f"an answer without its parts: {type(error).__name__}: {error}") from None
     if not np.array_equal(trajectory.t_s, t_s):
         raise ProtocolError("a trajectory that is not at the scene's samples")
-    return Answer("ok", "", trajectory, read_back, stepping, steps)
+    if stepping not in ("native", "python"):
+        raise ProtocolError(f"an answer whose stepping is {stepping!r}, not native or python")
+    if steps is not None and (type(steps) is not int or steps < 0):
+        raise ProtocolError(f"an answer whose steps are {steps!r}, no count")
+    return Answer("ok", text, trajectory, read_back, stepping, steps)
+
+
+def _read_back(held: Message) -> ReadBack:
+    return ReadBack(
+        mass=math.nan if held["mass"] is None else float(held["mass"]),
+        inertia=unpacked(held["inertia"]),
+        dt_s=None if held["dt_s"] is None else float(held["dt_s"]),
+        gravity=unpacked(held["gravity"]),
+        state=Reading(**{name: unpacked(value) for name, value in held["state"].items()}),
+    )
+
+
+def lap_of(message: Message) -> float:
+    """Return the processor time in s of an answer to `lap`.
+
+    Raises ProtocolError where there is none.
+    """
+    seconds: Any = message.get("cpu_s")
+    if type(seconds) not in (int, float) or not 0.0 <= seconds < math.inf:
+        raise ProtocolError(f"a lap whose cpu_s is {seconds!r}")
+    return float(seconds)

@@ -22,8 +22,16 @@ _BUILT_IN = {
 _registered: dict[str, Adapter] = {}
 
 
+_CONTRACT = ("name", "version", "methods", "unsupported", "build")
+
+
 def register_adapter(adapter: Adapter) -> None:
-    """Make an engine known under adapter.name, in place of any other of that name."""
+    """Make an engine known under adapter.name, in place of any other of that name.
+
+    Raises InputError where it lacks what the contract asks of an adapter.
+    """
+    if missing := [part for part in _CONTRACT if not hasattr(adapter, part)]:
+        raise InputError(f"{adapter!r} is no adapter: it has no {', no '.join(missing)}")
     _registered[adapter.name] = adapter
 
 
@@ -38,14 +46,20 @@ def registered_adapter(name: str) -> Adapter | None:
 
 
 def code_of(adapter: Adapter) -> str:
-    """Return a hash of the code that a case of this engine runs through: its package, and our rooms."""
+    """Return a hash of the code that a case of this engine runs through: its package, and our rooms.
+
+    Empty where the code cannot be read, as that of a compiled class.
+    """
     module = type(adapter).__module__.partition(".")[0]
     if module == "bodycheck":
         return own_code()
-    file = Path(inspect.getfile(type(adapter)))
-    package = next((folder for folder in file.parents if folder.name == module), None)
-    sources = [file] if package is None else sorted(package.rglob("*.py"))
-    return hashlib.sha256(own_code().encode() + _content(sources)).hexdigest()
+    try:
+        file = Path(inspect.getfile(type(adapter)))
+        package = next((folder for folder in file.parents if folder.name == module), None)
+        sources = [file] if package is None else sorted(package.rglob("*.py"))
+        return hashlib.sha256(own_code().encode() + _content(sources)).hexdigest()
+    except (TypeError, OSError):
+        return ""
 
 
 @cache
@@ -87,6 +101,9 @@ def _import(name: str) -> Adapter:
         else:
             make = _plugged_in()[name].load()
         adapter: Adapter = make()
-    except (ImportError, AttributeError) as error:  # an engine of another age lacks what is asked of it
-        raise UnavailableError(f"{name} cannot be imported: {error}") from error
+    except Exception as error:  # an engine's module may raise anything, not only where it is missing
+        what = error if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
+        raise UnavailableError(f"{name} cannot be imported: {what}") from error
+    if missing := [part for part in _CONTRACT if not hasattr(adapter, part)]:
+        raise UnavailableError(f"{name} is no adapter: it has no {', no '.join(missing)}")
     return adapter

@@ -30,21 +30,28 @@ from bodycheck.errors import BodycheckError, InsideWorkerError, UnavailableError
 _PR_SET_PDEATHSIG = 1
 HANDED_OVER = "-"
 """What names an engine that no process but the run's can import by itself."""
+RUN_PID = "BODYCHECK_RUN_PID"
+"""Set in a worker's environment to the process of its run: no run is started from within a worker."""
 
 
 class Desk:
-    """Answers the requests of a run with one engine, one after the other."""
+    """Answers the requests of a run with one engine, one after the other.
 
-    def __init__(self, adapter: Adapter) -> None:
-        self._adapter = adapter
+    interruptible: whether an interrupt from the keyboard is the user's, and not the engine's.
+    """
+
+    def __init__(self, adapter: Adapter, *, interruptible: bool = False) -> None:
+        self._adapter, self._interruptible = adapter, interruptible
         self._watch: Stopwatch | None = None
 
     def answer(self, request: Message) -> Message:
         """Return the answer; what the engine raises becomes the outcome `failed`."""
         try:
             return {"id": request.get("id"), **self._done(request)}
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - an engine may raise anything; it costs this case alone
-            return {"id": request.get("id"), **protocol.answer_message(failure(error))}
+        except BaseException as error:  # an engine may raise anything; it costs this case alone
+            if self._interruptible and isinstance(error, KeyboardInterrupt):
+                raise
+            return _failed(request, error)
 
     def _done(self, request: Message) -> Message:
         match request.get("do"):
@@ -66,34 +73,55 @@ class Desk:
             watch.close()
 
 
-def failure(error: BaseException) -> Answer:
-    """Return the answer to a case that raised."""
-    return Answer("failed", " ".join(f"{type(error).__name__}: {error}".split()))
+def _failed(request: Message, error: BaseException) -> Message:
+    return {"id": request.get("id"), **protocol.answer_message(Answer("failed", _words(error)))}
+
+
+def _words(error: BaseException) -> str:
+    try:
+        return protocol.shown(f"{type(error).__name__}: {error}")
+    except Exception:  # noqa: BLE001 - not every error can be printed
+        return type(error).__name__
 
 
 def main() -> None:
     """Serve standard input and output until the input ends."""
-    engine, memory_bytes = sys.argv[1], int(sys.argv[2])
-    _die_with_parent()
-    resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, memory_bytes))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    try:
+        engine, memory_bytes = sys.argv[1], int(sys.argv[2])
+    except (IndexError, ValueError):
+        sys.exit("usage: python -m bodycheck.adapters.worker ENGINE MEMORY_BYTES")
+    _die_with_the_run()
+    _limit_memory(memory_bytes)
     requests, answers = _private_channel()
     try:
-        adapter = _handed_over(requests.readline()) if engine == HANDED_OVER else get_adapter(engine)
+        handed = engine == HANDED_OVER
+        adapter = _handed_over(requests.readline()) if handed else get_adapter(engine)
+        # one that was handed over is being worked on: what it answered before is never taken for an answer
+        announcement = protocol.announcement(adapter, code="" if handed else code_of(adapter))
     except BodycheckError as error:
-        unavailable = {"bodycheck": protocol.VERSION, "engine": engine, "unavailable": str(error)}
-        _say(answers, unavailable)
+        _say(answers, {"bodycheck": protocol.VERSION, "engine": engine, "unavailable": str(error)})
         return
-    # one that was handed over is being worked on: what it answered before is never taken for an answer
-    code = "" if engine == HANDED_OVER else code_of(adapter)
-    _say(answers, protocol.announcement(adapter, code))
+    _say(answers, announcement)
     desk = Desk(adapter)
     for line in requests:
-        _say(answers, desk.answer(protocol.message_of(line)))
+        _answer(answers, desk, line)
+
+
+def _answer(answers: BinaryIO, desk: Desk, line: bytes) -> None:
+    request: Message = {}
+    try:
+        request = protocol.message_of(line)
+        _say(answers, desk.answer(request))
+    except protocol.ProtocolError as error:
+        _say(answers, _failed(request, error))
 
 
 def _say(answers: BinaryIO, message: Message) -> None:
-    answers.write(protocol.line_of(message))
+    line = protocol.line_of(message)
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # the engine may have closed it
+            stream.flush()
+    answers.write(line)
     answers.flush()
 
 
@@ -110,16 +138,15 @@ def _private_channel() -> tuple[BinaryIO, BinaryIO]:
 
 def handed_over(adapter: Adapter) -> bytes | None:
     """Return the line that gives a worker this very adapter; None where it cannot leave its process."""
-    try:
-        pickled = pickle.dumps(adapter)
-    except (pickle.PicklingError, TypeError, AttributeError):
-        return None
     module = type(adapter).__module__
-    file = getattr(sys.modules[module], "__file__", None)
+    file = getattr(sys.modules.get(module), "__file__", None)
     if file is None:
         return None
-    encoded = base64.b64encode(pickled).decode("ascii")
-    return protocol.line_of({"adapter": encoded, "module": module, "file": str(Path(file).resolve())})
+    try:
+        encoded = base64.b64encode(pickle.dumps(adapter)).decode("ascii")
+        return protocol.line_of({"adapter": encoded, "module": module, "file": str(Path(file).resolve())})
+    except Exception:  # noqa: BLE001 - what is in an adapter may refuse to be pickled in any way
+        return None
 
 
 def _handed_over(line: bytes) -> Adapter:
@@ -131,8 +158,8 @@ def _handed_over(line: bytes) -> Adapter:
         else:
             _import(module, file)
         adapter: Adapter = pickle.loads(base64.b64decode(message["adapter"]))
-    except (ImportError, AttributeError, OSError) as error:
-        raise UnavailableError(f"{module} cannot be imported: {error}") from None
+    except Exception as error:  # noqa: BLE001 - a user's module may raise anything
+        raise UnavailableError(f"{module} cannot be imported by a worker: {_words(error)}") from None
     return adapter
 
 
@@ -155,15 +182,36 @@ def _run_script(path: Path) -> None:
     script.__dict__["__file__"] = str(path)
     script.__dict__["__name__"] = "__mp_main__"  # no `if __name__ == "__main__"` is to run
     sys.modules["__main__"] = sys.modules["__mp_main__"] = script
-    with suppress(InsideWorkerError):
+    with suppress(InsideWorkerError, SystemExit):
         exec(compile(path.read_bytes(), str(path), "exec"), script.__dict__)
 
 
-def _die_with_parent() -> None:
+def _die_with_the_run() -> None:
     """Ask Linux to kill this process when the run dies: a hanging engine would never see its input end."""
-    if sys.platform == "linux":
-        with suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if sys.platform != "linux":
+        return
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if RUN_PID in os.environ and not _lives(os.environ[RUN_PID]):  # it died before Linux could be asked
+        sys.exit(1)
+
+
+def _lives(pid: str) -> bool:
+    """Whether a process is there, and not only its remains."""
+    try:
+        return Path("/proc", pid, "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def _limit_memory(size: int) -> None:
+    """Have allocations beyond the limit fail; should the machine run out of memory, die before the run."""
+    _, most = resource.getrlimit(resource.RLIMIT_DATA)
+    limit = size if most == resource.RLIM_INFINITY else min(size, most)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
 
 
 if __name__ == "__main__":

@@ -22,12 +22,18 @@ def compile_kernels(scenes: Iterable[Scene], integrators: Sequence[str]) -> None
     """
     marks = [cache_directory() / f"{name}.compiled" for name in integrators]
     missing = not all(mark.exists() for mark in marks)
-    other = subprocess.Popen([sys.executable, "-m", __name__, *integrators]) if missing else None
-    for scene in scenes:
-        solve_truth(scene, np.array([0.0, 1e-3 * scene.sample_interval_s]))
-    if other is not None and other.wait() == 0:
-        for mark in marks:
-            mark.touch()
+    words = [sys.executable, "-m", __name__, *integrators]
+    # in a session of its own: an interrupt from the keyboard is for this process, which then ends the other
+    other = subprocess.Popen(words, start_new_session=True) if missing else None
+    try:
+        for scene in scenes:
+            solve_truth(scene, np.array([0.0, 1e-3 * scene.sample_interval_s]))
+        if other is not None and other.wait() == 0:
+            for mark in marks:
+                mark.touch()
+    finally:
+        if other is not None:
+            other.kill()
 
 
 def compile_integrators(names: Iterable[str]) -> None:

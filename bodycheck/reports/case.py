@@ -128,7 +128,9 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
     columns |= reduced(series, subject.scales)
     if "invariant_drift" in series:
         columns["invariant"] = INVARIANT
-    return CaseResult({**columns, "outcome": "ok", "message": _note(subject, plan)}, trajectory, series)
+    return CaseResult(
+        {**columns, "outcome": "ok", "message": _note(subject, plan, answer.message)}, trajectory, series
+    )
 
 
 def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, Any]:
@@ -176,8 +178,8 @@ def reproducing_command(asked_as: str, engine: str, method: str, setting: Settin
     return shlex.join(words)
 
 
-def _note(subject: Subject, plan: StepPlan | None) -> str:
-    notes = []
+def _note(subject: Subject, plan: StepPlan | None, said: str) -> str:
+    notes = [said] if said else []
     if plan is not None and plan.straddled:
         notes.append(
             f"load switches inside a step: {plan.straddled}; such a step carries the mean of what acts in it"

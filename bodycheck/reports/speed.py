@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +14,6 @@ from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.drive import Case
 from bodycheck.adapters.host import Hosts
 from bodycheck.adapters.protocol import Message
-from bodycheck.errors import UnavailableError, WorkerLostError
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.storage.answers import Answers
 
@@ -52,7 +50,7 @@ def measure_speeds(
     timed: list[CaseResult] = []
     spreads: list[float] = []
     core = _last_core()
-    hosts, yardstick = Hosts(), _Yardstick(core, timeout_s)
+    hosts, yardstick = Hosts(core), _Yardstick(core, timeout_s)
     try:
         for result in cases:
             if result.ok:
@@ -61,7 +59,7 @@ def measure_speeds(
                 laps = answers.laps(engine, case)
                 if laps is None:
                     yardstick.prepare(subject)
-                    laps = _laps(hosts, engine, case, yardstick, core, timeout_s)
+                    laps = _laps(hosts, engine, case, yardstick, timeout_s)
                     answers.keep_laps(engine, case, laps)
                 result = _with_speed(result, laps)
                 if laps.get("yardstick_s"):
@@ -78,7 +76,7 @@ class _Yardstick:
     """The reference on the scenario that is being timed."""
 
     def __init__(self, core: int | None, timeout_s: float) -> None:
-        self._hosts, self._core, self._timeout_s = Hosts(), core, timeout_s
+        self._hosts, self._timeout_s = Hosts(core), timeout_s
         self._prepared: Subject | None = None
 
     def prepare(self, subject: Subject) -> None:
@@ -86,46 +84,58 @@ class _Yardstick:
         if self._prepared is not subject:
             engine, method = _YARDSTICK
             case = Case(subject.scenario.scene, method, Setting(dt_s=min(subject.scenario.steps)))
-            answer = _prepare(self._hosts, engine, case, self._core, self._timeout_s)
+            answer = self._hosts.ask(engine, _preparation(case), self._timeout_s)
             self._prepared = subject if answer["outcome"] == "ok" else None
 
     def lap(self) -> float | None:
         """Return one lap's time in s; None on a scenario that the yardstick cannot run."""
         if self._prepared is None:
             return None
-        answer = self._hosts.ask(_YARDSTICK[0], {"do": "lap"}, self._timeout_s)
-        seconds: float | None = answer.get("cpu_s")
-        return seconds
+        try:
+            return protocol.lap_of(self._hosts.ask(_YARDSTICK[0], _LAP, self._timeout_s))
+        except protocol.ProtocolError:
+            self._prepared = None
+            return None
 
     def close(self) -> None:
         """End its worker."""
         self._hosts.close()
 
 
-def _laps(
-    hosts: Hosts, engine: Engine, case: Case, yardstick: _Yardstick, core: int | None, timeout_s: float
-) -> Message:
-    """Return the times of the case's laps and of the yardstick's between them, or why there are none."""
-    answer = _prepare(hosts, engine.name, case, core, timeout_s)
+_LAP: Message = {"do": "lap"}
+
+
+def _preparation(case: Case) -> Message:
+    return {"do": "prepare", "case": protocol.case_message(case)}
+
+
+def _laps(hosts: Hosts, engine: Engine, case: Case, yardstick: _Yardstick, timeout_s: float) -> Message:
+    """Return the times of the case's laps and of the yardstick's between them, or why there are none.
+
+    What fails is tried once more: a worker that somebody killed was not at fault.
+    """
+    laps, failed = _timed(hosts, engine, case, yardstick, timeout_s)
+    return _timed(hosts, engine, case, yardstick, timeout_s)[0] if failed else laps
+
+
+def _timed(
+    hosts: Hosts, engine: Engine, case: Case, yardstick: _Yardstick, timeout_s: float
+) -> tuple[Message, bool]:
+    answer = hosts.ask(engine.name, _preparation(case), timeout_s)
     own: list[float] = []
     others: list[float] = []
-    while answer["outcome"] == "ok" and len(own) < _LAPS:
+    while answer.get("outcome") == "ok" and len(own) < _LAPS:
         if (other := yardstick.lap()) is not None:
             others.append(other)
-        answer = hosts.ask(engine.name, {"do": "lap"}, timeout_s)
-        if answer["outcome"] == "ok":
-            own.append(answer["cpu_s"])
-    if answer["outcome"] != "ok":
-        return {"lost": str(answer.get("message", ""))}
-    return {"own_s": own, "yardstick_s": others}
-
-
-def _prepare(hosts: Hosts, engine: str, case: Case, core: int | None, timeout_s: float) -> Message:
-    if core is not None and engine not in hosts:
-        with suppress(WorkerLostError, UnavailableError):
-            if (pid := hosts.get(engine).pid) is not None:
-                os.sched_setaffinity(pid, {core})
-    return hosts.ask(engine, {"do": "prepare", "case": protocol.case_message(case)}, timeout_s)
+        answer = hosts.ask(engine.name, _LAP, timeout_s)
+        if answer.get("outcome") == "ok":
+            try:
+                own.append(protocol.lap_of(answer))
+            except protocol.ProtocolError as error:
+                answer = {"outcome": "failed", "message": str(error)}
+    if answer.get("outcome") != "ok":
+        return {"lost": protocol.shown(str(answer.get("message", "")))}, answer.get("outcome") == "failed"
+    return {"own_s": own, "yardstick_s": others}, False
 
 
 def _with_speed(result: CaseResult, laps: Message) -> CaseResult:

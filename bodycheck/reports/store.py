@@ -28,19 +28,20 @@ def check_output(out: Path) -> None:
         with tempfile.TemporaryFile(dir=parent):
             pass
     except OSError as error:
-        raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
+        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
 
 
-def write_run(run: Run, out: Path) -> Path:
+def write_run(run: Run, out: Path, *, beside: Path | None = None) -> Path:
     """Write results.csv, methods.csv, trajectories/, manifest.json and report.html; return the report's path.
 
-    Everything is written beside `out` under a temporary name and renamed at the end. Raises InputError
-    where `out` is in use or cannot be written.
+    Everything is written under a temporary name, in the folder `beside`, by default the one that `out` is
+    in, and renamed at the end. Raises InputError where `out` is in use or cannot be written.
     """
     check_output(out)
+    beside = out.absolute().parent if beside is None else beside
     try:
-        out.absolute().parent.mkdir(parents=True, exist_ok=True)
-        unfinished = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.absolute().parent))
+        beside.mkdir(parents=True, exist_ok=True)
+        unfinished = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=beside))
         try:
             _write_files(run, unfinished)
             unfinished.chmod(0o755)  # mkdtemp keeps others out; a run is for everyone
@@ -48,7 +49,7 @@ def write_run(run: Run, out: Path) -> Path:
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
     except OSError as error:
-        raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
+        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
     return out / "report.html"
 
 

@@ -13,8 +13,6 @@ from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
 from bodycheck.reports.storage.sealed import key_of
 
-_CACHED = ("ok", "unsupported")  # a crash or a timeout may be an accident: it is tried again in the next run
-
 
 class Answers:
     """Answers of engines to cases, and laps of their clocks, each asked for once.
@@ -30,25 +28,24 @@ class Answers:
         """Return what came of a case, whatever became of the engine."""
         key = _key(engine, case, "record")
         message = self._journal.get(key) if self._journal else None
-        if message is None:
-            message = self._asked(hosts, engine, case, key)
-            if self._journal:
-                self._journal.put(key, message)
-        try:
-            return protocol.answer_of(message, case.scene.sample_times)
-        except ValueError as error:
-            return Answer("failed", " ".join(f"{type(error).__name__}: {error}".split()))
+        if message is not None:
+            return _read(message, case)
+        message, answer = self._asked(hosts, engine, case, key)
+        if self._journal:
+            self._journal.put(key, message)
+        return answer
 
-    def _asked(self, hosts: Hosts, engine: Engine, case: Case, key: str) -> Message:
+    def _asked(self, hosts: Hosts, engine: Engine, case: Case, key: str) -> tuple[Message, Answer]:
         cache = self._cache if engine.code else None
         if cache and (known := cache.get(key)):
-            return known
+            return known, _read(known, case)
         request = {"do": "record", "case": protocol.case_message(case)}
         message = {**hosts.ask(engine.name, request, self._timeout_s)}
         message.pop("id", None)
-        if cache and message.get("outcome") in _CACHED:
+        answer = _read(message, case)
+        if cache and _lasting(answer):
             cache.put(key, message)
-        return message
+        return message, answer
 
     def laps(self, engine: Engine, case: Case) -> Message | None:
         """Return what this run has measured of a case's speed, if it was before it was interrupted."""
@@ -58,6 +55,18 @@ class Answers:
         """Write down what was measured of a case's speed."""
         if self._journal:
             self._journal.put(_key(engine, case, "laps"), measured)
+
+
+def _read(message: Message, case: Case) -> Answer:
+    try:
+        return protocol.answer_of(message, case.scene.sample_times)
+    except ValueError as error:
+        return Answer("failed", protocol.shown(f"{type(error).__name__}: {error}"))
+
+
+def _lasting(answer: Answer) -> bool:
+    """Whether the engine would answer so again: a crash or a timeout may be an accident."""
+    return answer.outcome == "unsupported" or (answer.outcome == "ok" and not answer.message)
 
 
 def _key(engine: Engine, case: Case, what: str) -> str:

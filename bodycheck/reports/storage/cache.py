@@ -41,9 +41,12 @@ class Cache:
             message = opened(place.read_bytes())
         except OSError:
             return None
+        if message is None or message["key"] != key:
+            return None
         with suppress(OSError):
             os.utime(place)
-        return message
+        value: Message = message["value"]
+        return value
 
     def put(self, key: str, message: Message) -> None:
         """Keep a message, whole or not at all; once the disk is full or read-only, nothing more."""
@@ -55,7 +58,7 @@ class Cache:
             descriptor, unfinished = tempfile.mkstemp(dir=place.parent, suffix=".part")
             try:
                 with os.fdopen(descriptor, "wb") as file:
-                    file.write(sealed(message))
+                    file.write(sealed({"key": key, "value": message}))
                 Path(unfinished).replace(place)
             except BaseException:
                 with suppress(OSError):

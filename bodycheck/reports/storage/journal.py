@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import threading
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -14,32 +16,42 @@ from bodycheck.reports.storage.sealed import opened, sealed
 
 
 class Journal:
-    """Messages by key in one append-only file of sealed lines.
+    """Messages by key in one append-only file of sealed lines, which one process at a time may hold.
 
-    Opening it again drops a last line that was cut off, and what follows any line that is damaged. Raises
-    InputError where the file cannot be read or written.
+    Opening it again drops a last line that was cut off, and passes over any that is damaged. Raises
+    InputError where the file cannot be read or written, or another process holds it.
     """
 
     def __init__(self, path: Path) -> None:
         self._path, self._lock = path, threading.Lock()
         self._before: dict[str, Message] = {}
         try:
-            whole = self._read()
             self._file = path.open("ab", buffering=0)
-            self._file.truncate(whole)
+            try:
+                self._hold()
+                self._end = self._read()
+                self._file.truncate(self._end)
+            except BaseException:
+                self._file.close()
+                raise
+        except BlockingIOError:
+            raise InputError(f"{path}: another process is at work on this run") from None
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
+    def _hold(self) -> None:
+        """Keep other processes out, until this one ends in whatever way."""
+        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
     def _read(self) -> int:
-        """Take in the lines that are whole; return where they end."""
+        """Take in what is whole; return where the last line ends."""
         end = 0
-        if self._path.exists():
-            with self._path.open("rb") as file:
-                for line in file:
-                    message = opened(line)
-                    if message is None:
-                        break
+        with self._path.open("rb") as file:
+            for line in file:
+                message = opened(line)
+                if message is not None:
                     self._before[message["key"]] = message["value"]
+                if line.endswith(b"\n"):
                     end += len(line)
         return end
 
@@ -54,14 +66,15 @@ class Journal:
         """
         line = sealed({"key": key, "value": value})
         with self._lock:
-            place = self._file.tell()
             try:
                 written = self._file.write(line)
                 if written != len(line):
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             except OSError as error:
-                self._file.truncate(place)
+                with suppress(OSError):
+                    self._file.truncate(self._end)
                 raise InputError(f"{self._path}: cannot be written: {error.strerror}") from None
+            self._end += len(line)
 
     def close(self) -> None:
         """Close the file."""
