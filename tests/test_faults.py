@@ -1,0 +1,267 @@
+"""Whatever an engine does costs the case in which it does so, and nothing else."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from misbehaving import ACTS, BAD_STEP_S, ONLY_TIMED, READINGS, SOLUTIONS, SOUND_STEPS_S, Misbehaving
+from processes import all_gone
+
+import bodycheck
+from bodycheck.adapters import registry
+from bodycheck.adapters.registry import _registered, register_adapter
+from bodycheck.reports.run import Run
+
+SCENARIO = """
+name = "mine"
+duration_s = 1.0
+samples = 11
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.5]
+[initial]
+omega_body_rad_s = [0.3, 1.0, -0.2]
+"""
+MEASURED_ANEW = ["run_id", "cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu"]
+TIMEOUT_S = 4.0
+
+ENDINGS = {
+    "abort": ("failed", "the worker died of SIGABRT"),
+    "segfault": ("failed", "the worker died of SIGSEGV"),
+    "exit": ("failed", "the worker ended itself with status 7"),
+    "exit-0": ("failed", "the worker ended itself with status 0"),
+    "loop": ("timeout", "no answer within 4 s"),
+    "c-loop": ("timeout", "no answer within 4 s"),
+    "sleep": ("timeout", "no answer within 4 s"),
+    "swell": ("failed", "MemoryError: Unable to allocate"),
+    "swell-beyond": ("failed", "MemoryError: Unable to allocate 8.00 TiB"),
+    "print-flood": ("ok", ""),
+    "raw-flood": ("ok", ""),
+    "speak-and-abort": (
+        "failed",
+        "the worker died of SIGABRT; its last output: the solver met a singular matrix",
+    ),
+    "raise": ("failed", "RuntimeError: the solver gave up"),
+    "system-exit": ("failed", "SystemExit: 3"),
+    "keyboard-interrupt": ("failed", "KeyboardInterrupt:"),
+    "generator-exit": ("failed", "GeneratorExit:"),
+    "unprintable": ("failed", "UnprintableError"),
+    "endless-words": ("failed", "RuntimeError: ??zzz"),
+    "recurse": ("failed", "RecursionError: maximum recursion depth exceeded"),
+    "close-output": ("ok", ""),
+    "close-all": ("failed", "the worker ended itself with status 1"),
+    "leave-a-fork": ("failed", "the worker ended itself with status 5"),
+    "leave-a-child": ("failed", "the worker ended itself with status 5"),
+    "spoil": ("ok", ""),
+    "nan": ("unstable", "position_m is not finite from t = 0 s on"),
+    "shape": ("failed", "position_m has the shape (11, 4), not (11, 3)"),
+    "ragged": ("failed", "ValueError"),
+    "text": ("failed", "an array of <U3, not of real numbers"),
+    "object": ("failed", "an array of object, not of real numbers"),
+    "nothing": ("failed", "TypeError: a reading without position or velocity"),
+    "few": ("failed", "a trajectory that is not at the scene's samples"),
+    "none": ("failed", "an answer without its parts: KeyError: 'trajectory'"),
+    ONLY_TIMED: ("ok", ""),
+}
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the path of a small scenario."""
+    path = tmp_path_factory.mktemp("faults") / "mine.toml"
+    path.write_text(SCENARIO)
+    return path
+
+
+def run_of(scenario: Path, *, sound: bool, methods: list[str], speed: bool) -> Run:
+    """Return a run of the misbehaving engine, or of its sound twin, and of one method of the reference."""
+    before = dict(_registered)
+    register_adapter(Misbehaving(sound=sound))
+    try:
+        return bodycheck.run(
+            [scenario],
+            engines=[*(f"misbehaving:{method}" for method in methods), "reference:m1"],
+            dt_s=[*SOUND_STEPS_S, BAD_STEP_S],
+            speed=speed,
+            timeout_s=TIMEOUT_S,
+        )
+    finally:
+        _registered.clear()
+        _registered.update(before)
+
+
+def rows_of(run: Run) -> pd.DataFrame:
+    """Return the rows but for what is measured anew in each run."""
+    return run.results.drop(columns=MEASURED_ANEW)
+
+
+def goes_wrong(rows: pd.DataFrame) -> pd.Series[bool]:
+    """Return which rows are of cases in which the engine misbehaves."""
+    solved = rows["method"].isin(list(SOLUTIONS))
+    return (rows["engine"] == "misbehaving") & (solved | (rows["dt_s"] == BAD_STEP_S))
+
+
+@pytest.fixture(scope="module")
+def sound(scenario: Path) -> Run:
+    """Return the run in which the engine behaves."""
+    return run_of(scenario, sound=True, methods=list(ENDINGS), speed=False)
+
+
+@pytest.fixture(scope="module")
+def faulty(scenario: Path) -> Iterator[Run]:
+    """Return the run in which each method of the engine misbehaves at one step."""
+    yield run_of(scenario, sound=False, methods=list(ENDINGS), speed=False)
+    assert all_gone(os.getpid())
+
+
+def test_every_kind_of_fault_is_tried() -> None:
+    """No way to misbehave is without an expected ending."""
+    assert set(ENDINGS) == {*ACTS, *READINGS, *SOLUTIONS, ONLY_TIMED}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ENDINGS)
+def test_a_fault_is_the_outcome_of_its_case(kind: str, faulty: Run) -> None:
+    """The row says how the case ended, and why, in one line that is not without end."""
+    rows = faulty.results[goes_wrong(faulty.results) & (faulty.results["method"] == kind)]
+    row = rows.iloc[0]
+    outcome, message = ENDINGS[kind]
+    assert len(rows) == 1
+    assert (row["outcome"], message in row["message"]) == (outcome, True), row["message"]
+    assert len(row["message"]) < 2000
+    assert row["message"].isprintable()
+    assert row[["orientation_error_rad", "energy_drift"]].isna().all() == (outcome != "ok")
+
+
+@pytest.mark.slow
+def test_a_fault_costs_no_other_case(faulty: Run, sound: Run) -> None:
+    """All the other rows are those of a run without a fault, digit for digit; so are those after a flood."""
+    rows, expected = rows_of(faulty), rows_of(sound)
+    others = ~goes_wrong(rows)
+    # what a case left behind in its worker is found out, and said, by asking once more
+    told = "asked twice; first, in a worker that had served others: RuntimeError: spoilt"
+    spoilt = rows["message"].str.startswith(told)
+    rows.loc[spoilt, "message"] = ""
+    pd.testing.assert_frame_equal(rows[others], expected[others], check_exact=True)
+    chatty = rows["method"].isin(["print-flood", "raw-flood", "close-output", "spoil"])
+    pd.testing.assert_frame_equal(rows[chatty], expected[chatty], check_exact=True)
+    assert (expected["outcome"] == "ok").all()
+
+
+@pytest.mark.slow
+def test_an_engine_that_dies_while_it_is_timed_loses_its_speed_alone(scenario: Path) -> None:
+    """The row keeps its measures and says why there is no speed; all other cases have theirs."""
+    methods = [ONLY_TIMED, "close-output"]
+    faulty, sound = (run_of(scenario, sound=sound, methods=methods, speed=True) for sound in (False, True))
+    rows, expected = rows_of(faulty), rows_of(sound)
+    died = goes_wrong(rows) & (rows["method"] == ONLY_TIMED)
+    assert rows["message"][died].tolist() == ["speed not measured: the worker died of SIGABRT"]
+    assert faulty.results["cpu_s"].isna().tolist() == died.tolist()
+    assert faulty.results["relative_cpu"].isna().tolist() == died.tolist()
+    pd.testing.assert_frame_equal(
+        rows.drop(columns="message"), expected.drop(columns="message"), check_exact=True
+    )
+
+
+AT_IMPORT = {
+    "abort": ("import os\nos.abort()", "ghost cannot be started: the worker died of SIGABRT"),
+    "segfault": ("import ctypes\nctypes.string_at(0)", "ghost cannot be started: the worker died of SIGSEGV"),
+    "exit": ("import os\nos._exit(3)", "ghost cannot be started: the worker ended itself with status 3"),
+    "system-exit": ("raise SystemExit(4)", "ghost cannot be started: the worker ended itself with status 4"),
+    "raise": ("raise RuntimeError('no licence')", "ghost cannot be imported: RuntimeError: no licence"),
+    "missing": ("import no_such_engine", "ghost cannot be imported: No module named 'no_such_engine'"),
+    "no-adapter": ("Ghost = object", "ghost is no adapter: it has no name, no version, no methods"),
+    "hang": ("while True: pass", "ghost cannot be started: no answer within 3 s"),
+    "chatter": (
+        "import os\nprint('licence expired')\nos._exit(3)",
+        "the worker ended itself with status 3; its last output: licence expired",
+    ),
+    "other-name": (
+        "from misbehaving import Misbehaving as Ghost",
+        "ghost announces itself as 'misbehaving'",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", AT_IMPORT)
+def test_an_engine_that_cannot_be_imported_is_said_so_in_one_line(
+    kind: str, scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However its module goes wrong, the run that asks for it ends with the reason."""
+    code, reason = AT_IMPORT[kind]
+    (tmp_path / "ghost.py").write_text(code)
+    facts = tmp_path / "ghost-1.0.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: ghost\nVersion: 1.0\n")
+    (facts / "entry_points.txt").write_text("[bodycheck.adapters]\nghost = ghost:Ghost\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("bodycheck.adapters.worker_process._START_S", 3.0 if kind == "hang" else 60.0)
+    registry._plugged_in.cache_clear()
+    try:
+        with pytest.raises(bodycheck.InputError) as refused:
+            bodycheck.run([scenario], engines=["ghost", "reference:m1"], dt_s=[0.1], speed=False)
+    finally:
+        registry._plugged_in.cache_clear()
+    assert reason in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert all_gone(os.getpid())
+
+
+def test_an_adapter_that_cannot_leave_its_process_is_run_in_it(scenario: Path) -> None:
+    """A class that one function alone has is measured all the same, and what it raises is an outcome."""
+
+    class Local(Misbehaving):
+        """An adapter that no other process can import."""
+
+    before = dict(_registered)
+    register_adapter(Local())
+    try:
+        engines = ["misbehaving:generator-exit", "misbehaving:nan"]
+        rows = bodycheck.run([scenario], engines=engines, dt_s=[0.02, BAD_STEP_S], speed=False).results
+    finally:
+        _registered.clear()
+        _registered.update(before)
+    assert rows["outcome"].tolist() == ["ok", "failed", "ok", "unstable"]
+    assert rows["message"].tolist()[1] == "GeneratorExit:"
+
+
+def test_what_is_no_adapter_is_not_registered() -> None:
+    """The message says what it lacks."""
+    with pytest.raises(bodycheck.InputError, match="is no adapter: it has no name, no version, no methods"):
+        register_adapter(object())  # type: ignore[arg-type]
+
+
+SCRIPT = """
+import bodycheck
+from misbehaving import Misbehaving
+
+
+class Mine(Misbehaving):
+    pass
+
+
+bodycheck.register_adapter(Mine())
+run = bodycheck.run(["mine.toml"], engines=["misbehaving:abort"], dt_s=[0.02, 0.01], speed=False)
+print(run.results["outcome"].tolist(), run.results["message"].tolist())
+"""
+
+
+def test_a_script_that_defines_an_engine_is_shielded_from_it(tmp_path: Path) -> None:
+    """A worker defines what the script defines, and does not start a run of its own."""
+    (tmp_path / "mine.toml").write_text(SCENARIO)
+    (tmp_path / "script.py").write_text(SCRIPT)
+    done = subprocess.run(
+        [sys.executable, "script.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout == "['ok', 'failed'] ['', 'the worker died of SIGABRT']\n", done.stderr
