@@ -1,0 +1,143 @@
+"""Answers: each is asked for once, and only what an engine would say again is kept for other runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters import protocol
+from bodycheck.adapters.contract import Engine, Setting
+from bodycheck.adapters.drive import Case, record
+from bodycheck.adapters.host import Hosts
+from bodycheck.adapters.reference import Reference
+from bodycheck.reference_impl.scene import RigidBody, Scene, State
+from bodycheck.reports.storage.answers import Answers
+from bodycheck.reports.storage.cache import Cache
+from bodycheck.reports.storage.journal import Journal
+
+START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
+SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (), np.zeros(3), 1.0, 3)
+CASE = Case(SCENE, "m1", Setting(dt_s=0.1))
+ENGINE = Engine("counted", "1", {}, code="c0de")
+GOOD = protocol.answer_message(record(Reference(), CASE))
+
+
+class Counting(Hosts):
+    """Hosts of an engine that says the same to everybody, and counts how often."""
+
+    def __init__(self, said: dict[str, Any]) -> None:
+        super().__init__()
+        self.said, self.asked = said, 0
+
+    def ask(self, engine: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:  # noqa: ARG002
+        """Answer."""
+        self.asked += 1
+        return {"id": self.asked, **self.said}
+
+
+def asked_twice(said: dict[str, Any], cache: Cache | None, engine: Engine = ENGINE) -> int:
+    """Return how often an engine is asked in two runs of the same case."""
+    hosts = Counting(said)
+    first, again = (Answers(None, cache, 1.0).ask(hosts, engine, CASE) for _ in range(2))
+    assert (first.outcome, first.message) == (again.outcome, again.message)
+    return hosts.asked
+
+
+SHORT = {**GOOD, "trajectory": {**GOOD["trajectory"], "t_s": protocol.packed(np.zeros(2))}}
+LASTING = {"ok": GOOD, "unsupported": {"outcome": "unsupported", "message": "no pivot"}}
+PASSING = {
+    "failed": {"outcome": "failed", "message": "it crashed"},
+    "timeout": {"outcome": "timeout", "message": "it was late"},
+    "no outcome": {},
+    "an outcome that is none": {"outcome": ["ok"]},
+    "without its parts": {"outcome": "ok"},
+    "not at the samples": {**GOOD, "trajectory": {**GOOD["trajectory"], "t_s": protocol.packed(np.ones(3))}},
+    "of wrong shapes": SHORT,
+    "with a wrong stepping": {**GOOD, "stepping": "sideways"},
+    "with wrong steps": {**GOOD, "steps": "many"},
+    "answered when asked again": {**GOOD, "message": "asked twice; first it crashed"},
+}
+
+
+@pytest.mark.parametrize("what", LASTING)
+def test_what_an_engine_would_say_again_is_asked_once(what: str, tmp_path: Path) -> None:
+    """The second run has it from the cache."""
+    assert asked_twice(LASTING[what], Cache(tmp_path)) == 1
+
+
+@pytest.mark.parametrize("what", PASSING)
+def test_what_may_be_an_accident_is_asked_again(what: str, tmp_path: Path) -> None:
+    """Neither a failure nor an answer that is none is kept for another run; it is a failure with a reason."""
+    assert asked_twice(PASSING[what], Cache(tmp_path)) == 2
+    answer = Answers(None, None, 1.0).ask(Counting(PASSING[what]), ENGINE, CASE)
+    assert answer.outcome in ("failed", "timeout") or what == "answered when asked again"
+    assert answer.message
+
+
+def test_an_engine_whose_code_is_not_known_is_always_asked(tmp_path: Path) -> None:
+    """Without a hash of its code nobody can say that it is still the same."""
+    assert asked_twice(GOOD, Cache(tmp_path), replace(ENGINE, code="")) == 2
+
+
+CHANGES: dict[str, tuple[Engine, Case]] = {
+    "engine": (replace(ENGINE, name="other"), CASE),
+    "version": (replace(ENGINE, version="2"), CASE),
+    "code": (replace(ENGINE, code="c0df"), CASE),
+    "method": (ENGINE, replace(CASE, method="m2")),
+    "step": (ENGINE, replace(CASE, setting=Setting(dt_s=float(np.nextafter(0.1, 1.0))))),
+    "tolerance": (ENGINE, replace(CASE, setting=Setting(tolerance=0.1))),
+    "samples": (ENGINE, replace(CASE, scene=replace(SCENE, samples=2))),
+    "gravity": (ENGINE, replace(CASE, scene=replace(SCENE, gravity=np.array([0.0, 0.0, -1e-300])))),
+    "body": (
+        ENGINE,
+        replace(CASE, scene=replace(SCENE, body=replace(SCENE.body, mass=np.nextafter(1.0, 2.0)))),
+    ),
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_a_change_of_anything_is_asked_anew(what: str, tmp_path: Path) -> None:
+    """Neither the cache nor the journal takes another engine's or another case's answer for this one."""
+    hosts, (engine, case) = Counting(GOOD), CHANGES[what]
+    with Journal(tmp_path / "journal") as journal:
+        Answers(journal, Cache(tmp_path), 1.0).ask(hosts, ENGINE, CASE)
+    with Journal(tmp_path / "journal") as journal:
+        Answers(journal, Cache(tmp_path), 1.0).ask(hosts, engine, case)
+    assert hosts.asked == 2
+
+
+def test_a_fresh_run_asks_anew_and_what_it_hears_counts_from_then_on(tmp_path: Path) -> None:
+    """The cache that is only written holds the newest answer for the run after it."""
+    refused = Counting(LASTING["unsupported"])
+    Answers(None, Cache(tmp_path), 1.0).ask(Counting(GOOD), ENGINE, CASE)
+    Answers(None, Cache(tmp_path).write_only(), 1.0).ask(refused, ENGINE, CASE)
+    assert refused.asked == 1
+    assert Answers(None, Cache(tmp_path), 1.0).ask(Counting(GOOD), ENGINE, CASE).message == "no pivot"
+
+
+@pytest.mark.parametrize("what", [*LASTING, *PASSING])
+def test_a_run_that_goes_on_asks_nothing_twice(what: str, tmp_path: Path) -> None:
+    """Whatever was answered, failures too, is in the run's journal, and is read as it was at first."""
+    hosts = Counting({**LASTING, **PASSING}[what])
+    endings = []
+    for _ in range(2):
+        with Journal(tmp_path / "journal") as journal:
+            answer = Answers(journal, None, 1.0).ask(hosts, ENGINE, CASE)
+            endings.append((answer.outcome, answer.message))
+    assert hosts.asked == 1
+    assert endings[0] == endings[1]
+
+
+def test_laps_are_kept_for_the_run_alone(tmp_path: Path) -> None:
+    """A speed is found again by the run that measured it, and by no other, whatever the cache has."""
+    cache, laps = Cache(tmp_path / "cache"), {"own_s": [1.0], "yardstick_s": [2.0]}
+    with Journal(tmp_path / "journal") as journal:
+        Answers(journal, cache, 1.0).keep_laps(ENGINE, CASE, laps)
+    with Journal(tmp_path / "journal") as journal:
+        assert Answers(journal, cache, 1.0).laps(ENGINE, CASE) == laps
+    assert Answers(None, cache, 1.0).laps(ENGINE, CASE) is None
+    assert not list(tmp_path.glob("cache/*"))

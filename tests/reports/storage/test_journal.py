@@ -1,0 +1,136 @@
+"""The journal: what was written is there again, what is torn or garbled is not believed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from full_disk import no_file_longer_than
+
+from bodycheck.errors import InputError
+from bodycheck.reports.storage.journal import Journal
+from bodycheck.reports.storage.sealed import key_of, opened, sealed
+
+ENTRIES: dict[str, dict[str, Any]] = {
+    "a": {"outcome": "ok", "trajectory": "x" * 300},
+    "b": {"outcome": "failed", "message": "a \u2028 b"},
+    "c": {"outcome": "timeout", "message": "late"},
+}
+
+
+def written(path: Path) -> list[bytes]:
+    """Write the entries to a journal and return its lines."""
+    with Journal(path) as journal:
+        for key, value in ENTRIES.items():
+            journal.put(key, value)
+    return path.read_bytes().splitlines(keepends=True)
+
+
+def held(path: Path) -> dict[str, Any]:
+    """Return what a journal holds of the entries when it is opened."""
+    with Journal(path) as journal:
+        return {key: value for key in ENTRIES if (value := journal.get(key)) is not None}
+
+
+def test_what_was_put_is_there_when_it_is_opened_again(tmp_path: Path) -> None:
+    """Every entry comes back equal; what was never put is absent."""
+    written(tmp_path / "journal")
+    assert held(tmp_path / "journal") == ENTRIES
+    with Journal(tmp_path / "journal") as journal:
+        assert journal.get("d") is None
+
+
+@pytest.mark.parametrize("kept", [0, 1, 64, 65, 66, 100, -1])
+def test_a_line_that_was_cut_off_is_dropped_and_written_anew(kept: int, tmp_path: Path) -> None:
+    """Wherever the last line was cut, the others stay, and the journal goes on after them."""
+    path = tmp_path / "journal"
+    lines = written(path)
+    path.write_bytes(b"".join(lines[:2]) + lines[2][:kept])
+    assert held(path) == {key: ENTRIES[key] for key in "ab"}
+    with Journal(path) as journal:
+        journal.put("c", ENTRIES["c"])
+    assert path.read_bytes() == b"".join(lines)
+
+
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "one bit": lambda line: line[:90] + bytes([line[90] ^ 1]) + line[91:],
+    "zeros": lambda line: bytes(len(line) - 1) + b"\n",
+    "a digest alone": lambda line: line[:64] + b"\n",
+    "no digest": lambda line: line[65:],
+    "an empty line": lambda _: b"\n",
+    "a line too many": lambda line: b"\xff\xfe\n" + line[:70] + b"\n",
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_damaged_line_is_passed_over_and_costs_no_other(damage: str, place: int, tmp_path: Path) -> None:
+    """Of three lines the other two are there, wherever the damaged one stands."""
+    path = tmp_path / "journal"
+    lines = written(path)
+    lines[place] = DAMAGES[damage](lines[place])
+    path.write_bytes(b"".join(lines))
+    assert held(path) == {key: value for i, (key, value) in enumerate(ENTRIES.items()) if i != place}
+
+
+@pytest.mark.parametrize("torn", [b"", b"torn"])
+@pytest.mark.parametrize("room", [0, 1, 30])
+def test_a_full_disk_leaves_what_was_written_and_no_half_line(room: int, torn: bytes, tmp_path: Path) -> None:
+    """The entry that finds no room is refused in one line; once there is room the journal goes on."""
+    path = tmp_path / "journal"
+    lines = written(path)
+    path.write_bytes(b"".join(lines[:2]) + torn)
+    with Journal(path) as journal:
+        with (
+            no_file_longer_than(len(b"".join(lines[:2])) + room),
+            pytest.raises(
+                InputError, match=r"journal: cannot be written: (File too large|No space left on device)$"
+            ),
+        ):
+            journal.put("c", ENTRIES["c"])
+        assert path.read_bytes() == b"".join(lines[:2])
+        journal.put("c", ENTRIES["c"])
+    assert path.read_bytes() == b"".join(lines)
+
+
+def test_a_second_process_is_told_that_the_journal_is_in_use(tmp_path: Path) -> None:
+    """One process at a time holds it; the other gets one line, and neither harms what is written."""
+    path = tmp_path / "journal"
+    code = "import sys; from pathlib import Path; from bodycheck.reports.storage.journal import Journal; "
+    words = [sys.executable, "-c", f"{code} Journal(Path({str(path)!r}))"]
+    with Journal(path) as journal:
+        journal.put("a", ENTRIES["a"])
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        journal.put("b", ENTRIES["b"])
+    assert done.returncode == 1
+    last_line = done.stderr.splitlines()[-1]
+    assert last_line.endswith(f"InputError: {path}: another process is at work on this run")
+    assert subprocess.run(words, check=False).returncode == 0
+    assert held(path) == {key: ENTRIES[key] for key in "ab"}
+
+
+def test_a_journal_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    """The message names the file and the reason."""
+    with pytest.raises(InputError, match=r"nowhere/journal: cannot be written: No such file or directory"):
+        Journal(tmp_path / "nowhere/journal")
+
+
+@pytest.mark.parametrize("message", [{}, {"a": [1, None, "\u2028\x00"]}, {"pi": 3.141592653589793}])
+def test_a_sealed_message_opens_to_itself_and_no_changed_one_opens(message: dict[str, Any]) -> None:
+    """Sealing is undone by opening; a line that differs in any one byte does not open."""
+    line = sealed(message)
+    assert line.count(b"\n") == 1
+    assert opened(line) == message
+    for place in range(len(line)):
+        assert opened(line[:place] + bytes([line[place] ^ 4]) + line[place + 1 :]) is None
+
+
+def test_a_key_tells_all_differences_and_no_order() -> None:
+    """Equal data have equal keys, in whatever order; a last bit of a number makes another."""
+    assert key_of(a=1.0, b=[1, 2]) == key_of(b=[1, 2], a=1.0)
+    assert key_of(a=0.1) != key_of(a=0.1 + 2**-56)
+    assert key_of(a=[1, 2]) != key_of(a=[2, 1])
