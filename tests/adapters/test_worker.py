@@ -1,0 +1,372 @@
+"""The worker protocol: what docs/workers.md shows, what any worker has to do, what if one does not."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters import protocol
+from bodycheck.adapters.contract import read_back_mismatch
+from bodycheck.adapters.drive import Answer, record
+from bodycheck.adapters.host import Hosts, announced
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.worker_process import WorkerProcess
+from bodycheck.errors import WorkerLostError
+from bodycheck.reference_impl.scene import (
+    Drag,
+    GravityGradient,
+    Load,
+    PointForce,
+    RigidBody,
+    Scene,
+    SineTorque,
+    Spring,
+    State,
+    Torque,
+    TorsionSpring,
+)
+
+PAGE = (Path(__file__).parents[2] / "docs/workers.md").read_text(encoding="utf-8")
+TRANSCRIPT = re.findall(r"```text\n(.*?)```", PAGE, flags=re.DOTALL)[0].splitlines()
+PROGRAM = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)[0]
+REQUESTS = [line[2:] for line in TRANSCRIPT if line.startswith("> ")]
+ANSWERS = [line[2:] for line in TRANSCRIPT if line.startswith("< ")]
+CASE: dict[str, Any] = json.loads(REQUESTS[0])["case"]
+
+WORKERS = {
+    "of the docs": ([sys.executable, "-c", PROGRAM], "drift"),
+    "reference": ([sys.executable, "-m", "bodycheck.adapters.worker", "reference", "4000000000"], "m1"),
+    "mujoco": ([sys.executable, "-m", "bodycheck.adapters.worker", "mujoco", "4000000000"], "euler"),
+}
+
+
+def said(command: list[str], lines: list[str]) -> list[str]:
+    """Return what a worker says to these lines; it ends well when its input ends."""
+    text = "".join(f"{line}\n" for line in lines)
+    done = subprocess.run(command, input=text, capture_output=True, text=True, check=True, timeout=120)
+    return done.stdout.splitlines()
+
+
+def test_the_docs_show_what_is_said() -> None:
+    """Their worker says their answers to their requests, but for the time that it took; none is missing."""
+    timed = re.compile(r'("cpu_s": )[^}]*')
+    answers = said(WORKERS["of the docs"][0], REQUESTS)
+    assert [timed.sub(r"\1", line) for line in answers] == [timed.sub(r"\1", line) for line in ANSWERS]
+    asked = {json.loads(line)["do"] for line in REQUESTS if line.startswith("{")}
+    assert asked == {"record", "prepare", "lap"}
+
+
+@pytest.mark.parametrize("line", [line for line in REQUESTS if '"case"' in line])
+def test_the_docs_show_what_a_run_asks(line: str) -> None:
+    """A case of the docs is, read and written again, the very same message."""
+    case = json.loads(line)["case"]
+    assert protocol.case_message(protocol.case_of(case)) == case
+
+
+@pytest.mark.parametrize("worker", WORKERS)
+def test_a_worker_conforms(worker: str) -> None:
+    """It announces itself, answers each kind of request under its id, survives nonsense, and ends well."""
+    if worker == "mujoco":
+        pytest.importorskip("mujoco")
+    command, method = WORKERS[worker]
+    case = {**CASE, "method": method}
+    requests = [
+        {"id": 7, "do": "record", "case": case},
+        {"id": 8, "do": "record", "case": {**case, "dt_s": None, "tolerance": "no case at all"}},
+        {"id": 9, "do": "prepare", "case": case},
+        {"id": 10, "do": "lap"},
+        {"id": 11, "do": "lap"},
+    ]
+    lines = [json.dumps(request) for request in requests]
+    found = [json.loads(line) for line in said(command, [*lines[:2], "no request", "[1]", *lines[2:]])]
+    announcement, recorded, refused, *nonsense, prepared, lap, again = found
+    engine = protocol.engine_of(announcement)
+    assert announcement["bodycheck"] == protocol.VERSION
+    assert protocol.request_limit_of(announcement) > 10_000
+    assert method in engine.methods
+    assert [answer["id"] for answer in found[1:]] == [7, 8, None, None, 9, 10, 11]
+    asked = protocol.case_of(case)
+    answer = protocol.answer_of(recorded, asked.scene.sample_times)
+    assert answer.outcome == "ok"
+    assert answer.trajectory is not None
+    assert answer.read_back is not None
+    assert read_back_mismatch(asked.scene, asked.setting.dt_s, answer.read_back) is None
+    # a drifting body's positions are sums of powers of two: exact in doubles
+    assert answer.trajectory.position_m.tolist() == [[0.0, 0.0, 0.0], [0.5, 0.0, -0.25], [1.0, 0.0, -0.5]]
+    assert refused["outcome"] == "failed"
+    assert all(answer["outcome"] == "failed" for answer in nonsense)
+    assert prepared["outcome"] == "ok"
+    assert protocol.lap_of(lap) > 0.0
+    assert protocol.lap_of(again) > 0.0
+
+
+def test_a_worker_says_why_there_is_no_engine() -> None:
+    """An engine that nobody knows is announced as unavailable; a wrong command line is told how it goes."""
+    command = [sys.executable, "-m", "bodycheck.adapters.worker"]
+    (line,) = said([*command, "havok", "4000000000"], [])
+    assert json.loads(line)["unavailable"].startswith("no engine is named 'havok'; known are mujoco, ")
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr == "usage: python -m bodycheck.adapters.worker ENGINE MEMORY_BYTES\n"
+
+
+# ------------------------------------------------------------------------------------------- messages
+
+LOADS: tuple[Load, ...] = (
+    Torque("body", np.array([0.1, 0.2, 0.3]), 0.5, 0.75),
+    PointForce("world", np.array([1e-300, -0.0, 1e300]), np.array([0.1, 0.0, 0.0])),
+    SineTorque("world", np.array([0.0, 1.0, 0.0]), 2.0, 0.1),
+    Drag(0.1, np.diag([1.0, 2.0, 3.0])),
+    Spring(np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.0, 0.0]), 3.0, 0.5),
+    TorsionSpring(0.7),
+    GravityGradient(1e-3),
+)
+STATE = State(
+    np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 0.2, 0.3])
+)
+
+
+@pytest.mark.parametrize("load", LOADS, ids=lambda load: type(load).__name__)
+def test_a_scene_comes_back_to_the_last_bit(load: Load) -> None:
+    """Whatever acts, the scene that a worker reads is the scene that was sent."""
+    body = RigidBody(1.0 / 3.0, np.diag([0.1, 0.2, 0.1 + 0.2]))
+    scene = Scene(body, STATE, (load,), np.array([0.0, 0.0, -9.81]), 0.1, 4)
+    back = protocol.scene_of(json.loads(json.dumps(protocol.scene_message(scene), allow_nan=False)))
+    for sent, received in [(scene.body, back.body), (scene.initial, back.initial), (load, back.loads[0])]:
+        assert type(sent) is type(received)
+        for name, value in vars(sent).items():
+            assert np.asarray(value).tobytes() == np.asarray(getattr(received, name)).tobytes(), name
+    assert (back.duration_s, back.samples, back.gravity.tolist()) == (0.1, 4, [0.0, 0.0, -9.81])
+
+
+@pytest.mark.parametrize("shape", [(0,), (5,), (2, 3), (2, 3, 3)])
+def test_an_array_comes_back_to_the_last_bit(shape: tuple[int, ...]) -> None:
+    """Infinities, NaN, negative zero and subnormal numbers too."""
+    values = np.resize(np.array([0.1, -0.0, np.inf, -np.inf, np.nan, 5e-324, 1.7976931348623157e308]), shape)
+    message = json.loads(json.dumps(protocol.packed(values)))
+    assert protocol.unpacked(message).tobytes() == values.tobytes()
+    assert protocol.unpacked(message).shape == shape
+
+
+NO_ARRAYS: list[Any] = [
+    {},
+    [],
+    None,
+    {"shape": [3], "base64": "AAAA"},
+    {"shape": [1], "base64": "?AAAAAAAAAA="},
+    {"shape": [2], "base64": "AAAAAAAAAAA="},
+    {"shape": "x", "base64": "AAAAAAAAAAA="},
+    {"shape": [1], "base64": 7},
+]
+
+
+@pytest.mark.parametrize("value", NO_ARRAYS, ids=str)
+def test_what_is_no_array_is_refused(value: Any) -> None:
+    """A wrong shape, a cut-off text and what is no text are told from an array."""
+    with pytest.raises(protocol.ProtocolError, match="an array that is none"):
+        protocol.unpacked(value)
+
+
+@pytest.mark.parametrize(
+    "values", [["1.0"], [None], [1j], [True], [b"1"]], ids=["text", "object", "complex", "bool", "bytes"]
+)
+def test_only_real_numbers_are_packed(values: list[Any]) -> None:
+    """A text that reads like a number is none."""
+    with pytest.raises(protocol.ProtocolError, match="not of real numbers"):
+        protocol.packed(np.array(values))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), {1}, np.int64(1), b"x"], ids=str)
+def test_a_line_holds_nothing_but_json(value: Any) -> None:
+    """What other languages could not read is refused."""
+    with pytest.raises(protocol.ProtocolError, match="JSON cannot hold"):
+        protocol.line_of({"value": value})
+
+
+def test_a_line_has_a_largest_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One byte more than a message may have is refused."""
+    length = len(protocol.line_of({"text": "x" * 100}))
+    monkeypatch.setattr(protocol, "LARGEST_MESSAGE", length)
+    assert len(protocol.line_of({"text": "x" * 100})) == length
+    with pytest.raises(protocol.ProtocolError, match=f"a message of {length + 1} bytes, more than {length}"):
+        protocol.line_of({"text": "x" * 101})
+
+
+def test_a_mass_that_is_no_number_comes_back_as_such() -> None:
+    """The run compares what the engine held, and finds it wrong, instead of losing the answer."""
+    case = protocol.case_of({**CASE, "method": "m1"})
+    answer = record(Reference(), case)
+    assert answer.read_back is not None
+    held = answer.read_back.__class__(**{**vars(answer.read_back), "mass": np.nan, "dt_s": np.inf})
+    message = protocol.answer_message(Answer("ok", "", answer.trajectory, held, "native"))
+    back = protocol.answer_of(json.loads(protocol.line_of(message)), case.scene.sample_times)
+    assert back.read_back is not None
+    fault = read_back_mismatch(case.scene, case.setting.dt_s, back.read_back)
+    assert fault == "mass is nan in the engine, not 2.; step is nan in the engine, not 0.25"
+
+
+# ---------------------------------------------------------------------------------- workers that do not
+
+PYTHON = sys.executable
+ANNOUNCEMENT: dict[str, Any] = json.loads(ANSWERS[0])
+
+
+def announcing(**changes: Any) -> str:
+    """Return a program that announces the engine of the docs with these changes, and then waits."""
+    line = json.dumps({**ANNOUNCEMENT, **changes})
+    return f"print({line!r}, flush=True)\nimport time; time.sleep(1000)"
+
+
+METHOD = ANNOUNCEMENT["methods"][0]
+WRONG_ANNOUNCEMENTS = {
+    "another protocol": (announcing(bodycheck=2), "the worker speaks another protocol: 2"),
+    "no JSON": ("print('hello')", "a line that is not JSON"),
+    "no object": ("print('[1, 2]')", "a line that is no JSON object"),
+    "no methods": (announcing(methods=None), "an announcement without its parts"),
+    "a method of another age": (announcing(methods=[{"name": "x"}]), "an announcement without its parts"),
+    "a control that is none": (announcing(methods=[{**METHOD, "control": "will"}]), "the control 'will'"),
+    "a version that is no text": (announcing(version=3), "version or code are no texts"),
+    "no limits": (announcing(limits=None), "an announcement whose limits are None"),
+    "another name": (announcing(engine="other"), "drift announces itself as 'other'"),
+    "nothing at all": ("", "the worker ended itself with status 0"),
+    "a crash": ("import os; os.abort()", "the worker died of SIGABRT"),
+    "a reason": ('print(\'{"bodycheck": 1, "unavailable": "no licence"}\')', "no licence"),
+}
+
+
+def employ(program: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have every worker be this program."""
+    place = folder / "worker"
+    place.write_text(f"#!{PYTHON}\n{program}")
+    place.chmod(0o755)
+    monkeypatch.setattr("bodycheck.adapters.worker_process.sys.executable", str(place))
+
+
+@pytest.mark.parametrize("what", WRONG_ANNOUNCEMENTS)
+def test_an_announcement_that_is_wrong_is_the_reason_why_there_is_no_engine(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The engine is not there, and the text says what its worker did."""
+    program, reason = WRONG_ANNOUNCEMENTS[what]
+    employ(program, tmp_path, monkeypatch)
+    found = announced(["drift"])["drift"]
+    assert isinstance(found, str)
+    assert reason in found
+    assert "drift" in found or what == "a reason"
+
+
+def answering(code: str) -> str:
+    """Return a program that is announced as the docs' worker and answers each line by this code."""
+    begin = f"import json, os, sys, time\nprint({json.dumps(ANNOUNCEMENT)!r}, flush=True)\n"
+    return (
+        f"{begin}for line in sys.stdin:\n    i = json.loads(line)['id']\n    {code}\n    sys.stdout.flush()\n"
+    )
+
+
+WRONG_ANSWERS = {
+    "no JSON": ("print('hm')", "failed", "a line that is not JSON"),
+    "another id": ("print(json.dumps({'id': i + 1}))", "failed", "the worker answered request 2, not 1"),
+    "two answers": ("print(json.dumps({'id': i}) * 2)", "failed", "a line that is not JSON"),
+    "no end": ("sys.stdout.write('x' * 5000)", "failed", "an answer of more than 4000 bytes"),
+    "no answer": ("time.sleep(1000)", "timeout", "no answer within 0.5 s"),
+    "half an answer": ("sys.stdout.write('{'); sys.stdout.flush(); os._exit(3)", "failed", "with status 3"),
+    "closed": ("os.close(1); os.close(2); os._exit(4)", "failed", "with status 4"),
+    "last words": ("sys.stderr.write('so be it'); os._exit(4)", "failed", "its last output: so be it"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG_ANSWERS)
+def test_an_answer_that_is_wrong_is_the_outcome_of_its_case(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The message says what the worker did, and it is gone."""
+    code, outcome, message = WRONG_ANSWERS[what]
+    employ(answering(code), tmp_path, monkeypatch)
+    monkeypatch.setattr(protocol, "LARGEST_MESSAGE", 4000)
+    hosts = Hosts()
+    try:
+        answer = hosts.ask("drift", {"do": "record", "case": CASE}, 0.5)
+        assert answer["outcome"] == outcome
+        assert message in answer["message"]
+        assert "drift" not in hosts
+    finally:
+        hosts.close()
+
+
+def test_a_worker_that_closes_its_output_and_goes_on_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is not waited for until its time is over."""
+    employ(answering("os.close(1); time.sleep(1000)"), tmp_path, monkeypatch)
+    monkeypatch.setattr("bodycheck.adapters.worker_process._DYING_S", 0.1)
+    hosts = Hosts()
+    try:
+        answer = hosts.ask("drift", {"do": "lap"}, 60.0)
+    finally:
+        hosts.close()
+    assert answer == {"outcome": "failed", "message": "the worker closed its output and went on"}
+
+
+def test_a_request_that_a_worker_does_not_take_is_not_sent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The limit that it announced holds."""
+    employ(announcing(limits={"message_bytes": 100}), tmp_path, monkeypatch)
+    host = WorkerProcess("drift")
+    try:
+        answer = host.ask({"do": "record", "case": CASE}, 5.0)
+    finally:
+        host.close()
+    assert answer["outcome"] == "failed"
+    assert re.fullmatch(r"a request of \d+ bytes; it takes 100", answer["message"])
+
+
+FORGETFUL = "print(json.dumps({'id': i, 'outcome': 'failed' if i > 1 else 'ok', 'message': 'I forgot'}))"
+
+
+def test_a_failure_in_a_used_worker_is_asked_once_more_of_a_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What an earlier case may have spoilt counts as it is answered afresh, and the answer says so."""
+    employ(answering(FORGETFUL), tmp_path, monkeypatch)
+    hosts, request = Hosts(), {"do": "record", "case": CASE}
+    try:
+        assert hosts.ask("drift", request, 5.0)["message"] == "I forgot"
+        again = hosts.ask("drift", request, 5.0)
+    finally:
+        hosts.close()
+    assert again["outcome"] == "ok"
+    assert again["message"] == "asked twice; first, in a worker that had served others: I forgot"
+
+
+def test_a_case_whose_worker_was_killed_is_asked_once_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A kill from outside is not the engine's fault, once; a worker that is killed each time has failed."""
+    mark = tmp_path / "killed"
+    once = f"os.path.exists({str(mark)!r}) or (open({str(mark)!r}, 'w'), os.kill(os.getpid(), 9))"
+    say = "print(json.dumps({'id': i, 'outcome': 'ok'}))"
+    employ(answering(f"{once}; {say}"), tmp_path, monkeypatch)
+    hosts = Hosts()
+    assert hosts.ask("drift", {"do": "record"}, 5.0) == {"id": 1, "outcome": "ok"}
+    hosts.close()
+    employ(answering("os.kill(os.getpid(), 9)"), tmp_path, monkeypatch)
+    hosts = Hosts()
+    answer = hosts.ask("drift", {"do": "record"}, 5.0)
+    hosts.close()
+    assert answer == {"outcome": "failed", "message": "the worker died of SIGKILL"}
+
+
+def test_hosts_that_were_stopped_answer_nothing_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No worker is started once a run was stopped."""
+    employ(answering(FORGETFUL), tmp_path, monkeypatch)
+    hosts = Hosts()
+    hosts.stop()
+    with pytest.raises(WorkerLostError, match="the run was stopped"):
+        hosts.ask("drift", {"do": "record", "case": CASE}, 5.0)
