@@ -1,0 +1,228 @@
+"""A run that is stopped in whatever way goes on where it was, and ends as if nothing had happened."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from processes import all_gone, workers_of
+
+HELPERS = Path(__file__).parent / "helpers"
+SCENARIO = """
+name = "mine"
+duration_s = 1.0
+samples = 11
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.5]
+[initial]
+omega_body_rad_s = [0.3, 1.0, -0.2]
+"""
+MEASURED_ANEW = ["run_id", "cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu"]
+STEPS = ["--dt", "0.05,0.02,0.01"]
+HANGING = ["run", "mine.toml", "--engine", "misbehaving:c-loop,reference:m1", *STEPS, "--no-speed", "--fresh"]
+
+Command = Callable[..., "subprocess.Popen[str]"]
+
+
+@pytest.fixture
+def command(tmp_path: Path) -> Iterator[Command]:
+    """Return a way to start a command in a folder with a scenario, where another package offers an engine."""
+    (tmp_path / "mine.toml").write_text(SCENARIO)
+    package = tmp_path / "package"
+    facts = package / "misbehaving-1.0.dist-info"
+    facts.mkdir(parents=True)
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: misbehaving\nVersion: 1.0\n")
+    (facts / "entry_points.txt").write_text("[bodycheck.adapters]\nmisbehaving = misbehaving:Misbehaving\n")
+    (package / "misbehaving.py").write_text((HELPERS / "misbehaving.py").read_text())
+    path = os.pathsep.join([str(package), *filter(None, [os.environ.get("PYTHONPATH")])])
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*words: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "bodycheck", *words],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": path},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Return the status of a command and its last words on standard error; no worker survives it."""
+    _, errors = process.communicate(timeout=120)
+    assert "Traceback" not in errors
+    assert all_gone(process.pid)
+    return process.returncode, (errors.splitlines() or [""])[-1]
+
+
+def answered(folder: Path, lines: int) -> None:
+    """Wait until so many results are in the journal, and the rest hangs."""
+    journal = folder / "out.partial/journal"
+    end = time.monotonic() + 60.0
+    while not journal.exists() or journal.read_bytes().count(b"\n") < lines:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def tables(folder: Path) -> dict[str, pd.DataFrame]:
+    """Return the tables of a run as text, but for what is measured anew."""
+    found = {name: pd.read_csv(folder / f"{name}.csv", dtype=str) for name in ("results", "methods")}
+    return {name: table.drop(columns=MEASURED_ANEW, errors="ignore") for name, table in found.items()}
+
+
+ALL_BUT_THE_HANGING_CASE = 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("blow", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, -15), (signal.SIGKILL, -9)], ids=str
+)
+def test_a_stopped_run_leaves_no_worker_and_goes_on_to_the_same_tables(
+    blow: signal.Signals, status: int, command: Command, tmp_path: Path
+) -> None:
+    """An engine that never comes back dies with the run; what is on disk is not asked for again."""
+    whole = command(*HANGING, "--timeout-s", "5", "--out", "whole")
+    stopped = command(*HANGING, "--timeout-s", "5", "--out", "out")
+    answered(tmp_path, ALL_BUT_THE_HANGING_CASE)
+    assert workers_of(stopped.pid)
+    stopped.send_signal(blow)
+    ended = finished(stopped)
+    assert ended[0] == status
+    if blow == signal.SIGINT:
+        assert ended[1] == "stopped; go on with: bodycheck run --resume out"
+    assert not (tmp_path / "out").exists()
+    stored = (tmp_path / "out.partial/journal").read_bytes()
+    os.link(tmp_path / "out.partial/journal", tmp_path / "kept")
+    assert finished(command("run", "--resume", "out"))[0] == 0
+    assert finished(whole)[0] == 0
+    kept = (tmp_path / "kept").read_bytes()
+    assert kept.startswith(stored)
+    assert kept.count(b"\n") == ALL_BUT_THE_HANGING_CASE + 1
+    for name, table in tables(tmp_path / "whole").items():
+        pd.testing.assert_frame_equal(tables(tmp_path / "out")[name], table)
+    assert not (tmp_path / "out.partial").exists()
+    assert tables(tmp_path / "out")["results"]["outcome"].tolist() == [
+        "ok",
+        "ok",
+        "timeout",
+        "ok",
+        "ok",
+        "ok",
+    ]
+
+
+@pytest.mark.slow
+def test_a_second_process_on_the_same_run_is_told_so(command: Command, tmp_path: Path) -> None:
+    """Whether it resumes or begins: one line, status 2, and the first one is not disturbed."""
+    first = command(*HANGING, "--timeout-s", "10", "--out", "out")
+    answered(tmp_path, ALL_BUT_THE_HANGING_CASE)
+    status, words = finished(command("run", "--resume", "out"))
+    assert status == 2
+    assert words.startswith("out.partial/journal: another process is at work on this run")
+    status, words = finished(command(*HANGING, "--out", "out"))
+    assert status == 2
+    assert words.startswith("out.partial: is of a run that was stopped: go on with --resume out")
+    assert finished(first)[0] == 0
+    assert finished(command("run", "--resume", "out")) == (2, "--resume out: that run is complete")
+
+
+def test_what_cannot_be_gone_on_with_is_refused(command: Command, tmp_path: Path) -> None:
+    """No run, a damaged description, other wishes beside it: one line each, nothing written."""
+    assert finished(command("run", "--resume", "out")) == (2, "--resume out: no run was stopped there")
+    status, words = finished(command("run", "mine.toml", "--resume", "out"))
+    assert (status, words) == (2, "--resume goes on with a run as it was asked: give nothing beside it")
+    (tmp_path / "out.partial").mkdir()
+    (tmp_path / "out.partial/asked.json").write_text('{"asked": {')
+    status, words = finished(command("run", "--resume", "out"))
+    assert status == 2
+    assert words.startswith("--resume out: out.partial/asked.json cannot be read: ")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out.partial", "package"]
+
+
+def test_a_folder_in_which_nothing_was_asked_yet_is_no_obstacle(command: Command, tmp_path: Path) -> None:
+    """A run killed before it wrote what it was asked had found nothing: it is simply begun again."""
+    (tmp_path / "out.partial").mkdir()
+    (tmp_path / "out.partial/asked.json.part").write_text("{")
+    words = ["run", "mine.toml", "--engine", "reference:m1", "--dt", "0.05", "--no-speed", "--out", "out"]
+    assert finished(command(*words))[0] == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out", "package"]
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_while_it_times_keeps_the_laps(command: Command, tmp_path: Path) -> None:
+    """The speeds that were measured are those of the resumed run, digit for digit."""
+    words = ["run", "mine.toml", "--engine", "reference:m1,reference:rk4,misbehaving:nan", *STEPS]
+    stopped = command(*words, "--out", "out")
+    answered(tmp_path, 9 + 3)
+    stopped.kill()
+    finished(stopped)
+    lines = (tmp_path / "out.partial/journal").read_bytes().splitlines()
+    values = [json.loads(line.partition(b" ")[2])["value"] for line in lines]
+    laps = [value["own_s"] for value in values if "own_s" in value]
+    assert finished(command("run", "--resume", "out"))[0] == 0
+    measured = pd.read_csv(tmp_path / "out/results.csv")["cpu_s"].dropna().tolist()
+    assert len(measured) == 8
+    assert {sorted(lap)[len(lap) // 2] for lap in laps} <= set(measured)
+    assert len(laps) >= 3
+
+
+@pytest.mark.slow
+def test_engines_of_other_packages_are_asked_once(command: Command, tmp_path: Path) -> None:
+    """A fault costs its case; answers are kept until the package's code changes, faults are not kept."""
+    kinds = "misbehaving:abort,misbehaving:raw-flood,misbehaving:nan"
+    words = ["run", "mine.toml", "--engine", kinds, *STEPS, "--no-speed"]
+    module = tmp_path / "package/misbehaving.py"
+    asked = f"open({str(tmp_path / 'asked')!r}, 'a').write('.')\n        simulation = self._reference"
+    module.write_text(module.read_text().replace("simulation = self._reference", asked))
+
+    def times_asked(*options: str, out: str) -> int:
+        (tmp_path / "asked").write_text("")
+        assert finished(command(*words, *options, "--out", out))[0] == 0
+        outcomes = tables(tmp_path / out)["results"]["outcome"].tolist()
+        assert outcomes == ["ok", "ok", "failed", "ok", "ok", "ok", "ok", "ok", "unstable"]
+        return len((tmp_path / "asked").read_text())
+
+    crash = 2  # in a worker that has served others, and in one that has not
+    assert times_asked(out="a") == 8 + crash
+    assert times_asked(out="b") in (1, 2)
+    assert times_asked("--fresh", out="c") == 8 + crash
+    module.write_text(module.read_text() + "\n# another version of the code\n")
+    assert times_asked(out="d") == 8 + crash
+    assert times_asked(out="e") in (1, 2)
+    for out in "bcde":
+        for name, table in tables(tmp_path / "a").items():
+            pd.testing.assert_frame_equal(tables(tmp_path / out)[name], table)
+
+
+@pytest.mark.slow
+def test_the_trials_of_faults_find_none(tmp_path: Path) -> None:
+    """Three of the trials of tests/long, each of another kind, end as they must."""
+    script = Path(__file__).parent / "long/fault_trials.py"
+    done = subprocess.run(
+        [sys.executable, str(script), "--trials", "3", "--seed", "7"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(r"^0 failed$", done.stdout, flags=re.MULTILINE)
