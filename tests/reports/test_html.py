@@ -458,15 +458,16 @@ def profile(tmp_path: Path) -> Iterator[Path]:
 
 
 def opened(html: str, script: str, profile: Path, height: int) -> Page:
-    """Return the page as it stands in Chromium 4 s after opening, with a script of the test at its end.
+    """Return the page as Chromium has it after a minute, with a script of the test at its end.
 
-    The time is the page's own; plotly's source is cut out of what returns.
+    The minute is the page's own, and ends as soon as nothing more is to be done; plotly's source is cut out
+    of what returns.
     """
     place = profile.with_name("report.html")
     place.write_text(html.replace("</body>", f"<script>{script}</script></body>"), encoding="utf-8")
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={profile}"]
     options += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
-    options += [f"--window-size=1200,{height}", "--virtual-time-budget=4000", "--dump-dom"]
+    options += [f"--window-size=1200,{height}", "--virtual-time-budget=60000", "--dump-dom"]
     done = subprocess.run(
         [str(CHROMIUM), *options, place.as_uri()],
         capture_output=True,
@@ -482,12 +483,14 @@ def drawn(page: Page) -> list[bool]:
     return ["data-drawn" in attributes for _, attributes in page.tags if "data-plot" in attributes]
 
 
-POINT = """setTimeout(() => {
+POINT = """const look = setInterval(() => {
+  if (document.querySelector("[data-plot]:not([data-drawn])")) return;
+  clearInterval(look);
   const plot = document.querySelector("[data-plot=error]");
   const sound = plot.data.findIndex(trace => trace.name.includes("sound"));
   Plotly.Fx.hover(plot, [{ curveNumber: sound, pointNumber: 0 }]);
   document.documentElement.dataset.label = plot.querySelector(".hoverlayer").textContent;
-}, 2000);"""
+}, 50);"""
 
 
 @in_browser
@@ -502,10 +505,12 @@ def test_the_browser_draws_every_plot(html: str, profile: Path) -> None:
     assert f"{HOSTILE}:sound" in root["data-label"]
 
 
-PRINT = """setTimeout(() => {
+# an observer is told of what is in view after those that the page has made before it
+PRINT = """new IntersectionObserver((_, own) => {
+  own.disconnect();
   document.documentElement.dataset.atFirst = document.querySelectorAll("[data-drawn]").length;
   dispatchEvent(new Event("beforeprint"));
-}, 2000);"""
+}).observe(document.querySelector(".plots"));"""
 
 
 @in_browser
