@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TypeAlias
 
 import numpy as np
 
@@ -19,15 +17,8 @@ from bodycheck.reference_impl.registers import (
     times,
     transposed_times,
 )
-from bodycheck.reference_impl.scene import RigidBody, State
+from bodycheck.reference_impl.scene import RigidBody, State, Wrenching
 from bodycheck.reference_impl.trajectory import Trajectory
-
-Wrenching: TypeAlias = Callable[[float, Array, Array, Array, Array], tuple[Array, Array]]
-"""f(t, position, R, velocity, omega) -> force in N, torque about the centre of mass in N m.
-
-position, velocity, omega, force and torque are (3,), all in world axes; R (3, 3) takes body axes to world
-axes. A function compiled by numba serves as well as a plain one.
-"""
 
 _STAGES = len(NODES)
 _A = np.array([[row.get(j + 1, 0.0) for j in range(_STAGES)] for row in ROWS])

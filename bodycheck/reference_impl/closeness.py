@@ -7,12 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import (
-    angular_momentum,
-    gravity_potential,
-    rotational_energy,
-    translational_energy,
-)
+from bodycheck.reference_impl.dynamics import angular_momentum, gravity_potential
+from bodycheck.reference_impl.pivot import kinetic_energies, turning_inertia
 from bodycheck.reference_impl.rotations import (
     conjugate,
     geodesic_angle,
@@ -25,14 +21,6 @@ from bodycheck.reference_impl.trajectory import Trajectory
 
 _SHIFT = 2.0**-24  # large beside the round-off of a double, small beside 1
 _HALF_ULP = 2.0**-53
-
-
-def kinetic_energy(scene: Scene, motion: Trajectory) -> Array:
-    """K = 1/2 omega . I omega + 1/2 m |v|^2: (n,) in J."""
-    body = scene.body
-    return rotational_energy(body.inertia, motion.omega_body) + translational_energy(
-        body.mass, motion.velocity_m_s
-    )
 
 
 def potential_energy(scene: Scene, motion: Trajectory) -> Array:
@@ -53,11 +41,12 @@ def potential_energy(scene: Scene, motion: Trajectory) -> Array:
 
 def distances(scene: Scene, one: Trajectory, other: Trajectory) -> Array:
     """(3, n): angle in rad, and the differences of E and of L over the largest K and |L| of `one`."""
+    inertia = turning_inertia(scene)
     momenta = [
-        angular_momentum(quaternion_to_matrix(motion.attitude), scene.body.inertia, motion.omega_body)
+        angular_momentum(quaternion_to_matrix(motion.attitude), inertia, motion.omega_body)
         for motion in (one, other)
     ]
-    kinetic = [kinetic_energy(scene, motion) for motion in (one, other)]
+    kinetic = [kinetic_energies(scene, motion)[0] for motion in (one, other)]
     energies = [k + potential_energy(scene, motion) for k, motion in zip(kinetic, (one, other), strict=True)]
     energy_scale = np.max(np.abs(kinetic[0]), initial=0.0) or 1.0
     momentum_scale = np.max(np.linalg.norm(momenta[0], axis=-1), initial=0.0) or 1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -12,6 +13,13 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix, rotate
 
 Axes: TypeAlias = Literal["body", "world"]
+
+Wrenching: TypeAlias = Callable[[float, Array, Array, Array, Array], tuple[Array, Array]]
+"""f(t, position, R, velocity, omega) -> force in N, torque about the centre of mass in N m.
+
+position, velocity, omega, force and torque are (3,), all in world axes; R (3, 3) takes body axes to world
+axes. A function compiled by numba serves as well as a plain one.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +136,17 @@ class GravityGradient:
     rate: float
 
 
+@dataclass(frozen=True, eq=False)
+class BlackBox:
+    """A force and a torque that only a function knows; name: its package.module:function."""
+
+    name: str
+    function: Wrenching
+
+
 Timed: TypeAlias = Torque | PointForce
 """What comes and goes: constant in its axes between from_s and until_s."""
-Lasting: TypeAlias = SineTorque | Drag | Spring | TorsionSpring | GravityGradient
+Lasting: TypeAlias = SineTorque | Drag | Spring | TorsionSpring | GravityGradient | BlackBox
 """What acts throughout, and varies with the time or the motion."""
 Load: TypeAlias = Timed | Lasting
 
@@ -191,5 +207,10 @@ class Scene:
 
     @property
     def is_free_rotation(self) -> bool:
-        """Whether nothing turns the body: no load at all; uniform gravity has no torque."""
-        return not self.loads
+        """Whether nothing turns the body: no load at all; uniform gravity has no torque about the centre."""
+        return not self.loads and (self.pivot is None or not self.gravity.any())
+
+    @property
+    def has_black_box(self) -> bool:
+        """Whether some load is known to a function alone."""
+        return any(isinstance(load, BlackBox) for load in self.loads)

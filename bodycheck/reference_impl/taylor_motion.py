@@ -1,7 +1,7 @@
 """A scene prepared once for the Taylor integrator in doubles, and solved as often as wanted.
 
 All that follows from the scene and the tolerance is packed when the motion is made; solving is compiled code.
-A scene without springs, and whose centre of mass moves on a parabola, is followed along its principal axes
+A scene without springs or a pivot, whose centre of mass moves on a parabola, is followed along its principal axes
 (taylor_rotation.py), any other by the general recurrences (taylor.py).
 """
 
@@ -24,9 +24,9 @@ from bodycheck.reference_impl.taylor import (
     Resolution,
     course_of,
     resolution_for,
-    solve,
 )
 from bodycheck.reference_impl.taylor_rotation import follow, working_space
+from bodycheck.reference_impl.taylor_scene import follow_scene
 from bodycheck.reference_impl.taylor_terms import STATE, V, X
 from bodycheck.reference_impl.trajectory import Trajectory
 
@@ -71,14 +71,12 @@ class TaylorMotion:
     def of(cls, scene: Scene, tolerance: float) -> TaylorMotion:
         """Pack a scene. Raises ValueError that names a tolerance outside [1e-17, 1)."""
         resolution, course = resolution_for(tolerance), course_of(scene, math.inf)
-        simple = all(
+        simple = scene.pivot is None and all(
             forcing.on_parabola and forcing.springs is None and forcing.torsion is None
             for _, _, forcing in course
         )
         return cls(
-            _Principal.of(scene, course, resolution)
-            if simple
-            else _General(scene.initial, course, resolution)
+            _Principal.of(scene, course, resolution) if simple else _General(scene, course, resolution)
         )
 
     def solve(self, t_s: Array) -> TaylorSolution:
@@ -109,7 +107,7 @@ def _first_misplaced(t_s: Array) -> int:
 class _General:
     """Any scene, by the general recurrences."""
 
-    start: State
+    scene: Scene
     course: Course
     resolution: Resolution
 
@@ -119,7 +117,7 @@ class _General:
         course = tuple(
             (begin, min(end, until), forcing) for begin, end, forcing in self.course if begin <= until
         )
-        solution = solve(course, self.start, t_s, self.resolution)
+        solution = follow_scene(self.scene, course, self.scene.initial, t_s, self.resolution)
         return solution.high, solution.steps
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from bodycheck.reference_impl.arithmetic import (
     Numbers,
@@ -12,6 +13,7 @@ from bodycheck.reference_impl.arithmetic import (
     entry,
     exactly,
     high_part,
+    like,
     minus,
     nothing,
     over,
@@ -25,8 +27,8 @@ from bodycheck.reference_impl.arithmetic import (
     times,
 )
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.forcing import ANCHOR, AT, MASS_INVERSE, REST_LENGTH, STIFFNESS
-from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.forcing import ANCHOR, AT, LOW, MASS_INVERSE, REST_LENGTH, STIFFNESS
+from bodycheck.reference_impl.jit import inlined_kernel, kernel
 from bodycheck.reference_impl.taylor_terms import (
     Q,
     R,
@@ -67,15 +69,21 @@ def reciprocal_root(series: Numbers, square: int, row: int, k: int) -> None:
     put(series, row, k, over(over_double(settled(total), float(k)), s))
 
 
+@inlined_kernel
+def place(series: Numbers, spring: Array, i: int) -> Any:
+    """Return one number of anchor or at, in the precision of the series."""
+    return like(nothing(series), (spring[i], spring[LOW + i]))
+
+
 @kernel
 def stretch(series: Numbers, spring: Array, row: int, k: int) -> None:
     """d_k = (x + R at - anchor)_k and |d|^2_k."""
     for a in range(3):
-        total = add_product(term(series, X + a, k), term(series, R + 3 * a, k), exactly(series, spring[AT]))
-        total = add_product(total, term(series, R + 3 * a + 1, k), exactly(series, spring[AT + 1]))
-        total = settled(add_product(total, term(series, R + 3 * a + 2, k), exactly(series, spring[AT + 2])))
+        total = add_product(term(series, X + a, k), term(series, R + 3 * a, k), place(series, spring, AT))
+        total = add_product(total, term(series, R + 3 * a + 1, k), place(series, spring, AT + 1))
+        total = settled(add_product(total, term(series, R + 3 * a + 2, k), place(series, spring, AT + 2)))
         if k == 0:
-            total = minus(total, exactly(series, spring[ANCHOR + a]))
+            total = minus(total, place(series, spring, ANCHOR + a))
         put(series, row + _D + a, k, total)
     square = plus(cauchy(series, row, row, k), cauchy(series, row + 1, row + 1, k))
     put(series, row + _SQUARE, k, plus(square, cauchy(series, row + 2, row + 2, k)))
@@ -106,11 +114,11 @@ def spring_force(series: Numbers, spring: Array, row: int, k: int) -> Three:
 def spring_torque(series: Numbers, spring: Array, row: int, k: int) -> Three:
     """(at x R^T force)_k in body axes."""
     x, y, z = turned_back(series, row + _FORCE, k)
-    a, b, c = spring[AT], spring[AT + 1], spring[AT + 2]
+    a, b, c = place(series, spring, AT), place(series, spring, AT + 1), place(series, spring, AT + 2)
     return (
-        minus(by_double(z, b), by_double(y, c)),
-        minus(by_double(x, c), by_double(z, a)),
-        minus(by_double(y, a), by_double(x, b)),
+        minus(times(z, b), times(y, c)),
+        minus(times(x, c), times(z, a)),
+        minus(times(y, a), times(x, b)),
     )
 
 

@@ -1,11 +1,14 @@
-"""The truth of a scene: its closed form where it has one, else a certified motion, each with its bounds."""
+"""The truth of a scene: its closed form where it has one, else a certified motion, each with its bounds.
+
+Loads that only a function knows have no series: those scenes are solved with shorter and shorter steps.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,17 +17,11 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closeness import distances, rounding, small_distances
 from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.exact import ExactMotion, closed_form_of
+from bodycheck.reference_impl.halving import Halved, solve_by_halving, solve_with_steps
 from bodycheck.reference_impl.rotations import exp_quaternion, normalised, quaternion_product
-from bodycheck.reference_impl.scene import Scene, Spring, State
-from bodycheck.reference_impl.taylor import (
-    Course,
-    Resolution,
-    Solution,
-    course_of,
-    packed_state,
-    solve,
-    solve_packed,
-)
+from bodycheck.reference_impl.scene import BlackBox, Scene, Spring, State
+from bodycheck.reference_impl.taylor import Course, Resolution, Solution, course_of, packed_state
+from bodycheck.reference_impl.taylor_scene import follow_scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
 _EXACT_BOUNDS = np.array([[4e-15], [8e-15], [8e-15]])
@@ -41,19 +38,23 @@ _EPS_PAIR = 2.0**-104  # of double-double arithmetic
 _TRUSTED_RAD = 1e-10
 
 
+Kind: TypeAlias = Literal["exact", "certified", "estimated"]
+
+
 @dataclass(frozen=True, eq=False)
 class Truth:
     """A motion that others are measured with, and how far it may itself be off at each sample (n,).
 
     bound_rad: orientation. bound_energy, bound_momentum: relative to the scene's largest kinetic energy
     and angular momentum. round_off_rad, round_off_energy, round_off_momentum: eps x sensitivity, what
-    any stepper in double precision has to expect. kind: exact, in closed form; or certified, solved twice in
-    double-double arithmetic. trusted_until_s: the first of the times at which a chaotic motion's bound_rad
+    any stepper in double precision has to expect. kind: exact, in closed form; certified, solved twice in
+    double-double arithmetic, or, where only a function knows a load, with halved steps that agree as a method
+    of high order must; estimated, where those do not, as with a function that jumps. trusted_until_s: the first of the times at which a chaotic motion's bound_rad
     exceeds 1e-10 rad; infinite where none does.
     """
 
     trajectory: Trajectory
-    kind: Literal["exact", "certified"]
+    kind: Kind
     bound_rad: Array
     bound_energy: Array
     bound_momentum: Array
@@ -67,14 +68,20 @@ def solve_truth(scene: Scene, t_s: Array) -> Truth:
     """Return the truth of the scene at any times t >= 0 (n,), in any order.
 
     Raises ValueError that names the first time that is negative or not finite, or at which the motion
-    itself leaves the range of double precision.
+    itself leaves the range of double precision; for loads that cannot act together; and where a function
+    gives no force and torque.
     """
     for t in t_s[~(np.isfinite(t_s) & (t_s >= 0.0))]:
         raise ValueError(f"a truth needs times that are finite and not negative, not {float(t)!r}")
     order = np.argsort(t_s, kind="stable")
+    return _reordered(_ascending(scene, t_s[order]), np.argsort(order, kind="stable"))
+
+
+def _ascending(scene: Scene, t_s: Array) -> Truth:
+    if scene.has_black_box:
+        return _halved(scene, t_s)
     closed = closed_form_of(scene)
-    ascending = _certified(scene, t_s[order]) if closed is None else _exact(scene, closed, t_s[order])
-    return _reordered(ascending, np.argsort(order, kind="stable"))
+    return _certified(scene, t_s) if closed is None else _exact(scene, closed, t_s)
 
 
 def _check_finite(motion: Trajectory) -> None:
@@ -101,7 +108,7 @@ def _neighbour(scene: Scene, t_s: Array) -> Trajectory:
     if closed is not None:
         return closed.at(t_s)
     course = course_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
-    return _trajectory(t_s, solve(course, scene.initial, t_s, _NUDGED))
+    return _trajectory(t_s, follow_scene(scene, course, scene.initial, t_s, _NUDGED))
 
 
 def _certified(scene: Scene, t_s: Array) -> Truth:
@@ -110,30 +117,59 @@ def _certified(scene: Scene, t_s: Array) -> Truth:
     The half ulp is that of every number handed out: some 3e-16 rad.
     """
     course = course_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
-    fine, check = (solve(course, scene.initial, t_s, resolution) for resolution in (_FINE, _CHECK))
+    fine, check = (
+        follow_scene(scene, course, packed_state(scene.initial), t_s, resolution)
+        for resolution in (_FINE, _CHECK)
+    )
     motion = _trajectory(t_s, fine)
     _check_finite(motion)
     growths = _certified_growths(scene, course, motion, fine)
     gaps = small_distances(scene, motion, (check.high - fine.high) + (check.low - fine.low))
     noise = _EPS_PAIR * growths * (1 + max(fine.steps, check.steps))
-    bounds = np.maximum.accumulate(_MARGIN * (gaps + noise) + rounding(scene, motion), axis=1)
-    truth = Truth(motion, "certified", *bounds, *_EPS * growths)
-    lost = t_s[truth.bound_rad > _TRUSTED_RAD]
+    return _bounded(scene, motion, "certified", gaps + noise, growths)
+
+
+def _halved(scene: Scene, t_s: Array) -> Truth:
+    """bound = 10 (|difference of two step lengths| + eps sensitivity sqrt(steps)) + half an ulp.
+
+    Round-off errs as often one way as the other; two motions of order 8 differ by 255 times what the finer
+    one is off.
+    """
+    halved = solve_by_halving(scene, t_s)
+    _check_finite(halved.motion)
+    growths = _growths(scene, halved.motion, _halved_neighbours(scene, halved))
+    noise = _EPS * growths * math.sqrt(halved.steps)
+    kind: Kind = "certified" if halved.agreed else "estimated"
+    return _bounded(scene, halved.motion, kind, halved.gaps + noise, growths)
+
+
+def _halved_neighbours(scene: Scene, halved: Halved) -> list[Trajectory]:
+    t_s = halved.motion.t_s
+    dt_s = (float(t_s[-1]) if len(t_s) and t_s[-1] > 0.0 else 1.0) / halved.steps
+    return [solve_with_steps(scene, start, t_s, dt_s) for start in _nudges(scene, halved.motion)]
+
+
+def _bounded(scene: Scene, motion: Trajectory, kind: Kind, errors: Array, growths: Array) -> Truth:
+    """Return the truth of a motion whose errors (3, n) are known but for a margin."""
+    bounds = np.maximum.accumulate(_MARGIN * errors + rounding(scene, motion), axis=1)
+    truth = Truth(motion, kind, *bounds, *_EPS * growths)
+    lost = motion.t_s[truth.bound_rad > _TRUSTED_RAD]
     return replace(truth, trusted_until_s=float(lost[0])) if len(lost) else truth
 
 
 def _certified_growths(scene: Scene, course: Course, motion: Trajectory, fine: Solution) -> Array:
     """(3, n): as _growths; in double-doubles where nudges that doubles can hold grow out of proportion."""
     t_s = motion.t_s
-    neighbours = [_trajectory(t_s, solve(course, start, t_s, _NUDGED)) for start in _nudges(scene, motion)]
+    nudged = [packed_state(start) for start in _nudges(scene, motion)]
+    neighbours = [_trajectory(t_s, follow_scene(scene, course, state, t_s, _NUDGED)) for state in nudged]
     growths = _growths(scene, motion, neighbours)
     if float(np.max(growths[0], initial=0.0)) * _NUDGE < _PROPORTIONAL_RAD:
         return growths
     apart = np.zeros_like(growths)
-    for start in _nudges(scene, motion):
-        state, rest = packed_state(scene.initial)
-        nudge = (packed_state(start)[0] - state) + (packed_state(start)[1] - rest)
-        found = solve_packed(course, (state, rest + _FINE_NUDGE * nudge), t_s, _FINE)
+    high, low = packed_state(scene.initial)
+    for nudged_high, nudged_low in nudged:
+        nudge = _FINE_NUDGE * ((nudged_high - high) + (nudged_low - low))
+        found = follow_scene(scene, course, (high.copy(), low + nudge), t_s, _FINE)
         difference = (found.high - fine.high) + (found.low - fine.low)
         apart = np.maximum(apart, small_distances(scene, motion, difference))
     return np.maximum.accumulate(np.maximum(growths, apart / (_NUDGE * _FINE_NUDGE)), axis=1)
@@ -166,14 +202,16 @@ def _largest_omega(motion: Trajectory) -> float:
 def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
     """Yield neighbours of the start: turned about, and spun up about, each body axis.
 
-    Where a spring ties the rotation to the centre of mass, that is shifted and pushed along each axis too.
+    Where a spring or a function may tie the rotation to the centre of mass, that is shifted and pushed along
+    each axis too.
     """
     start, omega = scene.initial, _NUDGE * _largest_omega(motion)
     for axis in np.eye(3):
         turned = quaternion_product(start.quaternion, exp_quaternion(_NUDGE * axis))
         yield replace(start, quaternion=normalised(turned))
         yield replace(start, omega_body=start.omega_body + omega * axis)
-    if any(isinstance(load, Spring) for load in scene.loads):
+    tied = any(isinstance(load, Spring | BlackBox) for load in scene.loads)
+    if tied and scene.pivot is None:
         radius = gyration_radius(scene.body.mass, scene.body.inertia)
         speed = float(np.max(np.linalg.norm(motion.velocity_m_s, axis=-1), initial=0.0))
         for axis in np.eye(3):

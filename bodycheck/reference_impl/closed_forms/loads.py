@@ -51,8 +51,10 @@ class Loads:
 
 
 def loads_of(scene: Scene) -> Loads | None:
-    """Sum what acts; None where some of it has no closed form: springs, and the gravity gradient."""
-    if not all(isinstance(load, SineTorque | Drag) for load in scene.lasting_loads):
+    """Sum what acts; None where some of it has no closed form: a pivot, springs, the gravity gradient."""
+    if scene.pivot is not None or not all(
+        isinstance(load, SineTorque | Drag) for load in scene.lasting_loads
+    ):
         return None
     drags = [load for load in scene.lasting_loads if isinstance(load, Drag)]
     angular = [Fraction(0)] * 9
