@@ -50,6 +50,11 @@ def _numbers(text: str | None, option: str) -> list[float] | None:
     return numbers
 
 
+_AllowCode = Annotated[
+    bool, typer.Option("--allow-code", help="Let functions that a file names be imported.")
+]
+
+
 @app.command()
 def run(
     scenarios: Annotated[
@@ -77,6 +82,7 @@ def run(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Ask every engine anew, whatever it answered before.")
     ] = False,
+    allow_code: _AllowCode = False,
     resume: Annotated[
         Path | None, typer.Option(help="The --out of a run that was stopped: go on with it, as it was asked.")
     ] = None,
@@ -95,6 +101,7 @@ def run(
         jobs=jobs,
         timeout_s=timeout_s,
         fresh=fresh,
+        allow_code=allow_code,
     )
     if resume is not None:
         if asked != Asked() or out is not None:
@@ -110,12 +117,13 @@ def run(
 def truth(
     scenario: Annotated[str, typer.Argument(help="A built-in name or a .toml file.")],
     at: Annotated[str, typer.Option(help="Times in s, like 0,1,10.")],
+    allow_code: _AllowCode = False,
 ) -> None:
     """Print the truth at the times given as CSV; the last column bounds the orientation's error."""
     from bodycheck import runner
     from bodycheck.reports.trajectory_files import trajectory_table
 
-    solved = runner.truth(scenario, _numbers(at, "--at") or [])
+    solved = runner.truth(scenario, _numbers(at, "--at") or [], allow_code=allow_code)
     table = trajectory_table(solved.trajectory)
     table["bound_rad"] = solved.bound_rad
     _print_csv(table)
@@ -125,11 +133,12 @@ def truth(
 def judge(
     trajectory: Annotated[Path, typer.Argument(help="A trajectory that any program wrote: .csv or .npz.")],
     scenario: Annotated[str, typer.Option(help="A built-in name or a .toml file.")],
+    allow_code: _AllowCode = False,
 ) -> None:
     """Measure a trajectory against the truth of a scenario; prints one measure a line."""
     from bodycheck import runner
 
-    columns = runner.judge(trajectory, scenario)
+    columns = runner.judge(trajectory, scenario, allow_code=allow_code)
     width = max(len(name) for name in columns)
     for name, value in columns.items():
         print(f"{name:{width}}  {value}")

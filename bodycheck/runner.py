@@ -112,6 +112,7 @@ def run(
     jobs: int | None = None,
     timeout_s: float = TIMEOUT_S,
     fresh: bool = False,
+    allow_code: bool = False,
 ) -> Run:
     """Measure scenarios x methods x steps and return the tables with the motions behind them.
 
@@ -120,10 +121,10 @@ def run(
     needs them. tolerances: of the methods that are told one, instead of their own. speed: whether processor
     time is measured. jobs: how many cases run side by side, by default one a core. timeout_s: what one case
     may take. fresh: whether to ask every engine anew, where else what it answered before is taken.
-    Raises InputError for wrong input.
+    allow_code: whether scenarios may name functions, whose code runs. Raises InputError for wrong input.
     """
     manner = Manner(speed, jobs, timeout_s, fresh)
-    selection = select(scenarios, engines, dt_s, tolerances)
+    selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
     return run_selection(selection, manner, Identity.new(), journal=None, progress=_Silence())
 
 
@@ -214,25 +215,27 @@ _WEIGHTS = {"reference": 0.02}
 """What a right-hand side costs beside an engine's: only for the order in which things are done."""
 
 
-def truth(scenario: str | Path, at: Sequence[float]) -> Truth:
+def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False) -> Truth:
     """Return the true motion at the times given, in s, with its bounds.
 
-    scenario: a built-in name or the path of a TOML file. Raises InputError where the scenario is wrong, or
-    a time is negative or not finite.
+    scenario: a built-in name or the path of a TOML file. allow_code: whether it may name functions.
+    Raises InputError where the scenario is wrong, or a time is negative or not finite.
     """
-    scene = load_scenario(scenario).scene
+    scene = load_scenario(scenario, allow_code=allow_code).scene
     try:
         return known_truth(scene, np.array(at, dtype=np.float64), Cache.default())
     except ValueError as error:
         raise InputError(str(error)) from None
 
 
-def judge(trajectory: str | Path, scenario: str | Path) -> dict[str, Any]:
+def judge(trajectory: str | Path, scenario: str | Path, *, allow_code: bool = False) -> dict[str, Any]:
     """Return the measures of a trajectory that any program wrote (.csv or .npz), by column name.
 
-    A measure whose quantities the file has not is left out. Raises InputError for wrong files.
+    A measure whose quantities the file has not is left out. allow_code: as for `truth`. Raises
+    InputError for wrong files.
     """
-    return judge_file(Path(trajectory), load_scenario(scenario), str(scenario), Cache.default())
+    loaded = load_scenario(scenario, allow_code=allow_code)
+    return judge_file(Path(trajectory), loaded, str(scenario), Cache.default())
 
 
 def _manifest(

@@ -50,14 +50,18 @@ def select(
     engines: Sequence[str] | None = None,
     dt_s: Sequence[float] | None = None,
     tolerances: Sequence[float] | None = None,
+    *,
+    allow_code: bool = False,
 ) -> Selection:
     """Resolve names, suites and paths; engines as NAME or NAME:METHOD; steps in s for every scenario.
+
+    allow_code: scenarios may name functions, whose code runs.
 
     Raises InputError with one line an error: unknown names, wrong files, steps that do not fit.
     """
     if os.environ.get(RUN_PID):
         raise InsideWorkerError("a run cannot be started from within a worker of another run")
-    loaded = load_scenarios(scenarios)
+    loaded = load_scenarios(scenarios, allow_code=allow_code)
     faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]
     if faults:
         raise InputError("\n".join(faults))

@@ -37,11 +37,12 @@ class Asked:
     jobs: int | None = None
     timeout_s: float = TIMEOUT_S
     fresh: bool = False
+    allow_code: bool = False
 
     @property
     def selection(self) -> Selection:
         """The same, resolved and checked; InputError where it is wrong."""
-        return select(self.scenarios, self.engines, self.dt_s, self.tolerances)
+        return select(self.scenarios, self.engines, self.dt_s, self.tolerances, allow_code=self.allow_code)
 
     @property
     def manner(self) -> Manner:

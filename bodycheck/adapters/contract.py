@@ -165,6 +165,15 @@ class SolvingAdapter(Adapter, Protocol):
         """Make a solver by such a method; the tolerance is None for one that has no control."""
 
 
+def beyond_constant_loads(scene: Scene) -> str | None:
+    """Say what a scene has besides gravity and loads that are constant while they act; None if nothing."""
+    kinds = sorted({type(load).__name__ for load in scene.lasting_loads})
+    found = [f"loads that vary with the time or the motion ({', '.join(kinds)})"] if kinds else []
+    found += ["a pivot"] if scene.pivot is not None else []
+    found += ["a link frame"] if scene.link is not None else []
+    return f"not yet supported here: {', '.join(found)}" if found else None
+
+
 _STATE = 4e-15  # relative: a state passes at most through one change of axes
 _BODY = 1e-12  # relative: an inertia may have been through an eigen-analysis
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import dartpy
 import numpy as np
 
-from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping, beyond_constant_loads
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
@@ -36,8 +36,8 @@ class Dart:
     methods: Mapping[str, Method] = {_SEMI_IMPLICIT.name: _SEMI_IMPLICIT}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse nothing."""
-        return None
+        """Refuse what is not built."""
+        return beyond_constant_loads(scene)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> DartSimulation:  # noqa: ARG002 - there is one
         """Make a skeleton of one body."""

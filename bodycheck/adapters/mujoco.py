@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import mujoco
 import numpy as np
 
-from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping, beyond_constant_loads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
@@ -83,7 +83,9 @@ class MuJoCo:
     methods: Mapping[str, Method] = {label: _KNOWN[label] for label in _INTEGRATORS}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse only a mass or a moment of inertia below mjMINVAL, as MuJoCo's compiler does."""
+        """Refuse what is not built, and a mass or a moment below mjMINVAL, as MuJoCo's compiler does."""
+        if reason := beyond_constant_loads(scene):
+            return reason
         moments, _ = diagonalised(scene.body.inertia)
         smallest = min(scene.body.mass, float(np.min(moments)))
         if smallest < mujoco.mjMINVAL:

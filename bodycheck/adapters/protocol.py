@@ -21,8 +21,10 @@ from bodycheck.adapters.contract import Adapter, Control, Engine, Method, ReadBa
 from bodycheck.adapters.drive import Answer, Case
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import (
+    BlackBox,
     Drag,
     GravityGradient,
+    Link,
     Load,
     PointForce,
     RigidBody,
@@ -34,6 +36,7 @@ from bodycheck.reference_impl.scene import (
     TorsionSpring,
 )
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.scenarios.user_functions import UserWrench, user_function
 
 VERSION = 1
 LARGEST_MESSAGE = 1 << 29
@@ -52,6 +55,7 @@ _LOADS: dict[str, type[Any]] = {
     "torsion-spring": TorsionSpring,
     "gravity-gradient": GravityGradient,
 }
+_CALLABLE = "callable"
 _KINDS = {load: kind for kind, load in _LOADS.items()}
 
 
@@ -155,10 +159,12 @@ def scene_message(scene: Scene) -> Message:
     return {
         "body": _plain(scene.body),
         "initial": _plain(scene.initial),
-        "loads": [{"kind": _KINDS[type(load)], **_plain(load)} for load in scene.loads],
+        "loads": [_load_message(load) for load in scene.loads],
         "gravity": scene.gravity.tolist(),
         "duration_s": scene.duration_s,
         "samples": scene.samples,
+        "pivot": None if scene.pivot is None else scene.pivot.tolist(),
+        "link": None if scene.link is None else _plain(scene.link),
     }
 
 
@@ -171,10 +177,24 @@ def scene_of(message: Message) -> Scene:
         gravity=np.array(message["gravity"], dtype=np.float64),
         duration_s=message["duration_s"],
         samples=message["samples"],
+        pivot=None if message["pivot"] is None else np.array(message["pivot"], dtype=np.float64),
+        link=None if message["link"] is None else Link(**_arrays(message["link"])),
     )
 
 
+def _load_message(load: Load) -> Message:
+    """Return a load as plain data; a function travels as its name."""
+    if isinstance(load, BlackBox):
+        return {"kind": _CALLABLE, "name": load.name}
+    return {"kind": _KINDS[type(load)], **_plain(load)}
+
+
 def _load(message: Message) -> Load:
+    if message["kind"] == _CALLABLE:
+        # the run that sends it was allowed to run code
+        return BlackBox(
+            message["name"], UserWrench(message["name"], user_function(message["name"], allow_code=True))
+        )
     values = _arrays({name: value for name, value in message.items() if name != "kind"})
     if "until_s" in values and values["until_s"] is None:
         values["until_s"] = math.inf

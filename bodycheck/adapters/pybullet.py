@@ -15,7 +15,7 @@ from importlib.metadata import version
 import numpy as np
 import pybullet
 
-from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping, beyond_constant_loads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import conjugate, hat, matrix_to_quaternion, quaternion_product
@@ -59,8 +59,8 @@ class PyBullet:
         self._idle_clients: list[int] = []  # connecting costs a hundred times what building a body does
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse nothing. Beyond |omega| h = pi/4 in a step Bullet turns the body by less than that."""
-        return None
+        """Refuse what is not built. Beyond |omega| h = pi/4 a step Bullet turns a body by less than that."""
+        return beyond_constant_loads(scene)
 
     def build(self, scene: Scene, method: str, dt_s: float) -> PyBulletSimulation:
         """Build the body in a world of its own."""

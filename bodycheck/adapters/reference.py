@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import version
 
 import numpy as np
 
-from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver, Stepping
+from bodycheck.adapters.contract import (
+    Method,
+    ReadBack,
+    Reading,
+    Simulation,
+    Solver,
+    Stepping,
+    beyond_constant_loads,
+)
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.exact import closed_form_of
@@ -187,10 +196,12 @@ class Reference:
         }
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Only the closed form has limits."""
-        if method == _EXACT.name and closed_form_of(scene) is None:
-            return _NO_CLOSED_FORM
-        return None
+        """Say what a method is not for; a link frame means nothing where no engine is between."""
+        if method == _EXACT.name:
+            return _NO_CLOSED_FORM if scene.has_black_box or closed_form_of(scene) is None else None
+        if method == _TAYLOR.name:
+            return "a load that only a function knows has no Taylor series" if scene.has_black_box else None
+        return beyond_constant_loads(replace(scene, link=None))
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Return a stepper of the scene."""

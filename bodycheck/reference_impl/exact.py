@@ -56,9 +56,10 @@ class ExactMotion:
 def closed_form_of(scene: Scene) -> ExactMotion | None:
     """Return the scene's motion in closed form, or None where there is none, or none as good as a truth.
 
-    The flight of a body without a pivot has one under forces that are constant in world axes, gravity and linear drag. The rotation has
-    one where no torque acts; where the only one is a drag -k L; and about a principal axis that neither the
-    spin nor any torque leaves. Which of these a scene is, is decided exactly, for the doubles it is given by.
+    The flight of a body without a pivot has one under forces that are constant in world axes, gravity and
+    linear drag. The rotation has one where no torque acts; where the only one is a drag -k L; and about a
+    principal axis that neither the spin nor any torque leaves. Which of these a scene is, is decided exactly,
+    for the doubles it is given by.
     """
     loads = loads_of(scene)
     flight = None if loads is None else Flight.of(scene, loads)

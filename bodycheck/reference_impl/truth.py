@@ -49,8 +49,8 @@ class Truth:
     and angular momentum. round_off_rad, round_off_energy, round_off_momentum: eps x sensitivity, what
     any stepper in double precision has to expect. kind: exact, in closed form; certified, solved twice in
     double-double arithmetic, or, where only a function knows a load, with halved steps that agree as a method
-    of high order must; estimated, where those do not, as with a function that jumps. trusted_until_s: the first of the times at which a chaotic motion's bound_rad
-    exceeds 1e-10 rad; infinite where none does.
+    of high order must; estimated, where those do not, as with a function that jumps. trusted_until_s: the
+    first of the times at which a chaotic motion's bound_rad exceeds 1e-10 rad; infinite where none does.
     """
 
     trajectory: Trajectory
@@ -160,14 +160,17 @@ def _bounded(scene: Scene, motion: Trajectory, kind: Kind, errors: Array, growth
 def _certified_growths(scene: Scene, course: Course, motion: Trajectory, fine: Solution) -> Array:
     """(3, n): as _growths; in double-doubles where nudges that doubles can hold grow out of proportion."""
     t_s = motion.t_s
-    nudged = [packed_state(start) for start in _nudges(scene, motion)]
-    neighbours = [_trajectory(t_s, follow_scene(scene, course, state, t_s, _NUDGED)) for state in nudged]
+    neighbours = [
+        _trajectory(t_s, follow_scene(scene, course, packed_state(start), t_s, _NUDGED))
+        for start in _nudges(scene, motion)
+    ]
     growths = _growths(scene, motion, neighbours)
     if float(np.max(growths[0], initial=0.0)) * _NUDGE < _PROPORTIONAL_RAD:
         return growths
     apart = np.zeros_like(growths)
     high, low = packed_state(scene.initial)
-    for nudged_high, nudged_low in nudged:
+    for start in _nudges(scene, motion):
+        nudged_high, nudged_low = packed_state(start)
         nudge = _FINE_NUDGE * ((nudged_high - high) + (nudged_low - low))
         found = follow_scene(scene, course, (high.copy(), low + nudge), t_s, _FINE)
         difference = (found.high - fine.high) + (found.low - fine.low)

@@ -158,7 +158,7 @@ def _who(subject: Subject, engine: Engine, method: Method, setting: Setting) -> 
         "dt_s": setting.dt_s,
         "tolerance": setting.tolerance,
         "duration_s": scenario.duration_s,
-        "reproduce": reproducing_command(subject.asked_as, engine.name, method.name, setting),
+        "reproduce": reproducing_command(subject, engine.name, method.name, setting),
         **vars(subject.scales),
         "truth": truth.kind,
         "truth_bound_rad": subject.largest(truth.bound_rad),
@@ -168,13 +168,15 @@ def _who(subject: Subject, engine: Engine, method: Method, setting: Setting) -> 
     }
 
 
-def reproducing_command(asked_as: str, engine: str, method: str, setting: Setting) -> str:
+def reproducing_command(subject: Subject, engine: str, method: str, setting: Setting) -> str:
     """Return the command line that runs this one case again."""
-    words = ["bodycheck", "run", asked_as, "--engine", f"{engine}:{method}"]
+    words = ["bodycheck", "run", subject.asked_as, "--engine", f"{engine}:{method}"]
     if setting.dt_s is not None:
         words += ["--dt", repr(setting.dt_s)]
     if setting.tolerance is not None:
         words += ["--tolerance", repr(setting.tolerance)]
+    if subject.scenario.scene.has_black_box:
+        words.append("--allow-code")
     return shlex.join(words)
 
 

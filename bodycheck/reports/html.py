@@ -29,7 +29,7 @@ from bodycheck.reports.summary import (
     verdict_sentences,
 )
 from bodycheck.scenarios.body import Body, GivenBody, MeshBody, ShapeBody
-from bodycheck.scenarios.model import Forcing
+from bodycheck.scenarios.forcings import Forcing
 
 _TABLE_MEASURES = (
     "orientation_error_rad",

@@ -25,7 +25,8 @@ from pydantic import (
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.primitives import known_shape, primitive
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.scenarios.fields import Matrix, NotYet, Positive, Table
+from bodycheck.reference_impl.scene import Link
+from bodycheck.scenarios.fields import ALIGNED, ZERO, Matrix, Positive, Table, UnitQuaternion, Vector
 from bodycheck.scenarios.shapes import MeshSolid, mesh_solid
 
 _TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
@@ -62,8 +63,15 @@ def _possible(inertia: Array) -> Matrix:
 
 
 class _BodyTable(Table):
-    link_offset_m: NotYet = None
-    link_quaternion: NotYet = None
+    link_offset_m: Vector | None = None
+    link_quaternion: UnitQuaternion | None = None
+
+    @property
+    def link(self) -> Link | None:
+        """Where an engine is to have its own frame of the body; None where nothing is said of it."""
+        if self.link_offset_m is None and self.link_quaternion is None:
+            return None
+        return Link(np.array(self.link_offset_m or ZERO), np.array(self.link_quaternion or ALIGNED))
 
 
 class GivenBody(_BodyTable):

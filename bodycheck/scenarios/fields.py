@@ -1,24 +1,42 @@
-"""What the tables of a scenario file are made of: numbers, vectors, and keys that are still to come."""
+"""What the tables of a scenario file are made of: numbers, vectors, unit quaternions."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, TypeAlias
+import math
+from typing import Annotated, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationInfo
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from bodycheck.reference_impl.rotations import normalised
+
+_UNIT_TOLERANCE = 1e-6  # how far a quaternion's norm may be from 1
 
 Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive: TypeAlias = Annotated[Number, Field(gt=0.0)]
+NotNegative: TypeAlias = Annotated[Number, Field(ge=0.0)]
 Vector: TypeAlias = tuple[Number, Number, Number]
-Quaternion: TypeAlias = tuple[Number, Number, Number, Number]
 Matrix: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
+ZERO: Vector = (0.0, 0.0, 0.0)
 
-def _refuse(_: Any, info: ValidationInfo) -> None:
-    """Refuse a key of the format that is not built so far, by a message that says so."""
-    raise ValueError(f"{info.field_name} is not yet supported")
+_Four: TypeAlias = tuple[Number, Number, Number, Number]
 
 
-NotYet: TypeAlias = Annotated[None, PlainValidator(_refuse)]
+def _unit(value: _Four) -> _Four:
+    norm = math.hypot(*value)
+    if abs(norm - 1.0) > _UNIT_TOLERANCE:
+        raise ValueError(f"must be a unit quaternion (w, x, y, z); its norm is {norm:.9g}")
+    if norm == 1.0:
+        return value
+    w, x, y, z = normalised(np.array(value)).tolist()
+    return (w, x, y, z)
+
+
+UnitQuaternion: TypeAlias = Annotated[_Four, AfterValidator(_unit)]
+"""(w, x, y, z), made unit where it nearly is."""
+
+ALIGNED: UnitQuaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class Table(BaseModel):

@@ -9,13 +9,18 @@ from pathlib import Path
 
 from bodycheck.errors import InputError
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.reader import parse_scenario, read_scenario
+from bodycheck.scenarios.reader import Members, parse_members, read_members
 
 _LIBRARY = files("bodycheck.scenarios") / "library"
 
+_FORCINGS = (
+    *("lagrange-top", "sleeping-top", "heavy-top", "kovalevskaya-top", "torsion-spring"),
+    *("satellite-libration", "self-excited", "detumbling", "spring-pendulum", "sine-torque", "damped-fall"),
+)
+
 
 def scenario_names() -> tuple[str, ...]:
-    """Return the names of the built-in scenarios, in alphabetical order."""
+    """Return the names of the built-in scenarios and families, in alphabetical order."""
     return tuple(sorted(entry.name[:-5] for entry in _LIBRARY.iterdir() if entry.name.endswith(".toml")))
 
 
@@ -23,7 +28,8 @@ def suites() -> dict[str, tuple[str, ...]]:
     """Return the suites: name -> scenario names."""
     return {
         "smoke": ("intermediate-axis", "full-tensor", "body-torque"),
-        "standard": scenario_names(),
+        "standard": tuple(name for name in scenario_names() if name not in _FORCINGS),
+        "forcings": _FORCINGS,
     }
 
 
@@ -36,13 +42,80 @@ def scenario_summaries() -> dict[str, str]:
 _LATER_SUITES = ("hard", "full")
 
 
-def load_scenario(name: str | Path) -> Scenario:
+def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:
     """Return a built-in scenario by its name, or one from the path of a TOML file.
+
+    A child of a family is named by its value after a slash: NAME/VALUE or FILE.toml/VALUE. allow_code: the
+    file may name functions, whose code runs.
 
     Raises InputError where there is no such name or file, or the file is wrong.
     """
+    found = _members(name, allow_code)
+    if len(found) > 1:
+        raise InputError(f"{name}: is a family; name one of it: {', '.join(asked for asked, _ in found)}")
+    return found[0][1]
+
+
+def load_scenarios(asked: Sequence[str | Path], *, allow_code: bool = False) -> list[tuple[str, Scenario]]:
+    """Return the scenarios of names, suites and paths, families with all children, with what names each.
+
+    Each comes once. Raises InputError with the errors of all of them, or where two different ones share a
+    name.
+    """
+    found: dict[str, tuple[str, Scenario]] = {}
+    faults: list[str] = []
+    for name in (member for one in asked for member in suites().get(str(one), (one,))):
+        try:
+            members = _members(name, allow_code)
+        except InputError as error:
+            faults.append(str(error))
+            continue
+        for how, scenario in members:
+            if found.setdefault(scenario.name, (how, scenario))[1] != scenario:
+                faults.append(f"{how}: another scenario of this run is named {scenario.name!r} too")
+    if faults:
+        raise InputError("\n".join(faults))
+    return list(found.values())
+
+
+def _members(name: str | Path, allow_code: bool) -> list[tuple[str, Scenario]]:
+    """Return the scenarios that a name stands for, each with the name that stands for it alone."""
+    source, child = _source_and_child(name)
+    members = _read(source, allow_code)
+    found = [
+        (str(source) if label is None else f"{source}/{label}", scenario)
+        for label, scenario in members.items()
+        if child is None or (label is not None and _same(label, child))
+    ]
+    if not found:
+        there = ", ".join(f"{source}/{label}" for label in members if label is not None)
+        raise InputError(
+            f"{name}: is none of the family; there are {there}"
+            if there
+            else f"{name}: {source} is no family, but one scenario"
+        )
+    return found
+
+
+def _source_and_child(name: str | Path) -> tuple[str | Path, str | None]:
+    """Cut the value off the name of a child."""
+    head, slash, tail = str(name).rpartition("/")
+    if slash and not str(name).endswith(".toml") and (head.endswith(".toml") or head in scenario_names()):
+        return head, tail
+    return name, None
+
+
+def _same(label: str, asked: str) -> bool:
+    """Whether a value is the one asked for: 1e-3 is 0.001."""
+    try:
+        return label == asked or float(label) == float(asked)
+    except ValueError:
+        return False
+
+
+def _read(name: str | Path, allow_code: bool) -> Members:
     if isinstance(name, Path) or name.endswith(".toml") or "/" in name:
-        return read_scenario(Path(name))
+        return read_members(Path(name), allow_code=allow_code)
     if name in _LATER_SUITES:
         raise InputError(f"{name}: this suite is not yet there; so far: {', '.join(suites())}")
     if name not in scenario_names():
@@ -51,24 +124,4 @@ def load_scenario(name: str | Path) -> Scenario:
             f"{', '.join(scenario_names())}; suites: {', '.join(suites())}"
         )
     text = (_LIBRARY / f"{name}.toml").read_text(encoding="utf-8")
-    return parse_scenario(text, where=f"{name}.toml", folder=_LIBRARY)
-
-
-def load_scenarios(asked: Sequence[str | Path]) -> list[tuple[str, Scenario]]:
-    """Return the scenarios of built-in names, suites and paths, each once, with what names it here.
-
-    Raises InputError with the errors of all of them, or where two different ones share a name.
-    """
-    found: dict[str, tuple[str, Scenario]] = {}
-    faults: list[str] = []
-    for name in (member for one in asked for member in suites().get(str(one), (one,))):
-        try:
-            scenario = load_scenario(name)
-        except InputError as error:
-            faults.append(str(error))
-            continue
-        if found.setdefault(scenario.name, (str(name), scenario))[1] != scenario:
-            faults.append(f"{name}: another scenario of this run is named {scenario.name!r} too")
-    if faults:
-        raise InputError("\n".join(faults))
-    return list(found.values())
+    return parse_members(text, where=f"{name}.toml", folder=_LIBRARY)

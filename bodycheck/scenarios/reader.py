@@ -1,23 +1,30 @@
-"""From a TOML file to a Scenario, or to all the file's errors at once, each with its path in the file."""
+"""From a TOML file to its scenarios, or to all the file's errors at once, each with its path in the file."""
 
 from __future__ import annotations
 
 import tomllib
+from collections import Counter
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from pydantic import ValidationError
 
 from bodycheck.errors import InputError
 from bodycheck.scenarios.body import BODY_FORMS
-from bodycheck.scenarios.model import FORCING_KINDS, Scenario
+from bodycheck.scenarios.forcings import FORCING_KINDS
+from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.sweeps import Family, children
 
 _HERE = Path()
 
 
-def read_scenario(path: Path) -> Scenario:
-    """Read one scenario file.
+Members: TypeAlias = dict[str | None, Scenario]
+"""A file's scenarios: one by None, or the children of a family by the labels of their values."""
+
+
+def read_members(path: Path, *, allow_code: bool = False) -> Members:
+    """Read the scenarios of a file; allow_code: it may name functions, whose code runs.
 
     Raises InputError with one line an error: the file, the path of the key within it, what is wrong and
     what would be right.
@@ -28,23 +35,75 @@ def read_scenario(path: Path) -> Scenario:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
-    return parse_scenario(text, where=str(path), folder=path.parent)
+    return parse_members(text, where=str(path), folder=path.parent, allow_code=allow_code)
 
 
-def parse_scenario(text: str, where: str, folder: Traversable = _HERE) -> Scenario:
-    """Read a scenario from TOML text; `where` names it in messages, its mesh file is sought from `folder`.
+def parse_scenario(
+    text: str, where: str, folder: Traversable = _HERE, *, allow_code: bool = False
+) -> Scenario:
+    """Read the one scenario of TOML text, as parse_members does.
 
-    Raises InputError as read_scenario does.
+    Raises InputError as that does, and for a family.
+    """
+    members = parse_members(text, where, folder, allow_code=allow_code)
+    if None not in members:
+        raise InputError(f"{where}: is a family of {len(members)}, not one scenario")
+    return members[None]
+
+
+def parse_members(text: str, where: str, folder: Traversable = _HERE, *, allow_code: bool = False) -> Members:
+    """Read TOML text; `where` names it in messages, its mesh file is sought from `folder`.
+
+    Raises InputError as read_members does.
     """
     try:
-        return Scenario.model_validate(tomllib.loads(text), context={"folder": folder})
+        data = tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{where}: is nested too deeply") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{where}: is not TOML: {error}") from None
+    context = {"folder": folder, "allow_code": allow_code}
+    if "sweep" in data:
+        return _family(data, where, context)
+    try:
+        return {None: Scenario.model_validate(data, context=context)}
+    except RecursionError:
+        raise InputError(f"{where}: is nested too deeply") from None
     except ValidationError as error:
-        lines = [f"{where}: {_line(fault)}" for fault in error.errors(include_url=False)]
-        raise InputError("\n".join(lines)) from None
+        raise InputError("\n".join(f"{where}: {line}" for line in _lines(error))) from None
+
+
+def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Members:
+    """Return the children; a line that is wrong of all of them is said once, of the file."""
+    try:
+        (sweep,) = Family.model_validate({"sweep": data.pop("sweep")}).sweep
+        files = list(children(data, sweep))
+    except ValidationError as error:
+        raise InputError("\n".join(f"{where}: {line}" for line in _lines(error))) from None
+    except ValueError as error:
+        raise InputError(f"{where}: sweep[0].key: {error}") from None
+    found: Members = {}
+    faults: dict[str, list[str]] = {}
+    for label, child in files:
+        try:
+            found[label] = Scenario.model_validate(child, context=context)
+        except ValidationError as error:
+            faults[label] = _lines(error)
+    if faults:
+        counts = Counter(line for lines in faults.values() for line in lines)
+        shared = [f"{where}: {line}" for line, count in counts.items() if count == len(files)]
+        own = [
+            f"{where}/{label}: {line}"
+            for label, lines in faults.items()
+            for line in lines
+            if counts[line] < len(files)
+        ]
+        raise InputError("\n".join([*shared, *own]))
+    return found
+
+
+def _lines(error: ValidationError) -> list[str]:
+    return [_line(fault) for fault in error.errors(include_url=False)]
 
 
 def _line(fault: Any) -> str:

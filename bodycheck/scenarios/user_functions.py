@@ -6,10 +6,14 @@ import importlib
 import re
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bodycheck.errors import InputError
+from bodycheck.reference_impl.arrays import Array
 
 _NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
@@ -36,6 +40,37 @@ def user_function(name: str, *, allow_code: bool) -> Callable[..., Any]:
     if not callable(function):
         raise InputError(f"{name}: {module_name} has no function {function_name!r}")
     return function
+
+
+@dataclass(frozen=True)
+class UserWrench:
+    """f(t, position, R, velocity, omega) -> force, torque of a user, by its name; world axes, SI units."""
+
+    name: str
+    function: Callable[..., Any]
+
+    def __call__(
+        self, t: float, position: Array, rotation: Array, velocity: Array, omega: Array
+    ) -> tuple[Array, Array]:
+        """Ask the function, with copies that it may change.
+
+        Raises InputError with one line where it raises, or gives anything but twice three numbers.
+        """
+        copies = (part.copy() for part in (position, rotation, velocity, omega))
+        try:
+            found = self.function(t, *copies)
+        except (Exception, SystemExit) as error:
+            raise InputError(f"{self.name}: failed at t = {t!r} s: {said(error)}") from error
+        try:
+            force, torque = (np.asarray(part, dtype=np.float64) for part in found)
+        except (TypeError, ValueError):
+            force = torque = np.zeros(0)
+        if force.shape != (3,) or torque.shape != (3,):
+            shown = " ".join(repr(found).split())
+            raise InputError(
+                f"{self.name}: must give force and torque, three numbers each, not {shown:.80} (t = {t!r} s)"
+            )
+        return force, torque
 
 
 def said(error: BaseException) -> str:

@@ -16,7 +16,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.scenarios.body import GivenBody
 from bodycheck.scenarios.library import load_scenario, load_scenarios
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.reader import parse_scenario, read_scenario
+from bodycheck.scenarios.reader import parse_scenario
 
 HEAD = 'name = "x"\nduration_s = 1.0\nsamples = 11\n[body]\n'
 
@@ -80,7 +80,7 @@ def written(folder: Path, mesh: str = "part.obj", text: str | None = None) -> Sc
     path.write_text(f'{HEAD}mesh = "{mesh}"\ndensity_kg_m3 = 8.0\n')
     (folder / mesh).parent.mkdir(exist_ok=True)
     (folder / mesh).write_text(bracket() if text is None else text)
-    return read_scenario(path)
+    return load_scenario(path)
 
 
 def test_a_mesh_is_taken_in_its_own_axes_about_its_centre_of_mass(tmp_path: Path) -> None:

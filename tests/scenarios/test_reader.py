@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from bodycheck.errors import InputError
+from bodycheck.reference_impl.scene import BlackBox, Drag, GravityGradient, SineTorque, Spring, TorsionSpring
 from bodycheck.scenarios.library import load_scenario, load_scenarios, scenario_names, suites
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.reader import parse_scenario, read_scenario
+from bodycheck.scenarios.reader import parse_members, parse_scenario
 
 GOOD = """
 name = "good"
@@ -120,8 +121,37 @@ FAULTS = {
         ["must be symmetric"],
     ),
     "published heavy top": (BODY + "mass_kg = 20\ninertia_kg_m2 = [-15, -15, 1]\n", ["positive definite"]),
-    "link frame": (GOOD + "link_offset_m = [0, 0, 1]\n", ["link_offset_m is not yet supported"]),
-    "sweep": (GOOD + "[[sweep]]\nkey = 'a'\nvalues = [1]\n", ["sweep: sweep is not yet supported"]),
+    "two numbers of a link": (GOOD + "link_offset_m = [0, 1]\n", ["body.link_offset_m[2]: is required"]),
+    "long link quaternion": (
+        GOOD + "link_quaternion = [0, 0, 0, 2]\n",
+        ["body.link_quaternion: must be a unit"],
+    ),
+    **{
+        f"sweep, {what}": (GOOD + f"[[sweep]]\n{text}\n", [f"sweep{expected}"])
+        for what, text, expected in (
+            ("no key", "values = [1]", "[0].key: is required"),
+            ("no values", "key = 'duration_s'", "[0].values: is required"),
+            ("empty values", "key = 'duration_s'\nvalues = []", "[0].values: "),
+            ("NaN", "key = 'duration_s'\nvalues = [nan]", "[0].values[0]"),
+            ("a value twice", "key = 'duration_s'\nvalues = [1, 1.0]", "[0].values: names a value twice"),
+            ("a name", "key = 'name'\nvalues = ['a']", "[0].key: cannot be 'name'"),
+            ("no path", "key = 'a..b'\nvalues = [1]", "[0].key: must be a path in the file"),
+            (
+                "nowhere",
+                "key = 'forcing[0].at_m[0]'\nvalues = [1]",
+                "[0].key: 'forcing[0].at_m[0]' leads nowhere",
+            ),
+            (
+                "beyond a list",
+                "key = 'body.inertia_kg_m2[3]'\nvalues = [1]",
+                "[0].key: 'body.inertia_kg_m2[3]'",
+            ),
+            ("into a number", "key = 'duration_s.x'\nvalues = [1]", "[0].key: 'duration_s.x' leads nowhere"),
+            ("twice", "key = 'samples'\nvalues = [3]\n[[sweep]]\nkey = 'samples'\nvalues = [4]", ": "),
+            ("no list", "key = 3\nvalues = 3", "[0].values: should be"),
+        )
+    },
+    "sweep that is a number": ("sweep = 3\n" + GOOD, ["sweep: should be"]),
     "long quaternion": (GOOD + "[initial]\nquaternion = [1, 1, 0, 0]\n", ["its norm is 1.41421356"]),
     "zero quaternion": (GOOD + "[initial]\nquaternion = [0, 0, 0, 0]\n", ["must be a unit quaternion"]),
     "three numbers of four": (GOOD + "[initial]\nquaternion = [1, 0, 0]\n", ["initial.quaternion[3]"]),
@@ -158,12 +188,73 @@ FAULTS = {
     "no steps": (GOOD.replace("samples = 21", "samples = 21\nsteps_s = []"), ["needs at least one step"]),
     "not TOML": ("name = ", ["file.toml: is not TOML"]),
     **{
-        f"later kind {kind}": (GOOD + f'[[forcing]]\nkind = "{kind}"\n', [f"{kind!r} is not yet supported"])
-        for kind in (
-            *("sine-torque", "drag", "spring", "torsion-spring"),
-            *("pivot", "gravity-gradient", "callable"),
+        f"{kind} without {key}": (
+            GOOD + f'[[forcing]]\nkind = "{kind}"\n',
+            [f"forcing[0].{key}: is required"],
+        )
+        for kind, keys in {
+            "sine-torque": ("axes", "amplitude_n_m", "rate_rad_s"),
+            "spring": ("anchor_m", "stiffness_n_m"),
+            "torsion-spring": ("stiffness_n_m",),
+            "pivot": ("at_m",),
+            "gravity-gradient": ("orbit_rate_rad_s",),
+            "callable": ("function",),
+        }.items()
+        for key in keys
+    },
+    **{
+        f"{kind} with {key} = {value}": (
+            GOOD + f'[[forcing]]\nkind = "{kind}"\n{key} = {value}\n',
+            [f"forcing[0].{key}{where}"],
+        )
+        for kind, key, value, where in (
+            ("drag", "linear_n_s_m", "-1", ": should be greater than or equal to 0"),
+            ("drag", "linear_n_s_m", "nan", ": should be a finite number"),
+            ("drag", "angular_n_m_s", "-0.1", ": must take energy away"),
+            ("drag", "angular_n_m_s", "[[1, 3, 0], [3, 1, 0], [0, 0, 1]]", ": must take energy away"),
+            ("drag", "angular_n_m_s", "[1, 2, 3]", ": needs a number or a 3x3 matrix"),
+            ("drag", "angular_n_m_s", "[[1, 0], [0]]", ": needs a number or a 3x3 matrix"),
+            ("drag", "angular_n_m_s", "true", ": needs a number or a 3x3 matrix"),
+            ("drag", "angular_n_m_s", "inf", ": needs finite numbers"),
+            ("spring", "stiffness_n_m", "0", ": should be greater than 0"),
+            ("spring", "rest_length_m", "-1", ": should be greater than or equal to 0"),
+            ("spring", "anchor_m", "[0, 0]", "[2]: is required"),
+            ("torsion-spring", "stiffness_n_m", "-1", ": should be greater than 0"),
+            ("gravity-gradient", "orbit_rate_rad_s", "0", ": should be greater than 0"),
+            ("sine-torque", "rate_rad_s", "nan", ": should be a finite number"),
+            ("sine-torque", "axes", "'link'", ": should be 'body' or 'world'"),
+            ("sine-torque", "until_s", "1", ": is no key"),
+            ("pivot", "at_m", "[0, 0, nan]", "[2]: should be a finite number"),
+            ("callable", "function", "3", ": needs the name of a function"),
+            ("callable", "function", "'wrench'", ": wrench: is no name of a function"),
+            (
+                "callable",
+                "function",
+                "'os:getcwd'",
+                ": os:getcwd: to import it runs its code; add --allow-code",
+            ),
         )
     },
+    "two pivots": (
+        GOOD + 2 * '[[forcing]]\nkind = "pivot"\nat_m = [0, 0, 1]\n',
+        ["forcing: has 2 of kind 'pivot', at [0, 1]; there can be one at most"],
+    ),
+    "two orbits": (
+        GOOD + 2 * '[[forcing]]\nkind = "gravity-gradient"\norbit_rate_rad_s = 1\n',
+        ["forcing: has 2 of kind 'gravity-gradient'"],
+    ),
+    "pivot in orbit": (
+        GOOD
+        + '[[forcing]]\nkind = "pivot"\nat_m = [0, 0, 1]\n'
+        + '[[forcing]]\nkind = "gravity-gradient"\norbit_rate_rad_s = 1\n',
+        ["forcing: a body with a pivot is in no orbit"],
+    ),
+    "velocity that moves the pivot": (
+        GOOD
+        + "[initial]\nomega_body_rad_s = [1, 0, 0]\nvelocity_m_s = [0, -1, 0]\n"
+        + '[[forcing]]\nkind = "pivot"\nat_m = [0, 0, 1]\n',
+        ["forcing: the pivot stays where it is", "= [0.0, 1.0, 0.0]"],
+    ),
 }
 
 
@@ -193,7 +284,7 @@ inertia_kg_m2 = [1, 2, 5]
 omega_body_rad_s = [1, 2, 3]
 omega_world_rad_s = [1, 2, 3]
 [[forcing]]
-kind = "drag"
+kind = "magic"
 [[forcing]]
 kind = "torque"
 axes = "body"
@@ -223,9 +314,203 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     binary.write_bytes(b"\xff\xfe\x00")
     for path, why in ((tmp_path / "no.toml", "No such file"), (tmp_path, "directory"), (binary, "UTF-8")):
         with pytest.raises(InputError, match=why) as caught:
-            read_scenario(path)
+            load_scenario(path)
         assert str(path) in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def pivoted(initial: str) -> Scenario:
+    """Return the good scenario about a pivot 0.5 m below its centre of mass."""
+    return parsed(f'[initial]\n{initial}\n[[forcing]]\nkind = "pivot"\nat_m = [0, 0, -0.5]\n')
+
+
+def test_about_a_pivot_the_centre_moves_as_the_rotation_says() -> None:
+    """v = omega x (x - pivot) in world axes, whether the file says it, to nine digits, or not."""
+    half = math.sqrt(0.5)
+    turned = f"quaternion = [{half!r}, {half!r}, 0, 0]\nomega_body_rad_s = [1, 2, 3]"
+    scene = pivoted(turned).scene
+    assert scene.pivot is not None
+    # R takes z to -y: the centre is 0.5 m along -y from the pivot, and omega is (1, -3, 2)
+    expected = np.cross([1.0, -3.0, 2.0], [0.0, -0.5, 0.0])
+    assert scene.initial.velocity == pytest.approx(expected, abs=1e-15)
+    said = pivoted(turned + f"\nvelocity_m_s = {(expected * (1.0 + 1e-10)).tolist()}").scene
+    assert np.array_equal(said.initial.velocity, scene.initial.velocity)
+
+
+def test_each_kind_becomes_its_load() -> None:
+    """Every key of every kind reaches the arrays; an angular drag may be one number; defaults are zero."""
+    scene = parsed(
+        """
+[[forcing]]
+kind = "sine-torque"
+axes = "world"
+amplitude_n_m = [1, 2, 3]
+rate_rad_s = 4
+phase_rad = 5
+[[forcing]]
+kind = "drag"
+linear_n_s_m = 1
+angular_n_m_s = 2
+[[forcing]]
+kind = "spring"
+anchor_m = [1, 2, 3]
+at_m = [4, 5, 6]
+stiffness_n_m = 7
+rest_length_m = 8
+[[forcing]]
+kind = "torsion-spring"
+stiffness_n_m = 9
+[[forcing]]
+kind = "gravity-gradient"
+orbit_rate_rad_s = 10
+"""
+    ).scene
+    sine, drag, spring, torsion, gradient = scene.loads
+    assert isinstance(sine, SineTorque)
+    assert (sine.axes, sine.amplitude.tolist(), sine.rate, sine.phase) == ("world", [1.0, 2.0, 3.0], 4.0, 5.0)
+    assert isinstance(drag, Drag)
+    assert drag.linear == 1.0
+    assert np.array_equal(drag.angular, 2.0 * np.eye(3))
+    assert isinstance(spring, Spring)
+    assert (spring.anchor.tolist(), spring.at.tolist()) == ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0])
+    assert (spring.stiffness, spring.rest_length) == (7.0, 8.0)
+    assert isinstance(torsion, TorsionSpring)
+    assert torsion.stiffness == 9.0
+    assert isinstance(gradient, GravityGradient)
+    assert gradient.rate == 10.0
+    (bare,) = parsed('[[forcing]]\nkind = "drag"\n').scene.loads
+    assert isinstance(bare, Drag)
+    assert not bare.linear
+    assert not bare.angular.any()
+
+
+def test_a_link_frame_reaches_the_scene() -> None:
+    """What is not said of it is the centre of mass, and the body axes; nothing said is no link at all."""
+    assert parsed().scene.link is None
+    link = parsed("link_offset_m = [1, 2, 3]\n").scene.link
+    assert link is not None
+    assert link.offset.tolist() == [1.0, 2.0, 3.0]
+    assert link.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
+    link = parsed("link_quaternion = [0, 0, 0, 1.0000005]\n").scene.link
+    assert link is not None
+    assert not link.offset.any()
+    assert link.quaternion.tolist() == [0.0, 0.0, 0.0, 1.0]
+
+
+WRENCH = """
+import numpy as np
+
+def wrench(t, position, rotation, velocity, omega):
+    position[:] = 7.0
+    return [t, 2.0, 3.0], -omega
+
+def torque_only(t, position, rotation, velocity, omega):
+    return -omega
+
+def broken(t, position, rotation, velocity, omega):
+    return 1 / 0
+"""
+STILL = (np.zeros(3), np.eye(3), np.zeros(3), np.ones(3))
+
+
+def called(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> BlackBox:
+    """Return the load that a function of WRENCH becomes, where code is allowed."""
+    (folder / "user_wrench.py").write_text(WRENCH)
+    monkeypatch.chdir(folder)
+    text = f'[[forcing]]\nkind = "callable"\nfunction = "user_wrench:{name}"\n'
+    (load,) = parse_scenario(GOOD + text, "file.toml", allow_code=True).scene.loads
+    assert isinstance(load, BlackBox)
+    return load
+
+
+def test_a_function_is_imported_where_code_is_allowed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is asked with copies, and gives force and torque as arrays."""
+    load = called("wrench", tmp_path, monkeypatch)
+    force, torque = load.function(0.25, *STILL)
+    assert force.tolist() == [0.25, 2.0, 3.0]
+    assert torque.tolist() == [-1.0, -1.0, -1.0]
+    assert not STILL[0].any()
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [
+        ("torque_only", "user_wrench:torque_only: must give force and torque"),
+        ("broken", "user_wrench:broken: failed at t = 0.25 s: ZeroDivisionError"),
+    ],
+)
+def test_a_function_that_fails_is_named(
+    name: str, part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a function raises, or gives instead of twice three numbers, is one line that names it."""
+    load = called(name, tmp_path, monkeypatch)
+    with pytest.raises(InputError, match=part) as caught:
+        load.function(0.25, *STILL)
+    assert "\n" not in str(caught.value)
+
+
+SWEPT = (
+    GOOD
+    + """
+[initial]
+omega_body_rad_s = [0.1, 2.0, 0.1]
+[[sweep]]
+key = "initial.omega_body_rad_s[0]"
+values = [1e-3, 1e-12]
+"""
+)
+
+
+def test_a_family_has_a_child_for_each_value(tmp_path: Path) -> None:
+    """Children are named by their values, hold them, and are found by file and value, however written."""
+    path = tmp_path / "family.toml"
+    path.write_text(SWEPT)
+    found = load_scenarios([path])
+    assert [how for how, _ in found] == [f"{path}/0.001", f"{path}/1e-12"]
+    assert [scenario.name for _, scenario in found] == ["good/0.001", "good/1e-12"]
+    assert {scenario.family for _, scenario in found} == {"good"}
+    assert [scenario.scene.initial.omega_body[0] for _, scenario in found] == [1e-3, 1e-12]
+    for how, scenario in found:
+        assert load_scenario(how) == scenario
+    assert load_scenario(f"{path}/1e-3") == found[0][1]
+
+
+@pytest.mark.parametrize(
+    ("child", "part"),
+    [
+        ("", "is a family; name one of it: "),
+        ("/7", "is none of the family; there are "),
+        ("/x", "is none of"),
+    ],
+)
+def test_a_child_that_is_not_named_rightly_is_refused(child: str, part: str, tmp_path: Path) -> None:
+    """Where one scenario is asked for, a family and a value it has not are refused with what there is."""
+    path = tmp_path / "family.toml"
+    path.write_text(SWEPT)
+    with pytest.raises(InputError, match=part) as caught:
+        load_scenario(f"{path}{child}")
+    assert f"{path}/0.001, {path}/1e-12" in str(caught.value)
+    path.write_text(GOOD)
+    with pytest.raises(InputError, match="is no family, but one scenario"):
+        load_scenario(f"{path}/7")
+
+
+def test_what_is_wrong_of_one_child_is_said_of_it() -> None:
+    """A fault that all children share comes once, of the file; any other names its child."""
+    text = SWEPT.replace("mass_kg = 2.0", "mass_kg = -2").replace("1e-12]", "'a']")
+    shared, own = refusals(text)
+    assert shared.startswith("file.toml: body.mass_kg: ")
+    assert own.startswith("file.toml/a: initial.omega_body_rad_s[0]: ")
+
+
+def test_the_value_may_be_a_key_that_the_file_lacks() -> None:
+    """A sweep may set a key whose table is there."""
+    swept = "[[sweep]]\nkey = 'forcing[0].linear_n_s_m'\nvalues = [1, 2]\n"
+    members = parse_members(GOOD + "[[forcing]]\nkind = 'drag'\n" + swept, "file.toml")
+    drags = [load for scenario in members.values() for load in scenario.scene.loads]
+    assert [load.linear for load in drags if isinstance(load, Drag)] == [1.0, 2.0]
 
 
 LIBRARY = (
@@ -233,30 +518,32 @@ LIBRARY = (
     *("body-torque", "world-torque", "thruster", "boxes", "free-body", "pulsed-torque"),
     *("t-handle", "torus-spin-up"),
 )
+FORCED = suites()["forcings"]
 
 
 def test_the_library_is_listed() -> None:
     """The list by which the library is tested leaves none of it out."""
-    assert sorted(LIBRARY) == list(scenario_names())
+    assert sorted((*LIBRARY, *FORCED)) == list(scenario_names())
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.parametrize("name", [*LIBRARY, *FORCED])
 def test_the_library_has_each_scenario_with_its_source(name: str) -> None:
-    """A built-in scenario is found by name, says where it is from, and its tags fit its loads."""
-    scenario = load_scenario(name)
-    assert scenario.name == name
-    assert scenario.summary
-    assert scenario.source
-    assert ("torque-free" in scenario.tags) == scenario.scene.is_free_rotation
-    assert ("forced" in scenario.tags) == (not scenario.scene.is_free_rotation)
-    assert len(scenario.steps) >= 4
+    """A built-in scenario or family is found by name, says where it is from, and its tags fit its loads."""
+    for _, scenario in load_scenarios([name]):
+        assert scenario.family == name
+        assert scenario.summary
+        assert scenario.source
+        assert ("torque-free" in scenario.tags) == scenario.scene.is_free_rotation
+        assert ("forced" in scenario.tags) == (not scenario.scene.is_free_rotation)
+        assert ("pivot" in scenario.tags) == (scenario.scene.pivot is not None)
+        assert len(scenario.steps) >= 4
 
 
 def test_suites_name_built_in_scenarios_only() -> None:
-    """Every member of every suite exists; standard is the whole library."""
+    """Every member of every suite exists; standard and forcings are the whole library."""
     for members in suites().values():
         assert set(members) <= set(scenario_names())
-    assert suites()["standard"] == scenario_names()
+    assert sorted((*suites()["standard"], *suites()["forcings"])) == list(scenario_names())
 
 
 def test_names_suites_and_paths_may_be_mixed(tmp_path: Path) -> None:
