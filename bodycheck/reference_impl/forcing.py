@@ -57,8 +57,8 @@ class Forcing:
     world axes; moment = sum of at F^T over the world forces. orbit (2,): 3 n^2 and n of the gravity gradient.
     moving (9,): acceleration held in body axes and in world axes, drag over mass, 1 / mass, gyration radius.
     springs (n, 14): anchor, at, stiffness, rest length, then what anchor and at are beyond doubles.
-    torsion (5,): stiffness and q(0). on_parabola: the centre of mass moves under a constant acceleration, apart
-    from the rotation.
+    torsion (5,): stiffness and q(0). on_parabola: the centre of mass moves under a constant acceleration,
+    apart from the rotation.
     """
 
     turning: Numbers

@@ -18,7 +18,8 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
-from bodycheck.reports.measures import INVARIANT, Motion, defect, error_series, reduced, runaway
+from bodycheck.reports.invariants import invariants_of, worst_drift
+from bodycheck.reports.measures import Motion, defect, error_series, reduced, runaway
 from bodycheck.reports.scales import Scales, scene_scales
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.truths import known_truth
@@ -78,7 +79,7 @@ class Subject:
 class CaseResult:
     """How a case ended: columns (all of results.csv but run_id), and what it returned, if it did.
 
-    series: every measure over time (compared,), in SI units.
+    series: every measure over time (compared,), in SI units; the invariant's over its size.
     """
 
     columns: dict[str, Any]
@@ -126,8 +127,11 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
     whole = error_series(scene, subject.truth.trajectory, subject.motion, trajectory, motion)
     series = {name: values[: subject.compared] for name, values in whole.items()}
     columns |= reduced(series, subject.scales)
-    if "invariant_drift" in series:
-        columns["invariant"] = INVARIANT
+    compared = slice(subject.compared)
+    if worst := worst_drift(invariants_of(scene), subject.truth.trajectory, trajectory, compared):
+        columns |= worst.columns
+        if worst.relative is not None:
+            series["invariant_drift"] = worst.relative
     return CaseResult(
         {**columns, "outcome": "ok", "message": _note(subject, plan, answer.message)}, trajectory, series
     )

@@ -7,10 +7,11 @@ from typing import Any
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.scene import Scene, Spring, TorsionSpring
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.case import Subject
-from bodycheck.reports.measures import INVARIANT, Motion, defect, error_series, reduced, runaway
+from bodycheck.reports.invariants import invariants_of, worst_drift
+from bodycheck.reports.measures import Motion, defect, error_series, reduced, runaway
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.truths import known_truth
 from bodycheck.reports.trajectory_files import read_arrays
@@ -22,7 +23,6 @@ _NEEDS = {
     "energy_balance": {"position", "velocity", "omega", "attitude"},
     "angular_momentum_drift": {"attitude", "omega"},
     "linear_momentum_drift": {"velocity"},
-    "invariant_drift": {"omega"},
     "orientation_error_rad": {"attitude"},
     "orthogonality": {"attitude"},
     "determinant_error": {"attitude"},
@@ -31,7 +31,7 @@ _NEEDS = {
     "position_error": {"position"},
     "velocity_error": {"velocity"},
 }
-"""What a trajectory must have for each measure; the energy's potential needs the position too."""
+"""What a trajectory must have for each measure; the energy's potential needs the place of the body too."""
 
 
 def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | None) -> dict[str, Any]:
@@ -75,9 +75,9 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | Non
                 measured.pop(column, None)
     if "attitude" not in had:
         del measured["orientation_error_final_rad"]
-    if "invariant_drift" in measured:
-        columns["invariant"] = INVARIANT
-    return columns | measured
+    kept = [one for one in invariants_of(scenario.scene) if one.needs <= had]
+    worst = worst_drift(kept, truth.trajectory, trajectory, trusted)
+    return columns | measured | (worst.columns if worst else {})
 
 
 def _quantities(arrays: dict[str, Array]) -> set[str]:
@@ -103,5 +103,9 @@ def _completed(arrays: dict[str, Array], truth: Trajectory) -> Trajectory:
 
 
 def _needed(measure: str, scene: Scene) -> set[str]:
-    needs = _NEEDS[measure]
-    return needs | {"position"} if measure == "energy_drift" and scene.gravity.any() else needs
+    needs = set(_NEEDS[measure])
+    if measure != "energy_drift":
+        return needs
+    springs = {type(load) for load in scene.loads} & {Spring, TorsionSpring}
+    needs |= {"position"} if scene.gravity.any() or Spring in springs else set()
+    return needs | ({"attitude"} if springs else set())

@@ -7,22 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import (
-    angular_momentum,
-    gravity_potential,
-    linear_momentum,
-    principal_axes,
-    rotational_energy,
-    translational_energy,
-)
+from bodycheck.reference_impl.closeness import potential_energy
+from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
+from bodycheck.reference_impl.pivot import kinetic_energies, turning_inertia
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.scales import Scales
-from bodycheck.reports.work import work_done
+from bodycheck.reports.work import work_done, working_loads
 
 _UNSTABLE_ENERGY = 100.0  # times the largest true kinetic energy
-_EQUAL_MOMENTS = 1e-12  # relative
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +31,18 @@ class Motion:
 
     @classmethod
     def of(cls, scene: Scene, trajectory: Trajectory) -> Motion:
-        """E = K + U with U from gravity, zero at the start; L about the centre of mass, world axes."""
-        body, omega_body = scene.body, trajectory.omega_body
-        rotational = rotational_energy(body.inertia, omega_body)
-        kinetic = rotational + translational_energy(body.mass, trajectory.velocity_m_s)
-        moved = trajectory.position_m - scene.initial.position
+        """E = K + U, U from gravity, zero at the start, and springs; L about the centre of mass, world axes.
+
+        E and L of a body with a pivot are about that.
+        """
+        kinetic, rotational = kinetic_energies(scene, trajectory)
+        inertia = turning_inertia(scene)
         return cls(
             kinetic=kinetic,
             rotational=rotational,
-            energy=kinetic + gravity_potential(body.mass, scene.gravity, moved),
-            angular_momentum=angular_momentum(trajectory.rotation_matrices, body.inertia, omega_body),
-            linear_momentum=linear_momentum(body.mass, trajectory.velocity_m_s),
+            energy=kinetic + potential_energy(scene, trajectory),
+            angular_momentum=angular_momentum(trajectory.rotation_matrices, inertia, trajectory.omega_body),
+            linear_momentum=linear_momentum(scene.body.mass, trajectory.velocity_m_s),
         )
 
 
@@ -96,15 +91,11 @@ SERIES_SCALES = {
     "energy_balance": "energy_scale_j",
     "angular_momentum_drift": "angular_momentum_scale_kg_m2_s",
     "linear_momentum_drift": "linear_momentum_scale_kg_m_s",
-    "invariant_drift": "omega_scale_rad_s",
     "omega_error": "omega_scale_rad_s",
     "position_error": "length_scale_m",
     "velocity_error": "speed_scale_m_s",
 }
 """The measures that have a scale: each stands twice, over its scale and as `_abs` in SI units."""
-
-INVARIANT = "spin about the symmetry axis"
-"""The only invariant of a scene so far: see symmetry_axis."""
 
 PURE_SERIES = ("orientation_error_rad", "orthogonality", "determinant_error", "quaternion_norm_error")
 """The measures that need no scale."""
@@ -114,6 +105,8 @@ def error_series(
     scene: Scene, truth: Trajectory, true: Motion, trajectory: Trajectory, motion: Motion
 ) -> dict[str, Array]:
     """Return every measure over time (n,), in SI units, that this trajectory has: its max is the measure.
+
+    The scene's own invariants are apart: see invariants.py.
 
     true, motion: the energy and momentum along the truth and along the trajectory.
     """
@@ -130,9 +123,6 @@ def error_series(
     balance = _energy_balance(scene, trajectory, motion)
     if balance is not None:
         series["energy_balance"] = balance
-    axis = symmetry_axis(scene)
-    if axis is not None:
-        series["invariant_drift"] = np.abs((trajectory.omega_body - truth.omega_body) @ axis)
     if trajectory.rotation is not None:
         gram = np.swapaxes(trajectory.rotation, -1, -2) @ trajectory.rotation
         series["orthogonality"] = np.linalg.norm(gram - np.eye(3), axis=(-2, -1))
@@ -158,20 +148,9 @@ def reduced(series: dict[str, Array], scales: Scales) -> dict[str, float]:
     return columns
 
 
-def symmetry_axis(scene: Scene) -> Array | None:
-    """Return the body axis (3,) about which a freely turning symmetric top keeps its spin, or None."""
-    if not scene.is_free_rotation:
-        return None
-    moments, axes = principal_axes(scene.body.inertia)
-    low, high = (abs(moments[i + 1] - moments[i]) <= _EQUAL_MOMENTS * moments[2] for i in (0, 1))
-    if low == high:  # a sphere or a triaxial body
-        return None
-    return np.asarray(axes[:, 2 if low else 0])
-
-
 def _energy_balance(scene: Scene, trajectory: Trajectory, motion: Motion) -> Array | None:
     """|E_k - E_0 - W_k|, or None where the samples resolve W no better than to a third of it."""
-    if not scene.loads:
+    if not scene.timed_loads and not working_loads(scene, 0.0, scene.duration_s):
         return np.abs(motion.energy - motion.energy[0])
     done = work_done(scene, trajectory)
     if done is None:

@@ -7,12 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import (
-    angular_momentum,
-    gyration_radius,
-    rotational_energy,
-    translational_energy,
-)
+from bodycheck.reference_impl.dynamics import angular_momentum, gyration_radius
+from bodycheck.reference_impl.pivot import kinetic_energies, turning_inertia
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
@@ -31,13 +27,15 @@ class Scales:
 
 
 def scene_scales(scene: Scene, truth: Trajectory) -> Scales:
-    """Return the scales: length = max(max |x - x(0)|, gyration radius), and the like."""
-    body = scene.body
-    radius = gyration_radius(body.mass, body.inertia)
+    """Return the scales: length = max(max |x - x(0)|, gyration radius), and the like.
+
+    Inertia, energy and angular momentum of a body with a pivot are about that.
+    """
+    body, inertia = scene.body, turning_inertia(scene)
+    radius = gyration_radius(body.mass, inertia)
     omega = _largest(truth.omega_body)
     speed = max(_largest(truth.velocity_m_s), omega * radius)
-    rotational = rotational_energy(body.inertia, truth.omega_body)
-    kinetic = rotational + translational_energy(body.mass, truth.velocity_m_s)
+    kinetic, rotational = kinetic_energies(scene, truth)
     return Scales(
         length_scale_m=max(_largest(truth.position_m - scene.initial.position), radius),
         speed_scale_m_s=speed,
@@ -45,7 +43,7 @@ def scene_scales(scene: Scene, truth: Trajectory) -> Scales:
         energy_scale_j=float(kinetic.max()),
         rotational_energy_scale_j=float(rotational.max()),
         angular_momentum_scale_kg_m2_s=_largest(
-            angular_momentum(truth.rotation_matrices, body.inertia, truth.omega_body)
+            angular_momentum(truth.rotation_matrices, inertia, truth.omega_body)
         ),
         linear_momentum_scale_kg_m_s=body.mass * speed,
     )

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.forcing import held_between
+from bodycheck.reference_impl.loads_at import Moment, wrench_at
+from bodycheck.reference_impl.scene import Load, Scene, Spring, TorsionSpring
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.wrench import Wrench, wrench_between
 
 _DEGREES = (7, 5)  # of the splines through the power; their difference tells whether they resolve it
 
 
+def working_loads(scene: Scene, begin_s: float, end_s: float) -> list[Load]:
+    """Return what acts within [begin_s, end_s) and has no potential energy."""
+    lasting = [load for load in scene.lasting_loads if not isinstance(load, Spring | TorsionSpring)]
+    return [*held_between(scene, begin_s, end_s), *lasting]
+
+
 def work_done(scene: Scene, motion: Trajectory) -> tuple[Array, float] | None:
-    """W_k = integral from 0 to t_k of F . v + tau . omega, gravity apart, and the error of W.
+    """W_k = integral from 0 to t_k of F . v + tau . omega, loads with a potential apart, and the error of W.
 
     The power at the samples is integrated by splines between the switches. Returns (n,) in J and an
     error in J, or None where a switch lies between samples or a piece has too few of them.
@@ -27,14 +35,14 @@ def work_done(scene: Scene, motion: Trajectory) -> tuple[Array, float] | None:
         return None
     work, error = np.zeros(n), 0.0
     for (first, last), (begin, end) in zip(pairwise(places), pairwise(ends), strict=True):
-        wrench = wrench_between(scene, begin, end)
+        loads = working_loads(scene, begin, end)
         inside = slice(first, last + 1)
-        if wrench.is_zero:
+        if not loads:
             work[inside] = work[first]
             continue
         if last - first < _DEGREES[0]:
             return None
-        done, gap = _integrals(t[inside], _power(wrench, motion, inside))
+        done, gap = _integrals(t[inside], power(scene, loads, motion)[inside])
         work[inside] = work[first] + done
         error += gap
     return work, error
@@ -47,13 +55,17 @@ def _integrals(t: Array, power: Array) -> tuple[Array, float]:
     return fine - fine[0], float(np.max(np.abs((fine - fine[0]) - (coarse - coarse[0]))))
 
 
-def _power(wrench: Wrench, motion: Trajectory, inside: slice) -> Array:
-    """P = tau . omega + F . v, with the loads of body axes turned: (m,) in W."""
-    rotation = motion.rotation_matrices[inside]
-    omega_body, omega_world = motion.omega_body[inside], motion.omega_world[inside]
-    velocity = motion.velocity_m_s[inside]
-    power = omega_body @ wrench.torque_body + omega_world @ wrench.torque_world
-    power += np.einsum("ni,nij,j->n", velocity, rotation, wrench.force_body) + velocity @ wrench.force_world
-    for at, force in wrench.point_forces:
-        power += (velocity + np.cross(omega_world, rotation @ at)) @ force
-    return np.asarray(power)
+def power(scene: Scene, loads: Sequence[Load], motion: Trajectory) -> Array:
+    """P = F . v + tau . omega of these loads at every sample: (n,) in W."""
+    moment = Moment(
+        t=motion.t_s,
+        position=motion.position_m,
+        rotation=motion.rotation_matrices,
+        velocity=motion.velocity_m_s,
+        omega=motion.omega_world,
+    )
+    total = np.zeros(len(motion.t_s))
+    for load in loads:
+        force, torque = wrench_at(load, scene, moment)
+        total += np.sum(force * moment.velocity + torque * moment.omega, axis=-1)
+    return total

@@ -245,8 +245,8 @@ FAULTS = {
         ["body.size_m: the major radius"],
     ),
     "link frame": (
-        'shape = "sphere"\nsize_m = [1]\nlink_offset_m = [0, 0, 1]\n' + DENSITY,
-        ["body.link_offset_m: link_offset_m is not yet supported"],
+        'shape = "sphere"\nsize_m = [1]\nlink_quaternion = [0, 0, 0, 0]\n' + DENSITY,
+        ["body.link_quaternion: must be a unit quaternion (w, x, y, z); its norm is 0"],
     ),
     "nothing": ("", ["body.mass_kg: is required", "body.inertia_kg_m2: is required"]),
 }

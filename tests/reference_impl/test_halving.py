@@ -1,0 +1,101 @@
+"""The truth of loads that only a function knows, against the certified truth of the same loads in series."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.closeness import distances
+from bodycheck.reference_impl.loads_at import sum_of_wrenches
+from bodycheck.reference_impl.rotations import log_quaternion, matrix_to_quaternion
+from bodycheck.reference_impl.scene import BlackBox, PointForce, Scene, Torque
+from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.scenarios.library import load_scenario
+
+
+def hidden(scene: Scene) -> Scene:
+    """Return the scene with its lasting loads behind a function."""
+    wrench = sum_of_wrenches(scene.lasting_loads, replace(scene, gravity=np.zeros(3)))
+    return replace(scene, loads=(*scene.timed_loads, BlackBox("tests:wrench", wrench)))
+
+
+NAMES = [
+    "spring-pendulum",
+    "heavy-top",
+    "satellite-libration",
+    "torsion-spring",
+    "damped-fall",
+    "sine-torque",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_function_gives_the_motion_of_the_loads_that_it_hides(name: str) -> None:
+    """Both truths are within their bounds of one another, and the function's is certified to 1e-11."""
+    scene = load_scenario(name).scene
+    t_s = np.linspace(0.0, 0.2 * scene.duration_s, 6)
+    open_truth, truth = solve_truth(scene, t_s), solve_truth(hidden(scene), t_s)
+    assert truth.kind == "certified"
+    bounds = np.array([truth.bound_rad, truth.bound_energy, truth.bound_momentum])
+    assert np.all(distances(scene, open_truth.trajectory, truth.trajectory) <= bounds + 1e-15)
+    assert np.max(bounds) <= 1e-11
+    apart = np.abs(truth.trajectory.position_m - open_truth.trajectory.position_m)
+    assert np.max(apart) <= 1e-12
+
+
+def test_switches_of_other_loads_are_met_exactly() -> None:
+    """Beside a function, a load that comes and goes between samples acts from its first moment to its last."""
+    pulses = (
+        Torque("body", np.array([0.3, 0.0, -0.2]), 0.123, 0.777),
+        PointForce("world", np.array([0.0, 1.0, 0.0]), np.array([0.2, 0.0, 0.1]), 0.5),
+    )
+    scene = load_scenario("detumbling").scene
+    pulsed = replace(scene, loads=(*scene.loads, *pulses))
+    t_s = np.array([0.0, 1.0])
+    truth = solve_truth(hidden(pulsed), t_s)
+    gaps = distances(pulsed, solve_truth(pulsed, t_s).trajectory, truth.trajectory)
+    assert np.all(gaps[0] <= truth.bound_rad + 1e-15)
+    assert truth.bound_rad[-1] <= 1e-12
+
+
+def test_a_function_that_jumps_is_only_estimated() -> None:
+    """Where halved steps do not come together as order 8 must, the truth does not call itself certified."""
+
+    def bang(t: float, *_: Array) -> tuple[Array, Array]:
+        sign = 1.0 if np.sin(37.0 * t) > 0.0 else -1.0
+        return np.zeros(3), sign * np.array([1.0, 2.0, 0.5])
+
+    scene = replace(load_scenario("detumbling").scene, loads=(BlackBox("tests:bang", bang),))
+    truth = solve_truth(scene, np.array([0.0, 1.0]))
+    assert truth.kind == "estimated"
+    assert truth.bound_rad[-1] > 1e-10
+
+
+def test_every_load_has_the_wrench_of_its_formula() -> None:
+    """The torsion spring pulls back along the rotation vector of R R(0)^T, in world axes."""
+    scene = load_scenario("torsion-spring").scene
+    rotation = load_scenario("heavy-top").scene.initial.rotation
+    still = (np.zeros(3), rotation, np.zeros(3), np.zeros(3))
+    force, torque = sum_of_wrenches(scene.loads, scene)(0.0, *still)
+    assert not force.any()
+    expected = -1.5 * log_quaternion(matrix_to_quaternion(rotation @ scene.initial.rotation.T))
+    assert torque == pytest.approx(expected, abs=1e-15)
+
+
+def test_a_force_that_is_not_finite_is_refused_by_its_time() -> None:
+    """A function's NaN is no truth: the message says when."""
+    nothing = BlackBox("tests:nan", lambda *_: (np.full(3, np.nan), np.zeros(3)))
+    scene = replace(load_scenario("detumbling").scene, loads=(nothing,))
+    with pytest.raises(ValueError, match="force at t = 0"):
+        solve_truth(scene, np.array([0.0, 1.0]))
+
+
+def test_times_may_be_none_or_the_start_alone() -> None:
+    """No times give no rows, and the start is the initial state."""
+    scene = hidden(load_scenario("detumbling").scene)
+    assert solve_truth(scene, np.zeros(0)).trajectory.attitude.shape == (0, 4)
+    start = solve_truth(scene, np.zeros(2)).trajectory
+    assert np.array_equal(start.omega_body, np.tile(scene.initial.omega_body, (2, 1)))

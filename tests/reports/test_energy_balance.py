@@ -1,0 +1,103 @@
+"""Work done is energy gained, along the truth of every forced scenario; invariants stay, and see faults."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from bodycheck.reference_impl.scene import Drag, GravityGradient, Scene
+from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reports.invariants import invariants_of, worst_drift
+from bodycheck.reports.measures import Motion
+from bodycheck.reports.work import power, working_loads
+from bodycheck.scenarios.library import load_scenario, load_scenarios
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_PANELS = 60
+
+FORCED = [
+    how
+    for how, scenario in load_scenarios(["forcings", "standard"])
+    if not scenario.scene.is_free_rotation or scenario.scene.gravity.any()
+]
+
+
+def imbalance(scene: Scene, working: Scene) -> float:
+    """max |E - E(0) - W| over max |E| + integral of |P|: one scene's motion, the work of another's loads."""
+    switches = scene.switches_before(scene.duration_s)
+    edges = np.unique([*np.linspace(0.0, scene.duration_s, _PANELS + 1), *switches])
+    middles, halves = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+    nodes = (middles[:, None] + halves[:, None] * _NODES).ravel()
+    truth = solve_truth(scene, np.concatenate([edges, nodes])).trajectory
+    energy = Motion.of(scene, truth).energy[: len(edges)]
+    work, total = [0.0], 0.0
+    for i, (begin, end) in enumerate(pairwise(edges)):
+        rates = power(scene, working_loads(working, begin, end), truth)[len(edges) :].reshape(-1, 12)[i]
+        work.append(work[-1] + halves[i] * float(_WEIGHTS @ rates))
+        total += halves[i] * float(_WEIGHTS @ np.abs(rates))
+    return float(np.max(np.abs(energy - energy[0] - work)) / (np.max(np.abs(energy)) + total))
+
+
+@pytest.mark.parametrize("name", FORCED)
+def test_work_done_is_energy_gained(name: str) -> None:
+    """The energy of the truth, springs and weight in it, changes by the work of all else, to 1e-13."""
+    scene = load_scenario(name).scene
+    assert imbalance(scene, scene) <= 1e-13
+
+
+@pytest.mark.parametrize("name", ["detumbling", "satellite-libration", "damped-fall"])
+def test_a_load_left_out_unbalances_the_energy(name: str) -> None:
+    """The balance above sees each load: without its work it is off by a part in a thousand or more."""
+    scene = load_scenario(name).scene
+    lighter = tuple(load for load in scene.loads if not isinstance(load, Drag | GravityGradient))
+    assert imbalance(scene, replace(scene, loads=lighter)) > 1e-3
+
+
+KEPT = {
+    "lagrange-top": {"spin about the symmetry axis", "vertical angular momentum about the pivot"},
+    "sleeping-top/9.0": {"spin about the symmetry axis", "vertical angular momentum about the pivot"},
+    "heavy-top": {"vertical angular momentum about the pivot"},
+    "kovalevskaya-top": {"Kovalevskaya's invariant", "vertical angular momentum about the pivot"},
+    "satellite-libration": {"Jacobi integral"},
+    "symmetric-top": {"spin about the symmetry axis"},
+    "torsion-spring": set(),
+    "detumbling": set(),
+    "self-excited": set(),
+}
+
+
+@pytest.mark.parametrize("name", KEPT)
+def test_the_truth_keeps_the_invariants_of_its_scene(name: str) -> None:
+    """Each invariant is found where it holds, and is constant along the truth to 1e-14 of its size."""
+    scene = load_scenario(name).scene
+    truth = solve_truth(scene, scene.sample_times).trajectory
+    found = invariants_of(scene)
+    assert {one.name for one in found} == KEPT[name]
+    for one in found:
+        values = one.of(truth)
+        assert np.max(np.abs(values - values[0])) <= 1e-14 * one.size(truth)
+
+
+@pytest.mark.parametrize("name", [name for name, kept in KEPT.items() if kept])
+def test_an_invariant_sees_a_motion_that_leaves_it(name: str) -> None:
+    """A damped copy of the truth drifts in each invariant; the worst is named, with its size as the scale."""
+    scene = load_scenario(name).scene
+    truth = solve_truth(scene, scene.sample_times).trajectory
+    damped = replace(
+        truth, omega_body_rad_s=truth.omega_body * np.linspace(1.0, 0.99, scene.samples)[:, None]
+    )
+    drifts = {
+        one.name: np.max(np.abs(one.of(damped) - one.of(truth))) / one.size(truth)
+        for one in invariants_of(scene)
+    }
+    assert min(drifts.values()) > 1e-4
+    worst = worst_drift(invariants_of(scene), truth, damped, slice(None))
+    assert worst is not None
+    assert worst.columns["invariant"] == max(drifts, key=lambda one: drifts[one])
+    assert worst.columns["invariant_drift"] == pytest.approx(max(drifts.values()))
+    early = worst_drift(invariants_of(scene), truth, damped, slice(1))
+    assert early is not None
+    assert early.columns["invariant_drift_abs"] == 0.0
