@@ -34,6 +34,24 @@ omega_body_rad_s = [0.3, 1.0, -0.2]
 """
 
 
+CALLED = (
+    SCENARIO
+    + """
+[[forcing]]
+kind = "callable"
+function = "loads:f"
+"""
+)
+FAMILY = (
+    SCENARIO
+    + """
+[[sweep]]
+key = "body.mass_kg"
+values = [1.0, 2.0]
+"""
+)
+
+
 def command(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Return what `bodycheck words` did in a folder."""
     return subprocess.run(
@@ -121,6 +139,18 @@ WRONG = {
         ["body", "mine:f", "--box-m", "-1,-1,-1,1,1,1", "--density-kg-m3", "1"],
         "mine:f: to import it runs its code; add --allow-code if you trust it",
     ),
+    "family for one scenario": (
+        ["truth", "family.toml", "--at", "0"],
+        "family.toml: is a family; name one of it: family.toml/1.0, family.toml/2.0",
+    ),
+    "function not allowed": (
+        ["run", "called.toml"],
+        "called.toml: forcing[0].function: loads:f: to import it runs its code; add --allow-code",
+    ),
+    "function that fails": (
+        ["truth", "called.toml", "--at", "0,1", "--allow-code"],
+        "loads:f: failed at t = 0.0 s: ZeroDivisionError: division by zero",
+    ),
     "judged file that is none": (["judge", "no.csv", "--scenario", "mine.toml"], "no.csv: cannot be read"),
     "unknown list": (["list", "colours"], "'colours' is not one of"),
     "unknown option": (["run", "--fast"], "No such option"),
@@ -132,15 +162,20 @@ def test_wrong_input_ends_with_status_2_and_one_clear_line(what: str, tmp_path: 
     """The message says what and where; no traceback, nothing written, standard output empty."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
     (tmp_path / "bad.toml").write_text(SCENARIO.replace("1.0\nsam", "-1.0\nsam"))
+    (tmp_path / "called.toml").write_text(CALLED)
+    (tmp_path / "family.toml").write_text(FAMILY)
+    (tmp_path / "loads.py").write_text("def f(*_):\n    return 1 / 0\n")
     (tmp_path / "used").mkdir()
     (tmp_path / "used/file").touch()
+    before = sorted(path.name for path in tmp_path.iterdir())
     words, message = WRONG[what]
     done = command(*words, cwd=tmp_path)
     assert done.returncode == 2
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.toml", "mine.toml", "used"]
+    left = sorted(path.name for path in tmp_path.iterdir() if path.name != "__pycache__")
+    assert left == before
 
 
 def test_truth_is_printed_as_csv_with_its_bound(tmp_path: Path) -> None:
@@ -183,6 +218,59 @@ def test_a_shape_and_a_users_function_are_bodies_too(tmp_path: Path) -> None:
     assert "estimated" in level_set.stdout.splitlines()[0]
     off = abs(found["body"]["mass_kg"] - exact["body"]["mass_kg"])
     assert 0.0 < off < 4.0 * found["solid"]["mass_standard_error_kg"] < 0.01
+
+
+def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
+    """Drag behind a function is the same motion as drag; a run with it ends, and says who cannot do it."""
+    (tmp_path / "called.toml").write_text(CALLED)
+    (tmp_path / "loads.py").write_text("def f(t, x, r, v, omega):\n    return -0.5 * v, -0.2 * omega\n")
+    drag = '[[forcing]]\nkind = "drag"\nlinear_n_s_m = 0.5\nangular_n_m_s = 0.2\n'
+    (tmp_path / "drag.toml").write_text(SCENARIO + drag)
+    times, allowed = ("--at", "0,0.5,1"), "--allow-code"
+    called = command("truth", "called.toml", *times, allowed, cwd=tmp_path)
+    written = command("truth", "drag.toml", *times, cwd=tmp_path)
+    assert called.returncode == written.returncode == 0, called.stderr + written.stderr
+    one, other = (
+        np.loadtxt(done.stdout.splitlines(), delimiter=",", skiprows=1) for done in (called, written)
+    )
+    assert np.max(np.abs(one - other)) <= 1e-12
+    (tmp_path / "drag.csv").write_text(written.stdout)
+    judged = command("judge", "drag.csv", "--scenario", "called.toml", allowed, cwd=tmp_path)
+    assert judged.returncode == 0, judged.stderr
+    measures = dict(line.split(maxsplit=1) for line in judged.stdout.splitlines() if len(line.split()) > 1)
+    assert measures["truth"] == "certified"
+    assert float(measures["orientation_error_rad"]) <= 1e-12
+    run = command(
+        "run",
+        "called.toml",
+        "--engine",
+        "reference:taylor",
+        "--no-speed",
+        allowed,
+        "--out",
+        "out",
+        cwd=tmp_path,
+    )
+    assert run.returncode == 0, run.stderr
+    results = pd.read_csv(tmp_path / "out/results.csv")
+    assert set(results["outcome"]) == {"unsupported"}
+    assert results["reproduce"].str.endswith("--allow-code").all()
+
+
+def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:
+    """Each child has its row, and the command beside it runs that child alone."""
+    (tmp_path / "family.toml").write_text(FAMILY)
+    done = command(
+        "run", "family.toml", "--engine", "reference:exact", "--no-speed", "--out", "out", cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    results = pd.read_csv(tmp_path / "out/results.csv")
+    assert results["scenario"].tolist() == ["mine/1.0", "mine/2.0"]
+    assert set(results["family"]) == {"mine"}
+    words = results["reproduce"][1].split()[1:]
+    again = command(*words, "--no-speed", "--out", "again", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert pd.read_csv(tmp_path / "again/results.csv")["scenario"].tolist() == ["mine/2.0"]
 
 
 def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import bodycheck
 from bodycheck.reports.trajectory_files import trajectory_table
-from bodycheck.scenarios.reader import parse_scenario
+from bodycheck.scenarios.reader import parse_members
 
 ROOT = Path(__file__).parents[1]
 
@@ -32,7 +32,9 @@ def commands() -> list[str]:
 def folder(tmp_path: Path) -> Path:
     """Return a folder with the files that the commands speak of."""
     (tmp_path / "my-scenario.toml").write_text(blocks("docs/scenarios.md", "toml")[0])
-    (tmp_path / "my_shapes.py").write_text(blocks("docs/scenarios.md", "python")[0])
+    loads, shapes = blocks("docs/scenarios.md", "python")
+    (tmp_path / "my_loads.py").write_text(loads)
+    (tmp_path / "my_shapes.py").write_text(shapes)
     truth = bodycheck.truth("intermediate-axis", [0.0, 1.0, 2.0]).trajectory
     trajectory_table(truth).to_csv(tmp_path / "my.csv", index=False)
     corners = ["0 0 0", "1 0 0", "0 1 0", "0 0 1"]
@@ -80,12 +82,16 @@ BODY = re.compile(r"^\[body\]\n.*?\n\n", flags=re.DOTALL | re.MULTILINE)
 
 
 @pytest.mark.parametrize("text", blocks("docs/scenarios.md", "toml"))
-def test_scenarios_of_the_docs_are_accepted(text: str, folder: Path) -> None:
-    """Each scenario shown is a good one, and so is the first with each of the other bodies in it."""
+def test_scenarios_of_the_docs_are_accepted(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each scenario shown is a good one, and so is the first with each of the other tables in or after it."""
+    monkeypatch.chdir(folder)
     first = blocks("docs/scenarios.md", "toml")[0]
-    whole = BODY.sub(text + "\n", first) if text.startswith("[body]") else text
+    whole = (
+        text if text == first else BODY.sub(text + "\n", first) if text.startswith("[body]") else first + text
+    )
     assert text in whole
-    assert parse_scenario(whole, "docs/scenarios.md", folder).scene.loads
+    members = parse_members(whole, "docs/scenarios.md", folder, allow_code=True)
+    assert all(scenario.scene.loads for scenario in members.values())
 
 
 def test_ci_runs_the_test_command_of_the_readme() -> None:

@@ -7,6 +7,7 @@ velocity; the method is Gauss's of twelve stages, order 24, in decimal arithmeti
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from decimal import Decimal, localcontext
 from functools import cache
 from itertools import pairwise
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.closeness import distances
 from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,
@@ -26,6 +28,7 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
 )
+from bodycheck.reference_impl.taylor_motion import TaylorMotion
 from bodycheck.reference_impl.truth import solve_truth
 from bodycheck.scenarios.library import load_scenario
 
@@ -281,7 +284,7 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_truth_of_forced_motion_lies_within_its_bounds(name: str) -> None:
-    """Angle, energy and momentum are as near to forty digits as the truth says; x, v and omega to round-off."""
+    """Angle, energy and momentum are as near to forty digits as is said; x, v and omega to round-off."""
     scene, (until, step) = load_scenario(name).scene, CASES[name]
     t_s = [0.0, 0.5 * until, until]
     truth = solve_truth(scene, np.array(t_s))
@@ -311,3 +314,23 @@ def test_truth_of_forced_motion_lies_within_its_bounds(name: str) -> None:
             for one, other in ((said_spin, spin), (said_position, position), (said_velocity, velocity)):
                 assert norm(plus(one, other, -1)) <= Decimal("2e-15") * (1 + norm(other))
     assert np.max(truth.bound_rad) <= 5e-15
+
+
+@pytest.mark.parametrize("name", ["heavy-top", "sleeping-top/9.0"])
+def test_the_prepared_series_of_a_pivoted_body_is_the_truth(name: str) -> None:
+    """In doubles too the body turns about its pivot, which stays, and its centre of mass follows."""
+    scene = load_scenario(name).scene
+    truth = solve_truth(scene, scene.sample_times).trajectory
+    found = TaylorMotion.of(scene, 1e-15).solve(scene.sample_times).trajectory
+    assert np.max(distances(scene, truth, found)) <= 1e-12
+    assert np.max(np.abs(found.position_m - truth.position_m)) <= 1e-12
+    assert np.max(np.abs(found.velocity_m_s - truth.velocity_m_s)) <= 1e-11
+    places = found.position_m + found.rotation_matrices @ scene.pivot
+    assert np.max(np.abs(places - places[0])) <= 1e-15
+
+
+def test_a_pivot_and_a_gravity_gradient_are_refused_together() -> None:
+    """No equations are known of a body in orbit about a planet that a pivot holds."""
+    scene = replace(load_scenario("satellite-libration").scene, pivot=np.array([0.0, 0.0, 1.0]))
+    with pytest.raises(ValueError, match="no gravity gradient can act on it"):
+        solve_truth(scene, np.array([1.0]))

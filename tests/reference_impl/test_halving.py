@@ -47,7 +47,7 @@ def test_a_function_gives_the_motion_of_the_loads_that_it_hides(name: str) -> No
 
 
 def test_switches_of_other_loads_are_met_exactly() -> None:
-    """Beside a function, a load that comes and goes between samples acts from its first moment to its last."""
+    """Beside a function, a load that comes and goes between samples acts from its first moment on."""
     pulses = (
         Torque("body", np.array([0.3, 0.0, -0.2]), 0.123, 0.777),
         PointForce("world", np.array([0.0, 1.0, 0.0]), np.array([0.2, 0.0, 0.1]), 0.5),
