@@ -122,7 +122,8 @@ def _methods(asked: Sequence[str] | None) -> tuple[tuple[tuple[Engine, Method], 
         if colon and method not in engine.methods:
             faults.append(f"{name} has no method {method!r}; it has {', '.join(engine.methods)}")
             continue
-        for chosen in [method] if colon else engine.methods:
+        fair = [name for name, facts in engine.methods.items() if not facts.on_request]
+        for chosen in [method] if colon else fair:
             methods[name, chosen] = (engine, engine.methods[chosen])
     if faults:
         raise InputError("\n".join(faults))

@@ -23,6 +23,8 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import Wrench
 
 Stepping: TypeAlias = Literal["native", "python"]
+DEFAULTS = "@defaults"
+"""The end of a method's name that leaves the engine's defaults as they are."""
 Control: TypeAlias = Literal["dt", "tolerance", "none"]
 
 
@@ -32,8 +34,9 @@ class Method:
 
     order is that of a smooth, torque-free motion in theory, None where there is none to expect.
     evaluations counts right-hand sides in a step. torque says when a torque is evaluated: at every
-    stage, once and held over the step, or nowhere but in a closed form. control says what it is told: the
-    step, a tolerance, or nothing; tolerances are those that a run uses unless told otherwise.
+    stage, once and held over the step, or nowhere but in a closed form; lasting says the same of loads that
+    vary with the time or the motion: held, they make any method one of order 1. control says what it is told:
+    the step, a tolerance, or nothing; tolerances are those that a run uses unless told otherwise.
     """
 
     name: str
@@ -46,6 +49,12 @@ class Method:
     control: Control = "dt"
     changed_defaults: tuple[str, ...] = ()
     tolerances: tuple[float, ...] = ()
+    lasting: Literal["every stage", "held over the step", "none"] = "held over the step"
+
+    @property
+    def on_request(self) -> bool:
+        """Whether the engine's defaults are untouched: measured only when asked for by name."""
+        return self.name.endswith(DEFAULTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +113,11 @@ class ReadBack:
 
 
 class Simulation(Protocol):
-    """One scene in one engine, by one method, at one step. Always closed after use."""
+    """One scene in one engine, by one method, at one step. Always closed after use.
+
+    The scene's timed loads are handed over by `apply`; its lasting loads act from the start, and the
+    simulation answers for them itself.
+    """
 
     stepping: Stepping
     """native: one call makes many steps; python: a Python call for each step."""
@@ -165,13 +178,9 @@ class SolvingAdapter(Adapter, Protocol):
         """Make a solver by such a method; the tolerance is None for one that has no control."""
 
 
-def beyond_constant_loads(scene: Scene) -> str | None:
-    """Say what a scene has besides gravity and loads that are constant while they act; None if nothing."""
-    kinds = sorted({type(load).__name__ for load in scene.lasting_loads})
-    found = [f"loads that vary with the time or the motion ({', '.join(kinds)})"] if kinds else []
-    found += ["a pivot"] if scene.pivot is not None else []
-    found += ["a link frame"] if scene.link is not None else []
-    return f"not yet supported here: {', '.join(found)}" if found else None
+def unknown_loads(scene: Scene) -> str | None:
+    """Say why an engine cannot take a load that only a function knows; None where the scene has none."""
+    return "a load that only a function knows is not taken to engines" if scene.has_black_box else None
 
 
 _STATE = 4e-15  # relative: a state passes at most through one change of axes
@@ -181,25 +190,30 @@ _BODY = 1e-12  # relative: an inertia may have been through an eigen-analysis
 def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str | None:
     """Say which of mass, inertia, step, gravity or initial state the engine holds wrongly, or None.
 
-    A quaternion may have changed its sign.
+    A quaternion may have changed its sign. What an engine holds of a place or an inertia with reference to
+    a pivot or to a link is compared to a part of that.
     """
     body, initial = scene.body, scene.initial
     faults: list[str] = []
+    arm = _arm(scene)
+    swing = arm * float(np.linalg.norm(initial.omega_body))
 
-    def compare(name: str, asked: Array | float, held: Array | float, relative: float = _STATE) -> None:
+    def compare(
+        name: str, asked: Array | float, held: Array | float, relative: float = _STATE, beside: float = 0.0
+    ) -> None:
         asked, held = np.asarray(asked, dtype=np.float64), np.asarray(held, dtype=np.float64)
-        slack = relative * float(np.max(np.abs(asked)))
+        slack = relative * (float(np.max(np.abs(asked))) + beside)
         if held.shape != asked.shape or not np.all(np.abs(held - asked) <= slack):
             faults.append(f"{name} is {_words(held)} in the engine, not {_words(asked)}")
 
     compare("mass", body.mass, found.mass)
-    compare("inertia", body.inertia, found.inertia, _BODY)
+    compare("inertia", body.inertia, found.inertia, _BODY, body.mass * arm * arm)
     if dt_s is not None:
         compare("step", dt_s, math.nan if found.dt_s is None else found.dt_s)
     compare("gravity", scene.gravity, found.gravity)
     state = found.state
-    compare("position", initial.position, state.position)
-    compare("velocity", initial.velocity, state.velocity)
+    compare("position", initial.position, state.position, beside=arm)
+    compare("velocity", initial.velocity, state.velocity, beside=swing)
     if state.quaternion is not None:
         sign = -1.0 if float(state.quaternion @ initial.quaternion) < 0.0 else 1.0
         compare("quaternion", initial.quaternion, sign * state.quaternion)
@@ -210,6 +224,12 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
     if state.omega_world is not None:
         compare("omega_world", initial.omega_world, state.omega_world)
     return "; ".join(faults) or None
+
+
+def _arm(scene: Scene) -> float:
+    """The distances in m from the centre of mass to where an engine may have its reference."""
+    link = 0.0 if scene.link is None else float(np.linalg.norm(scene.link.offset))
+    return link if scene.pivot is None else link + float(np.linalg.norm(scene.pivot))
 
 
 def _words(value: Array) -> str:

@@ -1,18 +1,24 @@
-"""DART: a skeleton of one body on a free joint, stepped as World.step does but without a world.
+"""DART: a skeleton of one body on a free or a ball joint, stepped as World.step does but without a world.
 
 A world would only add collision detection and deactivation to what is done here, digit for digit the
-same. The joint's velocities are (omega, velocity) in world axes; its positions are a rotation vector
-and the origin, here the centre of mass.
+same. A free joint's velocities are (omega, velocity) in world axes; its positions are a rotation vector
+and the place of the joint's frame, here the centre of mass. A ball joint's are omega in body axes and a
+rotation vector.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import dartpy
 import numpy as np
 
-from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping, beyond_constant_loads
+from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping, unknown_loads
+from bodycheck.adapters.held import HeldLoads
+from bodycheck.adapters.link_frame import LinkFrame, link_frame, pivot_place
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
@@ -26,6 +32,7 @@ _SEMI_IMPLICIT = Method(
     source="DART World::step: Skeleton::computeForwardDynamics, integrateVelocities, integratePositions",
     changed_defaults=("no world: no collision detection, no deactivation",),
 )
+_UNTOUCHED = replace(_SEMI_IMPLICIT, name=f"{_SEMI_IMPLICIT.name}{DEFAULTS}", changed_defaults=())
 
 
 class Dart:
@@ -33,15 +40,15 @@ class Dart:
 
     name = "dart"
     version: str = dartpy.__version__
-    methods: Mapping[str, Method] = {_SEMI_IMPLICIT.name: _SEMI_IMPLICIT}
+    methods: Mapping[str, Method] = {method.name: method for method in (_SEMI_IMPLICIT, _UNTOUCHED)}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Refuse what is not built."""
-        return beyond_constant_loads(scene)
+        return unknown_loads(scene)
 
-    def build(self, scene: Scene, method: str, dt_s: float) -> DartSimulation:  # noqa: ARG002 - there is one
-        """Make a skeleton of one body."""
-        return DartSimulation(scene, dt_s)
+    def build(self, scene: Scene, method: str, dt_s: float) -> DartSimulation:
+        """Make a skeleton of one body; with the defaults untouched, in a world."""
+        return DartSimulation(scene, dt_s, in_world=method == _UNTOUCHED.name)
 
 
 class DartSimulation:
@@ -49,21 +56,44 @@ class DartSimulation:
 
     stepping: Stepping = "python"
 
-    def __init__(self, scene: Scene, dt_s: float) -> None:
-        self._initial = scene.initial
+    def __init__(self, scene: Scene, dt_s: float, *, in_world: bool) -> None:
+        self._initial, self._pivot = scene.initial, scene.pivot
+        link = link_frame(scene)
+        self._axes, self._centre = link.rotation, link.point(_ORIGIN)
         self._skeleton = dartpy.dynamics.Skeleton("body")
-        self._joint, self._body = self._skeleton.createFreeJointAndBodyNodePair()
-        self._body.setInertia(dartpy.dynamics.Inertia(scene.body.mass, _CENTRE, scene.body.inertia))
+        self._joint, self._body = self._jointed(scene, link)
+        inertia = self._axes.T @ scene.body.inertia @ self._axes
+        self._body.setInertia(dartpy.dynamics.Inertia(scene.body.mass, self._centre, inertia))
         self._skeleton.setGravity(scene.gravity)
         self._skeleton.setTimeStep(dt_s)
+        self._world = dartpy.simulation.World() if in_world else None
+        if self._world is not None:
+            self._world.setGravity(scene.gravity)
+            self._world.setTimeStep(dt_s)
+            self._world.addSkeleton(self._skeleton)
+        self._lasting = HeldLoads(scene, dt_s)
         self.reset()
+
+    def _jointed(self, scene: Scene, link: LinkFrame) -> tuple[Any, Any]:
+        """Make the body on a free joint at its centre of mass, or on a ball joint at its pivot.
+
+        The joint's frame has the body axes: DART integrates the velocity of the joint's place.
+        """
+        if scene.pivot is None:
+            joint, body = self._skeleton.createFreeJointAndBodyNodePair()
+            joint.setTransformFromChildBodyNode(_pose(link.point(_ORIGIN), link.rotation.T))
+        else:
+            joint, body = self._skeleton.createBallJointAndBodyNodePair()
+            joint.setTransformFromChildBodyNode(_pose(link.point(scene.pivot), link.rotation.T))
+            joint.setTransformFromParentBodyNode(_pose(pivot_place(scene), np.eye(3)))
+        return joint, body
 
     def read_back(self) -> ReadBack:
         """Ask the skeleton."""
         inertia = self._body.getInertia()
         return ReadBack(
             mass=inertia.getMass(),
-            inertia=np.array(inertia.getMoment()),
+            inertia=self._axes @ np.array(inertia.getMoment()) @ self._axes.T,
             dt_s=self._skeleton.getTimeStep(),
             gravity=np.array(self._skeleton.getGravity()),
             state=self.read(),
@@ -72,34 +102,43 @@ class DartSimulation:
     def reset(self) -> None:
         """Set the initial state and no wrench."""
         initial = self._initial
-        pose = dartpy.math.Isometry3()
-        pose.set_rotation(initial.rotation)
-        pose.set_translation(initial.position)
-        self._joint.setTransform(pose)
-        self._joint.setLinearVelocity(initial.velocity)
-        self._joint.setAngularVelocity(initial.omega_world)
+        rotation_vector = dartpy.dynamics.BallJoint.convertToPositions(initial.rotation)
+        if self._pivot is None:
+            self._joint.setPositions(np.concatenate([rotation_vector, initial.position]))
+            self._joint.setVelocities(np.concatenate([initial.omega_world, initial.velocity]))
+        else:
+            self._joint.setPositions(rotation_vector)
+            self._joint.setVelocities(initial.omega_body)
         self._is_lost = False
+        self._lasting.reset()
         self.apply(NO_WRENCH)
 
     def apply(self, wrench: Wrench) -> None:
         """Hand over the wrench: nothing here clears forces between steps.
 
-        What is given to the joint stays fixed in world axes. An external force stays fixed in body axes,
+        What is given to a free joint stays fixed in world axes. An external force stays fixed in body axes,
         even one given in world axes, so the loads of the world at body points are renewed in every step.
         """
         self._wrench = wrench
-        self._joint.setForces(np.concatenate([wrench.torque_world, wrench.force_world]))
+        if self._pivot is None:
+            self._joint.setForces(np.concatenate([wrench.torque_world, wrench.force_world]))
         self._renew_external_forces()
 
     def advance(self, steps: int) -> None:
         """Make each step by three calls; a lost state stays lost, without DART's three warnings a step."""
         if self._is_lost:
             return
-        skeleton, turns_with_body = self._skeleton, bool(self._wrench.point_forces)
+        skeleton = self._skeleton
+        renewed = bool(self._wrench.point_forces) or bool(self._lasting) or self._pivot is not None
         dt_s = skeleton.getTimeStep()
         for _ in range(steps):
-            if turns_with_body:
+            if renewed:
                 self._renew_external_forces()
+            if self._lasting:
+                self._add_lasting()
+            if self._world is not None:
+                self._world.step(False)  # forces stay
+                continue
             skeleton.computeForwardDynamics()
             skeleton.integrateVelocities(dt_s)
             skeleton.integratePositions(dt_s)
@@ -109,29 +148,50 @@ class DartSimulation:
 
         It is NaN where the joint's rotation vector is: there DART shows the identity instead.
         """
-        positions, velocities = np.array(self._joint.getPositions()), np.array(self._joint.getVelocities())
-        rotation = np.array(self._body.getWorldTransform().rotation())
-        self._is_lost = not np.all(np.isfinite(positions))
+        position, rotation, velocity, omega_world = self._state()
+        self._is_lost = not np.all(np.isfinite(self._joint.getPositions()))
         if self._is_lost:
-            rotation[:] = np.nan
-        return Reading(
-            position=positions[3:],
-            velocity=velocities[3:],
-            rotation=rotation,
-            omega_world=velocities[:3],
-        )
+            rotation = np.full((3, 3), np.nan)
+        return Reading(position=position, velocity=velocity, rotation=rotation, omega_world=omega_world)
+
+    def _state(self) -> tuple[Array, Array, Array, Array]:
+        """Return position, rotation, velocity and omega of the body, in world axes."""
+        positions, velocities = np.array(self._joint.getPositions()), np.array(self._joint.getVelocities())
+        rotation = np.array(self._body.getWorldTransform().rotation()) @ self._axes.T
+        if self._pivot is None:
+            return positions[3:], rotation, velocities[3:], velocities[:3]
+        omega = rotation @ velocities
+        arm = rotation @ -self._pivot
+        place = np.array(self._joint.getTransformFromParentBodyNode().translation())
+        return place + arm, rotation, np.cross(omega, arm), omega
 
     def close(self) -> None:
         """Do nothing: the skeleton goes with this object."""
 
     def _renew_external_forces(self) -> None:
         """Give the body's own loads, and the world's at body points for the present orientation."""
-        wrench, body = self._wrench, self._body
+        wrench, body, axes = self._wrench, self._body, self._axes
         body.clearExternalForces()
-        body.addExtTorque(wrench.torque_body, True)
-        body.addExtForce(wrench.force_body, _CENTRE, True, True)
+        body.addExtTorque(wrench.torque_body @ axes, True)
+        body.addExtForce(wrench.force_body @ axes, self._centre, True, True)
         for at, force in wrench.point_forces:
-            body.addExtForce(force, at, False, True)
+            body.addExtForce(force, self._centre + at @ axes, False, True)
+        if self._pivot is not None:
+            body.addExtForce(wrench.force_world, self._centre, False, True)
+            body.addExtTorque(wrench.torque_world, False)
+
+    def _add_lasting(self) -> None:
+        """Add the lasting loads of the present state, to be held over the step."""
+        force_and_torque = self._lasting.next_step(*self._state())
+        self._body.addExtForce(force_and_torque[:3], self._centre, False, True)
+        self._body.addExtTorque(force_and_torque[3:], False)
 
 
-_CENTRE = np.zeros(3)
+def _pose(place: Array, rotation: Array) -> Any:
+    pose = dartpy.math.Isometry3()
+    pose.set_rotation(rotation)
+    pose.set_translation(place)
+    return pose
+
+
+_ORIGIN = np.zeros(3)

@@ -1,23 +1,35 @@
-"""MuJoCo: one free body without geometry, by every integrator of the installed version.
+"""MuJoCo: one body without geometry, free or on its pivot, by every integrator of the installed version.
 
-qpos is the position of the body's origin, here its centre of mass, and its quaternion; qvel is the
-velocity of that point in world axes and omega in body axes. What mj_step leaves in xpos, xmat and the
-sensors is a step old, so everything is read from qpos and qvel.
+qpos is the position of the joint's frame, at the centre of mass of a free body, and its quaternion; qvel is
+the velocity of that point in world axes and omega in the frame's axes. What mj_step leaves in xpos, xmat
+and the sensors is a step old, so everything is read from qpos and qvel.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
-from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping, beyond_constant_loads
+from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping, unknown_loads
+from bodycheck.adapters.mujoco_model import (
+    BODY,
+    OFF,
+    PASSIVE_OFF,
+    Point,
+    compiled,
+    joint_axes,
+    loaded_points,
+)
+from bodycheck.adapters.mujoco_passive import PassiveLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.rotations import matrix_to_quaternion
-from bodycheck.reference_impl.scene import PointForce, Scene
+from bodycheck.reference_impl.lasting import packed_lasting
+from bodycheck.reference_impl.rotations import conjugate, quaternion_product
+from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
 
 _MANUAL = "MuJoCo documentation, Computation, Numerical integration"
@@ -41,6 +53,7 @@ _KNOWN = {
         order=4,
         evaluations=4,
         torque="every stage",
+        lasting="every stage",
         keeps=_KEEPS,
         source=_MANUAL,
         changed_defaults=_CHANGED,
@@ -57,22 +70,14 @@ _INTEGRATORS = {
     if (label := member.removeprefix("mjINT_").lower()) in _KNOWN
 }
 
-_OFF = (
-    mujoco.mjtDisableBit.mjDSBL_AUTORESET,  # it would put a body that grew unstable back to rest, in silence
-    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT,
-    mujoco.mjtDisableBit.mjDSBL_CONTACT,
-    mujoco.mjtDisableBit.mjDSBL_SPRING,
-    mujoco.mjtDisableBit.mjDSBL_DAMPER,
-    mujoco.mjtDisableBit.mjDSBL_EULERDAMP,
-    mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL,
-    mujoco.mjtDisableBit.mjDSBL_SENSOR,
-)
+_UNTOUCHED = replace(_KNOWN["euler"], name=f"euler{DEFAULTS}", changed_defaults=())
 
 # With autoreset off, BADQPOS, BADQVEL and BADQACC only say that a number is large or not finite, and the
 # state tells that itself. After these two the engine went on with other numbers than it was given.
 _ALTERING = (mujoco.mjtWarning.mjWARN_INERTIA, mujoco.mjtWarning.mjWARN_BADCTRL)
 
-_BODY = 1  # body 0 is the world
+# The times of a step's evaluations, in steps.
+_NODES = {"rk4": (0.0, 0.5, 0.5, 1.0)}
 
 
 class MuJoCo:
@@ -80,11 +85,14 @@ class MuJoCo:
 
     name = "mujoco"
     version: str = mujoco.__version__
-    methods: Mapping[str, Method] = {label: _KNOWN[label] for label in _INTEGRATORS}
+    methods: Mapping[str, Method] = {
+        **{label: _KNOWN[label] for label in _INTEGRATORS},
+        _UNTOUCHED.name: _UNTOUCHED,
+    }
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Refuse what is not built, and a mass or a moment below mjMINVAL, as MuJoCo's compiler does."""
-        if reason := beyond_constant_loads(scene):
+        if reason := unknown_loads(scene):
             return reason
         moments, _ = diagonalised(scene.body.inertia)
         smallest = min(scene.body.mass, float(np.min(moments)))
@@ -93,8 +101,8 @@ class MuJoCo:
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> MuJoCoSimulation:
-        """Compile a model of one free body, with the actuators that the scene's loads need."""
-        return MuJoCoSimulation(scene, _INTEGRATORS[method], dt_s)
+        """Compile a model of one body, with the actuators that the scene's loads need."""
+        return MuJoCoSimulation(scene, method, dt_s)
 
 
 class MuJoCoSimulation:
@@ -102,20 +110,29 @@ class MuJoCoSimulation:
 
     stepping: Stepping = "native"
 
-    def __init__(self, scene: Scene, integrator: mujoco.mjtIntegrator, dt_s: float) -> None:
-        self._initial = scene.initial
-        self._points = _loaded_points(scene)
-        self._model = _compiled(scene, integrator, dt_s, self._points)
+    def __init__(self, scene: Scene, method: str, dt_s: float) -> None:
+        label = method.removesuffix(DEFAULTS)
+        loads = packed_lasting(scene)
+        off = () if label != method else OFF if len(loads) else OFF + PASSIVE_OFF
+        self._initial, self._pivot = scene.initial, scene.pivot
+        self._points = loaded_points(scene)
+        self._model = compiled(scene, _INTEGRATORS[label], dt_s, self._points, off)
+        self._quaternion, self._axes = joint_axes(scene)
+        self._lasting: PassiveLoads | None = None
+        if len(loads):
+            nodes = _NODES.get(label, (0.0,))
+            pivot = None if scene.pivot is None else (self._anchor(), -scene.pivot)
+            self._lasting = PassiveLoads(loads, self._axes.T, pivot, dt_s, nodes)
         self._data = mujoco.MjData(self._model)
         self.reset()
 
     def read_back(self) -> ReadBack:
         """Read mjModel and mjData."""
         model = self._model
-        axes = _matrix(model.body_iquat[_BODY])
+        axes = self._axes @ _matrix(model.body_iquat[BODY])
         return ReadBack(
-            mass=float(model.body_mass[_BODY]),
-            inertia=axes @ np.diag(model.body_inertia[_BODY]) @ axes.T,
+            mass=float(model.body_mass[BODY]),
+            inertia=axes @ np.diag(model.body_inertia[BODY]) @ axes.T,
             dt_s=float(model.opt.timestep),
             gravity=model.opt.gravity.copy(),
             state=self.read(),
@@ -125,8 +142,12 @@ class MuJoCoSimulation:
         """mj_resetData, which clears forces and controls too, and the initial state."""
         data, initial = self._data, self._initial
         mujoco.mj_resetData(self._model, data)
-        data.qpos[:3], data.qpos[3:] = initial.position, initial.quaternion
-        data.qvel[:3], data.qvel[3:] = initial.velocity, initial.omega_body
+        data.qpos[-4:] = quaternion_product(initial.quaternion, self._quaternion)
+        data.qvel[-3:] = initial.omega_body @ self._axes
+        if self._pivot is None:
+            data.qpos[:3], data.qvel[:3] = initial.position, initial.velocity
+        if self._lasting is not None:
+            self._lasting.reset()
 
     def apply(self, wrench: Wrench) -> None:
         """Write the wrench where the engine turns it into body axes at every stage by itself.
@@ -134,9 +155,9 @@ class MuJoCoSimulation:
         Raises ValueError for a load that the scene of this simulation has not.
         """
         data = self._data
-        data.qfrc_applied[:3] = wrench.force_world  # the origin is the centre of mass
-        data.qfrc_applied[3:] = wrench.torque_body
-        data.xfrc_applied[_BODY, 3:] = wrench.torque_world
+        data.xfrc_applied[BODY, :3] = wrench.force_world
+        data.qfrc_applied[-3:] = wrench.torque_body @ self._axes
+        data.xfrc_applied[BODY, 3:] = wrench.torque_world
         if self._model.nu:
             self._model.actuator_gear[:, :3] = 0.0
             data.ctrl[:] = 1.0
@@ -147,7 +168,8 @@ class MuJoCoSimulation:
 
     def advance(self, steps: int) -> None:
         """One call of mj_step."""
-        with _unheard():
+        lasting = nullcontext() if self._lasting is None else self._lasting.acting_on(self._data, steps)
+        with _unheard(), lasting:
             mujoco.mj_step(self._model, self._data, nstep=steps)
 
     def read(self) -> Reading:
@@ -157,18 +179,28 @@ class MuJoCoSimulation:
         """
         self._raise_altering_warnings()
         qpos, qvel = self._data.qpos.copy(), self._data.qvel.copy()
+        rotation = _matrix(qpos[-4:])
+        if self._pivot is None:
+            position, velocity = qpos[:3], qvel[:3]
+        else:
+            arm = rotation @ (self._model.body_ipos[BODY] - self._model.jnt_pos[0])
+            position, velocity = self._anchor() + arm, np.cross(rotation @ qvel[-3:], arm)
         return Reading(
-            position=qpos[:3],
-            velocity=qvel[:3],
-            quaternion=qpos[3:],
-            rotation=_matrix(qpos[3:]),
-            omega_body=qvel[3:],
+            position=position,
+            velocity=velocity,
+            quaternion=quaternion_product(qpos[-4:], conjugate(self._quaternion)),
+            rotation=rotation @ self._axes.T,
+            omega_body=self._axes @ qvel[-3:],
         )
 
     def close(self) -> None:
         """Do nothing: the model and the data go with this object."""
 
-    def _push(self, point: _Point, force: Array) -> None:
+    def _anchor(self) -> Array:
+        """Return where in the world the ball joint is: the frame of the body was set down unturned."""
+        return np.asarray(self._model.body_pos[BODY] + self._model.jnt_pos[0])
+
+    def _push(self, point: Point, force: Array) -> None:
         if point not in self._points:
             raise ValueError(f"no load of the scene acts at {point}")
         self._model.actuator_gear[self._points.index(point), :3] += force
@@ -178,62 +210,6 @@ class MuJoCoSimulation:
         for warning in _ALTERING:
             if counts[warning]:
                 raise RuntimeError(f"MuJoCo warned of {warning.name} in {counts[warning]} evaluations")
-
-
-# A body-fixed point where a world force acts; None for the body-fixed forces, summed at the centre of mass.
-_Point = tuple[float, ...] | None
-
-
-def _loaded_points(scene: Scene) -> tuple[_Point, ...]:
-    """Return where site actuators are needed, each once."""
-    forces = [load for load in scene.loads if isinstance(load, PointForce)]
-    points: dict[_Point, None] = {}
-    for force in forces:
-        if force.axes == "body":
-            points[None] = None
-        elif np.any(force.at):
-            points[tuple(force.at)] = None
-    return tuple(points)
-
-
-def _compiled(
-    scene: Scene, integrator: mujoco.mjtIntegrator, dt_s: float, points: tuple[_Point, ...]
-) -> mujoco.MjModel:
-    """Compile through MjSpec: XML would round every number to six digits."""
-    spec = mujoco.MjSpec()
-    spec.option.integrator = integrator
-    spec.option.timestep = dt_s
-    spec.option.gravity = scene.gravity
-    spec.option.disableflags = sum(int(bit) for bit in _OFF)
-
-    moments, axes = diagonalised(scene.body.inertia)
-    body = spec.worldbody.add_body(name="body")
-    body.add_freejoint()
-    body.mass = scene.body.mass
-    body.ipos = np.zeros(3)  # left unset, the compiler drops iquat without a word
-    body.iquat = matrix_to_quaternion(axes)
-    # A flat plate's moments may break the triangle inequality by a round-off, which the compiler refuses.
-    body.inertia = np.minimum(moments, np.roll(moments, 1) + np.roll(moments, 2))
-
-    if points:
-        spec.worldbody.add_site(name="world")
-    for number, point in enumerate(points):
-        _add_force(spec, body, f"point-{number}", point)
-    model = spec.compile()
-    if not np.array_equal(model.body_inertia[_BODY], moments):
-        model.body_inertia[_BODY] = moments
-        # The mass matrix of a simple body is not computed in a step but copied from dof_M0.
-        mujoco.mj_setConst(model, mujoco.MjData(model))
-    return model
-
-
-def _add_force(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, point: _Point) -> None:
-    """Add an actuator whose gear will be the force: one actuator a point costs less than one a component."""
-    body.add_site(name=name, pos=point or (0.0, 0.0, 0.0))
-    axes_of_the_world = "" if point is None else "world"
-    spec.add_actuator(
-        name=name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=name, refsite=axes_of_the_world, gear=np.zeros(6)
-    )
 
 
 def _matrix(quaternion: Array) -> Array:

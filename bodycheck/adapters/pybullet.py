@@ -8,14 +8,19 @@ after each call of stepSimulation, and turns torques in body axes into world axe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 
 import numpy as np
 import pybullet
 
-from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping, beyond_constant_loads
+from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping, unknown_loads
+from bodycheck.adapters.held import HeldLoads
+from bodycheck.adapters.link_frame import link_frame
+from bodycheck.adapters.pybullet_pivot import PivotedPyBulletSimulation
+from bodycheck.adapters.pybullet_substeps import powers_of_two, set_substeps
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import conjugate, hat, matrix_to_quaternion, quaternion_product
@@ -45,7 +50,10 @@ _MAXIMAL = Method(
     changed_defaults=("deactivation off", "one step at rest before the start, to refresh the world inertia"),
 )
 
-_MAX_SUBSTEPS = 2**16  # 50 ms: no longer between two chances of an interrupt
+_UNTOUCHED = tuple(
+    replace(method, name=f"{method.name}{DEFAULTS}", changed_defaults=changed)
+    for method, changed in ((_MULTIBODY, ()), (_MAXIMAL, _MAXIMAL.changed_defaults[1:]))
+)
 
 
 class PyBullet:
@@ -53,19 +61,30 @@ class PyBullet:
 
     name = "pybullet"
     version: str = version("pybullet")
-    methods: Mapping[str, Method] = {method.name: method for method in (_MULTIBODY, _MAXIMAL)}
+    methods: Mapping[str, Method] = {method.name: method for method in (_MULTIBODY, _MAXIMAL, *_UNTOUCHED)}
 
     def __init__(self) -> None:
         self._idle_clients: list[int] = []  # connecting costs a hundred times what building a body does
 
-    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse what is not built. Beyond |omega| h = pi/4 a step Bullet turns a body by less than that."""
-        return beyond_constant_loads(scene)
+    def unsupported(self, scene: Scene, method: str) -> str | None:
+        """Refuse some pivots. Beyond |omega| h = pi/4 in a step Bullet turns the body by less than that."""
+        if reason := unknown_loads(scene):
+            return reason
+        if scene.pivot is None:
+            return None
+        if method != _MULTIBODY.name:
+            return f"{method} has no pivot that holds: Bullet ties rigid bodies by springs of its solver"
+        if scene.link is not None:
+            return "Bullet turns a pivoted link in its principal axes at the pivot, and in no other frame"
+        return None
 
-    def build(self, scene: Scene, method: str, dt_s: float) -> PyBulletSimulation:
+    def build(self, scene: Scene, method: str, dt_s: float) -> PyBulletSimulation | PivotedPyBulletSimulation:
         """Build the body in a world of its own."""
         client = self._idle_clients.pop() if self._idle_clients else pybullet.connect(pybullet.DIRECT)
-        return PyBulletSimulation(scene, method == "maximal", dt_s, client, self._idle_clients.append)
+        give_back = self._idle_clients.append
+        if scene.pivot is not None:
+            return PivotedPyBulletSimulation(scene, dt_s, client, give_back)
+        return PyBulletSimulation(scene, method, dt_s, client, give_back)
 
 
 class PyBulletSimulation:
@@ -74,15 +93,17 @@ class PyBulletSimulation:
     stepping: Stepping
 
     def __init__(
-        self, scene: Scene, maximal: bool, dt_s: float, client: int, give_back: Callable[[int], None]
+        self, scene: Scene, method: str, dt_s: float, client: int, give_back: Callable[[int], None]
     ) -> None:
-        self.stepping = "native" if all(_is_uniform(load) for load in scene.timed_loads) else "python"
+        turning = scene.lasting_loads or not all(_is_uniform(load) for load in scene.timed_loads)
+        self.stepping = "python" if turning else "native"
         self._client, self._give_back, self._closed = client, give_back, False
         self._gravity, self._dt_s = scene.gravity, dt_s
-        moments, self._axes = diagonalised(scene.body.inertia)
+        _, self._axes = diagonalised(scene.body.inertia)
         self._axes_quaternion = matrix_to_quaternion(self._axes)
         self._initial = scene.initial
-        self._body = _add_body(client, scene.body.mass, moments, maximal)
+        self._lasting = HeldLoads(scene, dt_s)
+        self._body = _add_body(client, scene, method)
         self.reset()
 
     def read_back(self) -> ReadBack:
@@ -105,10 +126,11 @@ class PyBulletSimulation:
         # torque would act on a zero inverse inertia.
         self._set_state(at_rest, at_rest)
         pybullet.setGravity(0.0, 0.0, 0.0, physicsClientId=self._client)
-        self._set_substeps(1)
+        set_substeps(self._client, self._dt_s, 1)
         pybullet.stepSimulation(self._client)
         pybullet.setGravity(*self._gravity, physicsClientId=self._client)
         self._set_state(self._initial.velocity, self._initial.omega_world)
+        self._lasting.reset()
 
     def apply(self, wrench: Wrench) -> None:
         """Prepare the engine's calls, which advance makes before each step or call of many steps."""
@@ -134,13 +156,15 @@ class PyBulletSimulation:
 
     def advance(self, steps: int) -> None:
         """Make many steps in one call, unless the wrench must be turned with the body at each of them."""
-        if self._turns_with_body:
-            self._set_substeps(1)
+        if self._turns_with_body or self._lasting:
+            set_substeps(self._client, self._dt_s, 1)
             for _ in range(steps):
+                if self._lasting:
+                    self._push_lasting()
                 self._step()
         else:
-            for substeps in _powers_of_two(steps):
-                self._set_substeps(substeps)
+            for substeps in powers_of_two(steps):
+                set_substeps(self._client, self._dt_s, substeps)
                 self._step()
 
     def read(self) -> Reading:
@@ -167,15 +191,15 @@ class PyBulletSimulation:
             push()
         pybullet.stepSimulation(self._client)
 
-    def _set_substeps(self, count: int) -> None:
-        """Let one call make this many steps, a power of two.
-
-        Then count dt_s, and count dt_s / count, are exact: Bullet makes int(fixedTimeStep / substep) steps,
-        and would lose one to a round-off.
-        """
-        pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=count * self._dt_s, numSubSteps=count, physicsClientId=self._client
-        )
+    def _push_lasting(self) -> None:
+        """Apply the lasting loads of the present state, to be held over the step."""
+        position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
+        velocity, omega = pybullet.getBaseVelocity(self._body, self._client)
+        rotation = _matrix(quaternion) @ self._axes.T
+        held = self._lasting.next_step(np.array(position), rotation, np.array(velocity), np.array(omega))
+        world = pybullet.WORLD_FRAME
+        pybullet.applyExternalForce(self._body, -1, held[:3], position, world, self._client)
+        pybullet.applyExternalTorque(self._body, -1, held[3:], world, self._client)
 
     def _set_state(self, velocity: Array, omega_world: Array) -> None:
         """Set the initial pose and a velocity."""
@@ -196,38 +220,41 @@ class PyBulletSimulation:
         pybullet.applyExternalTorque(self._body, -1, torque, world, self._client)
 
 
-def _add_body(client: int, mass: float, moments: Array, maximal: bool) -> int:
-    """Empty the world and put one body into it."""
+def _add_body(client: int, scene: Scene, method: str) -> int:
+    """Empty the world and put one body into it, its inertial frame where it is seen from the link."""
     pybullet.resetSimulation(physicsClientId=client)
-    body: int = pybullet.createMultiBody(baseMass=mass, useMaximalCoordinates=maximal, physicsClientId=client)
-    # A body without a shape has no inertia, and setting one without the mass makes a btRigidBody static.
-    pybullet.changeDynamics(
-        body,
-        -1,
-        mass=mass,
-        localInertiaDiagonal=moments,
-        linearDamping=0.0,
-        angularDamping=0.0,
-        maxJointVelocity=math.inf,  # it clamps the components of the base's velocities too
-        activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
-        physicsClientId=client,
+    moments, axes = diagonalised(scene.body.inertia)
+    frame = {}
+    if scene.link is not None:
+        link = link_frame(scene)
+        w, x, y, z = link.turned(matrix_to_quaternion(axes))
+        frame = {
+            "baseInertialFramePosition": link.point(np.zeros(3)),
+            "baseInertialFrameOrientation": (x, y, z, w),
+        }
+    maximal, mass = method.startswith(_MAXIMAL.name), scene.body.mass
+    body: int = pybullet.createMultiBody(
+        baseMass=mass, useMaximalCoordinates=maximal, physicsClientId=client, **frame
     )
+    # A body without a shape has no inertia, and setting one without the mass makes a btRigidBody static.
+    give = partial(
+        pybullet.changeDynamics, body, -1, mass=mass, localInertiaDiagonal=moments, physicsClientId=client
+    )
+    if method.endswith(DEFAULTS):
+        give()
+    else:
+        give(
+            linearDamping=0.0,
+            angularDamping=0.0,
+            maxJointVelocity=math.inf,  # it clamps the components of the base's velocities too
+            activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+        )
     return body
 
 
 def _is_uniform(load: Timed) -> bool:
     """Tell whether the load is constant in world axes, however the body turns."""
     return load.axes == "world" and not (isinstance(load, PointForce) and bool(np.any(load.at)))
-
-
-def _powers_of_two(steps: int) -> Iterator[int]:
-    """Yield powers of two, none above _MAX_SUBSTEPS, that sum up to steps."""
-    whole, rest = divmod(steps, _MAX_SUBSTEPS)
-    for _ in range(whole):
-        yield _MAX_SUBSTEPS
-    for place in reversed(range(rest.bit_length())):
-        if rest >> place & 1:
-            yield 1 << place
 
 
 def _matrix(quaternion: tuple[float, ...]) -> Array:

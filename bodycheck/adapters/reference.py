@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import version
@@ -22,8 +23,10 @@ from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.exact import closed_form_of
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.lasting import packed_lasting
+from bodycheck.reference_impl.pivoted import about_pivot, load_about
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
-from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.taylor_motion import TaylorMotion
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
@@ -36,6 +39,7 @@ _EXACT = Method(
     order=None,
     evaluations=None,
     torque="in closed form",
+    lasting="in closed form",
     keeps="everything, to round-off",
     source="Jacobi (1849); van Zon and Schofield (2007), J. Comput. Phys. 225, 145",
     control="none",
@@ -48,6 +52,7 @@ _TAYLOR = Method(
     order=None,
     evaluations=None,
     torque="every stage",
+    lasting="every stage",
     keeps="everything, to the tolerance a step",
     source="Jorba and Zou (2005), Experimental Mathematics 14, 99",
     control="tolerance",
@@ -62,6 +67,7 @@ def _method_of(integrator: Integrator) -> Method:
         order=integrator.order,
         evaluations=integrator.evaluations,
         torque=integrator.torque,
+        lasting=integrator.lasting,
         keeps=integrator.keeps,
         source=integrator.source,
     )
@@ -77,12 +83,17 @@ class FixedStep:
 
     def __init__(self, scene: Scene, integrator: Integrator, dt_s: float) -> None:
         self._scene, self._integrator, self._dt_s = scene, integrator, dt_s
-        self._body = packed_body(scene.body)
+        # A pivoted body is stepped as one that turns about the pivot, which no force moves.
+        self._stepped = about_pivot(scene)
+        self._body = packed_body(self._stepped.body)
+        if scene.pivot is not None:
+            self._body[0] = math.inf
+        self._lasting = packed_lasting(self._stepped)
         self.reset()
 
     def reset(self) -> None:
         """Go back to the initial state at t = 0, nothing but gravity acting."""
-        initial, inertia = self._scene.initial, self._scene.body.inertia
+        initial, inertia = self._stepped.initial, self._stepped.body.inertia
         spin = {
             "omega_body": initial.omega_body,
             "omega_world": initial.omega_world,
@@ -92,13 +103,16 @@ class FixedStep:
             initial.quaternion if self._integrator.attitude == "quaternion" else initial.rotation.ravel()
         )
         self._state = np.concatenate([initial.position, initial.velocity, spin, attitude])
+        self._steps_made = 0
         self.apply(NO_WRENCH)
 
     def read_back(self) -> ReadBack:
-        """Unpack what the kernels are given."""
+        """Unpack what the kernels are given, which about a pivot is another inertia."""
+        scene, held = self._scene, self._body[1:10].reshape(3, 3)
+        about = np.zeros((3, 3)) if scene.pivot is None else self._stepped.body.inertia - scene.body.inertia
         return ReadBack(
-            mass=float(self._body[0]),
-            inertia=self._body[1:10].reshape(3, 3),
+            mass=self._stepped.body.mass,
+            inertia=held - about,
             dt_s=self._dt_s,
             gravity=self._scene.gravity,
             state=self.read(),
@@ -106,11 +120,19 @@ class FixedStep:
 
     def apply(self, wrench: Wrench) -> None:
         """Let this wrench act from now on."""
-        self._load = wrench.packed(self._scene.body, self._scene.gravity)
+        scene = self._scene
+        load = wrench.packed(scene.body, scene.gravity)
+        self._load = load if scene.pivot is None else load_about(scene.pivot, load)
 
     def advance(self, steps: int) -> None:
         """Make the steps in one compiled call."""
-        self._integrator.advance(self._state, self._body, self._load, self._dt_s, steps)
+        method, state, dt_s = self._integrator, self._state, self._dt_s
+        if len(self._lasting):
+            begin = self._steps_made * dt_s
+            method.advance_under(state, self._body, self._load, self._lasting, begin, dt_s, steps)
+        else:
+            method.advance(state, self._body, self._load, dt_s, steps)
+        self._steps_made += steps
 
     def read(self) -> Reading:
         """Return copies of the state."""
@@ -125,13 +147,25 @@ class FixedStep:
                 omega_world = spin
             case "angular_momentum":
                 omega_world = self._omega_world(quaternion, rotation, spin)
-        return Reading(state[_POSITION], state[_VELOCITY], quaternion, rotation, omega_world, omega_body)
+        position, velocity = state[_POSITION], state[_VELOCITY]
+        if self._scene.pivot is not None:
+            r = self._matrix(quaternion, rotation)
+            arm = r @ -self._scene.pivot
+            position = position + arm
+            turning = omega_world if omega_world is not None else r @ self._state[_SPIN]
+            velocity = np.cross(turning, arm)
+        return Reading(position, velocity, quaternion, rotation, omega_world, omega_body)
 
     def _omega_world(self, quaternion: Array | None, rotation: Array | None, momentum: Array) -> Array:
         """omega = R I0^-1 R^T L, by the method's own R."""
+        r = self._matrix(quaternion, rotation)
+        return np.asarray(r @ (self._body[10:].reshape(3, 3) @ (r.T @ momentum)))
+
+    @staticmethod
+    def _matrix(quaternion: Array | None, rotation: Array | None) -> Array:
         r = quaternion_to_matrix(quaternion) if quaternion is not None else rotation
         assert r is not None
-        return np.asarray(r @ (self._body[10:].reshape(3, 3) @ (r.T @ momentum)))
+        return r
 
     def close(self) -> None:
         """Nothing to free."""
@@ -199,9 +233,15 @@ class Reference:
         """Say what a method is not for; a link frame means nothing where no engine is between."""
         if method == _EXACT.name:
             return _NO_CLOSED_FORM if scene.has_black_box or closed_form_of(scene) is None else None
+        if scene.has_black_box:
+            return "a load that only a function knows is not among what this method steps"
         if method == _TAYLOR.name:
-            return "a load that only a function knows has no Taylor series" if scene.has_black_box else None
-        return beyond_constant_loads(replace(scene, link=None))
+            return None
+        kinds = {type(load) for load in scene.lasting_loads}
+        if scene.pivot is not None and GravityGradient in kinds:
+            return "a gravity gradient is reduced to no torque about a pivot"
+        refused = [kind.__name__.lower() for kind in INTEGRATORS[method].refused if kind in kinds]
+        return f"{method} steps no {', '.join(refused)}: its kicks must be exact" if refused else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Return a stepper of the scene."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dormand_prince import NODES, ROWS, WEIGHTS
+from bodycheck.reference_impl.dormand_prince import TABLEAU
 from bodycheck.reference_impl.equations import gyroscopic, matrix_at, packed_body, store, vector_at
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.registers import (
@@ -20,9 +20,8 @@ from bodycheck.reference_impl.registers import (
 from bodycheck.reference_impl.scene import RigidBody, State, Wrenching
 from bodycheck.reference_impl.trajectory import Trajectory
 
-_STAGES = len(NODES)
-_A = np.array([[row.get(j + 1, 0.0) for j in range(_STAGES)] for row in ROWS])
-_B = np.array([WEIGHTS.get(j + 1, 0.0) for j in range(_STAGES)])
+_A, _B, _NODES = TABLEAU
+_STAGES = len(_NODES)
 
 
 def solve_black_box(
@@ -69,7 +68,7 @@ def _step(packed: Array, wrench: Wrenching, t: float, y: Array, h: float) -> Arr
     """y + h sum b_i k_i."""
     k = np.zeros((_STAGES, 13))
     for i in range(_STAGES):
-        point, at = y + h * (_A[i] @ k), t + NODES[i] * h
+        point, at = y + h * (_A[i] @ k), t + float(_NODES[i]) * h
         rotation, omega_world = _seen(point)
         force, torque = wrench(at, point[0:3], rotation, point[3:6], omega_world)
         k[i] = _rates(point, packed, _checked("force", force, at), _checked("torque", torque, at))

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
+import numpy as np
+
 from bodycheck.reference_impl.jit import inlined_kernel
 
 Turning: TypeAlias = tuple[float, float, float, float, float, float, float]
@@ -97,6 +99,13 @@ WEIGHTS = {
     12: 0.04471061572777259,
 }
 """b_i by the stage i; the others are 0."""
+
+TABLEAU = (
+    np.array([[row.get(j, 0.0) for j in range(1, 13)] for row in ROWS]),
+    np.array([WEIGHTS.get(i, 0.0) for i in range(1, 13)]),
+    np.array(NODES),
+)
+"""a (12, 12), b (12,), c (12,) as arrays."""
 
 A = ((), *(tuple(row.values()) for row in ROWS))
 """For kernels: A[i] are the coefficients of stage i that are not 0, in order."""

@@ -82,11 +82,8 @@ NO_WRENCH = wrench_of(())
 def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
     """Return the mean of what acts within [begin_s, end_s): exact where nothing switches inside.
 
-    Raises ValueError where a load is no constant between its switches: a wrench cannot hold it.
+    Lasting loads are not in it: they are no constants, and a simulation answers for them itself.
     """
-    if scene.lasting_loads:
-        names = ", ".join(sorted({type(load).__name__ for load in scene.lasting_loads}))
-        raise ValueError(f"steps of fixed length do not know these loads yet: {names}")
     shares = []
     for load in scene.timed_loads:
         overlap = min(end_s, load.until_s) - max(begin_s, load.from_s)
@@ -158,10 +155,9 @@ def steps_per_sample(interval_s: float, dt_s: float) -> int:
 
 
 def plan_steps(scene: Scene, dt_s: float) -> StepPlan:
-    """Lay the scene's loads on the grid of steps k dt_s.
+    """Lay the scene's timed loads on the grid of steps k dt_s.
 
-    Raises ValueError where dt_s does not divide the sampling interval, or where a load is no constant
-    between its switches.
+    Raises ValueError where dt_s does not divide the sampling interval.
     """
     stride = steps_per_sample(scene.sample_interval_s, dt_s)
     steps = stride * (scene.samples - 1)

@@ -157,9 +157,14 @@ def _engine_rows() -> list[tuple[str, str]]:
 
 
 def _method_rows() -> list[tuple[str, str]]:
-    rows = []
+    rows: list[tuple[str, str]] = []
+    apart: list[tuple[str, str]] = []
     for name, engine in announced(engine_names()).items():
         for method in engine.methods.values() if isinstance(engine, Engine) else ():
             order = "" if method.order is None else f"; order {method.order}, torque {method.torque}"
-            rows.append((f"{name}:{method.name}", f"{method.formula}{order}; keeps {method.keeps}"))
-    return rows
+            if method.lasting != method.torque:
+                order += f", varying loads {method.lasting}"
+            only = "; run only when asked for by name" if method.on_request else ""
+            row = (f"{name}:{method.name}", f"{method.formula}{order}; keeps {method.keeps}{only}")
+            (apart if method.on_request else rows).append(row)
+    return rows + apart

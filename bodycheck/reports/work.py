@@ -26,8 +26,10 @@ def work_done(scene: Scene, motion: Trajectory) -> tuple[Array, float] | None:
     """W_k = integral from 0 to t_k of F . v + tau . omega, loads with a potential apart, and the error of W.
 
     The power at the samples is integrated by splines between the switches. Returns (n,) in J and an
-    error in J, or None where a switch lies between samples or a piece has too few of them.
+    error in J, or None where a switch lies between samples, a piece has too few of them, or a load lasts.
     """
+    if scene.lasting_loads or scene.pivot is not None:
+        return None
     t, n = motion.t_s, len(motion.t_s)
     ends = [0.0, *scene.switches_before(scene.duration_s), scene.duration_s]
     places = [int(np.argmin(np.abs(t - end))) for end in ends]

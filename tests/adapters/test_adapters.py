@@ -40,8 +40,8 @@ def methods(*, but: str = "") -> list[Any]:
         adapter: Adapter = getattr(module, class_name)()
         found += [
             pytest.param(adapter, method, id=f"{engine}:{method}")
-            for method in adapter.methods
-            if method != but
+            for method, facts in adapter.methods.items()
+            if method != but and not facts.on_request
         ]
     return found
 

@@ -37,7 +37,6 @@ from bodycheck.reference_impl.scene import (
 )
 from bodycheck.reference_impl.taylor import Resolution, Solution, course_of, resolution_for, solve
 from bodycheck.reference_impl.truth import solve_truth
-from bodycheck.reference_impl.wrench import plan_steps, wrench_between
 
 EPS = float(np.finfo(np.float64).eps)
 COLUMNS = 16
@@ -403,19 +402,6 @@ def test_what_no_series_follows_is_refused() -> None:
     pushed = replace(through, gravity=np.array([0.0, 0.0, -1.0]))
     with pytest.raises(ValueError, match="cannot be computed"):
         solve_truth(pushed, np.array([1.0]))
-
-
-@every_load
-def test_fixed_steps_refuse_what_they_do_not_know(name: str) -> None:
-    """plan_steps and wrench_between name the load that is no constant; constant loads are planned."""
-    scene = CASES[name]
-    if not scene.lasting_loads:
-        assert plan_steps(scene, 0.25).steps == 8
-        return
-    with pytest.raises(ValueError, match=type(scene.lasting_loads[0]).__name__):
-        plan_steps(scene, 0.25)
-    with pytest.raises(ValueError, match="do not know"):
-        wrench_between(scene, 0.0, 1.0)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, 1.0, 1e-20, float("nan")])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dormand_prince import B_REMAINING, A, B, Turning, combined
+from bodycheck.reference_impl.dormand_prince import B_REMAINING, TABLEAU, A, B, Turning, combined
 from bodycheck.reference_impl.equations import (
     acceleration,
     body_torque,
@@ -13,6 +13,7 @@ from bodycheck.reference_impl.equations import (
     vector_at,
 )
 from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.staged import stage_by_stage
 from bodycheck.reference_impl.jit import inlined_kernel, kernel
 from bodycheck.reference_impl.registers import Vec, matrix_of, quaternion_times, scaled_add, times
 
@@ -77,4 +78,6 @@ DOP853 = Integrator(
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
+    advance_under=stage_by_stage(*TABLEAU),
+    lasting="every stage",
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import acceleration, body_torque, matrix_at, store, vector_at
 from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.held import held_over_steps
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.registers import cross, scaled_add, times, transposed_times
 
@@ -42,4 +43,5 @@ EULER = Integrator(
     attitude="matrix",
     spin="angular_momentum",
     advance=advance,
+    advance_under=held_over_steps(advance, "angular_momentum"),
 )

@@ -8,6 +8,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import matrix_at
 from bodycheck.reference_impl.integrators.euler import step
 from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.held import held_over_steps
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.registers import Mat, Vec
 
@@ -92,4 +93,5 @@ EULER_SVD = Integrator(
     attitude="matrix",
     spin="angular_momentum",
     advance=advance,
+    advance_under=held_over_steps(advance, "angular_momentum"),
 )

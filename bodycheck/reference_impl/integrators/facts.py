@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from bodycheck.reference_impl.arrays import Array
+
+Spin: TypeAlias = Literal["omega_body", "omega_world", "angular_momentum"]
 
 Advance: TypeAlias = Callable[[Array, Array, Array, float, int], None]
 """advance(state, body, load, dt, steps) makes the steps in place, compiled.
 
 state (13,) or (18,): position, velocity, spin, then the attitude as quaternion or matrix, row by row.
 body and load as in equations.py.
+"""
+
+AdvanceUnder: TypeAlias = Callable[[Array, Array, Array, Array, float, float, int], None]
+"""advance_under(state, body, load, lasting, begin, dt, steps): the same under lasting loads as well.
+
+lasting as `lasting.packed_lasting` makes it; begin: the time in s at which the first step begins.
 """
 
 
@@ -22,6 +30,8 @@ class Integrator:
 
     attitude and spin name what the state holds: spin is omega in body axes, omega in world axes, or the
     angular momentum about the centre of mass in world axes. order is that of the orientation error.
+    torque says when constant loads are turned with the body, lasting when lasting loads are evaluated;
+    refused: the kinds of lasting loads that the method cannot take.
     """
 
     name: str
@@ -32,5 +42,8 @@ class Integrator:
     keeps: str
     source: str
     attitude: Literal["quaternion", "matrix"]
-    spin: Literal["omega_body", "omega_world", "angular_momentum"]
+    spin: Spin
     advance: Advance
+    advance_under: AdvanceUnder
+    lasting: Literal["every stage", "held over the step"] = "held over the step"
+    refused: tuple[type[Any], ...] = ()

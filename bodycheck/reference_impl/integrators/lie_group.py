@@ -6,9 +6,11 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import acceleration, body_torque, matrix_at, store, vector_at
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.lasting import lasting_wrench
 from bodycheck.reference_impl.registers import (
     Quat,
     Vec,
+    add,
     matrix_of,
     quaternion_exp,
     quaternion_times,
@@ -19,14 +21,18 @@ from bodycheck.reference_impl.registers import (
 
 
 @kernel
-def rates(q: Quat, momentum: Vec, body: Array, load: Array) -> tuple[Vec, Vec, Vec]:
+def rates(
+    t: float, x: Vec, v: Vec, q: Quat, momentum: Vec, body: Array, load: Array, lasting: Array | None
+) -> tuple[Vec, Vec, Vec]:
     """omega = I^-1 R^T L in body axes, L' = R tau and v' = F / m in world axes."""
     rotation = matrix_of(q)
-    return (
-        times(matrix_at(body, 10), transposed_times(rotation, momentum)),
-        times(rotation, body_torque(rotation, load)),
-        acceleration(rotation, load, body[0]),
-    )
+    omega = times(matrix_at(body, 10), transposed_times(rotation, momentum))
+    torque = times(rotation, body_torque(rotation, load))
+    speeding = acceleration(rotation, load, body[0])
+    if lasting is not None:
+        force, couple = lasting_wrench(t, x, rotation, v, times(rotation, omega), lasting)
+        torque, speeding = add(torque, couple), scaled_add(speeding, 1.0 / body[0], force)
+    return omega, torque, speeding
 
 
 @kernel
@@ -36,39 +42,59 @@ def turned(q: Quat, s: float, omega: Vec) -> Quat:
 
 
 @kernel
-def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
+def advance(
+    state: Array,
+    body: Array,
+    load: Array,
+    dt: float,
+    steps: int,
+    lasting: Array | None = None,
+    begin: float = 0.0,
+) -> None:
     """Make the steps in place.
 
     The group is SO(3) for the attitude and R^3 for L, x and v, where the method is the classical
     Runge-Kutta method: L, in world axes, changes by the torque alone.
     """
-    position, velocity, momentum = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
+    x, v, momentum = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     q = (state[9], state[10], state[11], state[12])
     half, sixth, third, twelfth = 0.5 * dt, dt / 6.0, dt / 3.0, dt / 12.0
-    for _ in range(steps):
-        w1, t1, a1 = rates(q, momentum, body, load)
-        q2 = turned(q, half, w1)
-        w2, t2, a2 = rates(q2, scaled_add(momentum, half, t1), body, load)
-        w3, t3, a3 = rates(turned(q, half, w2), scaled_add(momentum, half, t2), body, load)
+    for step in range(steps):
+        t = begin + step * dt
+        w1, t1, a1 = rates(t, x, v, q, momentum, body, load, lasting)
+        q2, v2 = turned(q, half, w1), scaled_add(v, half, a1)
+        x2, m2 = scaled_add(x, half, v), scaled_add(momentum, half, t1)
+        w2, t2, a2 = rates(t + half, x2, v2, q2, m2, body, load, lasting)
+        q3, v3 = turned(q, half, w2), scaled_add(v, half, a2)
+        x3, m3 = scaled_add(x, half, v2), scaled_add(momentum, half, t2)
+        w3, t3, a3 = rates(t + half, x3, v3, q3, m3, body, load, lasting)
         # from the second stage, which has turned by dt/2 k1 already
-        q4 = turned(q2, dt, scaled_add(w3, -0.5, w1))
-        w4, t4, a4 = rates(q4, scaled_add(momentum, dt, t3), body, load)
+        q4, v4 = turned(q2, dt, scaled_add(w3, -0.5, w1)), scaled_add(v, dt, a3)
+        x4, m4 = scaled_add(x, dt, v3), scaled_add(momentum, dt, t3)
+        w4, t4, a4 = rates(t + dt, x4, v4, q4, m4, body, load, lasting)
         middle = (2.0 * (w2[0] + w3[0]), 2.0 * (w2[1] + w3[1]), 2.0 * (w2[2] + w3[2]))
         q = turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w1), -1.0, w4))
         q = turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w4), -1.0, w1))
-        # x'' depends on q alone: the stages' velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3 summed up
-        position = scaled_add(position, dt, velocity)
-        position = scaled_add(position, dt * sixth, a1)
-        position = scaled_add(position, dt * sixth, a2)
-        position = scaled_add(position, dt * sixth, a3)
-        velocity = scaled_add(scaled_add(velocity, sixth, a1), third, a2)
-        velocity = scaled_add(scaled_add(velocity, third, a3), sixth, a4)
+        # the stages' velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3 summed up
+        x = scaled_add(x, dt, v)
+        x = scaled_add(x, dt * sixth, a1)
+        x = scaled_add(x, dt * sixth, a2)
+        x = scaled_add(x, dt * sixth, a3)
+        v = scaled_add(scaled_add(v, sixth, a1), third, a2)
+        v = scaled_add(scaled_add(v, third, a3), sixth, a4)
         momentum = scaled_add(scaled_add(momentum, sixth, t1), third, t2)
         momentum = scaled_add(scaled_add(momentum, third, t3), sixth, t4)
-    store(state, 0, position)
-    store(state, 3, velocity)
+    store(state, 0, x)
+    store(state, 3, v)
     store(state, 6, momentum)
     state[9], state[10], state[11], state[12] = q
+
+
+def advance_under(
+    state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
+) -> None:
+    """Make the steps in place under lasting loads as well."""
+    advance(state, body, load, dt, steps, lasting, begin)
 
 
 LIE4 = Integrator(
@@ -82,4 +108,6 @@ LIE4 = Integrator(
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,
+    advance_under=advance_under,
+    lasting="every stage",
 )

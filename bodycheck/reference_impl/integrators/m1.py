@@ -12,6 +12,7 @@ from bodycheck.reference_impl.equations import (
     vector_at,
 )
 from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.held import held_over_steps
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.registers import (
     matrix_of,
@@ -52,4 +53,5 @@ M1 = Integrator(
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
+    advance_under=held_over_steps(advance, "omega_body"),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.held import held_over_steps
 from bodycheck.reference_impl.integrators.linearised import advance_linearised
 from bodycheck.reference_impl.jit import kernel
 
@@ -25,4 +26,5 @@ M3 = Integrator(
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
+    advance_under=held_over_steps(advance, "omega_body"),
 )

@@ -12,6 +12,7 @@ from bodycheck.reference_impl.equations import (
     vector_at,
 )
 from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.held import held_over_steps
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.registers import matrix_of, quaternion_times, scaled_add, times
 
@@ -47,4 +48,5 @@ QUATERNION_EULER = Integrator(
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
+    advance_under=held_over_steps(advance, "omega_body"),
 )

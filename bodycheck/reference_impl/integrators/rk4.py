@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import (
     acceleration,
@@ -12,6 +14,7 @@ from bodycheck.reference_impl.equations import (
     vector_at,
 )
 from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.staged import stage_by_stage
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.registers import (
     Mat,
@@ -22,6 +25,12 @@ from bodycheck.reference_impl.registers import (
     quaternion_times,
     scaled_add,
     times,
+)
+
+_TABLEAU = (
+    np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
+    np.array([1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0]),
+    np.array([0.0, 0.5, 0.5, 1.0]),
 )
 
 
@@ -79,4 +88,6 @@ RK4 = Integrator(
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
+    advance_under=stage_by_stage(*_TABLEAU),
+    lasting="every stage",
 )

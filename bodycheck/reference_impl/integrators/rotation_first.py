@@ -5,6 +5,7 @@ from __future__ import annotations
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import acceleration, body_torque, matrix_at, store, vector_at
 from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.held import held_over_steps
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.registers import (
     matrix_of,
@@ -50,4 +51,5 @@ ROTATION_FIRST = Integrator(
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,
+    advance_under=held_over_steps(advance, "angular_momentum"),
 )

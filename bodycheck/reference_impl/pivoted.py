@@ -1,0 +1,74 @@
+"""J omega' = sum of moments about the pivot - omega x J omega: a pivoted body as one that only turns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import (
+    Drag,
+    GravityGradient,
+    Load,
+    PointForce,
+    RigidBody,
+    Scene,
+    Spring,
+)
+
+
+def about_pivot(scene: Scene) -> Scene:
+    """J = I + m (|c|^2 E - c c^T), c from the pivot to the centre of mass; loads moved, weight among them.
+
+    Returns a scene without pivot and link whose body turns as the pivoted one does, provided that its
+    centre of mass, which is the pivot, is held where it is against all forces. A scene without a pivot is
+    returned as it is. Raises ValueError for a gravity gradient, which is one about the centre of mass.
+    Source: Goldstein (1980), Classical mechanics, 5-3 and 5-7.
+    """
+    if scene.pivot is None:
+        return scene
+    arm, initial = -scene.pivot, scene.initial
+    place = initial.position - initial.rotation @ arm
+    weight = PointForce("world", scene.body.mass * scene.gravity, arm)
+    loads = [_moved(load, scene.pivot) for load in scene.loads]
+    return replace(
+        scene,
+        body=replace(scene.body, inertia=inertia_about(scene.body, scene.pivot)),
+        initial=replace(initial, position=place, velocity=np.zeros(3)),
+        loads=(*loads, weight) if np.any(weight.value) else tuple(loads),
+        gravity=np.zeros(3),
+        pivot=None,
+        link=None,
+    )
+
+
+def inertia_about(body: RigidBody, point: Array) -> Array:
+    """I + m (|c|^2 E - c c^T), c the point from the centre of mass in body axes: (3, 3), kg m^2."""
+    return body.inertia + body.mass * _across(point)
+
+
+def _across(c: Array) -> Array:
+    """|c|^2 E - c c^T."""
+    return np.asarray(float(c @ c) * np.eye(3) - np.outer(c, c))
+
+
+def _moved(load: Load, pivot: Array) -> Load:
+    """Return the load with its place seen from the pivot; the drag of the centre's way is one of turning."""
+    match load:
+        case PointForce() | Spring():
+            return replace(load, at=load.at - pivot)
+        case Drag():
+            return Drag(0.0, load.angular + load.linear * _across(pivot))
+        case GravityGradient():
+            raise ValueError("a gravity gradient turns a body about its centre of mass, not about a pivot")
+        case _:
+            return load
+
+
+def load_about(pivot: Array, load: Array) -> Array:
+    """tau_b + c x F_b and moment + c F_w^T: a packed load (21,), as in equations.py, seen from the pivot."""
+    arm, seen = -pivot, load.copy()
+    seen[6:9] += np.cross(arm, load[0:3])
+    seen[12:] += np.outer(arm, load[3:6]).ravel()
+    return seen
