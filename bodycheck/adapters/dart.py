@@ -43,8 +43,16 @@ class Dart:
     methods: Mapping[str, Method] = {method.name: method for method in (_SEMI_IMPLICIT, _UNTOUCHED)}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse what is not built."""
-        return unknown_loads(scene)
+        """Refuse a free body whose link is not at its centre of mass.
+
+        DART integrates the velocity of the link's origin there, and a free joint with a frame of its own
+        within the link takes its velocities for those of the link.
+        """
+        if reason := unknown_loads(scene):
+            return reason
+        if scene.pivot is None and scene.link is not None and np.any(scene.link.offset):
+            return "DART steps a free body by its link's origin, which must be the centre of mass"
+        return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> DartSimulation:
         """Make a skeleton of one body; with the defaults untouched, in a world."""
@@ -75,17 +83,12 @@ class DartSimulation:
         self.reset()
 
     def _jointed(self, scene: Scene, link: LinkFrame) -> tuple[Any, Any]:
-        """Make the body on a free joint at its centre of mass, or on a ball joint at its pivot.
-
-        The joint's frame has the body axes: DART integrates the velocity of the joint's place.
-        """
+        """Make the body on a free joint in its link's axes, or on a ball joint at its pivot in body axes."""
         if scene.pivot is None:
-            joint, body = self._skeleton.createFreeJointAndBodyNodePair()
-            joint.setTransformFromChildBodyNode(_pose(link.point(_ORIGIN), link.rotation.T))
-        else:
-            joint, body = self._skeleton.createBallJointAndBodyNodePair()
-            joint.setTransformFromChildBodyNode(_pose(link.point(scene.pivot), link.rotation.T))
-            joint.setTransformFromParentBodyNode(_pose(pivot_place(scene), np.eye(3)))
+            return self._skeleton.createFreeJointAndBodyNodePair()
+        joint, body = self._skeleton.createBallJointAndBodyNodePair()
+        joint.setTransformFromChildBodyNode(_pose(link.point(scene.pivot), link.rotation.T))
+        joint.setTransformFromParentBodyNode(_pose(pivot_place(scene), np.eye(3)))
         return joint, body
 
     def read_back(self) -> ReadBack:
@@ -102,12 +105,13 @@ class DartSimulation:
     def reset(self) -> None:
         """Set the initial state and no wrench."""
         initial = self._initial
-        rotation_vector = dartpy.dynamics.BallJoint.convertToPositions(initial.rotation)
+        logarithm = dartpy.dynamics.BallJoint.convertToPositions
         if self._pivot is None:
-            self._joint.setPositions(np.concatenate([rotation_vector, initial.position]))
+            turn = logarithm(initial.rotation @ self._axes)
+            self._joint.setPositions(np.concatenate([turn, initial.position]))
             self._joint.setVelocities(np.concatenate([initial.omega_world, initial.velocity]))
         else:
-            self._joint.setPositions(rotation_vector)
+            self._joint.setPositions(logarithm(initial.rotation))
             self._joint.setVelocities(initial.omega_body)
         self._is_lost = False
         self._lasting.reset()

@@ -72,8 +72,10 @@ class PyBullet:
             return reason
         if scene.pivot is None:
             return None
-        if method != _MULTIBODY.name:
-            return f"{method} has no pivot that holds: Bullet ties rigid bodies by springs of its solver"
+        if method.startswith(_MAXIMAL.name):
+            return "a pivot of maximal coordinates is a soft constraint, some 1e-5 m wide at 1e-3 s"
+        if method.endswith(DEFAULTS):
+            return "Bullet's own motor would hold a pivoted body: its defaults cannot be left untouched"
         if scene.link is not None:
             return "Bullet turns a pivoted link in its principal axes at the pivot, and in no other frame"
         return None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from importlib.metadata import version
 
 import numpy as np
@@ -16,7 +15,6 @@ from bodycheck.adapters.contract import (
     Simulation,
     Solver,
     Stepping,
-    beyond_constant_loads,
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import packed_body
