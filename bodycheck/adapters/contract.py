@@ -49,7 +49,7 @@ class Method:
     control: Control = "dt"
     changed_defaults: tuple[str, ...] = ()
     tolerances: tuple[float, ...] = ()
-    lasting: Literal["every stage", "held over the step", "none"] = "held over the step"
+    lasting: Literal["every stage", "held over the step", "in closed form"] = "held over the step"
 
     @property
     def on_request(self) -> bool:

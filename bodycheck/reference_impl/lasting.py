@@ -28,7 +28,7 @@ from bodycheck.reference_impl.registers import (
     times,
     transposed_times,
 )
-from bodycheck.reference_impl.scene import Drag, GravityGradient, Lasting, Scene, SineTorque, Spring
+from bodycheck.reference_impl.scene import Drag, GravityGradient, Lasting, Scene, SineTorque, Spring, TorsionSpring
 
 _ROW = 11
 _SINE, _DRAG, _SPRING, _TORSION, _GRADIENT = range(5)
@@ -54,8 +54,10 @@ def _constants(load: Lasting, scene: Scene) -> list[float]:
             return [_SPRING, *load.anchor, *load.at, load.stiffness, load.rest_length]
         case GravityGradient():
             return [_GRADIENT, load.rate, *scene.body.inertia.ravel()]
-        case _:
+        case TorsionSpring():
             return [_TORSION, load.stiffness, *scene.initial.rotation.ravel()]
+        case _:
+            raise ValueError(f"{load.name} is known by its function alone, not by constants")
 
 
 @kernel

@@ -23,6 +23,7 @@ from bodycheck.reference_impl.taylor import (
     Course,
     Resolution,
     course_of,
+    packed_state,
     resolution_for,
 )
 from bodycheck.reference_impl.taylor_rotation import follow, working_space
@@ -117,7 +118,8 @@ class _General:
         course = tuple(
             (begin, min(end, until), forcing) for begin, end, forcing in self.course if begin <= until
         )
-        solution = follow_scene(self.scene, course, self.scene.initial, t_s, self.resolution)
+        start = packed_state(self.scene.initial)
+        solution = follow_scene(self.scene, course, start, t_s, self.resolution)
         return solution.high, solution.steps
 
 

@@ -108,7 +108,7 @@ def _neighbour(scene: Scene, t_s: Array) -> Trajectory:
     if closed is not None:
         return closed.at(t_s)
     course = course_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
-    return _trajectory(t_s, follow_scene(scene, course, scene.initial, t_s, _NUDGED))
+    return _trajectory(t_s, follow_scene(scene, course, packed_state(scene.initial), t_s, _NUDGED))
 
 
 def _certified(scene: Scene, t_s: Array) -> Truth:
