@@ -107,9 +107,10 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
     scene = subject.scenario.scene
     columns = _who(subject, engine, method, setting)
     answer = ask(engine, Case(scene, method.name, setting))
+    if answer.outcome == "unsupported":
+        return CaseResult({**columns, "outcome": "unsupported", "message": answer.message})
     plan = None if setting.dt_s is None else plan_steps(scene, setting.dt_s)
-    if answer.outcome != "unsupported":
-        columns |= _effort(method, plan, answer)
+    columns |= _effort(method, plan, answer)
 
     def ended(outcome: str, message: str) -> CaseResult:
         return CaseResult({**columns, "outcome": outcome, "message": message}, answer.trajectory)
