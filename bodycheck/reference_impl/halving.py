@@ -18,7 +18,7 @@ from bodycheck.reference_impl.pivot import turning_inertia
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Timed, Wrenching
 from bodycheck.reference_impl.trajectory import Trajectory
 
-_FEWEST, _MOST = 64, 2**14  # steps
+_FEWEST, _MOST = 64, 2**13  # steps
 _AGREED = 1e-14  # rad, or relative: finer steps would only gather round-off
 _SHRINKS = 16.0  # at each halving, where order 8 promises 256
 _ROUND_OFF = 1e-11  # a gap below this that no longer shrinks is round-off

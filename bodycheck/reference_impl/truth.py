@@ -28,7 +28,7 @@ _EXACT_BOUNDS = np.array([[4e-15], [8e-15], [8e-15]])
 """What the tests hold the closed form to: angle in rad, energy and momentum relative, from omega's 4e-15."""
 
 _FINE, _CHECK = Resolution(30, 1e-32, 19), Resolution(34, 1e-33, 21)
-_NUDGED = Resolution(18, 1e-17)
+_NUDGED, _NUDGED_STEPS = Resolution(18, 1e-17), 512
 _NUDGE = 1e-7  # rad, or relative to max |omega|: the size of the perturbations that measure sensitivity
 _PROPORTIONAL_RAD = 1e-2  # an angle up to which a nudge grows in proportion to its size
 _FINE_NUDGE = 1e-15  # of those nudges: what double-doubles still hold to nine digits
@@ -137,16 +137,19 @@ def _halved(scene: Scene, t_s: Array) -> Truth:
     """
     halved = solve_by_halving(scene, t_s)
     _check_finite(halved.motion)
-    growths = _growths(scene, halved.motion, _halved_neighbours(scene, halved))
+    growths = _halved_growths(scene, halved)
     noise = _EPS * growths * math.sqrt(halved.steps)
     kind: Kind = "certified" if halved.agreed else "estimated"
     return _bounded(scene, halved.motion, kind, halved.gaps + noise, growths)
 
 
-def _halved_neighbours(scene: Scene, halved: Halved) -> list[Trajectory]:
-    t_s = halved.motion.t_s
-    dt_s = (float(t_s[-1]) if len(t_s) and t_s[-1] > 0.0 else 1.0) / halved.steps
-    return [solve_with_steps(scene, start, t_s, dt_s) for start in _nudges(scene, halved.motion)]
+def _halved_growths(scene: Scene, halved: Halved) -> Array:
+    """The growths of nudges, by steps that are fine enough for them: neighbours err alike."""
+    t_s, steps = halved.motion.t_s, min(halved.steps, _NUDGED_STEPS)
+    dt_s = (float(t_s[-1]) if len(t_s) and t_s[-1] > 0.0 else 1.0) / steps
+    starts = [scene.initial, *_nudges(scene, halved.motion)]
+    motion, *neighbours = (solve_with_steps(scene, start, t_s, dt_s) for start in starts)
+    return _growths(scene, motion, neighbours)
 
 
 def _bounded(scene: Scene, motion: Trajectory, kind: Kind, errors: Array, growths: Array) -> Truth:
