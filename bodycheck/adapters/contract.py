@@ -215,8 +215,8 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
     compare("position", initial.position, state.position, beside=arm)
     compare("velocity", initial.velocity, state.velocity, beside=swing)
     if state.quaternion is not None:
-        sign = -1.0 if float(state.quaternion @ initial.quaternion) < 0.0 else 1.0
-        compare("quaternion", initial.quaternion, sign * state.quaternion)
+        turned = state.quaternion.shape == (4,) and float(state.quaternion @ initial.quaternion) < 0.0
+        compare("quaternion", initial.quaternion, -state.quaternion if turned else state.quaternion)
     if state.rotation is not None:
         compare("rotation", initial.rotation, state.rotation)
     if state.omega_body is not None:

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -209,6 +210,25 @@ def test_a_mass_that_is_no_number_comes_back_as_such() -> None:
     assert back.read_back is not None
     fault = read_back_mismatch(case.scene, case.setting.dt_s, back.read_back)
     assert fault == "mass is nan in the engine, not 2.; step is nan in the engine, not 0.25"
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (5,), (2, 4), (0,)], ids=str)
+@pytest.mark.parametrize("part", ["position", "velocity", "quaternion", "omega_body", "inertia", "gravity"])
+def test_what_is_read_back_in_a_wrong_shape_is_a_mismatch(part: str, shape: tuple[int, ...]) -> None:
+    """It is said what the engine holds, instead of the run coming to an end over it."""
+    case = protocol.case_of({**CASE, "method": "m1"})
+    held = record(Reference(), case).read_back
+    assert held is not None
+    if shape == (3,) and part not in ("quaternion", "inertia"):
+        shape = (4,)
+    wrong = np.ones(shape)
+    if part in vars(held):
+        held = replace(held, **{part: wrong})
+    else:
+        held = replace(held, state=replace(held.state, **{part: wrong}))
+    fault = read_back_mismatch(case.scene, case.setting.dt_s, held)
+    assert fault is not None
+    assert fault.startswith(f"{part} is ")
 
 
 # ---------------------------------------------------------------------------------- workers that do not
