@@ -151,6 +151,10 @@ WRONG = {
         ["truth", "called.toml", "--at", "0,1", "--allow-code"],
         "loads:f: failed at t = 0.0 s: ZeroDivisionError: division by zero",
     ),
+    "function that gives NaN": (
+        ["run", "nan.toml", "--allow-code"],
+        "nan.toml: the force at t = 0.0 s must be 3 finite numbers",
+    ),
     "judged file that is none": (["judge", "no.csv", "--scenario", "mine.toml"], "no.csv: cannot be read"),
     "unknown list": (["list", "colours"], "'colours' is not one of"),
     "unknown option": (["run", "--fast"], "No such option"),
@@ -164,7 +168,9 @@ def test_wrong_input_ends_with_status_2_and_one_clear_line(what: str, tmp_path: 
     (tmp_path / "bad.toml").write_text(SCENARIO.replace("1.0\nsam", "-1.0\nsam"))
     (tmp_path / "called.toml").write_text(CALLED)
     (tmp_path / "family.toml").write_text(FAMILY)
-    (tmp_path / "loads.py").write_text("def f(*_):\n    return 1 / 0\n")
+    (tmp_path / "nan.toml").write_text(CALLED.replace("loads:f", "loads:nan"))
+    functions = "def f(*_):\n    return 1 / 0\n\n\ndef nan(*_):\n    return 3 * [float('nan')], 3 * [0.0]\n"
+    (tmp_path / "loads.py").write_text(functions)
     (tmp_path / "used").mkdir()
     (tmp_path / "used/file").touch()
     before = sorted(path.name for path in tmp_path.iterdir())

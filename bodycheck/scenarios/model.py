@@ -1,4 +1,4 @@
-"""The scenario as its file says it, checked: every key, unit and bound of the format stands here.
+"""The scenario as its file says it, checked: every key, unit and bound of the format stands in its tables.
 
 Checks that look at more than one key are field validators reading what was already accepted, so that
 one pass reports all the errors of a file at once.
