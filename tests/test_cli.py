@@ -152,8 +152,8 @@ WRONG = {
         "loads:f: failed at t = 0.0 s: ZeroDivisionError: division by zero",
     ),
     "function that gives NaN": (
-        ["run", "nan.toml", "--allow-code"],
-        "nan.toml: the force at t = 0.0 s must be 3 finite numbers",
+        ["truth", "nan.toml", "--at", "0,1", "--allow-code"],
+        "the force at t = 0.0 s must be 3 finite numbers",
     ),
     "judged file that is none": (["judge", "no.csv", "--scenario", "mine.toml"], "no.csv: cannot be read"),
     "unknown list": (["list", "colours"], "'colours' is not one of"),

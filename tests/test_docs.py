@@ -86,6 +86,8 @@ def test_scenarios_of_the_docs_are_accepted(text: str, folder: Path, monkeypatch
     """Each scenario shown is a good one, and so is the first with each of the other tables in or after it."""
     monkeypatch.chdir(folder)
     first = blocks("docs/scenarios.md", "toml")[0]
+    if 'kind = "pivot"' in text:  # about which the centre of mass cannot start at rest while the body turns
+        first = re.sub(r"^velocity_m_s.*\n", "", first, flags=re.MULTILINE)
     whole = (
         text if text == first else BODY.sub(text + "\n", first) if text.startswith("[body]") else first + text
     )
