@@ -155,17 +155,23 @@ def case_of(message: Message) -> Case:
 
 
 def scene_message(scene: Scene) -> Message:
-    """Return a scene as plain data, in SI units, loads by the kinds of the scenario format."""
-    return {
+    """Return a scene as plain data, in SI units, loads by the kinds of the scenario format.
+
+    A pivot and a link frame stand there only where the scene has them.
+    """
+    message = {
         "body": _plain(scene.body),
         "initial": _plain(scene.initial),
         "loads": [_load_message(load) for load in scene.loads],
         "gravity": scene.gravity.tolist(),
         "duration_s": scene.duration_s,
         "samples": scene.samples,
-        "pivot": None if scene.pivot is None else scene.pivot.tolist(),
-        "link": None if scene.link is None else _plain(scene.link),
     }
+    if scene.pivot is not None:
+        message["pivot"] = scene.pivot.tolist()
+    if scene.link is not None:
+        message["link"] = _plain(scene.link)
+    return message
 
 
 def scene_of(message: Message) -> Scene:
@@ -177,8 +183,8 @@ def scene_of(message: Message) -> Scene:
         gravity=np.array(message["gravity"], dtype=np.float64),
         duration_s=message["duration_s"],
         samples=message["samples"],
-        pivot=None if message["pivot"] is None else np.array(message["pivot"], dtype=np.float64),
-        link=None if message["link"] is None else Link(**_arrays(message["link"])),
+        pivot=np.array(message["pivot"], dtype=np.float64) if "pivot" in message else None,
+        link=Link(**_arrays(message["link"])) if "link" in message else None,
     )
 
 

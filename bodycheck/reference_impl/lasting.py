@@ -28,7 +28,15 @@ from bodycheck.reference_impl.registers import (
     times,
     transposed_times,
 )
-from bodycheck.reference_impl.scene import Drag, GravityGradient, Lasting, Scene, SineTorque, Spring, TorsionSpring
+from bodycheck.reference_impl.scene import (
+    Drag,
+    GravityGradient,
+    Lasting,
+    Scene,
+    SineTorque,
+    Spring,
+    TorsionSpring,
+)
 
 _ROW = 11
 _SINE, _DRAG, _SPRING, _TORSION, _GRADIENT = range(5)
