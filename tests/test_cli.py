@@ -21,6 +21,7 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import _registered, register_adapter
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
+from bodycheck.selection import select
 
 SCENARIO = """
 name = "mine"
@@ -454,6 +455,15 @@ def test_a_torque_that_switches_inside_a_step_is_said_so(tmp_path: Path) -> None
         "",
     ]
     assert measured.results["orientation_error_rad"].tolist()[1] < 1e-9
+
+
+def test_untouched_defaults_are_run_only_when_asked_for_by_name() -> None:
+    """An engine's name stands for its methods but the @defaults; these have to be named."""
+    pytest.importorskip("pybullet")
+    names = [method.name for _, method in select(["smoke"], ["pybullet"]).methods]
+    assert names == ["multibody", "maximal"]
+    named = [method.name for _, method in select(["smoke"], ["pybullet:multibody@defaults"]).methods]
+    assert named == ["multibody@defaults"]
 
 
 def test_a_run_without_speed_measures_no_time(tmp_path: Path) -> None:

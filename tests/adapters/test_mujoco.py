@@ -11,7 +11,7 @@ import pytest
 from bodycheck.adapters.contract import read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
-from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
+from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, SineTorque, State, Timed, Torque
 from bodycheck.reference_impl.wrench import wrench_between
 
 mujoco = pytest.importorskip("mujoco")
@@ -179,3 +179,45 @@ def test_body_below_the_compilers_minimum_is_unsupported(scene: Scene) -> None:
     assert "1e-15" in str(MuJoCo().unsupported(scene, "euler"))
     with pytest.raises(ValueError, match="mjMINVAL"):
         built(scene)
+
+
+# -------------------------------------------------------------------------------- the passive callback
+
+
+def loaded_by_a_sine() -> Scene:
+    """Return a scene under a sine torque."""
+    return replace(scene_of(np.eye(3)), loads=(SineTorque("body", np.array([1.0, 0.0, 0.0]), 3.0, 0.5),))
+
+
+def test_callback_is_gone_after_each_call() -> None:
+    """MuJoCo calls nothing of ours between two calls, whether the last one ended well or not."""
+    simulation = built(loaded_by_a_sine())
+    simulation.advance(3)
+    assert mujoco.get_mjcb_passive() is None
+    lasting = simulation._lasting
+    assert lasting is not None
+    with pytest.raises(ZeroDivisionError), lasting.acting_on(simulation._data, 1):
+        raise ZeroDivisionError
+    assert mujoco.get_mjcb_passive() is None
+
+
+def test_callback_touches_no_other_body() -> None:
+    """A model that is stepped while another one's loads are set feels nothing of them."""
+    loaded, free = built(loaded_by_a_sine()), built(scene_of(np.eye(3)))
+    lasting = loaded._lasting
+    assert lasting is not None
+    before = free.read()
+    with lasting.acting_on(loaded._data, 0):
+        mujoco.mj_step(free._model, free._data, nstep=5)
+    after = free.read()
+    assert before.omega_body is not None
+    np.testing.assert_array_equal(after.omega_body, before.omega_body)
+
+
+def test_evaluations_that_are_not_the_stages_are_found_out() -> None:
+    """Where MuJoCo evaluates forces more often than a step has stages, the clock is wrong: that is said."""
+    simulation = built(loaded_by_a_sine(), "rk4")
+    lasting = simulation._lasting
+    assert lasting is not None
+    with pytest.raises(RuntimeError, match="8 times, not 4"), lasting.acting_on(simulation._data, 1):
+        mujoco.mj_step(simulation._model, simulation._data, nstep=2)

@@ -21,18 +21,25 @@ from bodycheck.reference_impl.registers import (
 
 
 @kernel
-def rates(
-    t: float, x: Vec, v: Vec, q: Quat, momentum: Vec, body: Array, load: Array, lasting: Array | None
-) -> tuple[Vec, Vec, Vec]:
+def rates(q: Quat, momentum: Vec, body: Array, load: Array) -> tuple[Vec, Vec, Vec]:
     """omega = I^-1 R^T L in body axes, L' = R tau and v' = F / m in world axes."""
     rotation = matrix_of(q)
-    omega = times(matrix_at(body, 10), transposed_times(rotation, momentum))
-    torque = times(rotation, body_torque(rotation, load))
-    speeding = acceleration(rotation, load, body[0])
-    if lasting is not None:
-        force, couple = lasting_wrench(t, x, rotation, v, times(rotation, omega), lasting)
-        torque, speeding = add(torque, couple), scaled_add(speeding, 1.0 / body[0], force)
-    return omega, torque, speeding
+    return (
+        times(matrix_at(body, 10), transposed_times(rotation, momentum)),
+        times(rotation, body_torque(rotation, load)),
+        acceleration(rotation, load, body[0]),
+    )
+
+
+@kernel
+def with_lasting(
+    constant: tuple[Vec, Vec, Vec], t: float, x: Vec, v: Vec, q: Quat, mass: float, lasting: Array
+) -> tuple[Vec, Vec, Vec]:
+    """Add the lasting loads at a stage to its rates omega, L', v'."""
+    omega, torque, speeding = constant
+    rotation = matrix_of(q)
+    force, couple = lasting_wrench(t, x, rotation, v, times(rotation, omega), lasting)
+    return omega, add(torque, couple), scaled_add(speeding, 1.0 / mass, force)
 
 
 @kernel
@@ -61,17 +68,29 @@ def advance(
     half, sixth, third, twelfth = 0.5 * dt, dt / 6.0, dt / 3.0, dt / 12.0
     for step in range(steps):
         t = begin + step * dt
-        w1, t1, a1 = rates(t, x, v, q, momentum, body, load, lasting)
-        q2, v2 = turned(q, half, w1), scaled_add(v, half, a1)
-        x2, m2 = scaled_add(x, half, v), scaled_add(momentum, half, t1)
-        w2, t2, a2 = rates(t + half, x2, v2, q2, m2, body, load, lasting)
-        q3, v3 = turned(q, half, w2), scaled_add(v, half, a2)
-        x3, m3 = scaled_add(x, half, v2), scaled_add(momentum, half, t2)
-        w3, t3, a3 = rates(t + half, x3, v3, q3, m3, body, load, lasting)
+        k1 = rates(q, momentum, body, load)
+        if lasting is not None:
+            k1 = with_lasting(k1, t, x, v, q, body[0], lasting)
+        w1, t1, a1 = k1
+        q2 = turned(q, half, w1)
+        k2 = rates(q2, scaled_add(momentum, half, t1), body, load)
+        if lasting is not None:
+            x2, v2 = scaled_add(x, half, v), scaled_add(v, half, a1)
+            k2 = with_lasting(k2, t + half, x2, v2, q2, body[0], lasting)
+        w2, t2, a2 = k2
+        q3 = turned(q, half, w2)
+        k3 = rates(q3, scaled_add(momentum, half, t2), body, load)
+        if lasting is not None:
+            x3, v3 = scaled_add(x, half, v2), scaled_add(v, half, a2)
+            k3 = with_lasting(k3, t + half, x3, v3, q3, body[0], lasting)
+        w3, t3, a3 = k3
         # from the second stage, which has turned by dt/2 k1 already
-        q4, v4 = turned(q2, dt, scaled_add(w3, -0.5, w1)), scaled_add(v, dt, a3)
-        x4, m4 = scaled_add(x, dt, v3), scaled_add(momentum, dt, t3)
-        w4, t4, a4 = rates(t + dt, x4, v4, q4, m4, body, load, lasting)
+        q4 = turned(q2, dt, scaled_add(w3, -0.5, w1))
+        k4 = rates(q4, scaled_add(momentum, dt, t3), body, load)
+        if lasting is not None:
+            x4, v4 = scaled_add(x, dt, v3), scaled_add(v, dt, a3)
+            k4 = with_lasting(k4, t + dt, x4, v4, q4, body[0], lasting)
+        w4, t4, a4 = k4
         middle = (2.0 * (w2[0] + w3[0]), 2.0 * (w2[1] + w3[1]), 2.0 * (w2[2] + w3[2]))
         q = turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w1), -1.0, w4))
         q = turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w4), -1.0, w1))
