@@ -202,7 +202,7 @@ def test_callback_is_gone_after_each_call() -> None:
 
 
 def test_callback_touches_no_other_body() -> None:
-    """A model that is stepped while another one's loads are set feels nothing of them, nor counts for them."""
+    """A model that is stepped while another one's loads are set feels nothing of them."""
     loaded, free = built(loaded_by_a_sine()), built(loaded_by_a_sine())
     lasting = loaded._lasting
     assert lasting is not None
