@@ -62,8 +62,8 @@ def closed_form_of(scene: Scene) -> ExactMotion | None:
     for the doubles it is given by.
     """
     loads = loads_of(scene)
-    flight = None if loads is None else Flight.of(scene, loads)
     rotation = None if loads is None else _rotation_of(scene, loads)
+    flight = None if loads is None or rotation is None else Flight.of(scene, loads)
     return None if flight is None or rotation is None else ExactMotion(rotation, flight)
 
 

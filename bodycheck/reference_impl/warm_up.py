@@ -4,56 +4,93 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
+from bodycheck.reference_impl.closed_forms.flight import Flight
+from bodycheck.reference_impl.closed_forms.loads import loads_of
 from bodycheck.reference_impl.equations import packed_body
+from bodycheck.reference_impl.free_rotation.ahead import compile_frame_and_evaluation, compile_tumbling
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.jit import cache_directory
-from bodycheck.reference_impl.scene import RigidBody, Scene
+from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.truth import solve_truth
 
 _UNDER_LASTING = "+lasting"
+_CLOSED_FORMS = "closed-forms"
 
 
-def compile_kernels(scenes: Iterable[Scene], integrators: Sequence[str]) -> None:
+def compile_kernels(scenes: Iterable[Scene], integrators: Sequence[str] = ()) -> None:
     """Call the kernels of these scenes' truths, and those of the integrators named, once.
 
-    The integrators are compiled by another process meanwhile. What was compiled before costs next to nothing.
+    Another process compiles half of them meanwhile. What was compiled before costs next to nothing.
     """
     scenes = list(scenes)
-    names = list(integrators)
+    names = [*[_CLOSED_FORMS] * any(scene.is_free_rotation for scene in scenes), *integrators]
     if any(scene.lasting_loads for scene in scenes):
         names += [name + _UNDER_LASTING for name in integrators]
     marks = [cache_directory() / f"{name}.compiled" for name in names]
-    missing = not all(mark.exists() for mark in marks)
-    words = [sys.executable, "-m", __name__, *names]
+    missing = [name for name, mark in zip(names, marks, strict=True) if not mark.exists()]
+    words = [sys.executable, "-m", __name__, *missing]
     # in a session of its own: an interrupt from the keyboard is for this process, which then ends the other
     other = subprocess.Popen(words, start_new_session=True) if missing else None
     try:
-        for scene in scenes:
+        closed_last = sorted(scenes, key=lambda scene: scene.is_free_rotation)
+        if _CLOSED_FORMS in missing:
+            compile_tumbling()
+        for scene in closed_last:
+            if other is not None and scene.is_free_rotation:
+                _wait_for(marks[0], other)  # the mark of the closed forms
             solve_truth(scene, np.array([0.0, 1e-3 * scene.sample_interval_s]))
-        if other is not None and other.wait() == 0:
-            for mark in marks:
-                mark.touch()
+        if other is not None:
+            other.wait()
     finally:
         if other is not None:
             other.kill()
 
 
-def compile_integrators(names: Iterable[str]) -> None:
-    """Make one step with each integrator; under lasting loads where the name ends so."""
+def _wait_for(mark: Path, other: subprocess.Popen[bytes]) -> None:
+    """Wait until the other process has left the mark, or has ended without."""
+    while not mark.exists() and other.poll() is None:
+        time.sleep(0.05)
+
+
+def compile_here(names: Iterable[str]) -> None:
+    """Compile what is named, one after the other, and leave a mark for each."""
     for name in names:
-        integrator = INTEGRATORS[name.removesuffix(_UNDER_LASTING)]
-        attitude = np.eye(3).ravel() if integrator.attitude == "matrix" else np.array([1.0, 0.0, 0.0, 0.0])
-        state = np.concatenate([np.zeros(6), np.ones(3), attitude])
-        body = packed_body(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])))
-        if name.endswith(_UNDER_LASTING):
-            integrator.advance_under(state, body, np.zeros(21), np.zeros(0), 0.0, 1e-3, 1)
+        if name == _CLOSED_FORMS:
+            compile_frame_and_evaluation()
+            _compile_flight()
         else:
-            integrator.advance(state, body, np.zeros(21), 1e-3, 1)
+            _compile_integrator(name)
+        mark = cache_directory() / f"{name}.compiled"
+        mark.parent.mkdir(parents=True, exist_ok=True)
+        mark.touch()
+
+
+def _compile_flight() -> None:
+    start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
+    scene = Scene(RigidBody(1.0, np.eye(3)), start, (), np.zeros(3), 1.0, 2)
+    loads = loads_of(scene)
+    flight = None if loads is None else Flight.of(scene, loads)
+    assert flight is not None
+    flight.at(scene.sample_times)
+
+
+def _compile_integrator(name: str) -> None:
+    """Make one step; under lasting loads where the name ends so."""
+    integrator = INTEGRATORS[name.removesuffix(_UNDER_LASTING)]
+    attitude = np.eye(3).ravel() if integrator.attitude == "matrix" else np.array([1.0, 0.0, 0.0, 0.0])
+    state = np.concatenate([np.zeros(6), np.ones(3), attitude])
+    body = packed_body(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])))
+    if name.endswith(_UNDER_LASTING):
+        integrator.advance_under(state, body, np.zeros(21), np.zeros(0), 0.0, 1e-3, 1)
+    else:
+        integrator.advance(state, body, np.zeros(21), 1e-3, 1)
 
 
 if __name__ == "__main__":
-    compile_integrators(sys.argv[1:])
+    compile_here(sys.argv[1:])

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from bodycheck.adapters.contract import Adapter, beyond_constant_loads
+from bodycheck.adapters.contract import Adapter, unknown_loads
 from bodycheck.adapters.protocol import line_of, message_of, scene_message, scene_of
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.scene import BlackBox, Scene
@@ -90,10 +90,9 @@ def test_the_reference_refuses_what_it_cannot_by_a_reason(name: str) -> None:
         assert reason is None or reason.isprintable()
 
 
-def test_what_is_beyond_constant_loads_is_named() -> None:
-    """The reason names the kinds of load, a pivot and a link frame; constant loads need none."""
-    assert beyond_constant_loads(load_scenario("thruster").scene) is None
-    assert "(Drag)" in (beyond_constant_loads(load_scenario("detumbling").scene) or "")
-    assert "a pivot" in (beyond_constant_loads(load_scenario("heavy-top").scene) or "")
-    linked = parse_scenario(LINKED, "linked.toml").scene
-    assert "a link frame" in (beyond_constant_loads(linked) or "")
+def test_a_load_that_only_a_function_knows_is_not_taken_to_engines() -> None:
+    """The reason says so; loads of constants need none."""
+    scene = load_scenario("thruster").scene
+    assert unknown_loads(scene) is None
+    called = BlackBox("package.module:function", lambda t, x, r, v, w: (x, w))  # noqa: ARG005 - never called
+    assert "only a function knows" in (unknown_loads(replace(scene, loads=(called,))) or "")

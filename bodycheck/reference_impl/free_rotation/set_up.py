@@ -65,7 +65,7 @@ def _without_negligible(omega: Vec) -> Vec:
 
 
 @kernel
-def _frame_of(inertia: Array, omega: Array) -> Frame:
+def frame_of(inertia: Array, omega: Array) -> Frame:
     """The principal frame of the scaled state."""
     return principal(matrix_at(_scaled(inertia), 0), _without_negligible(vector_at(_scaled(omega), 0)))
 
@@ -82,7 +82,7 @@ def _conjugate(q: Quat) -> Quat:
 
 
 @kernel
-def _placed(motion: Tumble, axes: NumberedAxes, omega: Array, quaternion: Array) -> Tumbling:
+def placed(motion: Tumble, axes: NumberedAxes, omega: Array, quaternion: Array) -> Tumbling:
     """Let the motion start from the quaternion."""
     principal_axes = unit(quaternion_of(axes.columns))
     relative = unit(state_at(motion, dd.ZERO)[0])
@@ -102,7 +102,7 @@ def begin(
     size, its low part, exponent; a side of 0 leaves it to floating point to find out.
     """
     for k in range(len(rows)):
-        frame = _frame_of(inertia[k], omega[k])
+        frame = frame_of(inertia[k], omega[k])
         axes = numbered(frame, False)
         side, high, low, exponent = (
             separations[k, 0],
@@ -117,7 +117,7 @@ def begin(
         doubtful[k] = not sure
         if sure:
             axes = numbered(frame, separation.descending)
-            put_tumbling(rows[k], _placed(tumble(axes, separation), axes, omega[k], quaternion[k]))
+            put_tumbling(rows[k], placed(tumble(axes, separation), axes, omega[k], quaternion[k]))
 
 
 @kernel

@@ -14,6 +14,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth, solve_truth
+from bodycheck.reference_impl.warm_up import compile_kernels
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.sealed import key_of
 
@@ -30,6 +31,7 @@ def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
     key = key_of(truth=protocol.scene_message(scene), t_s=packed(t_s), code=own_code())
     if (message := cache.get(key)) is not None:
         return _truth_of(message)
+    compile_kernels([scene])
     truth = solve_truth(scene, t_s)
     cache.put(key, _message(truth))
     return truth
