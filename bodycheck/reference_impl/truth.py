@@ -81,7 +81,7 @@ def _ascending(scene: Scene, t_s: Array) -> Truth:
     if scene.has_black_box:
         return _halved(scene, t_s)
     closed = closed_form_of(scene)
-    return _certified(scene, t_s) if closed is None else _exact(scene, closed, t_s)
+    return certified_truth(scene, t_s) if closed is None else _exact(scene, closed, t_s)
 
 
 def _check_finite(motion: Trajectory) -> None:
@@ -111,10 +111,11 @@ def _neighbour(scene: Scene, t_s: Array) -> Trajectory:
     return _trajectory(t_s, follow_scene(scene, course, packed_state(scene.initial), t_s, _NUDGED))
 
 
-def _certified(scene: Scene, t_s: Array) -> Truth:
+def certified_truth(scene: Scene, t_s: Array) -> Truth:
     """bound = 10 (|difference of two resolutions| + 2^-104 sensitivity steps) + half an ulp, ascending times.
 
-    The half ulp is that of every number handed out: some 3e-16 rad.
+    For any scene of known loads, also one that has a closed form. The half ulp is that of every number
+    handed out: some 3e-16 rad.
     """
     course = course_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
     fine, check = (
