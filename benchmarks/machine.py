@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
+
+from bodycheck.reports.machine import cpu_model
 
 _LIBRARIES = ("bodycheck", "numpy", "numba", "llvmlite", "scipy", "mujoco", "heyoka", "trimesh")
 
@@ -13,7 +14,7 @@ _LIBRARIES = ("bodycheck", "numpy", "numba", "llvmlite", "scipy", "mujoco", "hey
 def machine() -> dict[str, object]:
     """Return plain data; a library that is not installed is left out."""
     return {
-        "cpu": _cpu(),
+        "cpu": cpu_model(),
         "cores": os.cpu_count(),
         "load_average": [round(load, 2) for load in os.getloadavg()],
         "system": f"{platform.system()} {platform.machine()}",
@@ -27,13 +28,3 @@ def _version(name: str) -> str | None:
         return version(name)
     except PackageNotFoundError:
         return None
-
-
-def _cpu() -> str:
-    """Return the processor's name as Linux gives it, else as Python does."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()

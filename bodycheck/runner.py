@@ -24,6 +24,7 @@ from bodycheck.reference_impl.warm_up import compile_kernels
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.crew import Task, share_out
 from bodycheck.reports.judge import judge_file
+from bodycheck.reports.machine import cpu_model
 from bodycheck.reports.run import Run
 from bodycheck.reports.speed import Quietness, measure_speeds
 from bodycheck.reports.storage.answers import Answers
@@ -259,7 +260,7 @@ def _manifest(
         "bodycheck": version("bodycheck"),
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "cpu": _cpu_model(),
+        "cpu": cpu_model(),
         "cores": os.cpu_count(),
         "libraries": {name: version(name) for name in ("numpy", "numba", "scipy", "pandas")},
         "engines": engines,
@@ -274,13 +275,3 @@ def _manifest(
         "scenarios": {s.name: s.model_dump(mode="json", exclude_none=True) for _, s in selection.scenarios},
         **seconds,
     }
-
-
-def _cpu_model() -> str:
-    """Return the processor's name as Linux gives it, else as Python does."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()
