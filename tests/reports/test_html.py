@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import subprocess
 import time
 from base64 import b64decode
 from collections.abc import Iterator, Mapping
@@ -17,6 +16,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from playwright.sync_api import Error, expect, sync_playwright
+from playwright.sync_api import Page as Browser
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation
 from bodycheck.adapters.reference import Reference
@@ -37,6 +38,8 @@ from bodycheck.reports.run import Run
 from bodycheck.reports.summary import STATES, Cell, common_step, summary_cells, verdict_sentences
 from bodycheck.reports.wording import names, number, scientific, step
 from bodycheck.runner import run as measure
+
+Browsed = tuple[Browser, list[Error]]
 
 HOSTILE = "<script>alert(1)</script>"
 FREE = f"""
@@ -446,77 +449,52 @@ def test_lists_read_as_sentences() -> None:
 
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-in_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on the path")
+LONG_MS = 120_000
+"""What the browser may take on a machine that is busy."""
+expect.set_options(timeout=LONG_MS)
 
 
 @pytest.fixture
-def profile(tmp_path: Path) -> Iterator[Path]:
-    """Return a folder for the browser's own files."""
-    folder = tmp_path / "profile"
-    yield folder
-    shutil.rmtree(folder, ignore_errors=True)
+def opened(html: str, tmp_path: Path) -> Iterator[Browsed]:
+    """Return the report, opened in Chromium, and the errors of its scripts so far."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on the path")
+    place = tmp_path / "report.html"
+    place.write_text(html, encoding="utf-8")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"], timeout=LONG_MS)
+        page = browser.new_page(viewport={"width": 1200, "height": 600})
+        page.set_default_timeout(LONG_MS)
+        errors: list[Error] = []
+        page.on("pageerror", lambda error: errors.append(error))
+        page.goto(place.as_uri())
+        yield page, errors
+        browser.close()
 
 
-def opened(html: str, script: str, profile: Path, height: int) -> Page:
-    """Return the page as Chromium has it after a minute, with a script of the test at its end.
-
-    The minute is the page's own, and ends as soon as nothing more is to be done; plotly's source is cut out
-    of what returns.
-    """
-    place = profile.with_name("report.html")
-    place.write_text(html.replace("</body>", f"<script>{script}</script></body>"), encoding="utf-8")
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={profile}"]
-    options += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
-    options += [f"--window-size=1200,{height}", "--virtual-time-budget=60000", "--dump-dom"]
-    done = subprocess.run(
-        [str(CHROMIUM), *options, place.as_uri()],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
-    return Page(re.sub(r"(?s)<script>.*?</script>", "", done.stdout))
-
-
-def drawn(page: Page) -> list[bool]:
-    """Return of each plot whether it is drawn."""
-    return ["data-drawn" in attributes for _, attributes in page.tags if "data-plot" in attributes]
-
-
-POINT = """const look = setInterval(() => {
-  if (document.querySelector("[data-plot]:not([data-drawn])")) return;
-  clearInterval(look);
-  const plot = document.querySelector("[data-plot=error]");
-  const sound = plot.data.findIndex(trace => trace.name.includes("sound"));
-  Plotly.Fx.hover(plot, [{ curveNumber: sound, pointNumber: 0 }]);
-  document.documentElement.dataset.label = plot.querySelector(".hoverlayer").textContent;
-}, 50);"""
-
-
-@in_browser
-def test_the_browser_draws_every_plot(html: str, profile: Path) -> None:
+def test_the_browser_draws_every_plot(opened: Browsed) -> None:
     """All plots in view have their lines, no script fails, and a name with markup is text in a label."""
-    page = opened(html, POINT, profile, height=20_000)
-    _, root = page.tags[0]
-    assert "data-script-error" not in root
-    assert drawn(page) == [True] * 6
-    classes = [attributes.get("class", "") for _, attributes in page.tags]
-    assert sum(name.startswith("trace scatter") for name in classes) > 6 * 10
-    assert f"{HOSTILE}:sound" in root["data-label"]
+    page, errors = opened
+    page.set_viewport_size({"width": 1200, "height": 20_000})
+    expect(page.locator("[data-plot][data-drawn]")).to_have_count(6)
+    assert page.locator("g[class^='trace scatter']").count() > 6 * 10
+    page.evaluate(
+        """() => {
+          const plot = document.querySelector("[data-plot=error]");
+          const sound = plot.data.findIndex(trace => trace.name.includes("sound"));
+          Plotly.Fx.hover(plot, [{ curveNumber: sound, pointNumber: 0 }]);
+        }"""
+    )
+    expect(page.locator("[data-plot=error] .hoverlayer").first).to_contain_text(f"{HOSTILE}:sound")
+    assert errors == []
 
 
-# an observer is told of what is in view after those that the page has made before it
-PRINT = """new IntersectionObserver((_, own) => {
-  own.disconnect();
-  document.documentElement.dataset.atFirst = document.querySelectorAll("[data-drawn]").length;
-  dispatchEvent(new Event("beforeprint"));
-}).observe(document.querySelector(".plots"));"""
-
-
-@in_browser
-def test_plots_wait_until_they_are_seen_or_printed(html: str, profile: Path) -> None:
+def test_plots_wait_until_they_are_seen_or_printed(opened: Browsed) -> None:
     """Plots far below the window are not drawn when the page opens, but are before it is printed."""
-    page = opened(html, PRINT, profile, height=600)
-    _, root = page.tags[0]
-    assert int(root["data-at-first"]) < 6
-    assert drawn(page) == [True] * 6
+    page, errors = opened
+    page.evaluate("() => new Promise(seen => new IntersectionObserver(seen).observe(document.body))")
+    assert page.locator("[data-plot][data-drawn]").count() < 6
+    page.emulate_media(media="print")
+    page.evaluate("() => dispatchEvent(new Event('beforeprint'))")
+    expect(page.locator("[data-plot][data-drawn]")).to_have_count(6)
+    assert errors == []
