@@ -99,9 +99,15 @@ def _against() -> tuple[Figure, ...]:
 
 
 def _drift() -> tuple[Figure, ...]:
-    kept = {"energy": "energy", "momentum": "angular momentum of the world", "norm": "quaternion's norm"}
+    kept = {
+        "energy": "energy, free",
+        "momentum": "angular momentum of the world, free",
+        "norm": "quaternion's norm, free",
+        "top-energy": "energy, heavy top",
+        "top-momentum": "angular momentum about the vertical, heavy top",
+    }
     sizes = tuple(
-        Figure(f"drift.{name}.size", f"relative drift of the {what} over the steps, free", "", at_most=2e-14)
+        Figure(f"drift.{name}.size", f"relative drift of the {what}, over the steps", "", at_most=2e-14)
         for name, what in kept.items()
     )
     growths = tuple(

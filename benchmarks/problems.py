@@ -1,4 +1,4 @@
-"""The motions that are measured: one tumbling body, alone and under one load at a time."""
+"""The motions that are measured: one tumbling body, alone and under one load at a time; a heavy top."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from bodycheck.reference_impl.scene import (
     Torque,
 )
 from bodycheck.reference_impl.truth import Truth, certified_truth
+from bodycheck.scenarios.library import load_scenario
 
 _SAMPLES = 101
 _TORQUE = (0.3, -0.2, 0.1)
@@ -73,3 +74,5 @@ BODY_TORQUE = tumbling("constant body torque", Torque("body", np.array(_TORQUE))
 DRAG = tumbling("angular drag", Drag(0.0, 0.1 * np.eye(3)))
 BODY_SINE = tumbling("body sine torque", SineTorque("body", np.array(_TORQUE), rate=2.0, phase=0.3))
 GRAVITY_GRADIENT = tumbling("gravity gradient", GravityGradient(rate=0.5))
+HEAVY_TOP = load_scenario("heavy-top").scene
+"""An asymmetric body on a fixed point: its energy and its momentum about the vertical are kept."""
