@@ -28,7 +28,7 @@ _SEED = 1
 _LAST_DIGIT = 2.0**-53  # smaller departures are those of the readings, and no drift
 
 Departures = Callable[[Scene, Array], Array]
-"""A scene and its states (n, 13) -> (kept quantities, n): how far each is from the first state's, relative."""
+"""A scene and its states (n, 13) -> (kept quantities, n): how far from the first state's, relative."""
 
 
 @dataclass(frozen=True, eq=False)

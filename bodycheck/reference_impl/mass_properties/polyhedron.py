@@ -23,11 +23,11 @@ Triangles: TypeAlias = NDArray[np.int64]
 """Vertex numbers (m, 3), each triangle counter-clockwise seen from outside."""
 
 
-Moments: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
+_LANES = 32
+"""How many triangles are taken at once: a row for every quantity, so that one instruction serves several."""
 
-_BLOCK = 32
-"""How many triangles are summed plainly before the sum is compensated: their round-off stays below one
-ulp of the block, and the blocks' random signs make it less than one of the whole."""
+_CORNERS, _TERMS = 9, 10
+_FIRST_TERM = _CORNERS * _LANES
 
 _MULTIPLES = np.array([6.0, 24.0, 24.0, 24.0, 120.0, 120.0, 120.0, 120.0, 120.0, 120.0])
 
@@ -60,10 +60,12 @@ def _determinant(a: Vec, b: Vec, c: Vec) -> float:
     ab, bc, ca = _subtract(b, a), _subtract(c, b), _subtract(a, c)
     ab2, bc2, ca2 = _dot(ab, ab), _dot(bc, bc), _dot(ca, ca)
     if ab2 >= bc2 and ab2 >= ca2:
-        return _dot(c, cross(bc, ca))
-    if bc2 >= ca2:
-        return _dot(a, cross(ca, ab))
-    return _dot(b, cross(ab, bc))
+        corner, before, after = c, bc, ca
+    elif bc2 >= ca2:
+        corner, before, after = a, ca, ab
+    else:
+        corner, before, after = b, ab, bc
+    return _dot(corner, cross(before, after))
 
 
 @kernel
@@ -86,43 +88,70 @@ def volume_area_reach(vertices: Array, triangles: Triangles) -> tuple[float, flo
 
 
 @kernel
-def _block_moments(vertices: Array, triangles: Triangles, origin: Vec, begin: int, end: int) -> Moments:
-    """Sums over the triangles begin to end, of D, D s, and D (a a^T + b b^T + c c^T + s s^T), s = a + b + c.
+def _gather(work: Array, vertices: Array, triangles: Triangles, origin: Vec, begin: int) -> None:
+    """Put the corners of the triangles from `begin` on into the lanes; past the last they bound nothing."""
+    count = min(_LANES, triangles.shape[0] - begin)
+    for i in range(count):
+        for k in range(3):
+            x, y, z = _corner(vertices, triangles[begin + i, k], origin)
+            row = 3 * k * _LANES + i
+            work[row], work[row + _LANES], work[row + 2 * _LANES] = x, y, z
+    for i in range(count, _LANES):
+        for row in range(_CORNERS):
+            work[row * _LANES + i] = 0.0
 
-    Each is a tetrahedron with its apex at the origin given, D = det(a, b, c); they are 6 times its volume,
-    24 times its first and 120 times its second moments xx, yy, zz, xy, yz, zx.
+
+@kernel
+def _expand(work: Array) -> None:
+    """Write D, D s and D (a a^T + b b^T + c c^T + s s^T), s = a + b + c, of the triangles in the lanes.
+
+    Each is a tetrahedron with its apex at the origin, D = det(a, b, c); they are 6 times its volume, 24
+    times its first and 120 times its second moments xx, yy, zz, xy, yz, zx.
     """
-    v = x = y = z = xx = yy = zz = xy = yz = zx = 0.0
-    for t in range(begin, end):
-        a = _corner(vertices, triangles[t, 0], origin)
-        b = _corner(vertices, triangles[t, 1], origin)
-        c = _corner(vertices, triangles[t, 2], origin)
+    n, to = _LANES, _FIRST_TERM
+    for i in range(_LANES):
+        a = work[i], work[n + i], work[2 * n + i]
+        b = work[3 * n + i], work[4 * n + i], work[5 * n + i]
+        c = work[6 * n + i], work[7 * n + i], work[8 * n + i]
         d = _determinant(a, b, c)
         s = a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]
-        v += d
-        x += d * s[0]
-        y += d * s[1]
-        z += d * s[2]
-        xx += d * (a[0] * a[0] + b[0] * b[0] + c[0] * c[0] + s[0] * s[0])
-        yy += d * (a[1] * a[1] + b[1] * b[1] + c[1] * c[1] + s[1] * s[1])
-        zz += d * (a[2] * a[2] + b[2] * b[2] + c[2] * c[2] + s[2] * s[2])
-        xy += d * (a[0] * a[1] + b[0] * b[1] + c[0] * c[1] + s[0] * s[1])
-        yz += d * (a[1] * a[2] + b[1] * b[2] + c[1] * c[2] + s[1] * s[2])
-        zx += d * (a[2] * a[0] + b[2] * b[0] + c[2] * c[0] + s[2] * s[0])
-    return v, x, y, z, xx, yy, zz, xy, yz, zx
+        work[to + i] = d
+        work[to + n + i] = d * s[0]
+        work[to + 2 * n + i] = d * s[1]
+        work[to + 3 * n + i] = d * s[2]
+        work[to + 4 * n + i] = d * (a[0] * a[0] + b[0] * b[0] + c[0] * c[0] + s[0] * s[0])
+        work[to + 5 * n + i] = d * (a[1] * a[1] + b[1] * b[1] + c[1] * c[1] + s[1] * s[1])
+        work[to + 6 * n + i] = d * (a[2] * a[2] + b[2] * b[2] + c[2] * c[2] + s[2] * s[2])
+        work[to + 7 * n + i] = d * (a[0] * a[1] + b[0] * b[1] + c[0] * c[1] + s[0] * s[1])
+        work[to + 8 * n + i] = d * (a[1] * a[2] + b[1] * b[2] + c[1] * c[2] + s[1] * s[2])
+        work[to + 9 * n + i] = d * (a[2] * a[0] + b[2] * b[0] + c[2] * c[0] + s[2] * s[0])
+
+
+@kernel
+def _add(high: Array, low: Array, work: Array) -> None:
+    """Add the lanes' terms to sums of their own, and what rounding takes from those to the low parts."""
+    for i in range(_TERMS * _LANES):
+        high[i], error = two_sum(high[i], work[_FIRST_TERM + i])
+        low[i] += error
 
 
 @kernel
 def _moments(vertices: Array, triangles: Triangles, origin: Vec) -> Array:
     """Integrals of 1, x, y, z, xx, yy, zz, xy, yz, zx over the solid, about the origin given: (10,)."""
-    high, low = np.zeros(10), np.zeros(10)
-    for begin in range(0, triangles.shape[0], _BLOCK):
-        end = min(begin + _BLOCK, triangles.shape[0])
-        block = _block_moments(vertices, triangles, origin, begin, end)
-        for k, term in enumerate(block):
-            high[k], error = two_sum(high[k], term)
-            low[k] += error
-    return (high + low) / _MULTIPLES
+    high, low = np.zeros(_TERMS * _LANES), np.zeros(_TERMS * _LANES)
+    work = np.empty((_CORNERS + _TERMS) * _LANES)
+    for begin in range(0, triangles.shape[0], _LANES):
+        _gather(work, vertices, triangles, origin, begin)
+        _expand(work)
+        _add(high, low, work)
+    integrals = np.empty(_TERMS)
+    for k in range(_TERMS):
+        total, rest = 0.0, 0.0
+        for i in range(k * _LANES, (k + 1) * _LANES):
+            total, error = two_sum(total, high[i])
+            rest += error + low[i]
+        integrals[k] = (total + rest) / _MULTIPLES[k]
+    return integrals
 
 
 @kernel
