@@ -29,6 +29,9 @@ from bodycheck.reference_impl.principal_terms import (
     FACTS,
     FRAME,
     GRADIENT,
+    HELD_TORQUE,
+    INVERSE,
+    IS_HELD,
     LOAD,
     ORBIT_RATE,
     PHASES,
@@ -113,31 +116,34 @@ def packed_rotation(
 
 def _packed_body(frame: PrincipalFrame, held: Iterable[Timed]) -> Array:
     a, b, c = frame.moments
-    torque = [Fraction(0)] * 3
+    torque, held_torque = [Fraction(0)] * 3, [Fraction(0)] * 3
     for load in held:
+        value = fractions(load.value)
         if load.axes == "body":
-            value = fractions(load.value)
             torque = added(torque, value if isinstance(load, Torque) else cross(fractions(load.at), value))
+        elif isinstance(load, Torque):
+            held_torque = added(held_torque, value)
     body = np.zeros((BODY, 4))
     body[EULER, :3] = [float((b - c) / a), float((c - a) / b), float((a - b) / c)]
     body[TORQUE, :3] = _floats(frame.accelerations(frame.components(torque)))
     w, x, y, z = (high for high, _ in unit([Fraction(n) for n in frame.quaternion]))
     body[FRAME] = w, -x, -y, -z
+    body[HELD_TORQUE, :3] = _floats(held_torque)
+    body[FACTS, IS_HELD] = any(held_torque)
+    body[INVERSE, :3] = [float(1 / moment) for moment in frame.moments]
     return body
 
 
 def _held_in_world(frame: PrincipalFrame, held: Iterable[Timed]) -> list[Array]:
-    """Pack I^-1 y and I^-1 (at x y), y a torque or a force seen from the body."""
+    """Pack I^-1 (at x y), y a force seen from the body; torques are among the body's constants."""
     units = [[Fraction(int(i == j)) for j in range(3)] for i in range(3)]
     rows = []
     for load in held:
-        if load.axes == "world":
+        if load.axes == "world" and isinstance(load, PointForce):
             row = np.zeros((LOAD, 4))
             row[COSINE, :3] = load.value
             row[PHASES] = 0.0, 0.0, _TURNS, 0.0
-            columns = units
-            if isinstance(load, PointForce):
-                columns = [cross(frame.components(fractions(load.at)), e) for e in units]
+            columns = [cross(frame.components(fractions(load.at)), e) for e in units]
             row[ANGULAR : ANGULAR + 3, :3] = [_floats(frame.accelerations(column)) for column in columns]
             rows.append(row)
     return rows

@@ -5,8 +5,10 @@ y' = y x omega, three rows instead of a rotation matrix's nine; and a row of fou
 
 series (rows, order + 1, 4) has a row for q, and three for each vector: itself, its components shifted by one
 place and by two; a vector that swings is followed by its partner, a quarter period ahead. body (1, BODY, 4)
-and loads (m, LOAD, 4) are packed by principal_forcing.py; loads is None where nothing turns the body. Source:
-Jorba and Zou (2005), Experimental Mathematics 14, 99, section 2.
+and loads (m, LOAD, 4) are packed by principal_forcing.py; loads is None where nothing turns the body. The
+constant torques of the world are one vector, whose products are summed in the loop of omega's: a loop of its
+own would be left at another count each time, which no processor foresees. Source: Jorba and Zou (2005),
+Experimental Mathematics 14, 99, section 2.
 """
 
 from __future__ import annotations
@@ -18,15 +20,17 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.jit import borrowing_inline, borrowing_kernel
 from bodycheck.reference_impl.lanes import Lanes
 
-Q, OMEGA, U, LOADS = 0, 1, 4, 10
-"""Rows: q, omega, the way down to the orbit's centre and its partner, where those of the loads begin."""
+Q, OMEGA, HELD, U, LOADS = 0, 1, 4, 7, 13
+"""Rows: q, omega, the torque that the world holds, the way down to the orbit's centre and its partner, where
+those of the loads begin."""
 _TURNED_ONCE, _TURNED_TWICE, PARTNER, LOAD_ROWS = 1, 2, 3, 6
 """Rows of a vector, counted from its first: (y1, y2, y0), (y2, y0, y1), the partner; those of a load."""
 
 # what lies in a body's constants: (I2 - I3) / I1 .., I^-1 tau, -3 n^2 (I2 - I3) / I1 .., the columns of
-# -I^-1 C, the quaternion from body to principal axes, (is there drag, n)
-EULER, TORQUE, GRADIENT, DAMPING, FRAME, FACTS, BODY = 0, 1, 2, 3, 6, 7, 8
-DAMPED, ORBIT_RATE = 0, 1
+# -I^-1 C, the quaternion from body to principal axes, (is there drag, n, is there a torque that the world
+# holds), that torque in world axes, 1 / I
+EULER, TORQUE, GRADIENT, DAMPING, FRAME, FACTS, HELD_TORQUE, INVERSE, BODY = 0, 1, 2, 3, 6, 7, 8, 9, 10
+DAMPED, ORBIT_RATE, IS_HELD = 0, 1, 2
 # and in a load's: y = SINE sin(rate t + phase) + COSINE cos(rate t + phase), in world axes if it turns and in
 # principal ones if not; the columns of I^-1 tau / y; (rate, phase, does it turn, does it swing)
 SINE, COSINE, ANGULAR, PHASES, LOAD = 0, 1, 2, 5, 6
@@ -176,17 +180,29 @@ def expand(series: Array, body: Array, loads: Array | None) -> None:
 
     I1 omega1' = (I2 - I3) omega2 omega3 + torque1, and so on in turn; q' = q omega / 2.
     """
-    none = lanes.nothing()
+    none, is_held = lanes.nothing(), False
+    if loads is not None:
+        is_held = lanes.lane_of(body, 0, FACTS, IS_HELD) != 0.0
     for k in range(series.shape[1] - 1):
-        products, parts = none, (none, none, none)
-        for n in range(1, k + 1):
-            products = _add_square(products, series, OMEGA, n, k - n)
-            parts = _add_times_omega(parts, series, n, k - n)
+        products, parts, held = none, (none, none, none), (none, none)
+        if is_held:
+            for n in range(1, k + 1):
+                products = _add_square(products, series, OMEGA, n, k - n)
+                parts = _add_times_omega(parts, series, n, k - n)
+                held = _add_turned(held, series, HELD, n, k - n)
+            held = _add_turned(held, series, HELD, 0, k)
+        else:
+            for n in range(1, k + 1):
+                products = _add_square(products, series, OMEGA, n, k - n)
+                parts = _add_times_omega(parts, series, n, k - n)
         products = _add_square(products, series, OMEGA, 0, k)
         parts = _add_times_omega(parts, series, 0, k)
         share = 1.0 / (k + 1.0)
         rate = lanes.times(products, lanes.load(body, 0, EULER))
         if loads is not None:
+            if is_held:
+                rate = lanes.add_product(rate, lanes.load(series, HELD, k), lanes.load(body, 0, INVERSE))
+                put_vector(series, HELD, k + 1, lanes.scaled(lanes.minus(held[0], held[1]), share))
             rate = _add_forcing(rate, series, body, loads, k, share)
         put_vector(series, OMEGA, k + 1, lanes.scaled(rate, share))
         lanes.store(series, Q, k + 1, _quaternion_product(parts, 0.5 * share))

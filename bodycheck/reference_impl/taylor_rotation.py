@@ -20,6 +20,9 @@ from bodycheck.reference_impl.principal_terms import (
     COSINE,
     FACTS,
     FRAME,
+    HELD,
+    HELD_TORQUE,
+    IS_HELD,
     LOAD_ROWS,
     LOADS,
     OMEGA,
@@ -69,6 +72,8 @@ def _start_load(series: Array, loads: Array, j: int, to_world: Mat, t: float) ->
 def _start_forcing(series: Array, body: Array, loads: Array, q: Lanes, t: float) -> None:
     """Set the first coefficients of all that the forcing depends on at time t."""
     to_world = matrix_of(lanes.unpacked(q))
+    if lanes.lane_of(body, 0, FACTS, IS_HELD) != 0.0:
+        put_vector(series, HELD, 0, _in_axes(to_world, lanes.load(body, 0, HELD_TORQUE)))
     rate = lanes.lane_of(body, 0, FACTS, ORBIT_RATE)
     if rate != 0.0:
         sine, cosine = math.sin(rate * t), math.cos(rate * t)
@@ -205,7 +210,7 @@ def follow(
 
 def working_space(loads: Array | None, order: int) -> Array:
     """Return zeroed series for the loads, on the boundary of a cache line: what straddles one is slow."""
-    rows = U if loads is None else LOADS + LOAD_ROWS * len(loads)
+    rows = HELD if loads is None else LOADS + LOAD_ROWS * len(loads)
     size = rows * (order + 1) * 4
     room = np.zeros(size + _LINE // 8)
     first = -room.ctypes.data % _LINE // 8
