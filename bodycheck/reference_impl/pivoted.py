@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.pivot import turning_inertia
 from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,
     Load,
     PointForce,
-    RigidBody,
     Scene,
     Spring,
 )
@@ -34,18 +34,13 @@ def about_pivot(scene: Scene) -> Scene:
     loads = [_moved(load, scene.pivot) for load in scene.loads]
     return replace(
         scene,
-        body=replace(scene.body, inertia=inertia_about(scene.body, scene.pivot)),
+        body=replace(scene.body, inertia=turning_inertia(scene)),
         initial=replace(initial, position=place, velocity=np.zeros(3)),
         loads=(*loads, weight) if np.any(weight.value) else tuple(loads),
         gravity=np.zeros(3),
         pivot=None,
         link=None,
     )
-
-
-def inertia_about(body: RigidBody, point: Array) -> Array:
-    """I + m (|c|^2 E - c c^T), c the point from the centre of mass in body axes: (3, 3), kg m^2."""
-    return body.inertia + body.mass * _across(point)
 
 
 def _across(c: Array) -> Array:
