@@ -30,7 +30,7 @@ from bodycheck.reports.speed import Quietness, measure_speeds
 from bodycheck.reports.storage.answers import Answers
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
-from bodycheck.reports.storage.truths import known_truth
+from bodycheck.reports.storage.truths import is_known, known_truth
 from bodycheck.reports.study import Study, study
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, as_table
 from bodycheck.scenarios.library import load_scenario
@@ -146,11 +146,11 @@ def run_selection(
         for engine, method in selection.methods
         if engine.name == "reference" and method.control == "dt"
     ]
-    compile_kernels(scenes, integrators)
-    compiled = time.perf_counter()
     cache = Cache.default()
     cache.prune()
     cache = cache.write_only() if manner.fresh else cache
+    compile_kernels(scenes, integrators, lambda scene: is_known(scene, scene.sample_times, cache))
+    compiled = time.perf_counter()
     answers = Answers(journal, cache, manner.timeout_s)
     progress.phase("solving the truths")
     subjects = [Subject.of(scenario, asked_as, cache) for asked_as, scenario in selection.scenarios]

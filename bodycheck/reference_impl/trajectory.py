@@ -53,8 +53,7 @@ class Trajectory:
         """The orientation as quaternions (n, 4): those stored, else of the matrices' polar factors."""
         if self.quaternion is not None:
             return self.quaternion
-        assert self.rotation is not None
-        return matrix_to_quaternion(project_to_so3(self.rotation))
+        return matrix_to_quaternion(self.rotation_matrices)
 
     @cached_property
     def rotation_matrices(self) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,16 +23,21 @@ _UNDER_LASTING = "+lasting"
 _CLOSED_FORMS = "closed-forms"
 
 
-def compile_kernels(scenes: Iterable[Scene], integrators: Sequence[str] = ()) -> None:
+def compile_kernels(
+    scenes: Iterable[Scene],
+    integrators: Sequence[str] = (),
+    is_solved: Callable[[Scene], bool] = lambda scene: False,  # noqa: ARG005 - asked of each scene
+) -> None:
     """Call the kernels of these scenes' truths, and those of the integrators named, once.
 
-    Another process compiles half of them meanwhile. What was compiled before costs next to nothing.
+    Another process compiles half of them meanwhile. What was compiled before costs next to nothing; not even
+    that where nothing is missing and is_solved says that the scene's truth was solved before.
     """
     scenes = list(scenes)
     names = [*[_CLOSED_FORMS] * any(scene.is_free_rotation for scene in scenes), *integrators]
     if any(scene.lasting_loads for scene in scenes):
         names += [name + _UNDER_LASTING for name in integrators]
-    marks = [cache_directory() / f"{name}.compiled" for name in names]
+    marks = [_mark(name) for name in names]
     missing = [name for name, mark in zip(names, marks, strict=True) if not mark.exists()]
     words = [sys.executable, "-m", __name__, *missing]
     # in a session of its own: an interrupt from the keyboard is for this process, which then ends the other
@@ -42,6 +47,8 @@ def compile_kernels(scenes: Iterable[Scene], integrators: Sequence[str] = ()) ->
         if _CLOSED_FORMS in missing:
             compile_tumbling()
         for scene in closed_last:
+            if other is None and is_solved(scene):
+                continue
             if other is not None and scene.is_free_rotation:
                 _wait_for(marks[0], other)  # the mark of the closed forms
             solve_truth(scene, np.array([0.0, 1e-3 * scene.sample_interval_s]))
@@ -50,6 +57,15 @@ def compile_kernels(scenes: Iterable[Scene], integrators: Sequence[str] = ()) ->
     finally:
         if other is not None:
             other.kill()
+
+
+def closed_forms_compiled() -> bool:
+    """Whether the closed forms of a free body, the dearest to compile, were compiled here before."""
+    return _mark(_CLOSED_FORMS).exists()
+
+
+def _mark(name: str) -> Path:
+    return cache_directory() / f"{name}.compiled"
 
 
 def _wait_for(mark: Path, other: subprocess.Popen[bytes]) -> None:
@@ -66,7 +82,7 @@ def compile_here(names: Iterable[str]) -> None:
             _compile_flight()
         else:
             _compile_integrator(name)
-        mark = cache_directory() / f"{name}.compiled"
+        mark = _mark(name)
         mark.parent.mkdir(parents=True, exist_ok=True)
         mark.touch()
 

@@ -6,6 +6,7 @@ import math
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -18,7 +19,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
-from bodycheck.reports.invariants import invariants_of, worst_drift
+from bodycheck.reports.invariants import Invariant, invariants_of, worst_drift
 from bodycheck.reports.measures import Motion, defect, error_series, reduced, runaway
 from bodycheck.reports.scales import Scales, scene_scales
 from bodycheck.reports.storage.cache import Cache
@@ -69,6 +70,11 @@ class Subject:
     def times(self) -> Array:
         """The samples at which trajectories are compared with the truth (compared,), in s."""
         return self.truth.trajectory.t_s[: self.compared]
+
+    @cached_property
+    def invariants(self) -> list[Invariant]:
+        """What the scene keeps besides energy and momentum."""
+        return invariants_of(self.scenario.scene)
 
     def largest(self, bound: Array) -> float:
         """Return the largest of one of the truth's bounds (n,) over the samples that are compared."""
@@ -129,7 +135,7 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
     series = {name: values[: subject.compared] for name, values in whole.items()}
     columns |= reduced(series, subject.scales)
     compared = slice(subject.compared)
-    if worst := worst_drift(invariants_of(scene), subject.truth.trajectory, trajectory, compared):
+    if worst := worst_drift(subject.invariants, subject.truth.trajectory, trajectory, compared):
         columns |= worst.columns
         if worst.relative is not None:
             series["invariant_drift"] = worst.relative

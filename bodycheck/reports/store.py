@@ -9,13 +9,11 @@ import tempfile
 from hashlib import sha256
 from pathlib import Path
 
-import numpy as np
-
 from bodycheck.errors import InputError
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.html import render_report
 from bodycheck.reports.run import Run
-from bodycheck.reports.trajectory_files import stored_arrays
+from bodycheck.reports.trajectory_files import npz, stored_arrays
 
 
 def check_output(out: Path) -> None:
@@ -64,12 +62,10 @@ def _write_files(run: Run, folder: Path) -> None:
         place.mkdir(parents=True)
         truth = subject.truth
         bounds = {name: getattr(truth, name) for name in ("bound_rad", "bound_energy", "bound_momentum")}
-        np.savez(place / "truth.npz", allow_pickle=False, **stored_arrays(truth.trajectory), **bounds)
+        (place / "truth.npz").write_bytes(npz({**stored_arrays(truth.trajectory), **bounds}))
     for case in run.cases:
         if case.trajectory is not None:
-            np.savez(
-                trajectories / trajectory_file(case), allow_pickle=False, **stored_arrays(case.trajectory)
-            )
+            (trajectories / trajectory_file(case)).write_bytes(npz(stored_arrays(case.trajectory)))
 
 
 def trajectory_file(case: CaseResult) -> Path:

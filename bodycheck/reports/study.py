@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,7 @@ def study(
 
     def make(setting: Setting) -> CaseResult:
         case = run_case(subject, engine, method, setting, ask)
-        cases.append(case)
+        _insert(cases, case)
         case_done()
         return case
 
@@ -62,15 +62,14 @@ def study(
     scene = subject.scenario.scene
     asked = [setting.dt_s for setting in settings if setting.dt_s is not None]
     while adaptive and method.control == "dt":
-        points = _points(_with_step_changes(cases), _ORIENTATION)
+        points = _points(cases, _ORIENTATION)
         step = next_step(
             points, limit(subject, _ORIENTATION), asked, scene.sample_interval_s, scene.duration_s
         )
         if step is None:
             break
         make(Setting(dt_s=step))
-    ordered = _with_step_changes(cases)
-    return Study(ordered, tuple(_method_rows(ordered, subject, method)))
+    return Study(tuple(cases), tuple(_method_rows(cases, subject, method)))
 
 
 def limit(subject: Subject, quantity: str) -> float:
@@ -85,16 +84,25 @@ def limit(subject: Subject, quantity: str) -> float:
     return least
 
 
-def _with_step_changes(cases: Sequence[CaseResult]) -> tuple[CaseResult, ...]:
-    """Return the cases coarsest first, each with its largest angle to the next coarser one that ended."""
-    ordered = sorted(cases, key=lambda case: -(case.setting.fineness or 0.0))
-    changed = ordered[:1]
-    for coarser, case in pairwise(ordered):
-        if case.ok and coarser.ok and case.trajectory is not None and coarser.trajectory is not None:
-            change = float(np.max(geodesic_angle(coarser.trajectory.attitude, case.trajectory.attitude)))
-            case = replace(case, columns={**case.columns, "step_change_rad": change})
-        changed.append(case)
-    return tuple(changed)
+def _insert(cases: list[CaseResult], case: CaseResult) -> None:
+    """Put a case among the others, coarsest first; the step changes of it and of the next finer follow."""
+    place = bisect_right(cases, -_fineness(case), key=lambda other: -_fineness(other))
+    cases.insert(place, case)
+    for finer in range(max(place, 1), min(place + 2, len(cases))):
+        cases[finer] = _with_step_change(cases[finer - 1], cases[finer])
+
+
+def _fineness(case: CaseResult) -> float:
+    return case.setting.fineness or 0.0
+
+
+def _with_step_change(coarser: CaseResult, case: CaseResult) -> CaseResult:
+    """Return the case with its largest angle to the next coarser one, where both ended well."""
+    columns = {name: value for name, value in case.columns.items() if name != "step_change_rad"}
+    if case.ok and coarser.ok and case.trajectory is not None and coarser.trajectory is not None:
+        change = geodesic_angle(coarser.trajectory.attitude, case.trajectory.attitude)
+        columns["step_change_rad"] = float(np.max(change))
+    return replace(case, columns=columns)
 
 
 def _points(cases: Sequence[CaseResult], quantity: str) -> list[Point]:

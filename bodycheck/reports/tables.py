@@ -123,10 +123,13 @@ def as_table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.
     for row in rows:
         if unknown := row.keys() - set(columns):
             raise ValueError(f"no column is named {', '.join(sorted(unknown))}")
-    table = pd.DataFrame(rows, columns=list(columns))
-    for column in columns:
-        if column in _WHOLE_NUMBERS:
-            table[column] = table[column].astype("Int64")
-        elif column not in _TEXTS:
-            table[column] = table[column].astype("float64")
-    return table
+    return pd.DataFrame(
+        {column: pd.Series([row.get(column) for row in rows], dtype=_dtype(column)) for column in columns}
+    )
+
+
+def _dtype(column: str) -> str | None:
+    """Return what a column holds; None where pandas is to see for itself which kind of text."""
+    if column in _WHOLE_NUMBERS:
+        return "Int64"
+    return None if column in _TEXTS else "float64"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 from bodycheck.adapters import protocol
@@ -9,9 +10,10 @@ from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.drive import Answer, Case
 from bodycheck.adapters.host import Hosts
 from bodycheck.adapters.protocol import Message
+from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
-from bodycheck.reports.storage.sealed import key_of
+from bodycheck.reports.storage.sealed import Entry, key_of
 
 
 class Answers:
@@ -30,23 +32,24 @@ class Answers:
         message = self._journal.get(key) if self._journal else None
         if message is not None:
             return _read(message, case)
-        message, answer = self._asked(hosts, engine, case, key)
+        entry, answer = self._asked(hosts, engine, case, key)
         if self._journal:
-            self._journal.put(key, message)
+            # also what the cache has: it may be gone when the run goes on
+            self._journal.append(entry)
         return answer
 
-    def _asked(self, hosts: Hosts, engine: Engine, case: Case, key: str) -> tuple[Message, Answer]:
+    def _asked(self, hosts: Hosts, engine: Engine, case: Case, key: str) -> tuple[Entry, Answer]:
         # what a user's function does may change under its name
         cache = self._cache if engine.code and not case.scene.has_black_box else None
-        if cache and (known := cache.get(key)):
-            return known, _read(known, case)
+        if cache and (known := cache.entry(key)):
+            return known, _read(known.value, case)
         request = {"do": "record", "case": protocol.case_message(case)}
         message = {**hosts.ask(engine.name, request, self._timeout_s)}
         message.pop("id", None)
-        answer = _read(message, case)
+        entry, answer = Entry.of(key, message), _read(message, case)
         if cache and _lasting(answer):
-            cache.put(key, message)
-        return message, answer
+            cache.keep(entry)
+        return entry, answer
 
     def laps(self, engine: Engine, case: Case) -> Message | None:
         """Return what this run has measured of a case's speed, if it was before it was interrupted."""
@@ -72,4 +75,10 @@ def _lasting(answer: Answer) -> bool:
 
 def _key(engine: Engine, case: Case, what: str) -> str:
     identity: dict[str, Any] = {"name": engine.name, "version": engine.version, "code": engine.code}
-    return key_of(what=what, protocol=protocol.VERSION, engine=identity, case=protocol.case_message(case))
+    asked = {"method": case.method, **vars(case.setting), "scene": _scene_key(case.scene)}
+    return key_of(what=what, protocol=protocol.VERSION, engine=identity, case=asked)
+
+
+@lru_cache(maxsize=256)  # a scene, which is hashed as the object that it is, has a hundred cases
+def _scene_key(scene: Scene) -> str:
+    return key_of(scene=protocol.scene_message(scene))

@@ -10,10 +10,11 @@ from pathlib import Path
 
 from bodycheck.adapters.protocol import Message
 from bodycheck.reference_impl.cache_home import cache_home
-from bodycheck.reports.storage.sealed import opened, sealed
+from bodycheck.reports.storage.sealed import Entry
 
 _MOST_BYTES = 2_000_000_000
 _UNUSED_S = 30 * 86400.0
+_MARKED_AGAIN_S = 86400.0  # a file that was used less long ago is not marked as used once more
 
 
 class Cache:
@@ -34,31 +35,46 @@ class Cache:
 
     def get(self, key: str) -> Message | None:
         """Return what was put under this key, if it is there and whole."""
-        place = self._place(key)
+        entry = self.entry(key)
+        return None if entry is None else entry.value
+
+    def has(self, key: str) -> bool:
+        """Whether there is a file for this key, whole or not."""
+        return self._readable and self._place(key).is_file()
+
+    def entry(self, key: str) -> Entry | None:
+        """Return the same, with the line that holds it."""
         if not self._readable:
             return None
+        place = self._place(key)
         try:
-            message = opened(place.read_bytes())
+            with place.open("rb", buffering=0) as file:
+                used = os.fstat(file.fileno()).st_mtime
+                entry = Entry.read(file.readall())
         except OSError:
             return None
-        if message is None or message["key"] != key:
+        if entry is None or entry.key != key:
             return None
-        with suppress(OSError):
-            os.utime(place)
-        value: Message = message["value"]
-        return value
+        if abs(time.time() - used) > _MARKED_AGAIN_S:
+            with suppress(OSError):
+                os.utime(place)
+        return entry
 
     def put(self, key: str, message: Message) -> None:
         """Keep a message, whole or not at all; once the disk is full or read-only, nothing more."""
+        self.keep(Entry.of(key, message))
+
+    def keep(self, entry: Entry) -> None:
+        """Keep a message that is sealed already, as `put` does."""
         if not self._writable:
             return
-        place = self._place(key)
+        place = self._place(entry.key)
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
             descriptor, unfinished = tempfile.mkstemp(dir=place.parent, suffix=".part")
             try:
                 with os.fdopen(descriptor, "wb") as file:
-                    file.write(sealed({"key": key, "value": message}))
+                    file.write(entry.line)
                 Path(unfinished).replace(place)
             except BaseException:
                 with suppress(OSError):

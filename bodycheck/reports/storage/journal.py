@@ -12,7 +12,7 @@ from types import TracebackType
 
 from bodycheck.adapters.protocol import Message
 from bodycheck.errors import InputError
-from bodycheck.reports.storage.sealed import opened, sealed
+from bodycheck.reports.storage.sealed import Entry
 
 
 class Journal:
@@ -48,9 +48,9 @@ class Journal:
         end = 0
         with self._path.open("rb") as file:
             for line in file:
-                message = opened(line)
-                if message is not None:
-                    self._before[message["key"]] = message["value"]
+                entry = Entry.read(line)
+                if entry is not None:
+                    self._before[entry.key] = entry.value
                 if line.endswith(b"\n"):
                     end += len(line)
         return end
@@ -64,17 +64,20 @@ class Journal:
 
         Raises InputError where the disk is full; what was written before stays.
         """
-        line = sealed({"key": key, "value": value})
+        self.append(Entry.of(key, value))
+
+    def append(self, entry: Entry) -> None:
+        """Append a message that is sealed already, as `put` does."""
         with self._lock:
             try:
-                written = self._file.write(line)
-                if written != len(line):
+                written = self._file.write(entry.line)
+                if written != len(entry.line):
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             except OSError as error:
                 with suppress(OSError):
                     self._file.truncate(self._end)
                 raise InputError(f"{self._path}: cannot be written: {error.strerror}") from None
-            self._end += len(line)
+            self._end += len(entry.line)
 
     def close(self) -> None:
         """Close the file."""

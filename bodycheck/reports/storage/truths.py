@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth, solve_truth
-from bodycheck.reference_impl.warm_up import compile_kernels
+from bodycheck.reference_impl.warm_up import closed_forms_compiled, compile_kernels
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.sealed import key_of
 
@@ -28,13 +29,26 @@ def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
     """
     if cache is None or scene.has_black_box:
         return solve_truth(scene, t_s)
-    key = key_of(truth=protocol.scene_message(scene), t_s=packed(t_s), code=own_code())
+    key = _key(scene, t_s)
     if (message := cache.get(key)) is not None:
         return _truth_of(message)
-    compile_kernels([scene])
+    if scene.is_free_rotation and not closed_forms_compiled():
+        compile_kernels([scene])
     truth = solve_truth(scene, t_s)
     cache.put(key, _message(truth))
     return truth
+
+
+def is_known(scene: Scene, t_s: Array, cache: Cache) -> bool:
+    """Whether known_truth would find it in the cache, unless it is damaged there."""
+    return not scene.has_black_box and cache.has(_key(scene, t_s))
+
+
+def _key(scene: Scene, t_s: Array) -> str:
+    # what evaluates the formulas counts too: another release may round or order them otherwise
+    libraries = {name: version(name) for name in ("numpy", "numba")}
+    scene_message = protocol.scene_message(scene)
+    return key_of(truth=scene_message, t_s=packed(t_s), code=own_code(), libraries=libraries)
 
 
 def _message(truth: Truth) -> Message:
