@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.lasting import lasting_wrench_at, packed_lasting
 from bodycheck.reference_impl.scene import Scene
 
 
@@ -13,11 +12,16 @@ class HeldLoads:
     """The lasting loads of one scene, and the clock of one simulation: t = steps made x dt."""
 
     def __init__(self, scene: Scene, dt_s: float) -> None:
-        self._rows, self._dt_s, self._steps = packed_lasting(scene), dt_s, 0
+        self._any, self._dt_s, self._steps = bool(scene.lasting_loads), dt_s, 0
+        if self._any:
+            # late: numba is half the start of a worker, and most scenes have no such load
+            from bodycheck.reference_impl.lasting import lasting_wrench_at, packed_lasting
+
+            self._rows, self._wrench_at = packed_lasting(scene), lasting_wrench_at
 
     def __bool__(self) -> bool:
         """Tell whether the scene has any."""
-        return bool(len(self._rows))
+        return self._any
 
     def reset(self) -> None:
         """Go back to t = 0."""
@@ -30,6 +34,6 @@ class HeldLoads:
         """
         t = self._steps * self._dt_s
         self._steps += 1
-        return lasting_wrench_at(
-            t, position, np.ascontiguousarray(rotation), velocity, omega_world, self._rows
-        )
+        turned = np.ascontiguousarray(rotation)
+        held: Array = self._wrench_at(t, position, turned, velocity, omega_world, self._rows)
+        return held

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -24,13 +25,14 @@ from bodycheck.adapters.mujoco_model import (
     joint_axes,
     loaded_points,
 )
-from bodycheck.adapters.mujoco_passive import PassiveLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.lasting import packed_lasting
 from bodycheck.reference_impl.rotations import conjugate, quaternion_product
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
+
+if TYPE_CHECKING:
+    from bodycheck.adapters.mujoco_passive import PassiveLoads
 
 _MANUAL = "MuJoCo documentation, Computation, Numerical integration"
 _KEEPS = "|q| = 1; linear momentum"
@@ -112,17 +114,20 @@ class MuJoCoSimulation:
 
     def __init__(self, scene: Scene, method: str, dt_s: float) -> None:
         label = method.removesuffix(DEFAULTS)
-        loads = packed_lasting(scene)
-        off = () if label != method else OFF if len(loads) else OFF + PASSIVE_OFF
+        off = () if label != method else OFF if scene.lasting_loads else OFF + PASSIVE_OFF
         self._initial, self._pivot = scene.initial, scene.pivot
         self._points = loaded_points(scene)
         self._model = compiled(scene, _INTEGRATORS[label], dt_s, self._points, off)
         self._quaternion, self._axes = joint_axes(scene)
         self._lasting: PassiveLoads | None = None
-        if len(loads):
+        if scene.lasting_loads:
+            # late: numba is half the start of a worker, and most scenes have no such load
+            from bodycheck.adapters.mujoco_passive import PassiveLoads
+            from bodycheck.reference_impl.lasting import packed_lasting
+
             nodes = _NODES.get(label, (0.0,))
             pivot = None if scene.pivot is None else (self._anchor(), -scene.pivot)
-            self._lasting = PassiveLoads(loads, self._axes.T, pivot, dt_s, nodes)
+            self._lasting = PassiveLoads(packed_lasting(scene), self._axes.T, pivot, dt_s, nodes)
         self._data = mujoco.MjData(self._model)
         self.reset()
 

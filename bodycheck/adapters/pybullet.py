@@ -20,6 +20,7 @@ from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Ste
 from bodycheck.adapters.held import HeldLoads
 from bodycheck.adapters.link_frame import link_frame
 from bodycheck.adapters.pybullet_pivot import PivotedPyBulletSimulation
+from bodycheck.adapters.pybullet_read_back import read_back
 from bodycheck.adapters.pybullet_substeps import powers_of_two, set_substeps
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
@@ -109,16 +110,8 @@ class PyBulletSimulation:
         self.reset()
 
     def read_back(self) -> ReadBack:
-        """Ask getDynamicsInfo and getPhysicsEngineParameters."""
-        mass, _, moments, *_ = pybullet.getDynamicsInfo(self._body, -1, self._client)
-        world = pybullet.getPhysicsEngineParameters(self._client)
-        return ReadBack(
-            mass=mass,
-            inertia=self._axes @ np.diag(moments) @ self._axes.T,
-            dt_s=world["fixedTimeStep"] / world["numSubSteps"],
-            gravity=np.array([world[f"gravityAcceleration{axis}"] for axis in "XYZ"]),
-            state=self.read(),
-        )
+        """Return what the engine holds, asked from it."""
+        return read_back(self._client, self._body, -1, self._axes, self.read())
 
     def reset(self) -> None:
         """Set the initial state, no wrench, and what Bullet derives from the pose only in a step."""

@@ -16,6 +16,7 @@ import pybullet
 from bodycheck.adapters.contract import ReadBack, Reading, Stepping
 from bodycheck.adapters.held import HeldLoads
 from bodycheck.adapters.link_frame import pivot_place
+from bodycheck.adapters.pybullet_read_back import read_back
 from bodycheck.adapters.pybullet_substeps import powers_of_two, set_substeps
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
@@ -44,16 +45,8 @@ class PivotedPyBulletSimulation:
         self.reset()
 
     def read_back(self) -> ReadBack:
-        """Ask getDynamicsInfo and getPhysicsEngineParameters."""
-        mass, _, moments, *_ = pybullet.getDynamicsInfo(self._body, _LINK, self._client)
-        world = pybullet.getPhysicsEngineParameters(self._client)
-        return ReadBack(
-            mass=mass,
-            inertia=self._axes @ np.diag(moments) @ self._axes.T,
-            dt_s=world["fixedTimeStep"] / world["numSubSteps"],
-            gravity=np.array([world[f"gravityAcceleration{axis}"] for axis in "XYZ"]),
-            state=self.read(),
-        )
+        """Return what the engine holds, asked from it."""
+        return read_back(self._client, self._body, _LINK, self._axes, self.read())
 
     def reset(self) -> None:
         """Set the initial state and no wrench."""
