@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scenario_file import SCENARIO
 
 import bodycheck
 from bodycheck.adapters import registry
@@ -22,18 +23,6 @@ from bodycheck.adapters.registry import _registered, register_adapter
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
 from bodycheck.selection import select
-
-SCENARIO = """
-name = "mine"
-duration_s = 1.0
-samples = 11
-[body]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.5]
-[initial]
-omega_body_rad_s = [0.3, 1.0, -0.2]
-"""
-
 
 CALLED = (
     SCENARIO

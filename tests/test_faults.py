@@ -12,23 +12,13 @@ import pandas as pd
 import pytest
 from misbehaving import ACTS, BAD_STEP_S, ONLY_TIMED, READINGS, SOLUTIONS, SOUND_STEPS_S, Misbehaving
 from processes import all_gone
+from scenario_file import MEASURED_ANEW, SCENARIO
 
 import bodycheck
 from bodycheck.adapters import registry
 from bodycheck.adapters.registry import _registered, register_adapter
 from bodycheck.reports.run import Run
 
-SCENARIO = """
-name = "mine"
-duration_s = 1.0
-samples = 11
-[body]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.5]
-[initial]
-omega_body_rad_s = [0.3, 1.0, -0.2]
-"""
-MEASURED_ANEW = ["run_id", "cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu"]
 TIMEOUT_S = 4.0
 
 ENDINGS = {

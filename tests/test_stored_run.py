@@ -15,19 +15,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from processes import all_gone, workers_of
+from scenario_file import MEASURED_ANEW, SCENARIO
 
 HELPERS = Path(__file__).parent / "helpers"
-SCENARIO = """
-name = "mine"
-duration_s = 1.0
-samples = 11
-[body]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.5]
-[initial]
-omega_body_rad_s = [0.3, 1.0, -0.2]
-"""
-MEASURED_ANEW = ["run_id", "cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu"]
 STEPS = ["--dt", "0.05,0.02,0.01"]
 HANGING = ["run", "mine.toml", "--engine", "misbehaving:c-loop,reference:m1", *STEPS, "--no-speed", "--fresh"]
 

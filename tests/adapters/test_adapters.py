@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from spin_steps import SpinStep, explicit_step, implicit_gyroscopic_step, implicit_step
 
 from bodycheck.adapters.contract import Adapter, Reading, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
@@ -330,11 +331,6 @@ def test_rotation_is_the_one_of_the_same_state(adapter: Adapter, method: str) ->
 # -------------------------------------------------------------------------------------- the motion
 
 
-def skew(v: Array) -> Array:
-    """[v]x."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
 def matrix_of(q: Array) -> Array:
     """R of a quaternion (w, x, y, z)."""
     return Rotation.from_quat(q, scalar_first=True).as_matrix()
@@ -351,26 +347,6 @@ def force_and_body_torque(scene: Scene, q: Array) -> tuple[Array, Array]:
         else:
             force, torque = force + r @ value, torque + np.cross(load.at, value)
     return force, torque
-
-
-SpinStep = Callable[[Array, Array, Array, float], Array]
-
-
-def explicit_step(inertia: Array, omega: Array, torque: Array, h: float) -> Array:
-    """h I^-1 (tau - omega x I omega)."""
-    return h * np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
-
-
-def implicit_step(inertia: Array, omega: Array, torque: Array, h: float) -> Array:
-    """h (I + h D)^-1 (tau - omega x I omega), D = [omega]x I - [I omega]x."""
-    derivative = skew(omega) @ inertia - skew(inertia @ omega)
-    return h * np.linalg.solve(inertia + h * derivative, torque - np.cross(omega, inertia @ omega))
-
-
-def implicit_gyroscopic_step(inertia: Array, omega: Array, torque: Array, h: float) -> Array:
-    """h I^-1 tau - h (I + h D)^-1 (omega x I omega)."""
-    gyroscopic = implicit_step(inertia, omega, np.zeros(3), h)
-    return gyroscopic + h * np.linalg.solve(inertia, torque)
 
 
 def mapped(scene: Scene, spin_step: SpinStep, h: float, steps: int) -> tuple[Array, Array, Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from spin_steps import SpinStep, explicit_step, implicit_gyroscopic_step, implicit_step
 
 from bodycheck.adapters.contract import Adapter, Reading, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
@@ -185,39 +186,19 @@ def seen(scene: Scene, x: Array, r: Array, v: Array, w: Array) -> tuple[Array, A
 
 # ------------------------------------------------------------------------------------------ the maps
 
-SpinStep = Callable[[Array, Array, Array, float], Array]
-
-
-def skew(v: Array) -> Array:
-    """[v]x."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-def explicit(inertia: Array, w: Array, torque: Array, h: float) -> Array:
-    """h I^-1 (tau - omega x I omega)."""
-    return h * np.linalg.solve(inertia, torque - np.cross(w, inertia @ w))
-
-
-def implicit(inertia: Array, w: Array, torque: Array, h: float) -> Array:
-    """h (I + h D)^-1 (tau - omega x I omega), D = [omega]x I - [I omega]x."""
-    derivative = skew(w) @ inertia - skew(inertia @ w)
-    return h * np.linalg.solve(inertia + h * derivative, torque - np.cross(w, inertia @ w))
-
-
-def implicit_gyroscopic(inertia: Array, w: Array, torque: Array, h: float) -> Array:
-    """h I^-1 tau - h (I + h D)^-1 (omega x I omega)."""
-    return implicit(inertia, w, np.zeros(3), h) + h * np.linalg.solve(inertia, torque)
-
-
 FREE: dict[str, SpinStep] = {
-    **dict.fromkeys(("mujoco:euler", "pybullet:multibody", "dart:semi-implicit", "reference:m1"), explicit),
-    **dict.fromkeys(("mujoco:implicit", "mujoco:implicitfast", "mujoco:discrete", "reference:m2"), implicit),
-    **dict.fromkeys(("pybullet:maximal", "reference:m3"), implicit_gyroscopic),
+    **dict.fromkeys(
+        ("mujoco:euler", "pybullet:multibody", "dart:semi-implicit", "reference:m1"), explicit_step
+    ),
+    **dict.fromkeys(
+        ("mujoco:implicit", "mujoco:implicitfast", "mujoco:discrete", "reference:m2"), implicit_step
+    ),
+    **dict.fromkeys(("pybullet:maximal", "reference:m3"), implicit_gyroscopic_step),
 }
 # on a ball joint MuJoCo has no gyroscopic derivative in implicitfast and discrete
 PIVOTED: dict[str, SpinStep] = {
     **FREE,
-    **dict.fromkeys(("mujoco:implicitfast", "mujoco:discrete"), explicit),
+    **dict.fromkeys(("mujoco:implicitfast", "mujoco:discrete"), explicit_step),
 }
 
 

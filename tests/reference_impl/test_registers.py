@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from typing import Any
 
 import mpmath
 import numpy as np
 import pytest
+from interpreted import printed_json
 
 from bodycheck.reference_impl import equations, registers
 from bodycheck.reference_impl.arrays import Array
@@ -136,20 +133,9 @@ print(json.dumps(found))
 """
 
 
-def short_motions(disable_jit: str) -> dict[str, list[float]]:
-    """Run the short motions in a process of their own, compiled or as plain Python."""
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": disable_jit}
-    process = subprocess.run(
-        [sys.executable, "-c", SHORT_MOTIONS], env=environment, capture_output=True, text=True, check=False
-    )
-    assert process.returncode == 0, process.stderr
-    found: dict[str, list[float]] = json.loads(process.stdout)
-    return found
-
-
 def test_compiled_kernels_are_the_python_that_is_read() -> None:
     """Every integrator gives the same numbers compiled and interpreted."""
-    compiled, interpreted = short_motions("0"), short_motions("1")
+    compiled, interpreted = (printed_json(SHORT_MOTIONS, interpreted=plain) for plain in (False, True))
     assert compiled.keys() == interpreted.keys()
     for name, values in compiled.items():
         # 50 steps of some 100 fused or unfused operations on numbers of size 3

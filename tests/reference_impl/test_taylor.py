@@ -6,10 +6,6 @@ the Gragg-Bulirsch-Stoer method in mpmath: neither its variables nor its method 
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -17,6 +13,7 @@ from functools import cache
 import mpmath
 import numpy as np
 import pytest
+from interpreted import printed_json
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closeness import potential_energy
@@ -442,17 +439,10 @@ print(json.dumps(found))
 """
 
 
-def short_motions(disable_jit: str) -> Array:
-    """Run the short motions in a process of their own, compiled or as plain Python."""
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": disable_jit}
-    process = subprocess.run(
-        [sys.executable, "-c", SHORT_MOTIONS], env=environment, capture_output=True, text=True, check=False
-    )
-    assert process.returncode == 0, process.stderr
-    return np.array(json.loads(process.stdout))
-
-
 def test_compiled_kernels_are_the_python_that_is_read() -> None:
     """Compiled and interpreted, doubles agree to 1e-14 and double-doubles to 1e-29."""
-    gap = np.max(np.abs(np.sum(short_motions("0") - short_motions("1"), axis=1)), axis=(1, 2))
+    compiled, interpreted = (
+        np.array(printed_json(SHORT_MOTIONS, interpreted=plain)) for plain in (False, True)
+    )
+    gap = np.max(np.abs(np.sum(compiled - interpreted, axis=1)), axis=(1, 2))
     assert np.all(gap <= np.array([1e-14, 1e-29, 1e-14, 1e-29]))

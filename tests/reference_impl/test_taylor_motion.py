@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 
 import mpmath
 import numpy as np
 import pytest
+from interpreted import printed_json
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closeness import distances
@@ -275,16 +272,9 @@ print(json.dumps(found))
 """
 
 
-def short_motions(disable_jit: str) -> Array:
-    """Run the short motions in a process of their own, compiled or as plain Python."""
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": disable_jit}
-    process = subprocess.run(
-        [sys.executable, "-c", SHORT_MOTIONS], env=environment, capture_output=True, text=True, check=False
-    )
-    assert process.returncode == 0, process.stderr
-    return np.array(json.loads(process.stdout))
-
-
 def test_compiled_kernels_are_the_python_that_is_read() -> None:
     """Compiled and interpreted, states agree to 1e-14, free and under every load that the frame knows."""
-    assert np.max(np.abs(short_motions("0") - short_motions("1"))) <= 1e-14
+    compiled, interpreted = (
+        np.array(printed_json(SHORT_MOTIONS, interpreted=plain)) for plain in (False, True)
+    )
+    assert np.max(np.abs(compiled - interpreted)) <= 1e-14
