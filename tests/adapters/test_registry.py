@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 
@@ -46,3 +48,21 @@ def test_an_unknown_engine_is_refused() -> None:
     """A name that nobody offers lists those that somebody does."""
     with pytest.raises(InputError, match="no engine is named 'havok'; known are mujoco, pybullet"):
         registry.get_adapter("havok")
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart"])
+def test_an_engine_is_announced_without_numba(engine: str) -> None:
+    """It is half the start of a worker, and only a load that lasts needs it."""
+    program = (
+        "import sys; from bodycheck.errors import UnavailableError\n"
+        "from bodycheck.adapters import protocol\n"
+        "from bodycheck.adapters.registry import code_of, get_adapter\n"
+        "try:\n    adapter = get_adapter(sys.argv[1])\n"
+        "except UnavailableError:\n    sys.exit(3)\n"
+        "protocol.announcement(adapter, code_of(adapter))\n"
+        "sys.exit('numba' in sys.modules)"
+    )
+    ended = subprocess.run([sys.executable, "-c", program, engine], capture_output=True, check=False)
+    if ended.returncode == 3:
+        pytest.skip(f"{engine} is not there")
+    assert ended.returncode == 0, ended.stderr

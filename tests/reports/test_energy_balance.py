@@ -12,7 +12,7 @@ from bodycheck.reference_impl.scene import Drag, GravityGradient, Scene
 from bodycheck.reference_impl.truth import solve_truth
 from bodycheck.reports.invariants import invariants_of, worst_drift
 from bodycheck.reports.measures import Motion
-from bodycheck.reports.work import power, working_loads
+from bodycheck.reports.work import power, running_integral, working_loads
 from bodycheck.scenarios.library import load_scenario, load_scenarios
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
@@ -101,3 +101,17 @@ def test_an_invariant_sees_a_motion_that_leaves_it(name: str) -> None:
     early = worst_drift(invariants_of(scene), truth, damped, slice(1))
     assert early is not None
     assert early.columns["invariant_drift_abs"] == 0.0
+
+
+@pytest.mark.parametrize("degree", [5, 7])
+@pytest.mark.parametrize("n", [8, 9, 41])
+def test_the_integral_of_a_spline_is_that_of_every_polynomial_it_contains(n: int, degree: int) -> None:
+    """From t_0 on it is exact up to the spline's degree, however the samples lie, and not one beyond."""
+    t = 0.3 + 0.9 * np.linspace(0.0, 1.0, n) ** 1.5
+    integral = running_integral(t.tobytes(), degree)
+    for power_of_t in range(degree + 1):
+        exact = (t ** (power_of_t + 1) - t[0] ** (power_of_t + 1)) / (power_of_t + 1)
+        assert np.max(np.abs(integral(t**power_of_t) - exact)) < 2e-14
+    beyond = degree + 1
+    exact = (t ** (beyond + 1) - t[0] ** (beyond + 1)) / (beyond + 1)
+    assert np.max(np.abs(integral(t**beyond) - exact)) > 1e-13

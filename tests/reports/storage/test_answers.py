@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -130,6 +131,22 @@ def test_a_run_that_goes_on_asks_nothing_twice(what: str, tmp_path: Path) -> Non
             endings.append((answer.outcome, answer.message))
     assert hosts.asked == 1
     assert endings[0] == endings[1]
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_a_run_that_goes_on_needs_no_cache_for_what_it_had_from_there(fresh: bool, tmp_path: Path) -> None:
+    """An answer that came from the cache is in the journal, whole: the cache may be pruned or removed."""
+    cache, hosts = Cache(tmp_path / "cache"), Counting(GOOD)
+    Answers(None, cache, 1.0).ask(hosts, ENGINE, CASE)
+    with Journal(tmp_path / "journal") as journal:
+        first = Answers(journal, cache.write_only() if fresh else cache, 1.0).ask(hosts, ENGINE, CASE)
+    asked = hosts.asked
+    assert asked == (2 if fresh else 1)
+    shutil.rmtree(tmp_path / "cache")
+    with Journal(tmp_path / "journal") as journal:
+        again = Answers(journal, cache, 1.0).ask(hosts, ENGINE, CASE)
+    assert hosts.asked == asked
+    assert protocol.answer_message(again) == protocol.answer_message(first)
 
 
 def test_laps_are_kept_for_the_run_alone(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from bodycheck.reference_impl.truth import Truth
 from bodycheck.reports.storage import truths
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.sealed import key_of, sealed
-from bodycheck.reports.storage.truths import known_truth
+from bodycheck.reports.storage.truths import is_known, known_truth
 
 KEY, OTHER = key_of(case=1), key_of(case=2)
 MESSAGE = {"outcome": "ok", "message": "as it was"}
@@ -105,6 +106,17 @@ def test_pruning_removes_what_was_not_used_for_a_month(tmp_path: Path) -> None:
     assert (cache.get(KEY), cache.get(OTHER)) == (MESSAGE, None)
 
 
+def test_a_file_that_was_used_today_is_not_marked_again(tmp_path: Path) -> None:
+    """Its time stays as it is within a day, and becomes the present after that, also from the future."""
+    cache, now = Cache(tmp_path), time.time()
+    cache.put(KEY, MESSAGE)
+    for age, marked in ((0.5 * DAY_S, False), (1.5 * DAY_S, True), (-1.5 * DAY_S, True)):
+        os.utime(place_of(tmp_path, KEY), (now - age, now - age))
+        assert cache.get(KEY) == MESSAGE
+        found = place_of(tmp_path, KEY).stat().st_mtime
+        assert abs(found - (now if marked else now - age)) < 100.0
+
+
 def test_pruning_keeps_to_its_size_by_removing_the_longest_unused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -154,3 +166,30 @@ def test_a_truth_is_solved_once_and_comes_back_to_the_last_bit(
     monkeypatch.setattr(truths, "own_code", lambda: "other code")
     known_truth(spinning(0.3), times, cache)
     assert len(solved) == 4
+    installed = truths.version
+    for changed in ("numpy", "numba"):
+        monkeypatch.setattr(truths, "version", lambda name, c=changed: installed(name) + "1" * (name == c))
+        known_truth(spinning(0.3), times, cache)
+    assert len(solved) == 6
+
+
+def test_a_truth_is_known_where_it_would_be_found(tmp_path: Path) -> None:
+    """It is known once it was solved, at these times alone, and never to a run that asks all anew."""
+    cache, times = Cache(tmp_path), np.array([0.0, 0.5, 1.0])
+    assert not is_known(spinning(0.3), times, cache)
+    known_truth(spinning(0.3), times, cache)
+    assert is_known(spinning(0.3), times, cache)
+    assert not is_known(spinning(0.3), times[:2], cache)
+    assert not is_known(spinning(0.3), times, cache.write_only())
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_truth_compiles_only_closed_forms_that_are_missing(
+    compiled: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the run, or an earlier one, has compiled is not gone through again for each truth."""
+    called: list[int] = []
+    monkeypatch.setattr(truths, "closed_forms_compiled", lambda: compiled)
+    monkeypatch.setattr(truths, "compile_kernels", lambda scenes: called.append(len(scenes)))
+    known_truth(spinning(0.3), np.array([0.0, 1.0]), Cache(tmp_path))
+    assert called == ([] if compiled else [1])
