@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import secrets
+import threading
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -18,6 +19,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.host import Hosts
+from bodycheck.adapters.protocol import Message
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.truth import Truth
 from bodycheck.reference_impl.warm_up import compile_kernels
@@ -192,26 +194,46 @@ def _studies(
     """Return the studies of every scenario by every method, in this order, made side by side."""
     pairs = [(subject, engine, method) for subject in subjects for engine, method in selection.methods]
     done: dict[int, Study] = {}
+    # Python runs one thread at a time anyway: two that measure would only take turns within each sample
+    measuring = threading.Lock()
 
     def task(place: int, subject: Subject, engine: Engine, method: Method) -> Task:
         settings = selection.settings(subject.scenario, method)
 
         def do(hosts: Hosts) -> None:
-            done[place] = study(
-                subject,
-                engine,
-                method,
-                settings,
-                adaptive=selection.dt_s is None,
-                ask=lambda engine, case: answers.ask(hosts, engine, case),
-                case_done=progress.case_done,
-            )
+            asked = _OthersMeasureMeanwhile(hosts, measuring)
+            with measuring:
+                done[place] = study(
+                    subject,
+                    engine,
+                    method,
+                    settings,
+                    adaptive=selection.dt_s is None,
+                    ask=lambda engine, case: answers.ask(asked, engine, case),
+                    case_done=progress.case_done,
+                )
 
         steps = sum(subject.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
         return Task(engine.name, steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0), do)
 
     share_out([task(place, *pair) for place, pair in enumerate(pairs)], strands)
     return [done[place] for place in range(len(pairs))]
+
+
+@dataclass(frozen=True)
+class _OthersMeasureMeanwhile:
+    """A strand's engines; while one of them works on a case, another strand may measure."""
+
+    hosts: Hosts
+    measuring: threading.Lock
+
+    def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
+        """Ask the engine."""
+        self.measuring.release()
+        try:
+            return self.hosts.ask(engine, request, timeout_s)
+        finally:
+            self.measuring.acquire()
 
 
 _WEIGHTS = {"reference": 0.02}

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.adapters.host import announced
+from bodycheck.adapters.host import Announcement, announcing
 from bodycheck.adapters.registry import engine_names
 from bodycheck.adapters.worker import RUN_PID
 from bodycheck.errors import InputError, InsideWorkerError
@@ -61,11 +61,15 @@ def select(
     """
     if os.environ.get(RUN_PID):
         raise InsideWorkerError("a run cannot be started from within a worker of another run")
-    loaded = load_scenarios(scenarios, allow_code=allow_code)
-    faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]
-    if faults:
-        raise InputError("\n".join(faults))
-    methods, unavailable = _methods(engines)
+    names = [_parted(name) for name in engines or engine_names()]
+    known = engine_names()
+    asked = [name for name in dict.fromkeys(engine for engine, _, _ in names) if name in known]
+    with announcing(asked) as announcement:
+        loaded = load_scenarios(scenarios, allow_code=allow_code)
+        faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]
+        if faults:
+            raise InputError("\n".join(faults))
+        methods, unavailable = _methods(names, announcement, by_name=bool(engines))
     return Selection(
         tuple(loaded),
         methods,
@@ -101,18 +105,28 @@ def _tolerance_faults(tolerances: Sequence[float]) -> list[str]:
     return faults + [f"the tolerance {tolerance!r} is asked for twice" for tolerance in twice]
 
 
-def _methods(asked: Sequence[str] | None) -> tuple[tuple[tuple[Engine, Method], ...], dict[str, str]]:
-    """Return the methods asked for, else all of every engine that is there, with why the others are not."""
-    names = [tuple(part.strip() for part in name.partition(":")) for name in asked or engine_names()]
+def _parted(name: str) -> tuple[str, str, str]:
+    """Return ENGINE[:METHOD] as its engine, the colon if there is one, and the method."""
+    engine, colon, method = name.partition(":")
+    return engine.strip(), colon, method.strip()
+
+
+def _methods(
+    names: Sequence[tuple[str, str, str]], announcement: Announcement, *, by_name: bool
+) -> tuple[tuple[tuple[Engine, Method], ...], dict[str, str]]:
+    """Return the methods asked for, else all of every engine that is there, with why the others are not.
+
+    by_name: whether the engines were asked for, so that one that is not there is a fault.
+    """
     known = engine_names()
     faults = [
         f"no engine is named {engine!r}; known are {', '.join(known)}"
         for engine in dict.fromkeys(engine for engine, _, _ in names)
         if engine not in known
     ]
-    found = announced([name for name in dict.fromkeys(engine for engine, _, _ in names) if name in known])
+    found = announcement()
     unavailable = {name: engine for name, engine in found.items() if isinstance(engine, str)}
-    if asked:
+    if by_name:
         faults += unavailable.values()
     methods: dict[tuple[str, str], tuple[Engine, Method]] = {}
     for name, colon, method in names:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
-from contextlib import suppress
-from typing import Protocol
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Protocol, TypeAlias
 
 from bodycheck.adapters.contract import Adapter, Engine
 from bodycheck.adapters.protocol import Message
@@ -37,24 +37,40 @@ class Host(Protocol):
         """End it; calling it twice does nothing."""
 
 
+Announcement: TypeAlias = Callable[[], dict[str, Engine | str]]
+"""Waits for the engines as their workers announce them; or why one does not."""
+
+
 def announced(engines: Sequence[str]) -> dict[str, Engine | str]:
     """Return the engines as their workers announce them, started side by side; or why one does not."""
+    with announcing(engines) as announcement:
+        return announcement()
+
+
+@contextmanager
+def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
+    """Start the engines' workers, which import them while other things are done, and end them at the end."""
     hosts = Hosts()
-    found: dict[str, Engine | str] = {}
+
+    def announcement() -> dict[str, Engine | str]:
+        return {name: _announced(hosts, name) for name in engines}
+
     try:
         for name in engines:
             hosts.start(name)
-        for name in engines:
-            try:
-                engine = hosts.announced(name)
-                found[name] = engine if engine.name == name else f"{name} announces itself as {engine.name!r}"
-            except UnavailableError as error:
-                found[name] = str(error)
-            except WorkerLostError as error:
-                found[name] = f"{name} cannot be started: {error}"
+        yield announcement
     finally:
         hosts.close()
-    return found
+
+
+def _announced(hosts: Hosts, name: str) -> Engine | str:
+    try:
+        engine = hosts.announced(name)
+    except UnavailableError as error:
+        return str(error)
+    except WorkerLostError as error:
+        return f"{name} cannot be started: {error}"
+    return engine if engine.name == name else f"{name} announces itself as {engine.name!r}"
 
 
 class Hosts:

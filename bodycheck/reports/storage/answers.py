@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 from bodycheck.adapters import protocol
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.drive import Answer, Case
-from bodycheck.adapters.host import Hosts
 from bodycheck.adapters.protocol import Message
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
 from bodycheck.reports.storage.sealed import Entry, key_of
+
+
+class Askable(Protocol):
+    """Engines by name, each of which answers a request, whatever becomes of it."""
+
+    def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
+        """Return the engine's answer."""
 
 
 class Answers:
@@ -26,7 +32,7 @@ class Answers:
     def __init__(self, journal: Journal | None, cache: Cache | None, timeout_s: float) -> None:
         self._journal, self._cache, self._timeout_s = journal, cache, timeout_s
 
-    def ask(self, hosts: Hosts, engine: Engine, case: Case) -> Answer:
+    def ask(self, hosts: Askable, engine: Engine, case: Case) -> Answer:
         """Return what came of a case, whatever became of the engine."""
         key = _key(engine, case, "record")
         message = self._journal.get(key) if self._journal else None
@@ -38,7 +44,7 @@ class Answers:
             self._journal.append(entry)
         return answer
 
-    def _asked(self, hosts: Hosts, engine: Engine, case: Case, key: str) -> tuple[Entry, Answer]:
+    def _asked(self, hosts: Askable, engine: Engine, case: Case, key: str) -> tuple[Entry, Answer]:
         # what a user's function does may change under its name
         cache = self._cache if engine.code and not case.scene.has_black_box else None
         if cache and (known := cache.entry(key)):
