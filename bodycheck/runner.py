@@ -34,7 +34,7 @@ from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
 from bodycheck.reports.storage.truths import is_known, known_truth
 from bodycheck.reports.study import Study, study
-from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, as_table
+from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table
 from bodycheck.scenarios.library import load_scenario
 from bodycheck.selection import Selection, select
 
@@ -178,10 +178,12 @@ def run_selection(
         "run_s": ended - compiled,
     }
     method_rows = (row for studied in studies for row in studied.method_rows)
+    stability_rows = (studied.stability_row for studied in studies if studied.stability_row is not None)
     return Run(
         run_id=run_id,
         results=as_table(({"run_id": run_id, **case.columns} for case in cases), RESULT_COLUMNS),
         methods=as_table(({"run_id": run_id, **row} for row in method_rows), METHOD_COLUMNS),
+        stability=as_table(({"run_id": run_id, **row} for row in stability_rows), STABILITY_COLUMNS),
         manifest=_manifest(identity, selection, manner, cases, seconds, quietness),
         subjects=tuple(subjects),
         cases=cases,
@@ -210,6 +212,7 @@ def _studies(
                     settings,
                     adaptive=selection.dt_s is None,
                     ask=lambda engine, case: answers.ask(asked, engine, case),
+                    search=lambda engine, search: answers.search(asked, engine, search),
                     case_done=progress.case_done,
                 )
 

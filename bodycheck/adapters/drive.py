@@ -71,26 +71,32 @@ def record(adapter: Adapter, case: Case) -> Answer:
     simulation = adapter.build(scene, method, plan.dt_s)
     try:
         held = simulation.read_back()
-        return Answer("ok", "", _stepped(simulation, plan, scene), held, simulation.stepping)
+        readings = readings_along(simulation, plan.legs())
+        return Answer("ok", "", trajectory_of(scene.sample_times, readings), held, simulation.stepping)
     finally:
         simulation.close()
 
 
-def _stepped(simulation: Simulation, plan: StepPlan, scene: Scene) -> Trajectory:
-    """Step a fresh simulation through its plan and return what it held at the samples."""
+def readings_along(simulation: Simulation, legs: Iterable[Leg]) -> list[Reading]:
+    """Step a fresh simulation along the legs and return what it held at the start and at the samples."""
     readings = [simulation.read()]
     wrench: Wrench | None = None
-    for leg in plan.legs():
+    for leg in legs:
         if leg.wrench is not wrench:
             wrench = leg.wrench
             simulation.apply(wrench)
         simulation.advance(leg.steps)
         if leg.ends_at_sample:
             readings.append(simulation.read())
-    return _trajectory(scene.sample_times, readings)
+    return readings
 
 
-def _trajectory(t_s: Array, readings: list[Reading]) -> Trajectory:
+def trajectory_of(t_s: Array, readings: list[Reading]) -> Trajectory:
+    """Return the readings at the times t_s (n,) as one trajectory.
+
+    Raises TypeError where one has no position or no velocity.
+    """
+
     def column(name: str) -> Array | None:
         values = [getattr(reading, name) for reading in readings]
         return None if values[0] is None else np.array(values)

@@ -19,6 +19,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Adapter, Control, Engine, Method, ReadBack, Reading, Setting
 from bodycheck.adapters.drive import Answer, Case
+from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import (
     BlackBox,
@@ -152,6 +153,31 @@ def case_of(message: Message) -> Case:
     """Return the case of a message."""
     setting = Setting(message["dt_s"], message["tolerance"])
     return Case(scene_of(message["scene"]), message["method"], setting)
+
+
+def search_bounds(search: Search) -> dict[str, float | None]:
+    """Return within what the largest stable step of a case is looked for, as plain data."""
+    return {
+        "lowest_s": search.lowest_s,
+        "highest_s": search.highest_s,
+        "kinetic_limit_j": _number(search.kinetic_limit_j),
+    }
+
+
+def search_message(search: Search) -> Message:
+    """Return a search for the largest stable step as plain data."""
+    return {"case": case_message(search.case), **search_bounds(search)}
+
+
+def search_of(message: Message) -> Search:
+    """Return the search of a message."""
+    limit = message["kinetic_limit_j"]
+    return Search(
+        case_of(message["case"]),
+        message["lowest_s"],
+        message["highest_s"],
+        math.inf if limit is None else limit,
+    )
 
 
 def scene_message(scene: Scene) -> Message:
@@ -335,3 +361,25 @@ def lap_of(message: Message) -> float:
     if type(seconds) not in (int, float) or not 0.0 <= seconds < math.inf:
         raise ProtocolError(f"a lap whose cpu_s is {seconds!r}")
     return float(seconds)
+
+
+def stable_step_message(found: StableStep) -> Message:
+    """Return what a search found as plain data."""
+    return {**asdict(found), "message": shown(found.message)}
+
+
+def stable_step_of(message: Message) -> StableStep:
+    """Return what a search found.
+
+    Raises ProtocolError where the message does not say that.
+    """
+    outcome, text = message.get("outcome"), shown(str(message.get("message", "")))
+    if outcome in ("unsupported", "failed", "timeout"):
+        return StableStep(outcome, text)
+    stable, unstable = message.get("stable_s"), message.get("unstable_s")
+    steps = [step for step in (stable, unstable) if step is not None]
+    if outcome != "ok" or not steps or any(type(step) not in (int, float) for step in steps):
+        raise ProtocolError(f"a search that ended {outcome!r} with the steps {stable!r} and {unstable!r}")
+    if not 0.0 < steps[0] <= steps[-1] < math.inf:
+        raise ProtocolError(f"a stable step of {stable!r} below an unstable one of {unstable!r}")
+    return StableStep("ok", text, stable, unstable, shown(str(message.get("reason", ""))))

@@ -25,6 +25,7 @@ from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.drive import Answer, Stopwatch, record, stopwatch
 from bodycheck.adapters.protocol import Message
 from bodycheck.adapters.registry import code_of, get_adapter
+from bodycheck.adapters.stable_step import stable_step
 from bodycheck.errors import BodycheckError, InsideWorkerError, UnavailableError
 
 _PR_SET_PDEATHSIG = 1
@@ -61,6 +62,9 @@ class Desk:
                 self.close()
                 self._watch = stopwatch(self._adapter, protocol.case_of(request["case"]))
                 return {"outcome": "ok"}
+            case "stable-step":
+                found = stable_step(self._adapter, protocol.search_of(request))
+                return protocol.stable_step_message(found)
             case "lap" if self._watch is not None:
                 return {"outcome": "ok", "cpu_s": self._watch.lap()}
             case unknown:

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from bodycheck.adapters.breakdown import defect, kinetic_limit, runaway
 from bodycheck.adapters.contract import Engine, Method, Setting, read_back_mismatch
 from bodycheck.adapters.drive import Answer, Case
 from bodycheck.errors import InputError
@@ -20,7 +21,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
 from bodycheck.reports.invariants import Invariant, invariants_of, worst_drift
-from bodycheck.reports.measures import Motion, defect, error_series, reduced, runaway
+from bodycheck.reports.measures import Motion, error_series, reduced
 from bodycheck.reports.scales import Scales, scene_scales
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.truths import known_truth
@@ -128,8 +129,9 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
         return ended("invalid", fault)
     if reason := defect(trajectory):
         return ended("unstable", reason)
-    motion = Motion.of(scene, trajectory)
-    if reason := runaway(subject.motion, motion, trajectory.t_s):
+    with np.errstate(over="ignore", invalid="ignore"):  # of what has run away
+        motion = Motion.of(scene, trajectory)
+    if reason := runaway(motion.kinetic, kinetic_limit(subject.motion.kinetic), trajectory.t_s):
         return ended("unstable", reason)
     whole = error_series(scene, subject.truth.trajectory, subject.motion, trajectory, motion)
     series = {name: values[: subject.compared] for name, values in whole.items()}

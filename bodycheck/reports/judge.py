@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from bodycheck.adapters.breakdown import defect, kinetic_limit, runaway
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene, Spring, TorsionSpring
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.case import Subject
 from bodycheck.reports.invariants import invariants_of, worst_drift
-from bodycheck.reports.measures import Motion, defect, error_series, reduced, runaway
+from bodycheck.reports.measures import Motion, error_series, reduced
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.truths import known_truth
 from bodycheck.reports.trajectory_files import read_arrays
@@ -59,7 +60,7 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | Non
     if reason := defect(trajectory):
         return {**columns, "outcome": "unstable", "message": reason}
     motion = Motion.of(scenario.scene, trajectory)
-    if reason := runaway(true, motion, trajectory.t_s):
+    if reason := runaway(motion.kinetic, kinetic_limit(true.kinetic), trajectory.t_s):
         return {**columns, "outcome": "unstable", "message": reason}
     whole = error_series(scenario.scene, truth.trajectory, true, trajectory, motion)
     trusted = arrays["t_s"] < truth.trusted_until_s

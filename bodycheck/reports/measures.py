@@ -16,8 +16,6 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.scales import Scales
 from bodycheck.reports.work import work_done, working_loads
 
-_UNSTABLE_ENERGY = 100.0  # times the largest true kinetic energy
-
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -44,45 +42,6 @@ class Motion:
             angular_momentum=angular_momentum(trajectory.rotation_matrices, inertia, trajectory.omega_body),
             linear_momentum=linear_momentum(scene.body.mass, trajectory.velocity_m_s),
         )
-
-
-def defect(trajectory: Trajectory) -> str | None:
-    """Say why a trajectory is no motion: not finite, det R <= 0, or a zero quaternion; None if it is one."""
-    if lost := _first_not_finite(trajectory):
-        sample, name = lost
-        return f"{name} is not finite from t = {trajectory.t_s[sample]:.6g} s on"
-    if trajectory.rotation is not None and np.any(np.linalg.det(trajectory.rotation) <= 0.0):
-        return "det R <= 0"
-    if trajectory.quaternion is not None and np.any(np.linalg.norm(trajectory.quaternion, axis=-1) == 0.0):
-        return "the quaternion is zero"
-    return None
-
-
-def runaway(true: Motion, motion: Motion, t_s: Array) -> str | None:
-    """Say from when on K > 100 max K*; None where it never is."""
-    largest = float(true.kinetic.max())
-    if largest > 0.0 and np.any(motion.kinetic > _UNSTABLE_ENERGY * largest):
-        first = np.argmax(motion.kinetic > _UNSTABLE_ENERGY * largest)
-        return f"kinetic energy above 100 times the truth's largest from t = {t_s[first]:.6g} s on"
-    return None
-
-
-def _first_not_finite(trajectory: Trajectory) -> tuple[int, str] | None:
-    """Return the first sample that has a NaN or an infinity, and the array that has it."""
-    found = []
-    for name in (
-        "omega_body_rad_s",
-        "omega_world_rad_s",
-        "quaternion",
-        "rotation",
-        "velocity_m_s",
-        "position_m",
-    ):
-        value = getattr(trajectory, name)
-        if value is not None and not np.all(np.isfinite(value)):
-            finite = np.isfinite(value.reshape(len(value), -1)).all(axis=1)
-            found.append((int(np.argmin(finite)), name))
-    return min(found, key=lambda lost: lost[0], default=None)
 
 
 SERIES_SCALES = {

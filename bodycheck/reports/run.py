@@ -16,6 +16,8 @@ class Run:
     """What `bodycheck.run` returns.
 
     results: one row a case (results.csv). methods: one row a scenario, method and quantity (methods.csv).
+    stability: one row a scenario and method that is told a step (stability.csv); none where steps were asked
+    for.
     manifest: versions, machine, settings (manifest.json). subjects: the scenarios with their truths.
     cases: the rows of results in the same order, each with its trajectory and its measures over time.
     """
@@ -23,6 +25,7 @@ class Run:
     run_id: str
     results: pd.DataFrame
     methods: pd.DataFrame
+    stability: pd.DataFrame
     manifest: dict[str, Any]
     subjects: tuple[Subject, ...]
     cases: tuple[CaseResult, ...]

@@ -30,7 +30,7 @@ def check_output(out: Path) -> None:
 
 
 def write_run(run: Run, out: Path, *, beside: Path | None = None) -> Path:
-    """Write results.csv, methods.csv, trajectories/, manifest.json and report.html; return the report's path.
+    """Write the tables, trajectories/, manifest.json and report.html; return the report's path.
 
     Everything is written under a temporary name, in the folder `beside`, by default the one that `out` is
     in, and renamed at the end. Raises InputError where `out` is in use or cannot be written.
@@ -54,6 +54,7 @@ def write_run(run: Run, out: Path, *, beside: Path | None = None) -> Path:
 def _write_files(run: Run, folder: Path) -> None:
     run.results.to_csv(folder / "results.csv", index=False)
     run.methods.to_csv(folder / "methods.csv", index=False)
+    run.stability.to_csv(folder / "stability.csv", index=False)
     (folder / "manifest.json").write_text(json.dumps(run.manifest, indent=2) + "\n", encoding="utf-8")
     (folder / "report.html").write_text(render_report(run), encoding="utf-8")
     trajectories = folder / "trajectories"

@@ -14,6 +14,7 @@ from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reports.case import Asking, CaseResult, Subject, run_case
 from bodycheck.reports.convergence import Point, convergence_of, obedience_of
 from bodycheck.reports.ladder import next_step
+from bodycheck.reports.stability import Searching, stability_row
 
 _ORIENTATION = "orientation_error_rad"
 _EPS = float(np.finfo(np.float64).eps)
@@ -29,10 +30,14 @@ QUANTITIES = {
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The cases of one method on one scenario, coarsest step first, and one row a quantity of methods.csv."""
+    """The cases of one method on one scenario, coarsest step first, and what they say together.
+
+    method_rows: one a quantity of methods.csv. stability_row: of stability.csv, where that was asked for.
+    """
 
     cases: tuple[CaseResult, ...]
     method_rows: tuple[dict[str, Any], ...]
+    stability_row: dict[str, Any] | None = None
 
 
 def study(
@@ -43,9 +48,13 @@ def study(
     *,
     adaptive: bool,
     ask: Asking,
+    search: Searching,
     case_done: Callable[[], None],
 ) -> Study:
-    """Run the settings asked for and, if adaptive, more steps until an order shows or the budget ends."""
+    """Run the settings asked for and, if adaptive, more steps until an order shows or the budget ends.
+
+    If adaptive, the largest stable step is looked for too.
+    """
     cases: list[CaseResult] = []
 
     def make(setting: Setting) -> CaseResult:
@@ -56,12 +65,16 @@ def study(
 
     for setting in settings:
         if make(setting).columns["outcome"] == "unsupported":
-            return Study(tuple(cases), ())  # a scene that cannot be represented is so at every step
+            break  # a scene that cannot be represented is so at every step
+    stepped = adaptive and method.control == "dt"
+    if cases[-1].columns["outcome"] == "unsupported":
+        row = stability_row(subject, engine, method, cases, search) if stepped else None
+        return Study(tuple(cases), (), row)
     if method.control == "none":
         return Study(tuple(cases), ())
     scene = subject.scenario.scene
     asked = [setting.dt_s for setting in settings if setting.dt_s is not None]
-    while adaptive and method.control == "dt":
+    while stepped:
         points = _points(cases, _ORIENTATION)
         step = next_step(
             points, limit(subject, _ORIENTATION), asked, scene.sample_interval_s, scene.duration_s
@@ -69,7 +82,8 @@ def study(
         if step is None:
             break
         make(Setting(dt_s=step))
-    return Study(tuple(cases), tuple(_method_rows(cases, subject, method)))
+    row = stability_row(subject, engine, method, cases, search) if stepped else None
+    return Study(tuple(cases), tuple(_method_rows(cases, subject, method)), row)
 
 
 def limit(subject: Subject, quantity: str) -> float:

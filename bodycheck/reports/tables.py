@@ -1,4 +1,4 @@
-"""The two tables of a run: the columns of results.csv and methods.csv, in their order."""
+"""The tables of a run: the columns of results.csv, methods.csv and stability.csv, in their order."""
 
 from __future__ import annotations
 
@@ -103,11 +103,24 @@ METHOD_COLUMNS = (
     "floor",
     "verdict",
 )
+STABILITY_COLUMNS = (
+    "run_id",
+    "scenario",
+    "family",
+    "engine",
+    "engine_version",
+    "method",
+    "dt_stable_s",
+    "dt_unstable_s",
+    "reason",
+    "outcome",
+    "message",
+)
 _WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
 _TEXTS = frozenset(
     (
         *("run_id", "scenario", "family", "engine", "engine_version", "method", "control", "outcome"),
-        *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
+        *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict", "reason"),
     )
 )
 

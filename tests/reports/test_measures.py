@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from bodycheck.adapters.breakdown import defect, kinetic_limit, runaway
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
 from bodycheck.reference_impl.equations import packed_body
@@ -19,7 +20,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth, solve_truth
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.invariants import invariants_of, symmetry_axis, worst_drift
-from bodycheck.reports.measures import Motion, defect, error_series, reduced, runaway
+from bodycheck.reports.measures import Motion, error_series, reduced
 from bodycheck.reports.scales import scene_scales
 from bodycheck.reports.work import work_done
 
@@ -277,7 +278,9 @@ def unstable_versions() -> dict[str, Trajectory]:
 def why_unstable(name: str, trajectory: Trajectory) -> str | None:
     """Return the reason by which a trajectory through one of the scenes is no case, if there is one."""
     motion = Motion.of(SCENES[name], trajectory) if defect(trajectory) is None else None
-    return defect(trajectory) if motion is None else runaway(motion_of(name), motion, trajectory.t_s)
+    if motion is None:
+        return defect(trajectory)
+    return runaway(motion.kinetic, kinetic_limit(motion_of(name).kinetic), trajectory.t_s)
 
 
 @pytest.mark.parametrize("reason", unstable_versions())

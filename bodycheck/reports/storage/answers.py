@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from bodycheck.adapters import protocol
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.drive import Answer, Case
 from bodycheck.adapters.protocol import Message
+from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
@@ -20,6 +22,9 @@ class Askable(Protocol):
 
     def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
         """Return the engine's answer."""
+
+
+_Said = TypeVar("_Said", Answer, StableStep)
 
 
 class Answers:
@@ -34,28 +39,53 @@ class Answers:
 
     def ask(self, hosts: Askable, engine: Engine, case: Case) -> Answer:
         """Return what came of a case, whatever became of the engine."""
-        key = _key(engine, case, "record")
+        return self._answered(
+            hosts,
+            engine,
+            case,
+            _key(engine, case, "record"),
+            lambda: {"do": "record", "case": protocol.case_message(case)},
+            lambda message: _read(message, case),
+        )
+
+    def search(self, hosts: Askable, engine: Engine, search: Search) -> StableStep:
+        """Return what came of a search for the largest stable step, whatever became of the engine."""
+        return self._answered(
+            hosts,
+            engine,
+            search.case,
+            _key(engine, search.case, "stable-step", **protocol.search_bounds(search)),
+            lambda: {"do": "stable-step", **protocol.search_message(search)},
+            _read_search,
+        )
+
+    def _answered(
+        self,
+        hosts: Askable,
+        engine: Engine,
+        case: Case,
+        key: str,
+        request: Callable[[], Message],
+        read: Callable[[Message], _Said],
+    ) -> _Said:
         message = self._journal.get(key) if self._journal else None
         if message is not None:
-            return _read(message, case)
-        entry, answer = self._asked(hosts, engine, case, key)
+            return read(message)
+        # what a user's function does may change under its name
+        cache = self._cache if engine.code and not case.scene.has_black_box else None
+        entry = cache.entry(key) if cache else None
+        if entry is None:
+            message = {**hosts.ask(engine.name, request(), self._timeout_s)}
+            message.pop("id", None)
+            entry, said = Entry.of(key, message), read(message)
+            if cache and _lasting(said):
+                cache.keep(entry)
+        else:
+            said = read(entry.value)
         if self._journal:
             # also what the cache has: it may be gone when the run goes on
             self._journal.append(entry)
-        return answer
-
-    def _asked(self, hosts: Askable, engine: Engine, case: Case, key: str) -> tuple[Entry, Answer]:
-        # what a user's function does may change under its name
-        cache = self._cache if engine.code and not case.scene.has_black_box else None
-        if cache and (known := cache.entry(key)):
-            return known, _read(known.value, case)
-        request = {"do": "record", "case": protocol.case_message(case)}
-        message = {**hosts.ask(engine.name, request, self._timeout_s)}
-        message.pop("id", None)
-        entry, answer = Entry.of(key, message), _read(message, case)
-        if cache and _lasting(answer):
-            cache.keep(entry)
-        return entry, answer
+        return said
 
     def laps(self, engine: Engine, case: Case) -> Message | None:
         """Return what this run has measured of a case's speed, if it was before it was interrupted."""
@@ -74,15 +104,22 @@ def _read(message: Message, case: Case) -> Answer:
         return Answer("failed", protocol.shown(f"{type(error).__name__}: {error}"))
 
 
-def _lasting(answer: Answer) -> bool:
+def _read_search(message: Message) -> StableStep:
+    try:
+        return protocol.stable_step_of(message)
+    except ValueError as error:
+        return StableStep("failed", protocol.shown(f"{type(error).__name__}: {error}"))
+
+
+def _lasting(answer: Answer | StableStep) -> bool:
     """Whether the engine would answer so again: a crash or a timeout may be an accident."""
     return answer.outcome == "unsupported" or (answer.outcome == "ok" and not answer.message)
 
 
-def _key(engine: Engine, case: Case, what: str) -> str:
+def _key(engine: Engine, case: Case, what: str, **within: float | None) -> str:
     identity: dict[str, Any] = {"name": engine.name, "version": engine.version, "code": engine.code}
     asked = {"method": case.method, **vars(case.setting), "scene": _scene_key(case.scene)}
-    return key_of(what=what, protocol=protocol.VERSION, engine=identity, case=asked)
+    return key_of(what=what, protocol=protocol.VERSION, engine=identity, case=asked, **within)
 
 
 @lru_cache(maxsize=256)  # a scene, which is hashed as the object that it is, has a hundred cases

@@ -15,6 +15,7 @@ from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.drive import Case, record
 from bodycheck.adapters.host import Hosts
 from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.stable_step import Search
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reports.storage.answers import Answers
 from bodycheck.reports.storage.cache import Cache
@@ -158,3 +159,34 @@ def test_laps_are_kept_for_the_run_alone(tmp_path: Path) -> None:
         assert Answers(journal, cache, 1.0).laps(ENGINE, CASE) == laps
     assert Answers(None, cache, 1.0).laps(ENGINE, CASE) is None
     assert not list(tmp_path.glob("cache/*"))
+
+
+# ---------------------------------------------------------------------------------------------- searches
+
+SEARCH = Search(CASE, 0.01, 2.0, 100.0)
+FOUND = {"outcome": "ok", "message": "", "stable_s": 0.5, "unstable_s": 0.505, "reason": "K"}
+
+
+@pytest.mark.parametrize("said", [FOUND, {**FOUND, "unstable_s": None}, LASTING["unsupported"]])
+def test_a_search_that_an_engine_would_answer_again_is_asked_once(
+    said: dict[str, Any], tmp_path: Path
+) -> None:
+    """The second run has it from the cache; another limit of the search is another search."""
+    hosts, answers = Counting(said), Answers(None, Cache(tmp_path), 1.0)
+    first, again = (answers.search(hosts, ENGINE, SEARCH) for _ in range(2))
+    assert first == again
+    assert hosts.asked == 1
+    answers.search(hosts, ENGINE, replace(SEARCH, highest_s=3.0))
+    answers.ask(hosts, ENGINE, CASE)
+    assert hosts.asked == 3
+
+
+@pytest.mark.parametrize("said", [{}, {"outcome": "failed", "message": "it crashed"}, {"outcome": "ok"}])
+def test_a_search_that_failed_is_asked_again_by_another_run(said: dict[str, Any], tmp_path: Path) -> None:
+    """It is a failure with a reason."""
+    hosts = Counting(said)
+    for _ in range(2):
+        found = Answers(None, Cache(tmp_path), 1.0).search(hosts, ENGINE, SEARCH)
+        assert found.outcome == "failed"
+        assert found.message
+    assert hosts.asked == 2

@@ -1,0 +1,60 @@
+"""How it shows that a method broke down: states that are no motion, or far more energy than is true."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.trajectory import Trajectory
+
+_MOST_ENERGY = 100.0  # times the largest true kinetic energy
+
+
+def defect(trajectory: Trajectory) -> str | None:
+    """Say why a trajectory is no motion: not finite, det R <= 0, or a zero quaternion; None if it is one."""
+    if lost := _first_not_finite(trajectory):
+        sample, name = lost
+        return f"{name} is not finite from t = {trajectory.t_s[sample]:.6g} s on"
+    if trajectory.rotation is not None and np.any(np.linalg.det(trajectory.rotation) <= 0.0):
+        return "det R <= 0"
+    if trajectory.quaternion is not None and np.any(np.linalg.norm(trajectory.quaternion, axis=-1) == 0.0):
+        return "the quaternion is zero"
+    return None
+
+
+def kinetic_limit(true_kinetic: Array) -> float:
+    """100 max K*, in J: no case that is stable has more; infinite where nothing ever moves.
+
+    true_kinetic: the kinetic energy along the truth (n,), in J.
+    """
+    largest = float(true_kinetic.max())
+    return _MOST_ENERGY * largest if largest > 0.0 else np.inf
+
+
+def runaway(kinetic: Array, limit: float, t_s: Array) -> str | None:
+    """Say from when on K is above its limit; None where it never is.
+
+    kinetic (n,) and limit in J, at the times t_s (n,).
+    """
+    above = ~(kinetic <= limit)  # an energy that overflows into NaN is above it too
+    if not np.any(above):
+        return None
+    return f"kinetic energy above 100 times the truth's largest from t = {t_s[np.argmax(above)]:.6g} s on"
+
+
+def _first_not_finite(trajectory: Trajectory) -> tuple[int, str] | None:
+    """Return the first sample that has a NaN or an infinity, and the array that has it."""
+    found = []
+    for name in (
+        "omega_body_rad_s",
+        "omega_world_rad_s",
+        "quaternion",
+        "rotation",
+        "velocity_m_s",
+        "position_m",
+    ):
+        value = getattr(trajectory, name)
+        if value is not None and not np.all(np.isfinite(value)):
+            finite = np.isfinite(value.reshape(len(value), -1)).all(axis=1)
+            found.append((int(np.argmin(finite)), name))
+    return min(found, key=lambda lost: lost[0], default=None)

@@ -1,0 +1,116 @@
+"""The largest step at which a method is stable on a scene: a scan upward, then bisection of what it meets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from bodycheck.adapters.breakdown import defect, runaway
+from bodycheck.adapters.contract import Adapter
+from bodycheck.adapters.drive import Case, Ending, readings_along, trajectory_of
+from bodycheck.reference_impl.pivot import kinetic_energies
+from bodycheck.reference_impl.wrench import Leg, StepPlan, plan_steps
+
+_RATIO = 1.1  # of the steps of the scan
+_WIDTH = 1.01  # of the bracket that is good enough
+_MOST_LOOKS = 50  # at the state within a trial, which cost more than an engine's steps
+
+Breakdown = Callable[[float], str | None]
+"""From a step in s to why the method breaks down at it; None where it does not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """A case whose step is where the scan begins, the steps in s that bound it, and K's limit in J."""
+
+    case: Case
+    lowest_s: float
+    highest_s: float
+    kinetic_limit_j: float
+
+
+@dataclass(frozen=True)
+class StableStep:
+    """What a search found: the largest stable step and the next above it that is not, in s, and why.
+
+    stable_s is None where the method breaks down even at the lowest step; unstable_s is None where it does
+    so nowhere up to the highest. outcome and message as of a case.
+    """
+
+    outcome: Ending
+    message: str = ""
+    stable_s: float | None = None
+    unstable_s: float | None = None
+    reason: str = ""
+
+
+def stable_step(adapter: Adapter, search: Search) -> StableStep:
+    """Search by trials that last as long as the scene, to the end of their last step.
+
+    Whatever the engine raises, passes.
+    """
+    case = search.case
+    if reason := adapter.unsupported(case.scene, case.method):
+        return StableStep("unsupported", reason)
+    assert case.setting.dt_s is not None
+    broken = partial(_breakdown, adapter, case, search.kinetic_limit_j)
+    return largest_stable(broken, case.setting.dt_s, search.lowest_s, search.highest_s)
+
+
+def largest_stable(broken: Breakdown, start_s: float, lowest_s: float, highest_s: float) -> StableStep:
+    """Return the first bracket of stable and unstable steps upward from a stable one, to 1 %.
+
+    Where the start itself is not stable, it is halved until it is, or is the lowest. An island of unstable
+    steps that is narrower than a tenth of them may be passed over.
+    """
+    step = start_s
+    while reason := broken(step):
+        if step <= lowest_s:
+            return StableStep("ok", "", None, step, reason)
+        step = max(step / 2.0, lowest_s)
+    stable, unstable, why = step, None, ""
+    while unstable is None and stable < highest_s:
+        step = min(stable * _RATIO, highest_s)
+        if reason := broken(step):
+            unstable, why = step, reason
+        else:
+            stable = step
+    while unstable is not None and unstable > stable * _WIDTH:
+        step = math.sqrt(stable * unstable)
+        if reason := broken(step):
+            unstable, why = step, reason
+        else:
+            stable = step
+    return StableStep("ok", "", stable, unstable, why)
+
+
+def _breakdown(adapter: Adapter, case: Case, limit_j: float, dt_s: float) -> str | None:
+    """Say how the method breaks down within ceil(T / dt) steps; None where it does not."""
+    # T / dt may lie a rounding above a whole number
+    steps = max(math.ceil(case.scene.duration_s / dt_s * (1.0 - 1e-12)), 1)
+    scene = replace(case.scene, duration_s=steps * dt_s, samples=2)
+    plan = plan_steps(scene, dt_s)
+    legs = list(_looks(plan, max(plan.steps // min(case.scene.samples - 1, _MOST_LOOKS), 1)))
+    simulation = adapter.build(scene, case.method, plan.dt_s)
+    try:
+        readings = readings_along(simulation, legs)
+    finally:
+        simulation.close()
+    t_s = plan.dt_s * np.cumsum([0, *(leg.steps for leg in legs)])
+    motion = trajectory_of(t_s, readings)
+    with np.errstate(over="ignore", invalid="ignore"):  # of what has run away
+        if reason := defect(motion):
+            return reason
+        kinetic, _ = kinetic_energies(scene, motion)
+        return runaway(kinetic, limit_j, t_s)
+
+
+def _looks(plan: StepPlan, stride: int) -> Iterator[Leg]:
+    """Yield the plan's legs in pieces of at most this many steps, the state due at the end of each."""
+    for leg in plan.uninterrupted():
+        for begin in range(0, leg.steps, stride):
+            yield replace(leg, steps=min(stride, leg.steps - begin), ends_at_sample=True)
