@@ -12,8 +12,10 @@ import numpy as np
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reports.case import Asking, CaseResult, Subject, run_case
-from bodycheck.reports.convergence import Point, convergence_of, obedience_of
+from bodycheck.reports.convergence import LARGEST_ERROR, Point, convergence_of, obedience_of
+from bodycheck.reports.growth import Growth, growth_of
 from bodycheck.reports.ladder import next_step
+from bodycheck.reports.measures import SERIES_SCALES
 from bodycheck.reports.stability import Searching, stability_row
 
 _ORIENTATION = "orientation_error_rad"
@@ -139,4 +141,16 @@ def _method_rows(cases: Sequence[CaseResult], subject: Subject, method: Method) 
         measured = any(quantity in case.columns for case in cases)
         if measured or any(case.columns["outcome"] == "unstable" for case in cases):
             found = judged(_points(cases, quantity), limit(subject, quantity))
-            yield {**{name: first[name] for name in who}, "quantity": quantity, **vars(found)}
+            growth = _growth(cases, subject, quantity)
+            yield {**{name: first[name] for name in who}, "quantity": quantity, **vars(found), **vars(growth)}
+
+
+def _growth(cases: Sequence[CaseResult], subject: Subject, quantity: str) -> Growth:
+    """Return how a quantity grows in the finest case that ended well and is not saturated."""
+    usable = (case for case in reversed(cases) if case.ok and case.columns.get(quantity, 1.0) < LARGEST_ERROR)
+    case = next(usable, None)
+    if case is None:
+        return Growth()
+    scale = getattr(subject.scales, SERIES_SCALES[quantity]) if quantity in SERIES_SCALES else 1.0
+    bound = subject.largest(getattr(subject.truth, f"bound_{QUANTITIES[quantity]}"))
+    return growth_of(subject.times, case.series[quantity] / scale, 3.0 * bound)

@@ -102,6 +102,10 @@ METHOD_COLUMNS = (
     "points",
     "floor",
     "verdict",
+    "growth",
+    "growth_exponent",
+    "growth_low",
+    "growth_high",
 )
 STABILITY_COLUMNS = (
     "run_id",
@@ -120,7 +124,8 @@ _WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
 _TEXTS = frozenset(
     (
         *("run_id", "scenario", "family", "engine", "engine_version", "method", "control", "outcome"),
-        *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict", "reason"),
+        *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
+        *("growth", "reason"),
     )
 )
 
