@@ -62,7 +62,7 @@ def test_the_rooms_are_linked_at_the_top_level() -> None:
         assert link.resolve() == PACKAGE / room
 
 
-HEAVY = ("numba", "numpy", "pandas", "scipy", "plotly", "mujoco", "pybullet", "dartpy", "pydantic")
+HEAVY = ("numba", "numpy", "pandas", "scipy", "jinja2", "mujoco", "pybullet", "dartpy", "pydantic")
 
 
 @pytest.mark.parametrize("what", ["import bodycheck", "import bodycheck.cli"])
@@ -95,7 +95,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     subprocess.run(command, check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
     inside = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
-    kept = {".py", ".toml", ".typed", ".html", ".css", ".js", ".obj"}
+    kept = {".py", ".toml", ".typed", ".html", ".css", ".js", ".obj", ".txt"}
     tree = {p.relative_to(ROOT).as_posix() for p in PACKAGE.rglob("*") if p.suffix in kept}
     assert inside == tree | {"bodycheck/py.typed"}
     unpacked = tmp_path / "unpacked"
