@@ -123,7 +123,7 @@ def test_a_stopped_run_leaves_no_worker_and_goes_on_to_the_same_tables(
 @pytest.mark.slow
 def test_a_second_process_on_the_same_run_is_told_so(command: Command, tmp_path: Path) -> None:
     """Whether it resumes or begins: one line, status 2, and the first one is not disturbed."""
-    first = command(*HANGING, "--timeout-s", "10", "--out", "out")
+    first = command(*HANGING, "--timeout-s", "30", "--out", "out")
     answered(tmp_path, ALL_BUT_THE_HANGING_CASE)
     status, words = finished(command("run", "--resume", "out"))
     assert status == 2

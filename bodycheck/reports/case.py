@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from bodycheck.adapters.breakdown import defect, kinetic_limit, runaway
-from bodycheck.adapters.contract import Engine, Method, Setting, read_back_mismatch
+from bodycheck.adapters.contract import Engine, Method, ReadBack, Setting, read_back_mismatch
 from bodycheck.adapters.drive import Answer, Case
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
@@ -86,12 +86,14 @@ class Subject:
 class CaseResult:
     """How a case ended: columns (all of results.csv but run_id), and what it returned, if it did.
 
-    series: every measure over time (compared,), in SI units; the invariant's over its size.
+    series: every measure over time (compared,), in SI units; the invariant's over its size. read_back: what
+    the engine says it was given.
     """
 
     columns: dict[str, Any]
     trajectory: Trajectory | None = None
     series: dict[str, Array] = field(default_factory=dict)
+    read_back: ReadBack | None = None
 
     @property
     def setting(self) -> Setting:
@@ -120,7 +122,8 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
     columns |= _effort(method, plan, answer)
 
     def ended(outcome: str, message: str) -> CaseResult:
-        return CaseResult({**columns, "outcome": outcome, "message": message}, answer.trajectory)
+        ending = {**columns, "outcome": outcome, "message": message}
+        return CaseResult(ending, answer.trajectory, read_back=answer.read_back)
 
     trajectory, held = answer.trajectory, answer.read_back
     if trajectory is None or held is None:
@@ -141,9 +144,8 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
         columns |= worst.columns
         if worst.relative is not None:
             series["invariant_drift"] = worst.relative
-    return CaseResult(
-        {**columns, "outcome": "ok", "message": _note(subject, plan, answer.message)}, trajectory, series
-    )
+    columns |= {"outcome": "ok", "message": _note(subject, plan, answer.message)}
+    return CaseResult(columns, trajectory, series, held)
 
 
 def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.measures import SERIES_SCALES
+from bodycheck.reports.page.front import ERRORS, Cost, floor_of
 from bodycheck.reports.summary import MethodKey, key_of, shown_case
 from bodycheck.reports.tables import ABSOLUTE
 
@@ -70,12 +72,16 @@ def styles(keys: Iterable[MethodKey]) -> dict[MethodKey, Style]:
 
 
 def plot_data(
-    subject: Subject, cases: Sequence[CaseResult], drawn: Mapping[MethodKey, Style], at_s: float | None
+    subject: Subject,
+    cases: Sequence[CaseResult],
+    method_rows: Iterable[Mapping[str, Any]],
+    drawn: Mapping[MethodKey, Style],
+    at_s: float | None,
 ) -> dict[str, Any]:
     """Return what the plots of one scenario show.
 
-    cases: all of the scenario; drawn: the styles, whose numbers stand under "m"; at_s: the step at which
-    drifts are shown over time. Values have 4 digits or more: they are drawn, not read.
+    cases, method_rows: all of the scenario; drawn: the styles, whose numbers stand under "m"; at_s: the step
+    at which drifts are shown over time. Values have 4 digits or more: they are drawn, not read.
     """
     index = {key: style.number for key, style in drawn.items()}
     by_method: dict[MethodKey, list[CaseResult]] = {}
@@ -84,7 +90,10 @@ def plot_data(
     standing = ((index[key], shown_case(own, at_s)) for key, own in by_method.items())
     shown = {m: case for m, case in standing if case is not None}
     return {
-        "floor": _rounded(3.0 * subject.largest(subject.truth.bound_rad)),
+        "errors": [
+            {"name": error, "floor": _rounded(floor_of(subject, error)), "fits": _fits(method_rows, error, index)}
+            for error in ERRORS
+        ],
         "t": [_rounded(t) for t in thinned_times(subject.times)],
         "drifts": _drifts(subject, shown),
         "missing": [_mark(m, case) for m, case in shown.items() if not case.ok],
@@ -141,7 +150,7 @@ def _point(m: int, case: CaseResult) -> dict[str, Any]:
         "m": m,
         "dt": case.dt_s,
         "tolerance": case.setting.tolerance,
-        "error": _rounded(columns["orientation_error_rad"]),
+        "errors": [_rounded(columns[error]) if error in columns else None for error in ERRORS],
     }
     if "cpu_s" in columns:
         point["cpu"] = [_rounded(columns[name]) for name in ("cpu_s_low", "cpu_s", "cpu_s_high")]
@@ -149,6 +158,17 @@ def _point(m: int, case: CaseResult) -> dict[str, Any]:
         if "ns_per_step" in columns:
             point["ns"] = _rounded(columns["ns_per_step"])
     return point
+
+
+def _fits(
+    rows: Iterable[Mapping[str, Any]], error: str, index: Mapping[MethodKey, int]
+) -> dict[int, list[float]]:
+    """Return the order and the floor of each method that has an order of this error."""
+    return {
+        index[key_of(row)]: [_rounded(row["order"]), _rounded(row["floor"])]
+        for row in rows
+        if row["quantity"] == error and row["order"] == row["order"]
+    }
 
 
 def _mark(m: int, case: CaseResult) -> dict[str, Any]:
@@ -159,6 +179,46 @@ def _mark(m: int, case: CaseResult) -> dict[str, Any]:
         "outcome": case.columns["outcome"],
         "message": case.columns["message"],
     }
+
+
+def overall_data(
+    found: Mapping[str, Mapping[MethodKey, Sequence[Cost]]], drawn: Mapping[MethodKey, Style]
+) -> list[dict[str, Any]]:
+    """Return what the plot over all scenarios shows: for each error the costs of every method.
+
+    found: error -> method -> its costs. A method that keeps no error in most of its scenarios is missing from
+    the lines and told apart.
+    """
+    return [
+        {
+            "name": error,
+            "points": [_cost_point(drawn[cost.key].number, cost) for own in of_error.values() for cost in own],
+            "faults": [
+                {"m": style.number, "message": _why_missing(of_error.get(key, ()))}
+                for key, style in drawn.items()
+                if not any(math.isfinite(cost.median) for cost in of_error.get(key, ()))
+            ],
+        }
+        for error, of_error in found.items()
+    ]
+
+
+def _cost_point(m: int, cost: Cost) -> dict[str, Any]:
+    seconds = (cost.low, cost.median, cost.high)
+    return {
+        "m": m,
+        "error": cost.target,
+        "cost": [_rounded(s) if math.isfinite(s) else None for s in seconds],
+        "kept": cost.kept,
+        "scenarios": cost.scenarios,
+    }
+
+
+def _why_missing(own: Sequence[Cost]) -> str:
+    if not own:
+        return "not measured: no case ended well, or no error of this kind"
+    coarsest = own[0]
+    return f"keeps {coarsest.target:g} in {coarsest.kept} of {coarsest.scenarios} scenarios"
 
 
 def _rounded(value: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 from bodycheck.reports.case import CaseResult
@@ -36,6 +36,9 @@ STATES = {
     "pre-asymptotic": State(
         "…", "pre-asymptotic", "errors too large or too irregular for an order to show", "open"
     ),
+    "lower-order": State(
+        "↓", "lower order", "the error shrinks, at a lower order than the method has in theory", "open"
+    ),
     "too-few-points": State("?", "too few points", "fewer than four steps with a usable error", "open"),
     "chaotic": State("≋", "chaotic", "nearby motions part too fast for an error to mean much", "open"),
     "does-not-converge": State(
@@ -50,20 +53,33 @@ STATES = {
     "invalid": State("≠", "invalid", "the engine held other parameters than it was given", "fault"),
     "unsupported": State("○", "unsupported", "the method cannot represent the scenario", "none"),
 }
-"""Every verdict of methods.csv and every outcome but ok, with the two words for methods without steps."""
+"""Every verdict of methods.csv and every outcome but ok, with words for what neither of them says."""
 
 _FAULTS = ("invalid", "failed", "timeout", "unstable")
+_GRAVITY = ("none", "floor", "good", "open", "bad", "fault")
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One method on one scenario: its state, its order, its error at the common step, what went wrong."""
+    """One method on one scenario: its state, its order, its error at the common step, what went wrong.
+
+    faults: how many of the cases ended so. cases: how many there are. plateaus: the other measures that do
+    not converge.
+    """
 
     state: str
     order: float | None = None
     error: float | None = None
-    faults: tuple[str, ...] = ()
+    faults: Mapping[str, int] = field(default_factory=dict)
+    cases: int = 0
+    plateaus: tuple[str, ...] = ()
     detail: str = ""
+
+    @property
+    def notes(self) -> list[str]:
+        """What went wrong beside the state itself."""
+        faults = [f"{amount} of {self.cases} {fault}" for fault, amount in self.faults.items()]
+        return faults + [f"{measure} does not converge" for measure in self.plateaus]
 
 
 @dataclass(frozen=True)
@@ -107,25 +123,35 @@ def shown_case(cases: Iterable[CaseResult], at_s: float | None) -> CaseResult | 
     return min(fitting, key=lambda case: case.setting.fineness or 0.0, default=None)
 
 
-def summary_cell(cases: Sequence[CaseResult], found: Mapping[str, Any] | None, at_s: float | None) -> Cell:
+def summary_cell(
+    cases: Sequence[CaseResult], found: Mapping[str, Mapping[str, Any]], at_s: float | None
+) -> Cell:
     """Return what the cases of one method on one scenario come to.
 
-    found: their row of methods.csv for the orientation error, if there is one; at_s: the common step.
+    found: their rows of methods.csv by quantity; at_s: the common step.
     """
     at_step = shown_case(cases, at_s)
     error = at_step.columns[_ORIENTATION] if at_step and at_step.ok else None
     ended = Counter(case.columns["outcome"] for case in cases)
-    faults = tuple(f"{ended[fault]} of {len(cases)} {fault}" for fault in _FAULTS if ended[fault])
+    faults = {fault: ended[fault] for fault in _FAULTS if ended[fault]}
     if not ended["ok"]:
-        worst = next((fault for fault in _FAULTS if ended[fault]), "unsupported")
+        worst = next(iter(faults), "unsupported")
         reasons = dict.fromkeys(str(case.columns["message"]) for case in cases)
-        return Cell(worst, faults=faults, detail="; ".join(reasons))
-    if found is None:
+        return Cell(worst, faults=faults, cases=len(cases), detail="; ".join(reasons))
+    if _ORIENTATION not in found:
         bound = _FLOORS * cases[0].columns["truth_bound_rad"]
         exact = error is not None and error <= bound
-        return Cell("exact" if exact else "off", error=error, faults=faults)
-    order = found["order"] if found["order"] == found["order"] else None
-    return Cell(found["verdict"], order, error, faults, _detail(found))
+        return Cell("exact" if exact else "off", error=error, faults=faults, cases=len(cases))
+    row = found[_ORIENTATION]
+    return Cell(
+        row["verdict"],
+        row["order"] if row["order"] == row["order"] else None,
+        error,
+        faults,
+        len(cases),
+        tuple(q for q in found if q != _ORIENTATION and found[q]["verdict"] == "does-not-converge"),
+        _detail(row),
+    )
 
 
 def _detail(found: Mapping[str, Any]) -> str:
@@ -141,13 +167,15 @@ def summary_cells(run: Run) -> dict[str, dict[MethodKey, Cell]]:
     by_pair: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.subjects}
     for case in run.cases:
         by_pair[case.columns["scenario"]].setdefault(key_of(case.columns), []).append(case)
-    rows: list[Any] = run.methods[run.methods["quantity"] == _ORIENTATION].to_dict("records")
-    found = {(row["scenario"], *key_of(row)): row for row in rows}
+    found: dict[tuple[str, str, str], dict[str, Any]] = {}
+    rows: list[Any] = run.methods.to_dict("records")
+    for row in rows:
+        found.setdefault((row["scenario"], *key_of(row)), {})[row["quantity"]] = row
     cells = {}
     for scenario, methods in by_pair.items():
         at_s = common_step(case for cases in methods.values() for case in cases)
         cells[scenario] = {
-            key: summary_cell(cases, found.get((scenario, *key)), at_s) for key, cases in methods.items()
+            key: summary_cell(cases, found.get((scenario, *key), {}), at_s) for key, cases in methods.items()
         }
     return cells
 
@@ -158,6 +186,7 @@ def verdict_sentences(run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]]) -
         _as_they_should(run, cells),
         _of_lower_order(run, cells),
         _listed("The orientation error does not converge", cells, ("does-not-converge", "off")),
+        _other_plateaus(cells),
         _not_ended_well(run),
         _undecided(cells),
     ]
@@ -168,6 +197,16 @@ def _theory(run: Run, key: MethodKey) -> float:
     """Return the order that the method has in theory, 0 where it has none."""
     engine, method = key
     return run.manifest["engines"][engine]["methods"][method]["order"] or 0
+
+
+def worst_state(run: Run, key: MethodKey, cell: Cell) -> str:
+    """Return the gravest of what a cell says: how a case ended, a plateau, a lower order, or its verdict."""
+    said = [*cell.faults, cell.state]
+    if cell.plateaus:
+        said.append("does-not-converge")
+    if _is_lower(run, key, cell):
+        said.append("lower-order")
+    return max(said, key=lambda state: _GRAVITY.index(STATES[state].tint))
 
 
 def _is_lower(run: Run, key: MethodKey, cell: Cell) -> bool:
@@ -181,7 +220,7 @@ def _as_they_should(run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> 
         for key, cell in methods.items():
             if cell.state == "unsupported":
                 continue
-            keeps = cell.state in ("converges", "at-floor", "exact") and not cell.faults
+            keeps = cell.state in ("converges", "at-floor", "exact") and not cell.notes
             sound[key] = sound.get(key, True) and keeps and not _is_lower(run, key, cell)
     good = [":".join(key) for key, whether in sound.items() if whether]
     others = [":".join(key) for key, whether in sound.items() if not whether]
@@ -212,6 +251,16 @@ def _listed(what: str, cells: Mapping[str, Mapping[MethodKey, Cell]], states: Se
             if cell.state in states:
                 where.setdefault(":".join(key), []).append(scenario)
     return f"{what}: {names([f'{m} in {names(s)}' for m, s in where.items()])}." if where else ""
+
+
+def _other_plateaus(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
+    where = [
+        f"{names(cell.plateaus)} of {':'.join(key)} in {scenario}"
+        for scenario, methods in cells.items()
+        for key, cell in methods.items()
+        if cell.plateaus
+    ]
+    return f"Other measures that do not converge: {names(where)}." if where else ""
 
 
 def _not_ended_well(run: Run) -> str:

@@ -21,7 +21,7 @@ def scientific(value: float) -> str:
 
 
 def _short_exponent(text: str) -> str:
-    return re.sub(r"e([+-])0*(\d)", r"e\1\2", text).replace("e+", "e")
+    return re.sub(r"e([+-])0*(\d)", r"e\1\2", text).replace("e+", "e") if "e" in text else text
 
 
 def step(dt_s: float | None) -> str:

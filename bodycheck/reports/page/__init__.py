@@ -1,0 +1,1 @@
+"""What the report shows, put together from a run: one idea a file."""

@@ -1,0 +1,162 @@
+"""The cheapest method that keeps an error: on one scenario, and over all scenarios of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.summary import MethodKey, key_of
+from bodycheck.reports.wording import number
+
+ERRORS = {
+    "orientation_error_rad": "bound_rad",
+    "energy_drift": "bound_energy",
+    "angular_momentum_drift": "bound_momentum",
+    "omega_error": "bound_momentum",
+}
+"""The errors that speed is held against, each with the truth's bound on it."""
+
+TARGETS = tuple(float(f"1e-{k}") for k in range(1, 14))
+"""One error a decade; a coarser one is no accuracy, a finer one is round-off."""
+
+_REFERENCE = "reference"
+
+
+def floor_of(subject: Subject, error: str) -> float:
+    """3 bound: an error below it is neither better nor worse than another."""
+    return 3.0 * subject.largest(getattr(subject.truth, ERRORS[error]))
+
+
+@dataclass(frozen=True, eq=False)
+class Cheapest:
+    """The cases that keep an error at the least processor time: of all methods, and of the engines alone."""
+
+    target: float
+    of_all: CaseResult
+    of_engines: CaseResult | None
+
+
+def cheapest_cases(subject: Subject, cases: Sequence[CaseResult], error: str) -> list[Cheapest]:
+    """Return the cheapest cases of one scenario for each decade above its floor that any case keeps."""
+    floor = floor_of(subject, error)
+    found = []
+    for target in TARGETS:
+        of_all = _cheapest(cases, error, target)
+        if target >= floor and of_all is not None:
+            engines = [case for case in cases if case.columns["engine"] != _REFERENCE]
+            found.append(Cheapest(target, of_all, _cheapest(engines, error, target)))
+    return found
+
+
+def _cheapest(cases: Iterable[CaseResult], error: str, target: float) -> CaseResult | None:
+    keeping = [
+        case
+        for case in cases
+        if case.ok and "cpu_s" in case.columns and case.columns.get(error, math.inf) <= target
+    ]
+    return min(keeping, key=lambda case: case.columns["cpu_s"], default=None)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What it costs a method to keep an error, in processor seconds a simulated second.
+
+    median, low, high: of the scenarios that the method supports and whose truth can tell the error;
+    infinite where it does not keep the error. kept: in how many of them it does.
+    """
+
+    key: MethodKey
+    target: float
+    median: float
+    low: float
+    high: float
+    kept: int
+    scenarios: int
+
+
+def costs(
+    subjects: Sequence[Subject], cases: Iterable[CaseResult], error: str
+) -> dict[MethodKey, list[Cost]]:
+    """Return the costs of every method whose speed was measured, for each decade of the error."""
+    by_pair: dict[MethodKey, dict[str, list[CaseResult]]] = {}
+    for case in cases:
+        if case.columns["outcome"] != "unsupported":
+            own = by_pair.setdefault(key_of(case.columns), {})
+            own.setdefault(case.columns["scenario"], []).append(case)
+    floors = {subject.scenario.name: floor_of(subject, error) for subject in subjects}
+    found = {}
+    for key, by_scenario in by_pair.items():
+        if any("cpu_s" in case.columns for own in by_scenario.values() for case in own):
+            priced = [
+                (floors[scenario], _prices(own, error))
+                for scenario, own in by_scenario.items()
+                if any(error in case.columns for case in own) or not any(case.ok for case in own)
+            ]
+            of_key = (_cost(key, target, priced) for target in TARGETS)
+            found[key] = [cost for cost in of_key if cost is not None]
+    return found
+
+
+def _prices(cases: Iterable[CaseResult], error: str) -> list[tuple[float, float]]:
+    """Return error and processor seconds a simulated second of the cases that have both."""
+    return [
+        (case.columns[error], case.columns["cpu_s"] / case.columns["duration_s"])
+        for case in cases
+        if case.ok and "cpu_s" in case.columns and error in case.columns
+    ]
+
+
+def _cost(
+    key: MethodKey, target: float, priced: Sequence[tuple[float, Sequence[tuple[float, float]]]]
+) -> Cost | None:
+    """priced: of each scenario its floor, and error and price of its cases."""
+    seconds = [
+        min((price for error, price in prices if error <= target), default=math.inf)
+        for floor, prices in priced
+        if target >= floor
+    ]
+    if not seconds:
+        return None
+    # of an even number of scenarios the dearer one: half of them kept is not enough
+    low, median, high = np.quantile(seconds, [0.25, 0.5, 0.75], method="higher").tolist()
+    return Cost(key, target, median, low, high, sum(map(math.isfinite, seconds)), len(seconds))
+
+
+@dataclass(frozen=True)
+class Front:
+    """The methods that keep an error at the least median cost: of all, and of the engines alone."""
+
+    target: float
+    of_all: Cost
+    of_engines: Cost | None
+
+
+def fronts(found: Mapping[MethodKey, Sequence[Cost]]) -> list[Front]:
+    """Return the cheapest methods for each decade that any of them keeps in most scenarios."""
+    front = []
+    for target in TARGETS:
+        keeping = [cost for own in found.values() for cost in own if cost.target == target]
+        keeping = sorted((c for c in keeping if math.isfinite(c.median)), key=lambda c: c.median)
+        engines = [cost for cost in keeping if cost.key[0] != _REFERENCE]
+        if keeping:
+            front.append(Front(target, keeping[0], engines[0] if engines else None))
+    return front
+
+
+def cost_sentences(front: Mapping[str, Sequence[Front]]) -> list[str]:
+    """Say which method keeps the orientation to a coarse and to a fine error at the least cost."""
+    return [
+        f"To {number(target)} rad of orientation the cheapest is {_priced(found.of_all)}; of the engines it is "
+        f"{_priced(found.of_engines) if found.of_engines else 'none'}."
+        for found in front["orientation_error_rad"]
+        for target in (1e-3, 1e-6)
+        if found.target == target
+    ]
+
+
+def _priced(cost: Cost) -> str:
+    return f"{':'.join(cost.key)}, {number(cost.median, 2)} s a simulated second"

@@ -1,0 +1,185 @@
+"""What the page shows of one scenario: its facts, its methods, its plots, and a part for each cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+from urllib.parse import quote
+
+from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.figures import Style, coinciding, plot_data
+from bodycheck.reports.page.facts import read_back_facts, scenario_facts
+from bodycheck.reports.page.front import ERRORS, Cheapest, cheapest_cases
+from bodycheck.reports.page.motion import motion_view
+from bodycheck.reports.run import Run
+from bodycheck.reports.summary import Cell, MethodKey, common_step, key_of, shown_case
+
+_CASE_MEASURES = (
+    "orientation_error_rad",
+    "omega_error",
+    "energy_drift",
+    "angular_momentum_drift",
+    "position_error",
+    "orthogonality",
+    "quaternion_norm_error",
+    "cpu_s",
+    "ns_per_step",
+)
+"""The columns of results.csv that the table of a cell repeats, where the scenario has them."""
+
+_METHOD_MEASURES = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error", "cpu_s")
+"""The columns of results.csv by which methods stand beside one another."""
+
+_ORDER_COLUMNS = (
+    *("quantity", "verdict", "order", "order_low", "order_high", "points", "floor"),
+    *("growth", "growth_exponent"),
+)
+"""The columns of methods.csv that the page repeats, those that there are."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellPart:
+    """One method on one scenario: what its cases came to, what they were, and how to run them again.
+
+    shown: the case at the common step, or what stands for it. orders: its rows of methods.csv, by column.
+    """
+
+    scenario: str
+    key: MethodKey
+    cell: Cell
+    cases: tuple[CaseResult, ...]
+    shown: CaseResult | None
+    orders: tuple[Mapping[str, Any], ...]
+
+    @property
+    def anchor(self) -> str:
+        """The part's id: one a cell, without blanks."""
+        return anchor_of(self.scenario, self.key)
+
+    @property
+    def read_back(self) -> list[tuple[str, str]]:
+        """What the engine says it was given, in the shown case or the first that got so far."""
+        tried = [case for case in (self.shown, *self.cases) if case is not None]
+        held = next((case.read_back for case in tried if case.read_back is not None), None)
+        return [] if held is None else read_back_facts(held)
+
+    def measured(self, name: str) -> float | None:
+        """Return a column of the shown case, None where it was not measured or did not end well."""
+        if self.shown is None or not self.shown.ok:
+            return None
+        value: float | None = self.shown.columns.get(name)
+        return value
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """What the page shows of one scenario."""
+
+    subject: Subject
+    parts: Mapping[MethodKey, CellPart]
+    at_s: float | None
+    plots: Mapping[str, Any]
+    cheapest: Mapping[str, Sequence[Cheapest]]
+    motion: Mapping[str, Any] | None
+
+    @property
+    def name(self) -> str:
+        """The scenario's name."""
+        return self.subject.scenario.name
+
+    @property
+    def anchor(self) -> str:
+        """The section's id."""
+        return anchor_of(self.name)
+
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """What is simulated and what it is measured with, as terms and their texts."""
+        return scenario_facts(self.subject)
+
+    @cached_property
+    def cases(self) -> list[CaseResult]:
+        """All of its cases, in the order of results.csv."""
+        return [case for part in self.parts.values() for case in part.cases]
+
+    @cached_property
+    def case_measures(self) -> list[str]:
+        """The columns of its cases' tables: those that any case has."""
+        return self._measured(_CASE_MEASURES)
+
+    @cached_property
+    def method_measures(self) -> list[str]:
+        """The columns of its methods' table: those that any case has."""
+        return self._measured(_METHOD_MEASURES)
+
+    def _measured(self, names: Sequence[str]) -> list[str]:
+        return [name for name in names if any(name in case.columns for case in self.cases)]
+
+    @property
+    def coinciding(self) -> list[list[MethodKey]]:
+        """The groups of methods whose lines cannot be told apart."""
+        return coinciding(self.cases)
+
+    @property
+    def has_speed(self) -> bool:
+        """Whether the processor time of any case was measured."""
+        return "cpu_s" in self.case_measures
+
+
+def anchor_of(scenario: str, key: MethodKey | None = None) -> str:
+    """Return the id of a scenario's section, or of the part of one of its cells."""
+    if key is None:
+        return "scenario-" + quote(scenario, safe="")
+    return f"cell-{quote(scenario, safe='')}--{quote(':'.join(key), safe=':')}"
+
+
+def sections_of(
+    run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]], drawn: Mapping[MethodKey, Style]
+) -> list[Section]:
+    """Return the sections of a run, in its order; drawn: how each method is drawn."""
+    cases: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.subjects}
+    for case in run.cases:
+        cases[case.columns["scenario"]].setdefault(key_of(case.columns), []).append(case)
+    rows: dict[str, list[Mapping[str, Any]]] = {name: [] for name in cases}
+    told: list[Any] = run.methods.to_dict("records")
+    for row in told:
+        rows[row["scenario"]].append(row)
+    return [
+        _section(subject, cells[name], cases[name], rows[name], drawn)
+        for subject in run.subjects
+        for name in (subject.scenario.name,)
+    ]
+
+
+def _section(
+    subject: Subject,
+    cells: Mapping[MethodKey, Cell],
+    by_method: Mapping[MethodKey, Sequence[CaseResult]],
+    rows: Sequence[Mapping[str, Any]],
+    drawn: Mapping[MethodKey, Style],
+) -> Section:
+    all_cases = [case for own in by_method.values() for case in own]
+    at_s = common_step(all_cases)
+    parts = {
+        key: CellPart(
+            scenario=subject.scenario.name,
+            key=key,
+            cell=cells[key],
+            cases=tuple(own),
+            shown=shown_case(own, at_s),
+            orders=tuple(
+                {name: row[name] for name in _ORDER_COLUMNS if name in row} for row in rows if key_of(row) == key
+            ),
+        )
+        for key, own in by_method.items()
+    }
+    return Section(
+        subject=subject,
+        parts=parts,
+        at_s=at_s,
+        plots=plot_data(subject, all_cases, rows, drawn, at_s),
+        cheapest={error: cheapest_cases(subject, all_cases, error) for error in ERRORS},
+        motion=motion_view(subject, all_cases, {key: style.number for key, style in drawn.items()}),
+    )

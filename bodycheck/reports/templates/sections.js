@@ -1,0 +1,62 @@
+// Draws the plots of a section when it comes into view, and again when a choice changes.
+const dark = matchMedia("(prefers-color-scheme: dark)");
+
+function choicesOf(section) {
+  const selects = [...section.querySelectorAll("select[data-choice]")];
+  return Object.fromEntries(selects.map(select => [select.dataset.choice, select.selectedIndex]));
+}
+
+function draw(section) {
+  const data = dataOf(section);
+  const boxes = [...section.querySelectorAll(".lines input")];
+  const on = new Set(boxes.filter(box => box.checked).map(box => Number(box.value)));
+  const chosen = choicesOf(section);
+  for (const plot of section.querySelectorAll(".plot")) {
+    const [traces, layoutOf] = plots[plot.dataset.plot](data, thing => on.has(thing.m), chosen);
+    Plotly.react(plot, traces, layoutOf, config);
+    plot.dataset.drawn = "";
+  }
+}
+
+// Of the tables that there are one an error of, only the chosen one is shown.
+function showChosen(section) {
+  const select = section.querySelector("select[data-choice=error]");
+  for (const part of select ? section.querySelectorAll("[data-error]") : []) {
+    part.hidden = part.dataset.error !== select.value;
+  }
+}
+
+const sections = [...document.querySelectorAll("[data-section]")].filter(section => section.querySelector(".plots"));
+const drawn = new Set();
+for (const section of sections) {
+  showChosen(section);
+  whenSeen(section.querySelector(".plots"), () => {
+    if (drawn.has(section)) return;
+    drawn.add(section);
+    draw(section);
+  });
+  section.addEventListener("change", () => {
+    showChosen(section);
+    draw(section);
+  });
+  section.addEventListener("click", event => {
+    const { show } = event.target.dataset;
+    if (show === undefined) return;
+    for (const box of section.querySelectorAll(".lines input")) box.checked = show === "all";
+    draw(section);
+  });
+}
+
+const redraw = () => drawn.forEach(draw);
+dark.addEventListener("change", redraw);
+
+// The class gives plots the size and the colours of paper before they are measured for it.
+addEventListener("beforeprint", () => {
+  root.classList.add("printing");
+  sections.forEach(section => drawn.add(section));
+  redraw();
+});
+addEventListener("afterprint", () => {
+  root.classList.remove("printing");
+  redraw();
+});
