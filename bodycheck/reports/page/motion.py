@@ -87,15 +87,15 @@ def principal_frame(inertia: Array) -> tuple[Array, Array]:
 
 
 def box_corners(body: RigidBody) -> Array:
-    """a_i^2 = (I_j + I_k - I_i): the corners (8, 3) of the box with this tensor, body axes, longest edge 1.
+    """a_i^2 ~ I_j + I_k - I_i: the corners (8, 3) of the box with this tensor, body axes, 0.9 from its centre.
 
     The box and the ellipsoid of the same tensor have edges in the same proportions.
     """
     moments, axes = principal_frame(body.inertia)
     edges = np.sqrt(np.maximum(moments.sum() - 2.0 * moments, 0.0))
-    edges = np.maximum(edges / edges.max(), _THINNEST)
-    signs = np.array([[(k >> i & 1) - 0.5 for i in range(3)] for k in range(8)])
-    return np.asarray((signs * edges) @ axes.T)
+    edges = np.maximum(edges, _THINNEST * edges.max())
+    signs = np.array([[2.0 * (k >> i & 1) - 1.0 for i in range(3)] for k in range(8)])
+    return np.asarray(0.9 * (signs * edges / np.linalg.norm(edges)) @ axes.T)
 
 
 def _track(

@@ -118,6 +118,11 @@ class Section:
         return [name for name in names if any(name in case.columns for case in self.cases)]
 
     @property
+    def noted(self) -> bool:
+        """Whether anything went wrong that a verdict does not tell."""
+        return any(part.cell.notes for part in self.parts.values())
+
+    @property
     def coinciding(self) -> list[list[MethodKey]]:
         """The groups of methods whose lines cannot be told apart."""
         return coinciding(self.cases)

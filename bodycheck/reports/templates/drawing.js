@@ -1,12 +1,12 @@
 // Draws a turning body, its momentum and its omega on a canvas: two square views, one above the other.
 const FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
 
-// Three axes of a camera: to the right, up, and towards the eye, 25 degrees above the plane across `up`.
-function camera(up) {
-  const aside = Math.abs(up[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0];
-  const right = unit(cross(up, aside));
-  const away = cross(right, up);
-  const eye = unit(added(scaled(up, Math.sin(0.44)), scaled(away, Math.cos(0.44))));
+const askew = v => (Math.abs(v[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]);
+
+// Three axes of a camera: to the right, up, and towards the eye, which is 25 degrees above the plane across `up`.
+function camera(up, side = askew(up)) {
+  const right = unit(cross(up, side));
+  const eye = unit(added(scaled(up, Math.sin(0.44)), scaled(cross(right, up), Math.cos(0.44))));
   return [right, cross(eye, right), eye];
 }
 
@@ -75,6 +75,29 @@ class View {
     });
   }
 
+  // The outline of the ellipsoid with these semiaxes, which lies where its normal is across the eye's direction.
+  ellipsoid(semiaxes, paint) {
+    const { context } = this;
+    const [, , eye] = this.axes;
+    const across = unit(eye.map((x, i) => x / semiaxes[i]));
+    const u = unit(cross(across, askew(across)));
+    const v = cross(across, u);
+    context.beginPath();
+    for (let angle = 0; angle < 2 * Math.PI; angle += 0.1) {
+      const w = added(scaled(u, Math.cos(angle)), scaled(v, Math.sin(angle)));
+      context.lineTo(...this.place(w.map((x, i) => x * semiaxes[i])));
+    }
+    context.closePath();
+    context.setLineDash([]);
+    context.globalAlpha = 0.5;
+    context.fillStyle = paint.face;
+    context.fill();
+    context.globalAlpha = 1;
+    context.lineWidth = 1;
+    context.strokeStyle = paint.edge;
+    context.stroke();
+  }
+
   // The part of a curve on the ellipsoid that looks at the eye is drawn full, the part behind it pale.
   curve(points, moments, ink, width) {
     const [, , eye] = this.axes;
@@ -83,7 +106,7 @@ class View {
     for (const point of points.slice(1)) {
       run.push(point);
       if (seen(point) === seen(run[0]) && point !== points.at(-1)) continue;
-      this.context.globalAlpha = seen(run[0]) ? 1 : 0.35;
+      this.context.globalAlpha = seen(run[0]) ? 1 : 0.5;
       this.line(run, ink, width);
       run = [point];
     }

@@ -27,8 +27,10 @@ function prepared(data) {
     track.polhode = polhode(track, truth, moments);
     track.herpolhode = track.polhode.map((w, k) => turned(track.q[k], w));
   }
+  const ahead = tracks[0].polhode.find(w => Math.hypot(...w) > 0) ?? [1, 1, 1];
+  const side = [ahead[0] < 0 ? -0.7 : 0.7, ahead[1] < 0 ? -1 : 1, 0]; // so that the polhode begins in front
   const semiaxes = moments.map(moment => 1 / Math.sqrt(moment));
-  return { ...data, tracks, momenta, semiaxes, world: camera(unit(largest)), body: camera([0, 0, 1]), L: Math.hypot(...largest) };
+  return { ...data, tracks, momenta, semiaxes, world: camera(unit(largest)), body: camera([0, 0, ahead[2] < 0 ? -1 : 1], side), L: Math.hypot(...largest) };
 }
 
 // The three principal sections of the ellipsoid of inertia.
@@ -56,19 +58,20 @@ function drawTrack(canvas, motion, track, t) {
   const state = stateAt(track, motion.t, t);
   const now = motion.t.findLastIndex(sample => sample <= t) + 1;
 
-  const world = new View(context, motion.world, size, 0, 1.15);
   const widest = Math.max(...semiaxes);
-  const trace = points => points.map(w => scaled(w, 0.8 / widest));
+  const world = new View(context, motion.world, size, 0, 1.05);
+    const trace = points => points.map(w => scaled(w, 0.75 / widest));
   world.line(trace(truth.herpolhode), faint, 1);
   const paint = { face: colour("--none"), marked: ink, edge: colour("--faint") };
   world.box(motion.corners.map(corner => turned(state.q, corner)), paint);
   world.line(trace(track.herpolhode.slice(0, now)), ink, 1.5);
-  const arrow = of => scaled(momentum(of, moments), 0.95 / motion.L);
+  const arrow = of => scaled(momentum(of, moments), 0.8 / motion.L);
   world.arrow(arrow(stateAt(truth, motion.t, t)), faint, 3);
   world.arrow(arrow(state), ink, 1.5);
 
-  const body = new View(context, motion.body, size, size, 1.25 * widest);
-  for (const section of sectionsOf(semiaxes)) body.curve(section, moments, colour("--grid"), 1);
+  const body = new View(context, motion.body, size, size, 1.1 * widest);
+  body.ellipsoid(semiaxes, paint);
+  for (const section of sectionsOf(semiaxes)) body.curve(section, moments, colour("--line"), 1);
   body.curve(truth.polhode, moments, faint, 3);
   body.curve(track.polhode.slice(0, now), moments, ink, 1.5);
   body.dot(track.polhode[Math.max(now - 1, 0)], ink);
@@ -100,7 +103,7 @@ function startPlayer(figure) {
     slider.setAttribute("aria-valuetext", clock.textContent);
     panels.forEach(({ track, canvas, told }, number) => {
       const angle = drawTrack(canvas, motion, track, t);
-      told.textContent = number ? off(angle) : `L and ω, to ${short(last)} s`;
+      if (number) told.textContent = off(angle);
     });
     figure.dataset.drawn = clock.textContent;
   }

@@ -26,6 +26,10 @@ function showChosen(section) {
   }
 }
 
+const narrow = matchMedia("(max-width: 40rem)").matches;
+const legends = [...document.querySelectorAll("details.lines")];
+for (const legend of legends) legend.open = !narrow;
+
 const sections = [...document.querySelectorAll("[data-section]")].filter(section => section.querySelector(".plots"));
 const drawn = new Set();
 for (const section of sections) {
@@ -53,6 +57,7 @@ dark.addEventListener("change", redraw);
 // The class gives plots the size and the colours of paper before they are measured for it.
 addEventListener("beforeprint", () => {
   root.classList.add("printing");
+  for (const legend of legends) legend.open = true;
   sections.forEach(section => drawn.add(section));
   redraw();
 });
