@@ -91,7 +91,11 @@ def plot_data(
     shown = {m: case for m, case in standing if case is not None}
     return {
         "errors": [
-            {"name": error, "floor": _rounded(floor_of(subject, error)), "fits": _fits(method_rows, error, index)}
+            {
+                "name": error,
+                "floor": _rounded(floor_of(subject, error)),
+                "fits": _fits(method_rows, error, index),
+            }
             for error in ERRORS
         ],
         "t": [_rounded(t) for t in thinned_times(subject.times)],
@@ -192,7 +196,9 @@ def overall_data(
     return [
         {
             "name": error,
-            "points": [_cost_point(drawn[cost.key].number, cost) for own in of_error.values() for cost in own],
+            "points": [
+                _cost_point(drawn[cost.key].number, cost) for own in of_error.values() for cost in own
+            ],
             "faults": [
                 {"m": style.number, "message": _why_missing(of_error.get(key, ()))}
                 for key, style in drawn.items()

@@ -175,7 +175,9 @@ def _section(
             cases=tuple(own),
             shown=shown_case(own, at_s),
             orders=tuple(
-                {name: row[name] for name in _ORDER_COLUMNS if name in row} for row in rows if key_of(row) == key
+                {name: row[name] for name in _ORDER_COLUMNS if name in row}
+                for row in rows
+                if key_of(row) == key
             ),
         )
         for key, own in by_method.items()

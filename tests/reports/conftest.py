@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from odd_run import odd_run
+from parsed_page import Page
+from playwright.sync_api import Browser, expect, sync_playwright
+
+from bodycheck.reports.html import render_report
+from bodycheck.reports.run import Run
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+LONG_MS = 120_000
+"""What the browser may take on a machine that is busy."""
+expect.set_options(timeout=LONG_MS)
+
+
+@pytest.fixture(scope="session")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Return a run of the reference and the odd engine on a free and a forced scenario."""
+    return odd_run(tmp_path_factory.mktemp("scenarios"))
+
+
+@pytest.fixture(scope="session")
+def html(run: Run) -> str:
+    """Return the report of that run."""
+    return render_report(run)
+
+
+@pytest.fixture(scope="session")
+def page(html: str) -> Page:
+    """Return the report as parsed."""
+    return Page(html)
+
+
+@pytest.fixture(scope="session")
+def report_file(html: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the report as a file."""
+    place = tmp_path_factory.mktemp("report") / "report.html"
+    place.write_text(html, encoding="utf-8")
+    return place
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    """Return the Chromium that is there; without one the test is skipped."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on the path")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"], timeout=LONG_MS)
+        yield browser
+        browser.close()

@@ -1,0 +1,95 @@
+"""The page as an object: names stay text, nothing is fetched, colours can be seen, a large run stays light."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from odd_run import HOSTILE
+from parsed_page import Page
+
+from bodycheck.reports.html import render_report
+from bodycheck.reports.run import Run
+
+
+def test_names_are_text_wherever_they_stand(html: str, page: Page) -> None:
+    """No markup of a name, message or summary becomes an element, in the page or inside its data."""
+    scripts = [attributes for tag, attributes in page.tags if tag == "script"]
+    assert len(scripts) == html.count("<script") == html.count("</script>")
+    assert not {"i", "u", "tt", "em"} & {tag for tag, _ in page.tags}
+    for text in (HOSTILE, "<b>failed</b>", "<i>invalid</i>", "<u>none</u>", "no <em>such</em> thing"):
+        assert text in page.text
+    assert "{{ 7 * 7 }}" in page.text
+    assert page.data
+    for data in page.data:
+        assert not re.search("[<>&\u2028\u2029]", data)
+        json.loads(data)
+    scenes = [data for data in map(json.loads, page.data) if "faults" in data]
+    assert any(HOSTILE in point["message"] for data in scenes for point in data["faults"])
+
+
+def test_nothing_is_fetched(html: str, page: Page) -> None:
+    """No element or style names anything outside the page, and the page forbids itself to fetch."""
+    for tag, attributes in page.tags:
+        assert tag not in ("link", "img", "iframe", "base", "object")
+        assert "src" not in attributes
+        assert attributes.get("href", "#").startswith("#")
+    (policy,) = [a["content"] for _, a in page.tags if a.get("http-equiv") == "Content-Security-Policy"]
+    assert policy.startswith("default-src 'none'")
+    assert "http" not in policy
+    css = html.partition("<style>")[2].partition("</style>")[0]
+    assert "url(" not in css
+    assert "@import" not in css
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of #rgb or #rrggbb, as WCAG 2 defines it."""
+    digits = colour[1:] if len(colour) == 7 else "".join(2 * digit for digit in colour[1:])
+    parts = [int(digits[i : i + 2], 16) / 255.0 for i in (0, 2, 4)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_colours_have_contrast(html: str, scheme: str) -> None:
+    """Texts stand out 4.5 to 1 from what is behind them, lines and marks 3 to 1."""
+    blocks = re.findall(r":root[^{]*\{(.*?)\}", html.partition("</style>")[0], re.DOTALL)
+    colours = dict(re.findall(r"--([\w-]+): (#\w+)", blocks[scheme == "dark"]))
+
+    def contrast(front: str, back: str) -> float:
+        low, high = sorted(luminance(colours[name]) + 0.05 for name in (front, back))
+        return high / low
+
+    for text in ("ink", "faint", "link"):
+        assert contrast(text, "paper") >= 4.5
+    for tint in ("good", "floor", "open", "bad", "none"):
+        assert contrast("on-tint", tint) >= 4.5
+    assert contrast("on-fault", "fault") >= 4.5
+    for i in range(8):
+        assert contrast(f"engine-{i}", "paper") >= 3.0
+
+
+def test_a_large_run_stays_light(run: Run) -> None:
+    """Twelve scenarios by seventeen methods by six steps take at most 8 MB and 5 s."""
+    free = run.subjects[0]
+    sound = [case for case in run.cases if case.ok and case.columns["scenario"] == free.scenario.name]
+    copies = 12 * 17 * 6 // len(sound) + 1
+    subjects, cases, methods = [], [], []
+    for copy in range(copies):
+        name = f"copy-{copy}"
+        subjects.append(replace(free, scenario=free.scenario.model_copy(update={"name": name})))
+        cases += [replace(case, columns={**case.columns, "scenario": name}) for case in sound]
+        methods.append(run.methods[run.methods["scenario"] == free.scenario.name].assign(scenario=name))
+    noise = np.random.default_rng(0).lognormal(size=101)  # as many samples as most scenarios have
+    cases = [replace(case, series=dict.fromkeys(case.series, noise)) for case in cases]
+    begin = time.perf_counter()
+    html = render_report(
+        replace(run, subjects=tuple(subjects), cases=tuple(cases), methods=pd.concat(methods))
+    )
+    assert time.perf_counter() - begin < 5.0
+    assert len(html.encode()) < 8e6

@@ -1,0 +1,234 @@
+"""The page's tables: complete, and equal to those of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from parsed_page import Page
+
+from bodycheck.reports.case import CaseResult
+from bodycheck.reports.html import render_report
+from bodycheck.reports.page.front import ERRORS, TARGETS
+from bodycheck.reports.page.section import anchor_of
+from bodycheck.reports.run import Run
+from bodycheck.reports.summary import STATES, summary_cells, verdict_sentences, worst_state
+
+
+def test_the_page_holds_together(page: Page) -> None:
+    """Tags balance, ids are unique, links inside the page lead somewhere, tables have captions and scopes."""
+    ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    for _, attributes in page.tags:
+        for key in ("aria-labelledby", "href"):
+            if key in attributes:
+                assert attributes[key].removeprefix("#") in ids
+    kinds = [tag for tag, _ in page.tags]
+    assert kinds.count("caption") == kinds.count("table") == len(page.tables)
+    assert all("scope" in attributes for tag, attributes in page.tags if tag == "th")
+
+
+def same(shown: str, stored: Any, digits: int = 4) -> bool:
+    """Whether a shown number is the stored one at so many digits; empty is missing."""
+    if shown == "":
+        return bool(pd.isna(stored))
+    return float(shown) == float(f"{stored:.{digits}g}")
+
+
+def fineness_of(row: Any) -> float:
+    """Return the step or the tolerance of a row of the results, NaN where it has neither."""
+    return float(row["tolerance"] if pd.isna(row["dt_s"]) else row["dt_s"])
+
+
+def is_fineness(shown: str, row: Any) -> bool:
+    """Whether a step or a tolerance is shown as the very double that it is."""
+    fineness = fineness_of(row)
+    return bool(np.isnan(fineness)) if shown == "" else float(shown) == fineness
+
+
+def test_every_number_of_the_case_tables_is_that_of_the_results(page: Page, run: Run) -> None:
+    """Row by row the tables repeat results.csv: whose, outcome, message, command, and each number shown."""
+    shown = [(table.place, record) for table in page.with_class("cases") for record in table.records()]
+    stored = run.results.to_dict("records")
+    assert len(shown) == len(stored)
+    for (place, record), row in zip(shown, stored, strict=True):
+        assert place == anchor_of(row["scenario"], (row["engine"], row["method"]))
+        assert record.pop("outcome") == row["outcome"]
+        assert record.pop("message") == row["message"]
+        assert record.pop("reproduce") == f"copy {row['reproduce']}"
+        assert is_fineness(record.pop("dt_s or tolerance"), row)
+        assert {"orientation_error_rad", "energy_drift", "cpu_s"} <= record.keys()
+        for column, text in record.items():
+            assert same(text, row[column]), f"{column}: {text} is not {row[column]!r}"
+
+
+def test_every_number_of_the_order_tables_is_that_of_the_methods(page: Page, run: Run) -> None:
+    """Row by row the tables repeat methods.csv: quantity, verdict, order with interval, points, floor."""
+    shown = [(table.place, record) for table in page.with_class("orders") for record in table.records()]
+    stored = run.methods.to_dict("records")
+    assert len(shown) == len(stored)
+    for (place, record), row in zip(shown, stored, strict=True):
+        assert place == anchor_of(row["scenario"], (row["engine"], row["method"]))
+        for column, text in record.items():
+            assert text == row[column] if isinstance(row[column], str) else same(text, row[column])
+
+
+def rows_of(table: pd.DataFrame, scenario: str, engine: str, method: str) -> pd.DataFrame:
+    """Return the rows of one method on one scenario."""
+    who = (table["scenario"] == scenario) & (table["engine"] == engine) & (table["method"] == method)
+    return table[who]
+
+
+def standing_rows(page: Page, run: Run) -> Iterator[tuple[str, str, str, dict[str, str]]]:
+    """Give scenario, engine, method and record of every row of the tables of methods."""
+    for table, subject in zip(page.with_class("standing"), run.subjects, strict=True):
+        for record in table.records():
+            engine, method = record.pop("engine:method").rsplit(":", 1)
+            yield subject.scenario.name, engine, method, record
+
+
+def test_the_methods_of_a_scenario_stand_as_in_the_tables(page: Page, run: Run) -> None:
+    """Each row shows the verdict, the order, and the measures at the common step that the tables have."""
+    verdicts = run.methods[run.methods["quantity"] == "orientation_error_rad"]
+    seen = 0
+    for scenario, engine, method, record in standing_rows(page, run):
+        own = rows_of(run.results, scenario, engine, method)
+        found = rows_of(verdicts, scenario, engine, method)
+        verdict, order = record.pop("verdict"), record.pop("order")
+        record.pop("not as it should be")
+        if own["outcome"].eq("ok").any() and len(found):
+            assert STATES[found["verdict"].item()].word in verdict
+            assert order == ("" if np.isnan(found["order"].item()) else f"{found['order'].item():.2f}")
+        compared = own[own["dt_s"].isna() | (own["dt_s"] == 0.005)]
+        for row in compared.sort_values("tolerance").head(1).to_dict("records"):
+            seen += 1
+            for column, text in record.items():
+                assert same(text, row[column]), f"{method}: {column}: {text} is not {row[column]!r}"
+    assert seen > 2 * 12
+
+
+def test_the_heat_map_has_every_cell_with_its_gravest_word(page: Page, run: Run) -> None:
+    """A row a scenario, a column a method: the gravest state, the order, and a link to the cell's part."""
+    cells = summary_cells(run)
+    (heat,) = page.with_class("heat")
+    links = iter([a["href"] for tag, a in page.tags if tag == "a" and a.get("href", "").startswith("#cell-")])
+    keys = [tuple(head.rsplit(":", 1)) for head in heat.rows[0][1:]]
+    assert [row[0] for row in heat.rows[1:]] == list(cells)
+    for scenario, *marks in heat.rows[1:]:
+        for (engine, method), mark in zip(keys, marks, strict=True):
+            cell = cells[scenario][engine, method]
+            state = STATES[worst_state(run, (engine, method), cell)]
+            order = "" if cell.order is None else f" {cell.order:.1f}"
+            assert mark == f"{state.symbol}{state.word}{order}"
+            assert next(links) == f"#{anchor_of(scenario, (engine, method))}"
+
+
+def keeping(results: pd.DataFrame, error: str, target: float) -> pd.DataFrame:
+    """Return the timed cases that keep an error."""
+    return results[results["outcome"].eq("ok") & results["cpu_s"].notna() & (results[error] <= target)]
+
+
+def test_the_cheapest_cases_are_those_of_the_results(page: Page, run: Run) -> None:
+    """For each decade of each error the case named is the fastest that keeps it, of all and of engines."""
+    tables = page.with_class("cheapest")
+    assert [table.error for table in tables] == [*ERRORS] * len(run.subjects)
+    rows = 0
+    for number, table in enumerate(tables):
+        scenario = run.subjects[number // len(ERRORS)].scenario.name
+        own = run.results[run.results["scenario"] == scenario]
+        for target, *shown in table.rows[1:]:
+            rows += 1
+            for (who, fineness, cpu_s), some in zip(
+                (shown[:3], shown[3:]), (own, own[own["engine"] != "reference"]), strict=True
+            ):
+                kept = keeping(some, table.error, float(target)).sort_values("cpu_s")
+                if kept.empty:
+                    assert who == "none"
+                    continue
+                row = kept.iloc[0]
+                assert who == f"{row['engine']}:{row['method']}"
+                assert is_fineness(fineness, row)
+                assert same(cpu_s, row["cpu_s"])
+        least = own.loc[own["outcome"].eq("ok") & own["cpu_s"].notna(), table.error].min()
+        assert len(table.rows) - 1 >= sum(least <= target for target in TARGETS if target > 1e-12)
+    assert rows > 50
+
+
+def median_costs(results: pd.DataFrame, error: str, target: float) -> pd.DataFrame:
+    """Return the median seconds a simulated second of each method, infinite where it does not keep the error."""
+    timed = results[results["outcome"] != "unsupported"].assign(
+        seconds=results["cpu_s"] / results["duration_s"]
+    )
+    timed.loc[~(timed["outcome"].eq("ok") & (timed[error] <= target)), "seconds"] = np.inf
+    least = timed.fillna({"seconds": np.inf}).groupby(["engine", "method", "scenario"])["seconds"].min()
+    of_method = least.groupby(["engine", "method"])
+    median = of_method.quantile(0.5, interpolation="higher")
+    return pd.DataFrame(
+        {"median": median, "kept": of_method.apply(lambda s: np.isfinite(s).sum())}
+    ).reset_index()
+
+
+def test_the_front_is_that_of_the_results(page: Page, run: Run) -> None:
+    """For each decade the method named has the least median cost over the scenarios, shown with how many keep it."""
+    tables = page.with_class("fronts")
+    assert [table.error for table in tables] == [*ERRORS]
+    for table in tables:
+        assert len(table.rows) > 5
+        for target, *shown in table.rows[1:]:
+            found = median_costs(run.results, table.error, float(target))
+            for (who, seconds, kept), some in zip(
+                (shown[:3], shown[3:]), (found, found[found["engine"] != "reference"]), strict=True
+            ):
+                best = some.sort_values("median").iloc[0]
+                if np.isinf(best["median"]):
+                    assert who == "none"
+                    continue
+                assert who == f"{best['engine']}:{best['method']}"
+                assert same(seconds, best["median"], 3)
+                assert kept.startswith(f"{best['kept']} of ")
+
+
+def test_what_went_wrong_is_never_hidden(page: Page, run: Run) -> None:
+    """Outcomes are counted; failed, invalid, unstable, unsupported and absent stand there with reasons."""
+    for outcome, amount in run.manifest["outcomes"].items():
+        assert f"{amount} {outcome}" in page.text
+    (heat,) = page.with_class("heat")
+    for column, head in enumerate(heat.rows[0]):
+        for word in ("failed", "invalid", "unstable", "unsupported"):
+            if word in head:
+                assert all(STATES[word].word in row[column] for row in heat.rows[1:])
+    (faults,) = page.with_class("faults")
+    stored = run.results[~run.results["outcome"].isin(["ok", "unsupported"])]
+    assert {row[-1] for row in faults.rows[1:]} == set(stored["message"])
+    assert sum(len(row[2].split(", ")) for row in faults.rows[1:]) == len(stored)
+    assert set(stored["outcome"]) == {"failed", "invalid", "unstable"}
+    assert "absent cannot be imported: <tt>no module</tt>" in page.text
+    told = " ".join(verdict_sentences(run, summary_cells(run)))
+    assert all(word in told for word in ("failed", "invalid", "unstable"))
+
+
+def test_what_an_engine_read_back_stands_in_its_cell(html: str, run: Run) -> None:
+    """The part of a cell tells what its engine holds, even where that is not what it was given."""
+    parts = html.split('<details class="cell" ')[1:]
+    assert len(parts) == len(run.results.groupby(["scenario", "engine", "method"]))
+    for part in parts:
+        name = part.partition("</b>")[0]
+        if "unsupported" in name or "failed" in name:
+            assert "Nothing was read back from the engine." in part
+        else:
+            assert f"<dt>Mass</dt><dd>{3 if 'invalid' in name else 1} kg</dd>" in part
+
+
+def test_a_run_without_speed_says_so(run: Run) -> None:
+    """Where no processor time was measured there is a sentence in place of the plots."""
+    cases = tuple(
+        CaseResult({k: v for k, v in case.columns.items() if not k.startswith("cpu_")}, series=case.series)
+        for case in run.cases
+    )
+    page = Page(render_report(replace(run, cases=cases)))
+    assert page.text.count("No processor time was measured.") == len(run.subjects) + 1
+    assert not {"speed", "overall"} & {attributes.get("data-plot") for _, attributes in page.tags}
+    assert not page.with_class("fronts")
