@@ -1,4 +1,4 @@
-"""A small run in which everything can be found that a report has to tell, under names that look like markup."""
+"""A small run that holds whatever a report has to tell, under names that look like markup."""
 
 from __future__ import annotations
 

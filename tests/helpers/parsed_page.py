@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 
 @dataclass
 class Table:
-    """A table of the page: its class, the id and the error that it stands under, its rows of cells as text."""
+    """A table of the page: its class, the id and the error that it stands under, its cells as text."""
 
     kind: str
     place: str

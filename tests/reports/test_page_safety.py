@@ -1,4 +1,4 @@
-"""The page as an object: names stay text, nothing is fetched, colours can be seen, a large run stays light."""
+"""The page as an object: names stay text, nothing is fetched, colours are seen, a large run is light."""
 
 from __future__ import annotations
 

@@ -150,8 +150,8 @@ def fronts(found: Mapping[MethodKey, Sequence[Cost]]) -> list[Front]:
 def cost_sentences(front: Mapping[str, Sequence[Front]]) -> list[str]:
     """Say which method keeps the orientation to a coarse and to a fine error at the least cost."""
     return [
-        f"To {number(target)} rad of orientation the cheapest is {_priced(found.of_all)}; of the engines it is "
-        f"{_priced(found.of_engines) if found.of_engines else 'none'}."
+        f"To {number(target)} rad of orientation the cheapest is {_priced(found.of_all)}; of the engines "
+        f"{_priced(found.of_engines) if found.of_engines else 'none keeps it in most scenarios'}."
         for found in front["orientation_error_rad"]
         for target in (1e-3, 1e-6)
         if found.target == target

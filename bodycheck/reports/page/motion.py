@@ -87,7 +87,7 @@ def principal_frame(inertia: Array) -> tuple[Array, Array]:
 
 
 def box_corners(body: RigidBody) -> Array:
-    """a_i^2 ~ I_j + I_k - I_i: the corners (8, 3) of the box with this tensor, body axes, 0.9 from its centre.
+    """a_i^2 ~ I_j + I_k - I_i: the corners (8, 3) of the box with this tensor, body axes, 0.9 away.
 
     The box and the ellipsoid of the same tensor have edges in the same proportions.
     """

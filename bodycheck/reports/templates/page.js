@@ -20,12 +20,20 @@ function dataOf(element) {
   return parsed.get(element);
 }
 
-// Calls once, when the element is about to come into view.
+// The class gives what is drawn the size and the colours of paper before it is measured for it.
+addEventListener("beforeprint", () => root.classList.add("printing"));
+addEventListener("afterprint", () => root.classList.remove("printing"));
+
+// Calls once, when the element is about to come into view or to be printed.
 function whenSeen(element, call) {
-  const observer = new IntersectionObserver(entries => {
-    if (!entries.some(entry => entry.isIntersecting)) return;
+  const start = () => {
     observer.disconnect();
+    removeEventListener("beforeprint", start);
     call();
+  };
+  const observer = new IntersectionObserver(entries => {
+    if (entries.some(entry => entry.isIntersecting)) start();
   }, { rootMargin: "400px" });
   observer.observe(element);
+  addEventListener("beforeprint", start);
 }

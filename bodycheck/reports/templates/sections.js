@@ -35,7 +35,6 @@ const drawn = new Set();
 for (const section of sections) {
   showChosen(section);
   whenSeen(section.querySelector(".plots"), () => {
-    if (drawn.has(section)) return;
     drawn.add(section);
     draw(section);
   });
@@ -53,15 +52,8 @@ for (const section of sections) {
 
 const redraw = () => drawn.forEach(draw);
 dark.addEventListener("change", redraw);
-
-// The class gives plots the size and the colours of paper before they are measured for it.
+addEventListener("afterprint", redraw);
 addEventListener("beforeprint", () => {
-  root.classList.add("printing");
   for (const legend of legends) legend.open = true;
-  sections.forEach(section => drawn.add(section));
-  redraw();
-});
-addEventListener("afterprint", () => {
-  root.classList.remove("printing");
   redraw();
 });
