@@ -36,6 +36,7 @@ from bodycheck.reports.storage.truths import is_known, known_truth
 from bodycheck.reports.study import Study, study
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table
 from bodycheck.scenarios.library import load_scenario
+from bodycheck.scenarios.written import written
 from bodycheck.selection import Selection, select
 
 TIMEOUT_S = 120.0
@@ -297,6 +298,6 @@ def _manifest(
         "speed_core": quietness.core if quietness else None,
         "speed_noise": quietness.spread if quietness else None,
         "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),
-        "scenarios": {s.name: s.model_dump(mode="json", exclude_none=True) for _, s in selection.scenarios},
+        "scenarios": {s.name: written(s) for _, s in selection.scenarios},
         **seconds,
     }

@@ -136,16 +136,29 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
         motion = Motion.of(scene, trajectory)
     if reason := runaway(motion.kinetic, kinetic_limit(subject.motion.kinetic), trajectory.t_s):
         return ended("unstable", reason)
+    measured, series = measured_by(subject, trajectory, motion)
+    columns |= measured
+    columns |= {"outcome": "ok", "message": _note(subject, plan, answer.message)}
+    return CaseResult(columns, trajectory, series, held)
+
+
+def measured_by(
+    subject: Subject, trajectory: Trajectory, motion: Motion
+) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Return the columns of every measure of a trajectory, and each over time (compared,), in SI units.
+
+    motion: the energy and momentum along the trajectory.
+    """
+    scene = subject.scenario.scene
     whole = error_series(scene, subject.truth.trajectory, subject.motion, trajectory, motion)
     series = {name: values[: subject.compared] for name, values in whole.items()}
-    columns |= reduced(series, subject.scales)
+    columns: dict[str, Any] = dict(reduced(series, subject.scales))
     compared = slice(subject.compared)
     if worst := worst_drift(subject.invariants, subject.truth.trajectory, trajectory, compared):
         columns |= worst.columns
         if worst.relative is not None:
             series["invariant_drift"] = worst.relative
-    columns |= {"outcome": "ok", "message": _note(subject, plan, answer.message)}
-    return CaseResult(columns, trajectory, series, held)
+    return columns, series
 
 
 def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, Any]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from bodycheck.reports.case import CaseResult
-from bodycheck.reports.run import Run
 from bodycheck.reports.wording import count, names, number
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _ORIENTATION = "orientation_error_rad"
 _FLOORS = 30.0  # times the truth's bound: the largest error of a method without steps that is the truth
@@ -17,6 +19,22 @@ _ORDER_SLACK = 0.2  # how far below its theory an observed order may lie and sti
 
 MethodKey: TypeAlias = tuple[str, str]
 """Engine and method."""
+
+
+class Findings(Protocol):
+    """What a summary is made from: a run, or the tables of one."""
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """Versions, machine, settings, scenarios."""
+
+    @property
+    def methods(self) -> pd.DataFrame:
+        """One row a scenario, method and quantity."""
+
+    @property
+    def cases(self) -> tuple[CaseResult, ...]:
+        """Every case, in the order of the run."""
 
 
 @dataclass(frozen=True)
@@ -162,11 +180,12 @@ def _detail(found: Mapping[str, Any]) -> str:
     return f"order between {low} and {high}, from {found['points']} steps; {floor}"
 
 
-def summary_cells(run: Run) -> dict[str, dict[MethodKey, Cell]]:
+def summary_cells(run: Findings) -> dict[str, dict[MethodKey, Cell]]:
     """Return the cells by scenario, then by engine and method, in the order of the run."""
-    by_pair: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.subjects}
+    by_pair: dict[str, dict[MethodKey, list[CaseResult]]] = {name: {} for name in run.manifest["scenarios"]}
     for case in run.cases:
-        by_pair[case.columns["scenario"]].setdefault(key_of(case.columns), []).append(case)
+        by_method = by_pair.setdefault(case.columns["scenario"], {})
+        by_method.setdefault(key_of(case.columns), []).append(case)
     found: dict[tuple[str, str, str], dict[str, Any]] = {}
     rows: list[Any] = run.methods.to_dict("records")
     for row in rows:
@@ -180,7 +199,7 @@ def summary_cells(run: Run) -> dict[str, dict[MethodKey, Cell]]:
     return cells
 
 
-def verdict_sentences(run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> list[str]:
+def verdict_sentences(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> list[str]:
     """Return what the run found, in a few sentences; whatever did not end well is always among them."""
     sentences = [
         _as_they_should(run, cells),
@@ -193,13 +212,13 @@ def verdict_sentences(run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]]) -
     return [sentence for sentence in sentences if sentence]
 
 
-def _theory(run: Run, key: MethodKey) -> float:
+def _theory(run: Findings, key: MethodKey) -> float:
     """Return the order that the method has in theory, 0 where it has none."""
     engine, method = key
     return run.manifest["engines"][engine]["methods"][method]["order"] or 0
 
 
-def worst_state(run: Run, key: MethodKey, cell: Cell) -> str:
+def worst_state(run: Findings, key: MethodKey, cell: Cell) -> str:
     """Return the gravest of what a cell says: how a case ended, a plateau, a lower order, or its verdict."""
     said = [*cell.faults, cell.state]
     if cell.plateaus:
@@ -209,11 +228,11 @@ def worst_state(run: Run, key: MethodKey, cell: Cell) -> str:
     return max(said, key=lambda state: _GRAVITY.index(STATES[state].tint))
 
 
-def _is_lower(run: Run, key: MethodKey, cell: Cell) -> bool:
+def _is_lower(run: Findings, key: MethodKey, cell: Cell) -> bool:
     return cell.order is not None and cell.order < _theory(run, key) - _ORDER_SLACK
 
 
-def _as_they_should(run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
+def _as_they_should(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
     """Name the methods that keep their order, or are at the floor, wherever they are supported."""
     sound: dict[MethodKey, bool] = {}
     for methods in cells.values():
@@ -233,7 +252,7 @@ def _as_they_should(run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> 
     return f"{names(good) or 'No methods'} {what}."
 
 
-def _of_lower_order(run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
+def _of_lower_order(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
     lower = [
         f"{':'.join(key)} in {scenario} ({number(cell.order, 3)}, in theory {_theory(run, key)})"
         for scenario, methods in cells.items()
@@ -263,7 +282,7 @@ def _other_plateaus(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
     return f"Other measures that do not converge: {names(where)}." if where else ""
 
 
-def _not_ended_well(run: Run) -> str:
+def _not_ended_well(run: Findings) -> str:
     parts = []
     for fault in _FAULTS:
         ended = [case.columns for case in run.cases if case.columns["outcome"] == fault]

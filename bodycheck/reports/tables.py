@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from bodycheck.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -151,3 +155,41 @@ def _dtype(column: str) -> str | None:
     if column in _WHOLE_NUMBERS:
         return "Int64"
     return None if column in _TEXTS else "float64"
+
+
+def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Read the rows of a table of a run, as they were before they were written; an empty cell has no entry.
+
+    columns: those that the table may have; needed: those that it must have, and no row may lack. Raises
+    InputError with one line that names the file and what is wrong with it.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            lines = list(csv.reader(file, strict=True))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not CSV: {error}") from None
+    head = lines[0] if lines else []
+    if missing := [name for name in needed if name not in head]:
+        raise InputError(f"{path}: is no table of a run: it has no column {', '.join(missing)}")
+    if unknown := [name for name in head if name not in columns]:
+        raise InputError(f"{path}: this version of bodycheck knows no column {', '.join(unknown)}")
+    return [_row(path, number, head, line, needed) for number, line in enumerate(lines[1:], 1)]
+
+
+def _row(
+    path: Path, number: int, head: list[str], line: list[str], needed: tuple[str, ...]
+) -> dict[str, Any]:
+    if len(line) != len(head):
+        raise InputError(f"{path}: row {number} has {len(line)} cells, not {len(head)}")
+    row: dict[str, Any] = {}
+    for name, cell in zip(head, line, strict=True):
+        if cell:
+            try:
+                row[name] = (str if name in _TEXTS else int if name in _WHOLE_NUMBERS else float)(cell)
+            except ValueError:
+                raise InputError(f"{path}: row {number}: {name} is {cell!r}, not a number") from None
+    if missing := [name for name in needed if name not in row]:
+        raise InputError(f"{path}: row {number} has no {', '.join(missing)}")
+    return row

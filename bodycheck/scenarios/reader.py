@@ -70,7 +70,7 @@ def parse_members(text: str, where: str, folder: Traversable = _HERE, *, allow_c
     except RecursionError:
         raise InputError(f"{where}: is nested too deeply") from None
     except ValidationError as error:
-        raise InputError("\n".join(f"{where}: {line}" for line in _lines(error))) from None
+        raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
 
 
 def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Members:
@@ -79,7 +79,7 @@ def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Member
         (sweep,) = Family.model_validate({"sweep": data.pop("sweep")}).sweep
         files = list(children(data, sweep))
     except ValidationError as error:
-        raise InputError("\n".join(f"{where}: {line}" for line in _lines(error))) from None
+        raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
     except ValueError as error:
         raise InputError(f"{where}: sweep[0].key: {error}") from None
     found: Members = {}
@@ -88,7 +88,7 @@ def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Member
         try:
             found[label] = Scenario.model_validate(child, context=context)
         except ValidationError as error:
-            faults[label] = _lines(error)
+            faults[label] = fault_lines(error)
     if faults:
         counts = Counter(line for lines in faults.values() for line in lines)
         shared = [f"{where}: {line}" for line, count in counts.items() if count == len(files)]
@@ -102,7 +102,8 @@ def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Member
     return found
 
 
-def _lines(error: ValidationError) -> list[str]:
+def fault_lines(error: ValidationError) -> list[str]:
+    """Return one line a fault: the path of the key within the file, what is wrong and what would be right."""
     return [_line(fault) for fault in error.errors(include_url=False)]
 
 

@@ -1,0 +1,162 @@
+"""A run read back from its folder: its tables alone, or all of it, with every motion measured anew."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodycheck.errors import InputError
+from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.case import CaseResult, Subject, measured_by
+from bodycheck.reports.measures import Motion
+from bodycheck.reports.run import Run
+from bodycheck.reports.storage.cache import Cache
+from bodycheck.reports.store import file_name, trajectory_file
+from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table, read_rows
+from bodycheck.reports.trajectory_files import read_arrays
+from bodycheck.scenarios.written import as_written
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_OF_EVERY_CASE = ("run_id", "scenario", "engine", "method", "control", "outcome", "reproduce")
+_OF_EVERY_METHOD = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
+_OF_EVERY_SEARCH = ("run_id", "scenario", "engine", "method", "outcome")
+_IN_THE_MANIFEST = ("run_id", "created", "bodycheck", "cpu", "engines", "outcomes", "scenarios")
+_SAME = 1e-6  # relative: how well a motion that is measured anew gives the error that stands in the table
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """What a run found, as its tables say it: enough to compare, to advise and to sum up.
+
+    results, methods, stability, manifest: as those of a Run. cases: the rows of results, without their motions.
+    """
+
+    run_id: str
+    results: pd.DataFrame
+    methods: pd.DataFrame
+    stability: pd.DataFrame
+    manifest: dict[str, Any]
+    cases: tuple[CaseResult, ...]
+
+
+def read_tables(folder: Path) -> Tables:
+    """Read results.csv, methods.csv, stability.csv and manifest.json of a run.
+
+    Raises InputError with one line where the folder is of no run, or its files are damaged or do not belong
+    together.
+    """
+    manifest = _manifest(folder)
+    results = read_rows(folder / "results.csv", RESULT_COLUMNS, _OF_EVERY_CASE)
+    methods = read_rows(folder / "methods.csv", METHOD_COLUMNS, _OF_EVERY_METHOD)
+    stability = read_rows(folder / "stability.csv", STABILITY_COLUMNS, _OF_EVERY_SEARCH)
+    run_id, rows = manifest["run_id"], (*results, *methods, *stability)
+    if others := {row["run_id"] for row in rows} - {run_id}:
+        raise InputError(f"{folder}: its manifest is of run {run_id}, its tables of {', '.join(others)}")
+    if Counter(row["outcome"] for row in results) != manifest["outcomes"]:
+        raise InputError(
+            f"{folder / 'results.csv'}: has not the cases that manifest.json counts: {folder} is damaged"
+        )
+    if strange := {row["scenario"] for row in rows} - manifest["scenarios"].keys():
+        raise InputError(f"{folder}: manifest.json has no scenario {', '.join(sorted(strange))}")
+    return Tables(
+        run_id=run_id,
+        results=as_table(({"message": "", **row} for row in results), RESULT_COLUMNS),
+        methods=as_table(methods, METHOD_COLUMNS),
+        stability=as_table(stability, STABILITY_COLUMNS),
+        manifest=manifest,
+        cases=tuple(_case(row) for row in results),
+    )
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    path = folder / "manifest.json"
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{folder}: is no folder of a run: it has no manifest.json") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON: {error}") from None
+    if not isinstance(manifest, dict) or any(key not in manifest for key in _IN_THE_MANIFEST):
+        raise InputError(f"{path}: is no manifest of a run: it must have {', '.join(_IN_THE_MANIFEST)}")
+    return manifest
+
+
+def _case(row: dict[str, Any]) -> CaseResult:
+    always = {"dt_s": None, "tolerance": None, "message": ""}
+    return CaseResult({name: value for name, value in {**always, **row}.items() if name != "run_id"})
+
+
+def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = None) -> Run:
+    """Read a whole run: the truths are solved again, and every motion is measured by them again.
+
+    allow_code: its scenarios may name functions, whose code runs. Raises InputError as read_tables does, and
+    where a motion is missing or is not the one that its row was measured by.
+    """
+    tables = read_tables(folder)
+    subjects = {subject.scenario.name: subject for subject in _subjects(folder, tables, allow_code, cache)}
+    return Run(
+        run_id=tables.run_id,
+        results=tables.results,
+        methods=tables.methods,
+        stability=tables.stability,
+        manifest=tables.manifest,
+        subjects=tuple(subjects.values()),
+        cases=tuple(_with_motion(folder, subjects[case.columns["scenario"]], case) for case in tables.cases),
+    )
+
+
+def _subjects(folder: Path, tables: Tables, allow_code: bool, cache: Cache | None) -> Iterator[Subject]:
+    names = _asked_as(tables.cases)
+    for name, told in tables.manifest["scenarios"].items():
+        where = f"{folder / 'manifest.json'}: scenarios.{name}"
+        scenario = as_written(told, where, allow_code=allow_code)
+        subject = Subject.of(scenario, names.get(name, name), cache)
+        path = folder / "trajectories" / file_name(name) / "truth.npz"
+        stored = read_arrays(path)
+        if "quaternion" not in stored or len(stored["t_s"]) != len(subject.truth.trajectory.t_s):
+            raise InputError(f"{path}: is not the truth of {name}")
+        gap = geodesic_angle(stored["quaternion"], subject.truth.trajectory.attitude)[: subject.compared]
+        if not np.all(gap <= 2.0 * subject.truth.bound_rad[: subject.compared]):
+            raise InputError(f"{path}: is not the truth that is solved for {name} now")
+        yield subject
+
+
+def _asked_as(cases: Iterable[CaseResult]) -> dict[str, str]:
+    """Return what names each scenario on the command line: the word after `bodycheck run`."""
+    words = {case.columns["scenario"]: shlex.split(case.columns["reproduce"]) for case in cases}
+    return {name: line[2] for name, line in words.items() if len(line) > 2}
+
+
+def _with_motion(folder: Path, subject: Subject, case: CaseResult) -> CaseResult:
+    """Return a case with its trajectory, if it has one, and its measures over time, if it ended well."""
+    path = folder / "trajectories" / trajectory_file(case)
+    if not case.ok and not path.exists():
+        return case
+    arrays = read_arrays(path)
+    try:
+        trajectory = Trajectory(**arrays)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: is no trajectory of a case: {error}") from None
+    if not case.ok:
+        return replace(case, trajectory=trajectory)
+    if not np.array_equal(trajectory.t_s, subject.truth.trajectory.t_s):
+        raise InputError(f"{path}: its times are not the samples of {subject.scenario.name}")
+    columns, series = measured_by(subject, trajectory, Motion.of(subject.scenario.scene, trajectory))
+    found, told = columns["orientation_error_rad"], case.columns.get("orientation_error_rad", math.nan)
+    slack = 2.0 * subject.largest(subject.truth.bound_rad)
+    if not math.isclose(found, told, rel_tol=_SAME, abs_tol=slack):
+        raise InputError(f"{path}: is off by {found:.4g} rad, but results.csv says {told:.4g} rad")
+    return replace(case, trajectory=trajectory, series=series)
