@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bodycheck.errors import BodycheckError, InputError, StoppedError
+from bodycheck.questions import questions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -181,6 +182,9 @@ def list_(
     from bodycheck.reports.terminal import print_catalogue
 
     print_catalogue(what)
+
+
+app.add_typer(questions)
 
 
 def _print_csv(table: pd.DataFrame) -> None:

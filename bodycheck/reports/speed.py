@@ -64,7 +64,7 @@ def measure_speeds(
                 result = _with_speed(result, laps)
                 if laps.get("yardstick_s"):
                     spreads.append(_spread(laps["yardstick_s"]))
-                case_done()
+            case_done()
             timed.append(result)
     finally:
         hosts.close()

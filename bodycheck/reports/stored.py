@@ -39,7 +39,7 @@ _SAME = 1e-6  # relative: how well a motion that is measured anew gives the erro
 class Tables:
     """What a run found, as its tables say it: enough to compare, to advise and to sum up.
 
-    results, methods, stability, manifest: as those of a Run. cases: the rows of results, without their motions.
+    results, methods, stability, manifest: as those of a Run. cases: the rows of results, without motions.
     """
 
     run_id: str

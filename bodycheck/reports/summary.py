@@ -212,7 +212,7 @@ def verdict_sentences(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell
     return [sentence for sentence in sentences if sentence]
 
 
-def _theory(run: Findings, key: MethodKey) -> float:
+def theory(run: Findings, key: MethodKey) -> float:
     """Return the order that the method has in theory, 0 where it has none."""
     engine, method = key
     return run.manifest["engines"][engine]["methods"][method]["order"] or 0
@@ -223,13 +223,14 @@ def worst_state(run: Findings, key: MethodKey, cell: Cell) -> str:
     said = [*cell.faults, cell.state]
     if cell.plateaus:
         said.append("does-not-converge")
-    if _is_lower(run, key, cell):
+    if is_lower(run, key, cell):
         said.append("lower-order")
     return max(said, key=lambda state: _GRAVITY.index(STATES[state].tint))
 
 
-def _is_lower(run: Findings, key: MethodKey, cell: Cell) -> bool:
-    return cell.order is not None and cell.order < _theory(run, key) - _ORDER_SLACK
+def is_lower(run: Findings, key: MethodKey, cell: Cell) -> bool:
+    """Whether a method shows a lower order than it has in theory."""
+    return cell.order is not None and cell.order < theory(run, key) - _ORDER_SLACK
 
 
 def _as_they_should(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
@@ -240,7 +241,7 @@ def _as_they_should(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]
             if cell.state == "unsupported":
                 continue
             keeps = cell.state in ("converges", "at-floor", "exact") and not cell.notes
-            sound[key] = sound.get(key, True) and keeps and not _is_lower(run, key, cell)
+            sound[key] = sound.get(key, True) and keeps and not is_lower(run, key, cell)
     good = [":".join(key) for key, whether in sound.items() if whether]
     others = [":".join(key) for key, whether in sound.items() if not whether]
     where = "wherever supported" if len(cells) > 1 else f"in {next(iter(cells))}"
@@ -254,10 +255,10 @@ def _as_they_should(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]
 
 def _of_lower_order(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
     lower = [
-        f"{':'.join(key)} in {scenario} ({number(cell.order, 3)}, in theory {_theory(run, key)})"
+        f"{':'.join(key)} in {scenario} ({number(cell.order, 3)}, in theory {theory(run, key)})"
         for scenario, methods in cells.items()
         for key, cell in methods.items()
-        if _is_lower(run, key, cell)
+        if is_lower(run, key, cell)
     ]
     return f"Of a lower order than in theory: {names(lower)}." if lower else ""
 

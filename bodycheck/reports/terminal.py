@@ -16,26 +16,23 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
 from rich.text import Text
 
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.host import announced
 from bodycheck.adapters.registry import engine_names
+from bodycheck.reports.console import console, print_columns
+from bodycheck.reports.offenders import offenders
+from bodycheck.reports.overview import Overview, overviews
+from bodycheck.reports.summary import STATES, summary_cells
 from bodycheck.reports.tables import ABSOLUTE, MEASURES
 from bodycheck.scenarios.library import scenario_summaries, suites
 
 if TYPE_CHECKING:
     from bodycheck.reports.run import Run
 
-_VERDICT_STYLES = {
-    "converges": "green",
-    "at-floor": "green",
-    "pre-asymptotic": "yellow",
-    "too-few-points": "yellow",
-    "does-not-converge": "red",
-    "unstable": "red",
-}
+_TINT_STYLES = {"good": "green", "floor": "green", "open": "yellow", "bad": "red", "fault": "red", "none": ""}
+_MOST_OFFENDERS = 10
 
 
 class LiveProgress:
@@ -90,47 +87,45 @@ class LiveProgress:
 
 
 def print_summary(run: Run) -> None:
-    """Print how the cases ended, what was noted or failed, and the order of each method on each scenario."""
-    console = Console(highlight=False)
+    """Print how the cases ended, one line a method, and the worst that was found with its commands."""
+    out = console()
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in run.manifest["outcomes"].items())
     seconds = run.manifest["run_s"]
-    console.print(
-        f"{len(run.cases)} cases in {seconds:.0f} s (compiling {run.manifest['compile_s']:.0f} s): {outcomes}"
-    )
+    compiling = run.manifest["compile_s"]
+    out.print(f"{len(run.cases)} cases in {seconds:.0f} s (compiling {compiling:.0f} s): {outcomes}")
     for engine in run.manifest["engines"].values():
         if "unavailable" in engine:
-            console.print(Text(f"not measured: {engine['unavailable']}", style="yellow"))
+            out.print(Text(f"not measured: {engine['unavailable']}", style="yellow"))
     for scenario in (subject.scenario for subject in run.subjects):
         for note in scenario.body.notes:
-            console.print(Text(f"{scenario.name}: {note}", style="yellow"))
-    for case in run.cases:
-        if case.columns["outcome"] in ("failed", "invalid", "timeout"):
-            line = f"{case.columns['outcome']}: {case.columns['reproduce']}: {case.columns['message']}"
-            console.print(Text(line, style="red"))
-    console.print(_order_table(run))
+            out.print(Text(f"{scenario.name}: {note}", style="yellow"))
+    rows = [
+        (one.method, one.order, one.largest_error, _verdicts(one)) for one in overviews(summary_cells(run))
+    ]
+    heads = ("engine:method", "order of orientation", "largest error", "scenarios")
+    print_columns(out, heads, rows, right=heads[1:2])
+    worst = offenders(run)
+    if worst:
+        out.print(Text("\nThe worst", style="bold"))
+    for one in worst[:_MOST_OFFENDERS]:
+        out.print(Text(f"{one.method} in {one.scenario}: {one.text}", style="red"))
+        out.print(Text(f"    {one.reproduce}"), soft_wrap=True)
+    if len(worst) > _MOST_OFFENDERS:
+        out.print(f"and {len(worst) - _MOST_OFFENDERS} more, in the report")
 
 
-def _order_table(run: Run) -> Table:
-    """Return one row a method: the orders of orientation seen over the scenarios, and the verdicts."""
-    rows = run.methods[run.methods["quantity"] == "orientation_error_rad"]
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("engine:method", no_wrap=True)
-    table.add_column("order of orientation", justify="right", no_wrap=True)
-    table.add_column("scenarios")
-    for (engine, method), group in rows.groupby(["engine", "method"], sort=False):
-        orders = group["order"].dropna()
-        seen = f"{orders.median():.2f} ({orders.min():.2f} to {orders.max():.2f})" if len(orders) else "-"
-        counts = Text(", ").join(
-            Text(f"{verdict} {count}", style=_VERDICT_STYLES.get(str(verdict), ""))
-            for verdict, count in group["verdict"].value_counts().items()
-        )
-        table.add_row(Text(f"{engine}:{method}"), seen, counts)
-    return table
+def _verdicts(overview: Overview) -> Text:
+    """Return how many scenarios came to each verdict, each in its colour."""
+    words = (
+        Text(f"{STATES[state].word} {amount}", style=_TINT_STYLES[STATES[state].tint])
+        for state, amount in overview.states.items()
+    )
+    return Text(", ").join(words)
 
 
 def print_catalogue(what: str) -> None:
     """Print one line an entry: the name, then what it is."""
-    console = Console(highlight=False, soft_wrap=True)
+    out = Console(highlight=False, soft_wrap=True)
     catalogues: dict[str, Callable[[], list[tuple[str, str]]]] = {
         "scenarios": lambda: list(scenario_summaries().items()),
         "suites": lambda: [(name, ", ".join(members)) for name, members in suites().items()],
@@ -141,7 +136,7 @@ def print_catalogue(what: str) -> None:
     rows = catalogues[what]()
     width = max(len(name) for name, _ in rows)
     for name, text in rows:
-        console.print(Text(f"{name:{width}}  {text}"))
+        out.print(Text(f"{name:{width}}  {text}"))
 
 
 def _measure_rows() -> list[tuple[str, str]]:

@@ -1,0 +1,61 @@
+"""The commands that ask something of runs that are stored: what changed, what to take, how it looks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+questions = typer.Typer()
+
+_Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")]
+
+
+@questions.command()
+def compare(
+    before: Annotated[Path, typer.Argument(metavar="RUN_A", help="The folder of the run before.")],
+    after: Annotated[Path, typer.Argument(metavar="RUN_B", help="The folder of the run after.")],
+    html: Annotated[Path | None, typer.Option(help="Write all that changed to this page too.")] = None,
+) -> None:
+    """Print what changed between two runs: outcomes, verdicts, orders, accuracy, speed.
+
+    The status is 0 whatever changed: this informs, it does not judge.
+    """
+    from bodycheck.reports.comparison.compare import compare as compared
+    from bodycheck.reports.comparison.page import render_comparison
+    from bodycheck.reports.comparison.text import print_comparison
+    from bodycheck.reports.stored import read_tables
+    from bodycheck.reports.whole_file import write_whole
+
+    comparison = compared(read_tables(before), read_tables(after))
+    if html is not None:
+        write_whole(html, render_comparison(comparison).encode())
+    print_comparison(comparison)
+
+
+@questions.command()
+def report(
+    run: _Run,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print a summary for a pull request instead.")
+    ] = False,
+    allow_code: Annotated[
+        bool, typer.Option("--allow-code", help="Let functions that its scenarios name be imported.")
+    ] = False,
+) -> None:
+    """Write a run's report.html anew from what is stored, or print its summary as Markdown."""
+    from bodycheck.reports.stored import read_run, read_tables
+
+    if markdown:
+        from bodycheck.reports.markdown import markdown_summary
+
+        print(markdown_summary(read_tables(run)))
+        return
+    from bodycheck.reports.html import render_report
+    from bodycheck.reports.storage.cache import Cache
+    from bodycheck.reports.whole_file import write_whole
+
+    page = run / "report.html"
+    write_whole(page, render_report(read_run(run, allow_code=allow_code, cache=Cache.default())).encode())
+    print(page)

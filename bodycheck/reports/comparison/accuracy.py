@@ -1,0 +1,91 @@
+"""Whether the accuracy of a case changed: two-sided, by more than round-off could."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from bodycheck.reports.comparison.change import Change, Direction
+from bodycheck.reports.tables import ABSOLUTE, MEASURES
+
+_EPS = float(np.finfo(np.float64).eps)
+_ROUND_OFFS = 8.0
+_TRUTH_BOUNDS = 3.0
+
+_LIMITED_BY = {
+    "orientation_error_rad": ("truth_bound_rad", "orientation_error_rad"),
+    "orientation_error_final_rad": ("truth_bound_rad", "orientation_error_rad"),
+    "position_error": ("truth_bound_rad", "position_error"),
+    "omega_error": ("truth_bound_momentum", "omega_error"),
+    "velocity_error": ("truth_bound_momentum", "omega_error"),
+    "energy_drift": ("truth_bound_energy", "energy_drift"),
+    "energy_balance": ("truth_bound_energy", "energy_drift"),
+    "rotational_energy_drift": ("truth_bound_energy", "energy_drift"),
+    "angular_momentum_drift": ("truth_bound_momentum", "angular_momentum_drift"),
+    "linear_momentum_drift": ("truth_bound_momentum", "angular_momentum_drift"),
+    "invariant_drift": ("truth_bound_momentum", "angular_momentum_drift"),
+}
+"""Measure -> the truth's bound that limits it, and the quantity of methods.csv whose floor is its own."""
+
+Floors = Mapping[str, float]
+"""Quantity -> floor, of one method on one scenario."""
+
+
+def noise(measure: str, row: Mapping[str, Any], floors: Floors) -> float:
+    """max(3 bound, floor, eps (8 + sqrt(steps))): what a measure may change by when nothing has changed.
+
+    row: of results.csv. floors: of its method on its scenario; they know the motion's sensitivity.
+    """
+    least = _EPS * (_ROUND_OFFS + math.sqrt(row.get("steps", 0)))
+    if measure not in _LIMITED_BY:
+        return least
+    bound, quantity = _LIMITED_BY[measure]
+    limited = max(_TRUTH_BOUNDS * row.get(bound, 0.0), floors.get(quantity, 0.0))
+    if measure == "rotational_energy_drift":  # over its own scale, where bound and floor are over the whole
+        limited *= row["energy_scale_j"] / row["rotational_energy_scale_j"]
+    return max(least, limited)
+
+
+def accuracy_changes(
+    before: Mapping[str, Any], after: Mapping[str, Any], floors: tuple[Floors, Floors]
+) -> Iterator[Change]:
+    """Yield the measures of one case that changed by more than the noise; what is beneath it counts as that.
+
+    before, after: rows of results.csv; floors: of their method in either run. The smaller noise of the two
+    counts: a method whose floor rose does not hide behind that.
+    """
+    setting = after.get("dt_s"), after.get("tolerance")
+    fineness = next((number for number in setting if number is not None), None)
+
+    def changed(
+        old: float | None, new: float | None, measure: str, direction: Direction, decades: float | None = None
+    ) -> Change:
+        who = after["scenario"], after["engine"], after["method"]
+        return Change("accuracy", *who, measure, old, new, direction, after["control"], fineness, decades)
+
+    for measure in _present(before, after):
+        old, new = before.get(measure), after.get(measure)
+        if old is None or new is None:
+            yield changed(old, new, measure, "other")
+            continue
+        pure = measure.removesuffix("_abs")
+        sides = zip((before, after), floors, strict=True)
+        least = min(noise(pure, row, known) for row, known in sides)
+        if measure != pure:  # it has no scale of the scene's: it is measured by its own size
+            least *= max(old, new)
+        low, high = max(old, least), max(new, least)
+        if abs(high - low) > least:
+            decades = math.log10(high / low)
+            yield changed(old, new, measure, "worse" if high > low else "better", decades)
+
+
+def _present(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the measures that either row has; where it has no scale, as `_abs`."""
+    for measure in MEASURES:
+        if measure in before or measure in after:
+            yield measure
+        elif measure in ABSOLUTE and (f"{measure}_abs" in before or f"{measure}_abs" in after):
+            yield f"{measure}_abs"

@@ -1,0 +1,97 @@
+"""A run in under 60 lines of Markdown, fit for a comment on a pull request."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bodycheck.reports.offenders import offenders
+from bodycheck.reports.overview import overviews
+from bodycheck.reports.summary import STATES, Cell, Findings, MethodKey, summary_cells, verdict_sentences
+from bodycheck.reports.wording import count
+
+_MOST_OFFENDERS = 8
+_MOST_METHODS = 24
+
+
+def markdown_summary(run: Findings) -> str:
+    """Return verdict, outcomes, the worst offenders with their commands, the methods, and the machine."""
+    manifest = run.manifest
+    cells = summary_cells(run)
+    ended = ", ".join(f"{amount} {outcome}" for outcome, amount in manifest["outcomes"].items())
+    lines = [
+        f"### bodycheck: {count(len(cells), 'scenario')}, {count(len(run.cases), 'case')}",
+        "",
+        *(f"- {escaped(sentence)}" for sentence in verdict_sentences(run, cells)),
+        *(
+            f"- Not measured: {escaped(engine['unavailable'])}"
+            for engine in manifest["engines"].values()
+            if "unavailable" in engine
+        ),
+        "",
+        f"Cases: {ended}.",
+        "",
+        *_offender_lines(run),
+        *_method_lines(cells),
+        *_machine_lines(run),
+    ]
+    return "\n".join(lines)
+
+
+def _offender_lines(run: Findings) -> list[str]:
+    worst = offenders(run)
+    if not worst:
+        return []
+    rows = [
+        (f"{one.method} in {one.scenario}", one.text, f"`{one.reproduce}`") for one in worst[:_MOST_OFFENDERS]
+    ]
+    lines = ["**The worst**", "", *markdown_table(("where", "what", "see it again"), rows)]
+    if len(worst) > _MOST_OFFENDERS:
+        lines.append(f"\nand {len(worst) - _MOST_OFFENDERS} more, in report.html.")
+    return [*lines, ""]
+
+
+def _method_lines(cells: dict[str, dict[MethodKey, Cell]]) -> list[str]:
+    """Return one line a method: how often each verdict, and its largest error at the common steps."""
+    rows = [
+        (
+            one.method,
+            ", ".join(f"{STATES[state].word} {amount}" for state, amount in one.states.items()),
+            one.order,
+            one.largest_error,
+        )
+        for one in overviews(cells)
+    ]
+    head = ("method", "scenarios", "order of orientation", "largest error at the common step")
+    table = markdown_table(head, rows[:_MOST_METHODS])
+    if len(rows) > _MOST_METHODS:
+        table.append(f"\nand {len(rows) - _MOST_METHODS} more methods, in report.html.")
+    return ["<details><summary>Methods</summary>", "", *table, "", "</details>", ""]
+
+
+def _machine_lines(run: Findings) -> list[str]:
+    manifest = run.manifest
+    there = {name: entry for name, entry in manifest["engines"].items() if "version" in entry}
+    facts = (
+        f"bodycheck {manifest['bodycheck']}",
+        *(f"{name} {entry['version']}" for name, entry in there.items()),
+        f"Python {manifest['python']}",
+        f"{manifest['cpu']}, {manifest['cores']} cores, {manifest['platform']}",
+        f"run {manifest['run_id']} of {manifest['created']}",
+    )
+    return [f"{escaped('; '.join(facts))}."]
+
+
+def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a table; what stands in a cell cannot end it."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return [f"| {' | '.join(escaped(cell) for cell in line)} |" for line in lines]
+
+
+def escaped(text: str) -> str:
+    """Return text that Markdown shows as it stands, in one line: no table, tag or mention begins in it."""
+    plain = " ".join(text.split())
+    if plain.startswith("`") and plain.endswith("`") and "`" not in plain[1:-1]:
+        return plain.replace("|", "\\|")
+    for sign in ("\\", "|", "<", "*", "_", "`", "[", "@"):
+        plain = plain.replace(sign, f"\\{sign}")
+    return plain

@@ -1,0 +1,36 @@
+"""The templates of the HTML pages, and the files of ours that go into them as they stand."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from bodycheck.reports import wording
+
+
+@cache
+def environment() -> Environment:
+    """Return the templates: what is put into them is escaped, what they lack is an error."""
+    environment = Environment(
+        loader=PackageLoader("bodycheck.reports"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    environment.filters |= {
+        "number": wording.number,
+        "scientific": wording.scientific,
+        "step": wording.step,
+    }
+    environment.globals |= {"count": wording.count}
+    return environment
+
+
+def asset(path: str) -> Markup:
+    """Return a file of ours, or of plotly's, that goes into the page as it stands."""
+    return Markup((files("bodycheck.reports") / path).read_text(encoding="utf-8"))
