@@ -35,6 +35,35 @@ def compare(
 
 
 @questions.command()
+def advise(
+    error: Annotated[float, typer.Option(help="The largest error that you can bear, like 1e-3.")],
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Argument(help="Names, suites or .toml files.", show_default="all of the run"),
+    ] = None,
+    quantity: Annotated[
+        str,
+        typer.Option(
+            help="orientation_error_rad, position_error, energy_drift, angular_momentum_drift or omega_error."
+        ),
+    ] = "orientation_error_rad",
+    run: Annotated[
+        Path | None,
+        typer.Option(help="The folder of a run.", show_default="the newest that fits, else a new run"),
+    ] = None,
+) -> None:
+    """Print the cheapest engine, method and step that keep an error, by what a run measured."""
+    from bodycheck.reports.advice import advise as advised
+    from bodycheck.reports.advice import check_question
+    from bodycheck.reports.advice_text import print_advice
+    from bodycheck.stored_choice import chosen_run
+
+    check_question(error, quantity)
+    folder, tables, names = chosen_run(run, scenarios or [])
+    print_advice(advised(tables.cases, error, quantity, names), error, quantity, str(folder))
+
+
+@questions.command()
 def report(
     run: _Run,
     markdown: Annotated[

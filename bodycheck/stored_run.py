@@ -19,6 +19,9 @@ from bodycheck.reports.store import check_output, write_run
 from bodycheck.runner import TIMEOUT_S, Identity, Manner, Progress, run_selection
 from bodycheck.selection import Selection, select
 
+RUNS = Path("bodycheck-runs")
+"""Where runs go for which no other folder is named."""
+
 _ASKED = "asked.json"
 
 Watching = Callable[[int], AbstractContextManager[Progress]]
@@ -57,7 +60,7 @@ def run_to_folder(asked: Asked, out: Path | None, watching: Watching) -> tuple[R
     wrong or the disk is full, StoppedError where the user stops it: then `resume` goes on.
     """
     identity = Identity.new()
-    out = out or Path("bodycheck-runs", identity.run_id)
+    out = out or RUNS / identity.run_id
     manner = asked.manner
     check_output(out)
     partial = partial_of(out)

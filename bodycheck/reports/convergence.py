@@ -17,7 +17,7 @@ _PLATEAU_SPREAD = 2.0
 _SETTLED = 0.1  # of the error: two steps whose motions agree this well have converged to something
 _WIDEST_ORDERS = (0.05, 0.1, 0.25)  # half-widths of its interval at which an order is settled, best first
 _LEAST_ORDER = 0.5
-_LARGEST_ROUND_OFF = 1e-9  # an error above it that stops shrinking is no round-off in double precision
+LARGEST_ROUND_OFF = 1e-9  # an error above it that stops shrinking is no round-off in double precision
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def round_off_floor(points: list[Point], limit: float) -> float:
     floor = limit
     errors = [(p.dt_s, p.error) for p in sorted(points, key=lambda p: p.dt_s) if p.error is not None]
     for (fine_dt, finer), (coarse_dt, coarser) in pairwise(errors):
-        if coarser < min(finer * math.sqrt(coarse_dt / fine_dt), _LARGEST_ROUND_OFF):
+        if coarser < min(finer * math.sqrt(coarse_dt / fine_dt), LARGEST_ROUND_OFF):
             floor = max(floor, finer, coarser)
     return floor
 

@@ -1,0 +1,56 @@
+"""Which stored run answers a question: the one that is named, else the newest that can, else a new one."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from bodycheck.errors import InputError
+from bodycheck.reports.stored import Tables, read_tables
+from bodycheck.reports.terminal import LiveProgress
+from bodycheck.scenarios.library import load_scenarios
+from bodycheck.scenarios.written import written
+from bodycheck.stored_run import RUNS, Asked, run_to_folder
+
+
+def chosen_run(folder: Path | None, asked: Sequence[str]) -> tuple[Path, Tables, list[str]]:
+    """Return a run's folder, its tables, and which of its scenarios are asked for: all, where none is named.
+
+    Without a folder, the newest run under bodycheck-runs/ that has these very scenarios is taken; where there
+    is none they are run. Raises InputError where the folder is none of a run, or has not the scenarios.
+    """
+    if folder is not None:
+        return _named(folder, asked)
+    wanted = {scenario.name: written(scenario) for _, scenario in load_scenarios(asked)}
+    for newest in _newest_first():
+        tables = read_tables(newest)
+        if wanted.items() <= tables.manifest["scenarios"].items():
+            return newest, tables, list(wanted or tables.manifest["scenarios"])
+    scenarios = list(asked) or ["standard"]
+    print(f"no run in {RUNS}/ can tell: running {' '.join(scenarios)}", file=sys.stderr)
+    _, report = run_to_folder(Asked(scenarios=scenarios), None, LiveProgress)
+    return _named(report.parent, asked)
+
+
+def _named(folder: Path, asked: Sequence[str]) -> tuple[Path, Tables, list[str]]:
+    tables = read_tables(folder)
+    known = list(tables.manifest["scenarios"])
+    names: list[str] = []
+    for word in asked:
+        names += [word] if word in known else [scenario.name for _, scenario in load_scenarios([word])]
+    if missing := [name for name in names if name not in known]:
+        raise InputError(f"{folder}: has no scenario {', '.join(missing)}; it has {', '.join(known)}")
+    return folder, tables, list(dict.fromkeys(names)) or known
+
+
+def _newest_first() -> list[Path]:
+    """Return the folders of complete runs that --out was not given for."""
+    found = []
+    for manifest in RUNS.glob("*/manifest.json"):
+        try:
+            found.append((json.loads(manifest.read_text(encoding="utf-8"))["created"], manifest.parent))
+        except (OSError, ValueError, KeyError, TypeError):
+            raise InputError(f"{manifest}: cannot be read; name another run with --run") from None
+    return [folder for _, folder in sorted(found, reverse=True)]
