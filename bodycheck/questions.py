@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
+
+from bodycheck.errors import InputError
 
 questions = typer.Typer()
 
@@ -88,3 +90,78 @@ def report(
     page = run / "report.html"
     write_whole(page, render_report(read_run(run, allow_code=allow_code, cache=Cache.default())).encode())
     print(page)
+
+
+@questions.command()
+def table(
+    run: _Run,
+    which: Annotated[
+        Literal["results", "methods"], typer.Argument(metavar="TABLE", help="results or methods.")
+    ] = "results",
+    as_: Annotated[
+        Literal["csv", "json", "md", "parquet"], typer.Option("--format", help="Of the table.")
+    ] = "csv",
+    columns: Annotated[
+        str | None, typer.Option(help="Only these, like scenario,dt_s.", show_default="all")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="A file.", show_default="standard output")] = None,
+) -> None:
+    """Print a table of a run as CSV, JSON or Markdown, or write it to a file, also as Parquet."""
+    from bodycheck.reports.stored import read_tables
+    from bodycheck.reports.table_formats import FORMATS
+    from bodycheck.reports.whole_file import write_whole
+
+    if as_ == "parquet" and out is None:
+        raise InputError("--format parquet: is no text; name a file with --out")
+    tables = read_tables(run)
+    found = tables.results if which == "results" else tables.methods
+    if columns is not None:
+        asked = [name.strip() for name in columns.split(",")]
+        if unknown := [name for name in asked if name not in found.columns]:
+            known = ", ".join(found.columns)
+            raise InputError(f"--columns {columns}: {which} has no {', '.join(unknown)}; it has {known}")
+        found = found[asked]
+    content = FORMATS[as_](found)
+    if out is None:
+        print(content.decode(), end="")
+    else:
+        write_whole(out, content)
+
+
+@questions.command()
+def plot(
+    run: _Run,
+    figure: Annotated[
+        Literal["work-precision", "order", "drift"], typer.Option(help="work-precision, order or drift.")
+    ],
+    out: Annotated[Path, typer.Option(help="The picture: .svg or .png.")],
+    scenario: Annotated[
+        str | None, typer.Option(help="One of the run's.", show_default="the only one")
+    ] = None,
+    quantity: Annotated[
+        str, typer.Option(help="orientation_error_rad, energy_drift, ...")
+    ] = "orientation_error_rad",
+    allow_code: Annotated[
+        bool, typer.Option("--allow-code", help="Let functions that its scenarios name be imported.")
+    ] = False,
+) -> None:
+    """Draw a figure of one scenario for a paper: error against time, against step, or over time."""
+    from bodycheck.reports.bounds import TRUTH_BOUNDS
+    from bodycheck.reports.paper_figures import check_picture, picture
+    from bodycheck.reports.storage.cache import Cache
+    from bodycheck.reports.stored import read_run, read_tables
+    from bodycheck.reports.whole_file import write_whole
+
+    check_picture(out)
+    if quantity not in TRUTH_BOUNDS:
+        raise InputError(f"--quantity {quantity}: there are {', '.join(TRUTH_BOUNDS)}")
+    tables = read_tables(run)
+    there = list(tables.manifest["scenarios"])
+    if scenario is None and len(there) == 1:
+        scenario = there[0]
+    if scenario is None or scenario not in there:
+        asked = "is needed" if scenario is None else f"{scenario}: is none of the run's"
+        raise InputError(f"--scenario {asked}; there are {', '.join(there)}")
+    found = read_run(run, allow_code=allow_code, cache=Cache.default()) if figure == "drift" else tables
+    write_whole(out, picture(found, figure, scenario, quantity, out.suffix))
+    print(out)

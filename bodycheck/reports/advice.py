@@ -9,18 +9,11 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from bodycheck.errors import InputError
+from bodycheck.reports.bounds import TRUTH_BOUNDS
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.convergence import LARGEST_ROUND_OFF
+from bodycheck.reports.study import QUANTITIES
 from bodycheck.reports.summary import MethodKey, key_of
-
-_BOUNDS = {
-    "orientation_error_rad": "truth_bound_rad",
-    "position_error": "truth_bound_rad",
-    "energy_drift": "truth_bound_energy",
-    "angular_momentum_drift": "truth_bound_momentum",
-    "omega_error": "truth_bound_momentum",
-}
-"""What can be asked to be kept, each with the truth's bound that is added to it."""
 
 _Ladder: TypeAlias = list[CaseResult]
 
@@ -62,8 +55,10 @@ def check_question(error: float, quantity: str) -> None:
     """Raise InputError where there is no such question."""
     if not 0.0 < error < math.inf:
         raise InputError(f"--error {error!r}: must be a positive number")
-    if quantity not in _BOUNDS:
-        raise InputError(f"--quantity {quantity}: is none that can be kept; there are {', '.join(_BOUNDS)}")
+    if quantity not in QUANTITIES:
+        raise InputError(
+            f"--quantity {quantity}: is none that can be kept; there are {', '.join(QUANTITIES)}"
+        )
 
 
 def advise(
@@ -108,7 +103,7 @@ def _sure(case: CaseResult, quantity: str) -> float:
     columns = case.columns
     if not case.ok or quantity not in columns:
         return math.inf
-    return float(columns[quantity] + columns[_BOUNDS[quantity]])
+    return float(columns[quantity] + columns[TRUTH_BOUNDS[quantity]])
 
 
 def _keeping(ladder: _Ladder, error: float, quantity: str) -> Iterable[CaseResult]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from bodycheck.reports.offenders import offenders
@@ -92,6 +93,4 @@ def escaped(text: str) -> str:
     plain = " ".join(text.split())
     if plain.startswith("`") and plain.endswith("`") and "`" not in plain[1:-1]:
         return plain.replace("|", "\\|")
-    for sign in ("\\", "|", "<", "*", "_", "`", "[", "@"):
-        plain = plain.replace(sign, f"\\{sign}")
-    return plain
+    return re.sub(r"[\\|<*`\[@]|(?<!\w)_|_(?!\w)", r"\\\g<0>", plain)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.summary import Findings, MethodKey, faults_of, is_lower, key_of, summary_cells, theory
-from bodycheck.reports.wording import count, number, step
+from bodycheck.reports.wording import count, number, setting
 
 _WORST_FIRST = (
     "invalid",
@@ -65,8 +65,8 @@ def _wrong(run: Findings, cases: dict[tuple[str, MethodKey], list[CaseResult]]) 
             about = scenario, ":".join(key)
             reproduce, error = finest.columns["reproduce"], finest.columns["orientation_error_rad"]
             if cell.state in ("does-not-converge", "off"):
-                at = "" if finest.setting.fineness is None else f" at {step(finest.setting.fineness)}"
-                text = f"does not converge: {number(error, 3)} rad{at}"
+                at = setting(finest.columns["control"], finest.setting.fineness)
+                text = f"does not converge: {number(error, 3)} rad, {at}"
                 yield Offender(cell.state, *about, text, reproduce, error)
             elif is_lower(run, key, cell):
                 text = f"order {number(cell.order, 3)}, in theory {theory(run, key)}"

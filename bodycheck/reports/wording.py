@@ -29,6 +29,13 @@ def step(dt_s: float | None) -> str:
     return "" if dt_s is None else _short_exponent(repr(dt_s))
 
 
+def setting(control: str | None, fineness: float | None) -> str:
+    """Return "dt 0.01 s", "tolerance 1e-6", or "no steps"."""
+    if fineness is None:
+        return "no steps"
+    return f"dt {step(fineness)} s" if control == "dt" else f"tolerance {step(fineness)}"
+
+
 def vector(values: Iterable[float]) -> str:
     """Return (x, y, z), each to 6 digits."""
     return f"({', '.join(number(value, 6) for value in values)})"

@@ -8,27 +8,23 @@ from typing import Any
 
 import numpy as np
 
+from bodycheck.reports.bounds import TRUTH_BOUNDS
 from bodycheck.reports.comparison.change import Change, Direction
 from bodycheck.reports.tables import ABSOLUTE, MEASURES
 
 _EPS = float(np.finfo(np.float64).eps)
 _ROUND_OFFS = 8.0
-_TRUTH_BOUNDS = 3.0
+_BOUNDS = 3.0
 
-_LIMITED_BY = {
-    "orientation_error_rad": ("truth_bound_rad", "orientation_error_rad"),
-    "orientation_error_final_rad": ("truth_bound_rad", "orientation_error_rad"),
-    "position_error": ("truth_bound_rad", "position_error"),
-    "omega_error": ("truth_bound_momentum", "omega_error"),
-    "velocity_error": ("truth_bound_momentum", "omega_error"),
-    "energy_drift": ("truth_bound_energy", "energy_drift"),
-    "energy_balance": ("truth_bound_energy", "energy_drift"),
-    "rotational_energy_drift": ("truth_bound_energy", "energy_drift"),
-    "angular_momentum_drift": ("truth_bound_momentum", "angular_momentum_drift"),
-    "linear_momentum_drift": ("truth_bound_momentum", "angular_momentum_drift"),
-    "invariant_drift": ("truth_bound_momentum", "angular_momentum_drift"),
+_FLOORS = {
+    "orientation_error_final_rad": "orientation_error_rad",
+    "velocity_error": "omega_error",
+    "energy_balance": "energy_drift",
+    "rotational_energy_drift": "energy_drift",
+    "linear_momentum_drift": "angular_momentum_drift",
+    "invariant_drift": "angular_momentum_drift",
 }
-"""Measure -> the truth's bound that limits it, and the quantity of methods.csv whose floor is its own."""
+"""Measure -> the quantity of methods.csv whose floor is its own, where that is another."""
 
 Floors = Mapping[str, float]
 """Quantity -> floor, of one method on one scenario."""
@@ -40,10 +36,10 @@ def noise(measure: str, row: Mapping[str, Any], floors: Floors) -> float:
     row: of results.csv. floors: of its method on its scenario; they know the motion's sensitivity.
     """
     least = _EPS * (_ROUND_OFFS + math.sqrt(row.get("steps", 0)))
-    if measure not in _LIMITED_BY:
+    if measure not in TRUTH_BOUNDS:
         return least
-    bound, quantity = _LIMITED_BY[measure]
-    limited = max(_TRUTH_BOUNDS * row.get(bound, 0.0), floors.get(quantity, 0.0))
+    bound, floor = row.get(TRUTH_BOUNDS[measure], 0.0), floors.get(_FLOORS.get(measure, measure), 0.0)
+    limited = max(_BOUNDS * bound, floor)
     if measure == "rotational_energy_drift":  # over its own scale, where bound and floor are over the whole
         limited *= row["energy_scale_j"] / row["rotational_energy_scale_j"]
     return max(least, limited)

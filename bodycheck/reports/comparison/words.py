@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from bodycheck.reports.comparison.change import Change, Direction, Kind
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.stored import Tables
-from bodycheck.reports.wording import count, names, number, step
+from bodycheck.reports.wording import count, names, number, setting
 
 HEADINGS: dict[Direction, str] = {"worse": "Worse", "better": "Better", "other": "Otherwise different"}
 _KINDS: tuple[Kind, ...] = ("outcome", "verdict", "order", "accuracy", "speed", "case")
-_SETTINGS = {"dt": "dt {} s", "tolerance": "tolerance {}"}
 
 
 @dataclass(frozen=True)
@@ -76,9 +75,7 @@ def change_text(change: Change) -> str:
 
 def _at(change: Change) -> str:
     """Return the step or tolerance of a change, if it is that of one case."""
-    if change.fineness is None or change.control not in _SETTINGS:
-        return ""
-    return f" at {_SETTINGS[change.control].format(step(change.fineness))}"
+    return "" if change.fineness is None else f" at {setting(change.control, change.fineness)}"
 
 
 def _apart(before: float | str | None, after: float | str | None) -> tuple[str, str]:

@@ -1,0 +1,63 @@
+"""A table of a run as CSV, JSON, Markdown or Parquet, its numbers to the last digit."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bodycheck.errors import UnavailableError
+from bodycheck.reports.markdown import markdown_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def as_csv(table: pd.DataFrame) -> bytes:
+    """Return a head and one line a row; what was not measured is empty."""
+    return table.to_csv(index=False).encode()
+
+
+def as_json(table: pd.DataFrame) -> bytes:
+    """Return a list with one object a row; what was not measured is null."""
+    return (json.dumps(_rows(table), indent=1, allow_nan=False) + "\n").encode()
+
+
+def as_markdown(table: pd.DataFrame) -> bytes:
+    """Return a table for a page or a comment; what was not measured is empty."""
+    cells = [["" if cell is None else str(cell) for cell in row.values()] for row in _rows(table)]
+    return ("\n".join(markdown_table([str(name) for name in table.columns], cells)) + "\n").encode()
+
+
+def as_parquet(table: pd.DataFrame) -> bytes:
+    """Return a Parquet file with the table's own types; what was not measured is null.
+
+    Raises UnavailableError without DuckDB, which writes it: a history reads and queries with it too, while
+    pyarrow, which pandas would take, does only this.
+    """
+    try:
+        import duckdb
+    except ImportError:
+        raise UnavailableError("parquet needs DuckDB: pip install 'bodycheck[parquet]'") from None
+    with tempfile.TemporaryDirectory() as folder, duckdb.connect() as database:
+        path = Path(folder, "table.parquet")
+        database.register("run", table)
+        database.execute(f"COPY run TO '{path}' (FORMAT parquet)")
+        return path.read_bytes()
+
+
+FORMATS: dict[str, Callable[[pd.DataFrame], bytes]] = {
+    "csv": as_csv,
+    "json": as_json,
+    "md": as_markdown,
+    "parquet": as_parquet,
+}
+
+
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    import pandas as pd
+
+    rows: list[dict[Any, Any]] = table.to_dict("records")
+    return [{name: None if pd.isna(cell) else cell for name, cell in row.items()} for row in rows]
