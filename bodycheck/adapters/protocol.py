@@ -305,14 +305,8 @@ def answer_message(answer: Answer) -> Message:
     message: Message = {"outcome": answer.outcome, "message": shown(answer.message)}
     if answer.trajectory is not None:
         message["trajectory"] = _packed_fields(answer.trajectory)
-    if (held := answer.read_back) is not None:
-        message["read_back"] = {
-            "mass": _number(held.mass),
-            "inertia": packed(held.inertia),
-            "dt_s": None if held.dt_s is None else _number(held.dt_s),
-            "gravity": packed(held.gravity),
-            "state": _packed_fields(held.state),
-        }
+    if answer.read_back is not None:
+        message["read_back"] = read_back_message(answer.read_back)
     steps = None if answer.steps is None else int(answer.steps)
     return {**message, "stepping": answer.stepping, "steps": steps}
 
@@ -329,7 +323,7 @@ def answer_of(message: Message, t_s: Array) -> Answer:
         raise ProtocolError(f"an answer whose outcome is {outcome!r}")
     try:
         arrays = {name: unpacked(value) for name, value in message["trajectory"].items()}
-        trajectory, read_back = Trajectory(**arrays), _read_back(message["read_back"])
+        trajectory, read_back = Trajectory(**arrays), read_back_of(message["read_back"])
         stepping, steps = message["stepping"], message["steps"]
     except (KeyError, TypeError, AttributeError) as error:
         raise ProtocolError(f"an answer without its parts: {type(error).__name__}: {error}") from None
@@ -342,7 +336,22 @@ def answer_of(message: Message, t_s: Array) -> Answer:
     return Answer("ok", text, trajectory, read_back, stepping, steps)
 
 
-def _read_back(held: Message) -> ReadBack:
+def read_back_message(held: ReadBack) -> Message:
+    """Return what an engine says it was given as plain data."""
+    return {
+        "mass": _number(held.mass),
+        "inertia": packed(held.inertia),
+        "dt_s": None if held.dt_s is None else _number(held.dt_s),
+        "gravity": packed(held.gravity),
+        "state": _packed_fields(held.state),
+    }
+
+
+def read_back_of(held: Message) -> ReadBack:
+    """Return what an engine says it was given, of a message of it.
+
+    Raises KeyError, TypeError or ValueError where it is none.
+    """
     return ReadBack(
         mass=math.nan if held["mass"] is None else float(held["mass"]),
         inertia=unpacked(held["inertia"]),

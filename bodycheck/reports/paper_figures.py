@@ -70,7 +70,7 @@ def picture(run: Findings, figure: str, scenario: str, quantity: str, suffix: st
             lines.setdefault(key_of(case.columns), []).append(case)
     drawn = styles(key_of(case.columns) for case in run.cases)
     with mpl.rc_context({"font.size": 8, "svg.hashsalt": "bodycheck", "axes.grid": True, "grid.alpha": 0.3}):
-        page = Figure(figsize=_INCHES, layout="constrained")
+        page = Figure(figsize=_INCHES)
         axes = page.add_subplot()
         FIGURES[figure](axes, lines, drawn, quantity)
         if not axes.lines:
@@ -84,7 +84,7 @@ def picture(run: Findings, figure: str, scenario: str, quantity: str, suffix: st
 
 
 def _work_precision(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
-    """Draw error against processor time, every case a point."""
+    """Draw error against processor time, every case a point, joined from the coarsest to the finest."""
     axes.set(xscale="log", yscale="log", xlabel="processor time, s", ylabel=_words(quantity))
     for key, cases in lines.items():
         points = [
@@ -92,7 +92,7 @@ def _work_precision(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style],
             for case in cases
             if case.ok and quantity in case.columns and "cpu_s" in case.columns
         ]
-        _draw(axes, drawn[key], cases, sorted(points))
+        _draw(axes, drawn[key], cases, points)
 
 
 def _order(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
@@ -156,7 +156,9 @@ def _draw(
         label=f"{style.name} ({faults})" if faults else style.name,
         color=_COLOURS[style.colour],
         marker=_MARKERS[style.marker] if markers else None,
-        markersize=3,
+        markersize=4,
+        markerfacecolor="none",
+        markeredgewidth=0.7,
         linewidth=0.8,
         linestyle="solid" if style.dash == "solid" else (0, tuple(map(float, style.dash.split()))),
     )

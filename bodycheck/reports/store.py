@@ -9,6 +9,7 @@ import tempfile
 from hashlib import sha256
 from pathlib import Path
 
+from bodycheck.adapters.protocol import Message, read_back_message
 from bodycheck.errors import InputError
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.html import render_report
@@ -56,6 +57,7 @@ def _write_files(run: Run, folder: Path) -> None:
     run.methods.to_csv(folder / "methods.csv", index=False)
     run.stability.to_csv(folder / "stability.csv", index=False)
     (folder / "manifest.json").write_text(json.dumps(run.manifest, indent=2) + "\n", encoding="utf-8")
+    (folder / "read_back.json").write_text(json.dumps(_read_backs(run)) + "\n", encoding="utf-8")
     (folder / "report.html").write_text(render_report(run), encoding="utf-8")
     trajectories = folder / "trajectories"
     for subject in run.subjects:
@@ -67,6 +69,12 @@ def _write_files(run: Run, folder: Path) -> None:
     for case in run.cases:
         if case.trajectory is not None:
             (trajectories / trajectory_file(case)).write_bytes(npz(stored_arrays(case.trajectory)))
+
+
+def _read_backs(run: Run) -> dict[str, Message]:
+    """Return what the engines held, by the files of the cases' trajectories."""
+    held = ((trajectory_file(case), case.read_back) for case in run.cases)
+    return {str(name): read_back_message(what) for name, what in held if what is not None}
 
 
 def trajectory_file(case: CaseResult) -> Path:

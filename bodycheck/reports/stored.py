@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bodycheck.adapters.protocol import read_back_of
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -79,16 +80,20 @@ def read_tables(folder: Path) -> Tables:
     )
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
-    path = folder / "manifest.json"
+def _json(folder: Path, name: str) -> Any:
+    path = folder / name
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise InputError(f"{folder}: is no folder of a run: it has no manifest.json") from None
+        raise InputError(f"{folder}: is no folder of a run: it has no {name}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except ValueError as error:
         raise InputError(f"{path}: is not JSON: {error}") from None
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    path, manifest = folder / "manifest.json", _json(folder, "manifest.json")
     if not isinstance(manifest, dict) or any(key not in manifest for key in _IN_THE_MANIFEST):
         raise InputError(f"{path}: is no manifest of a run: it must have {', '.join(_IN_THE_MANIFEST)}")
     return manifest
@@ -106,6 +111,7 @@ def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = No
     where a motion is missing or is not the one that its row was measured by.
     """
     tables = read_tables(folder)
+    cases = _with_read_backs(folder, tables.cases)
     subjects = {subject.scenario.name: subject for subject in _subjects(folder, tables, allow_code, cache)}
     return Run(
         run_id=tables.run_id,
@@ -114,7 +120,7 @@ def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = No
         stability=tables.stability,
         manifest=tables.manifest,
         subjects=tuple(subjects.values()),
-        cases=tuple(_with_motion(folder, subjects[case.columns["scenario"]], case) for case in tables.cases),
+        cases=tuple(_with_motion(folder, subjects[case.columns["scenario"]], case) for case in cases),
     )
 
 
@@ -138,6 +144,20 @@ def _asked_as(cases: Iterable[CaseResult]) -> dict[str, str]:
     """Return what names each scenario on the command line: the word after `bodycheck run`."""
     words = {case.columns["scenario"]: shlex.split(case.columns["reproduce"]) for case in cases}
     return {name: line[2] for name, line in words.items() if len(line) > 2}
+
+
+def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[CaseResult]:
+    """Yield the cases with what their engines held."""
+    held = _json(folder, "read_back.json")
+    if not isinstance(held, dict):
+        raise InputError(f"{folder / 'read_back.json'}: should be an object, one entry a case")
+    for case in cases:
+        message = held.get(str(trajectory_file(case)))
+        try:
+            yield replace(case, read_back=None if message is None else read_back_of(message))
+        except (KeyError, TypeError, ValueError) as error:
+            where = f"{folder / 'read_back.json'}: {trajectory_file(case)}"
+            raise InputError(f"{where}: is not what an engine held: {error!r}") from None
 
 
 def _with_motion(folder: Path, subject: Subject, case: CaseResult) -> CaseResult:
