@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+import bodycheck
+from bodycheck.adapters.contract import Method, Simulation
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.registry import _registered, register_adapter
+from bodycheck.reference_impl.scene import Scene
+
+FREE = """
+name = "free"
+summary = "a start that is not quite a unit quaternion"
+duration_s = 1.0
+samples = 11
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.5]
+[initial]
+quaternion = [0.6, 0.8000000001, 0.1e-4, 0.0]
+omega_body_rad_s = [0.3, 1.0, -0.2]
+"""
+FORCED = """
+name = "forced, and a mesh"
+duration_s = 1.0
+samples = 11
+steps_s = [0.02, 0.01]
+[body]
+mesh = "part.obj"
+density_kg_m3 = 600.0
+link_offset_m = [0.1, 0.0, 0.0]
+[initial]
+omega_body_rad_s = [0.3, 1.0, -0.2]
+[[forcing]]
+kind = "torque"
+axes = "world"
+value_n_m = [0.1, 0.2, -0.1]
+[[forcing]]
+kind = "gravity"
+acceleration_m_s2 = [0.0, 0.0, -9.81]
+"""
+SHAPE = """
+name = "shape/1"
+duration_s = 1.0
+samples = 11
+steps_s = [0.02, 0.01]
+[body]
+shape = "torus"
+size_m = [0.7, 0.21]
+density_kg_m3 = 333.3
+[initial]
+omega_world_rad_s = [0.3, 1.0, -0.2]
+"""
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 1 3 4\n"  # inside-out
+
+
+class Failing:
+    """The reference under another name, whose solver gives up where a torque acts."""
+
+    name = "failing"
+    version = "1"
+
+    def __init__(self) -> None:
+        self._sound = Reference()
+        self.methods: Mapping[str, Method] = {"m1": self._sound.methods["m1"]}
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:
+        """Refuse nothing."""
+        del scene, method
+        return None
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
+        """Build a sound simulation, or none."""
+        if scene.loads:
+            raise RuntimeError("the solver gave up | it said <so>")
+        return self._sound.build(scene, method, dt_s)
+
+
+@pytest.fixture(scope="session")
+def stored_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a run: a mesh, a shape, plain numbers; methods good and bad, with their speeds."""
+    folder = tmp_path_factory.mktemp("stored")
+    files = {"free.toml": FREE, "forced.toml": FORCED, "shape.toml": SHAPE, "part.obj": TETRAHEDRON}
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    before = dict(_registered)
+    register_adapter(Failing())
+    try:
+        engines = ["reference:m1", "reference:rk4", "reference:exact", "reference:taylor", "failing"]
+        scenarios = [folder / name for name in files if name.endswith(".toml")]
+        run = bodycheck.run(scenarios, engines=engines, jobs=1)
+    finally:
+        _registered.clear()
+        _registered.update(before)
+    bodycheck.write_run(run, folder / "run")
+    (folder / "part.obj").unlink()  # nothing that reads the run may need it
+    return folder / "run"

@@ -1,0 +1,269 @@
+"""What changed between two runs: all that did, nothing that did not, and the same seen from either side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bodycheck.reports.case import CaseResult
+from bodycheck.reports.comparison.compare import Comparison, compare
+from bodycheck.reports.comparison.page import render_comparison
+from bodycheck.reports.comparison.text import print_comparison
+from bodycheck.reports.comparison.words import groups, sentences
+from bodycheck.reports.stored import Tables, read_tables
+
+MEASURES = ("orientation_error_rad", "energy_drift", "omega_error", "position_error", "quaternion_norm_error")
+
+
+@pytest.fixture(scope="module")
+def tables(stored_run: Path) -> Tables:
+    """Return the tables of a run."""
+    return read_tables(stored_run)
+
+
+Where = Callable[[Mapping[str, Any]], bool]
+
+
+def of(scenario: str, method: str, dt_s: float | None = None) -> Where:
+    """Return what is true of the cases of a method of the reference, at any step or at one."""
+    return lambda row: (
+        (row["scenario"], row["engine"], row["method"]) == (scenario, "reference", method)
+        and dt_s in (None, row["dt_s"])
+    )
+
+
+def with_rows(tables: Tables, where: Where, change: Callable[[dict[str, Any]], dict[str, Any]]) -> Tables:
+    """Return the tables with some rows of results changed."""
+    cases = [
+        replace(case, columns=change(dict(case.columns))) if where(case.columns) else case
+        for case in tables.cases
+    ]
+    assert any(where(case.columns) for case in tables.cases)
+    return replace(tables, cases=tuple(cases))
+
+
+def planted(tables: Tables, where: Where, **amounts: float) -> Tables:
+    """Return the tables with something added to some cells."""
+    return with_rows(tables, where, lambda row: row | {name: row[name] + x for name, x in amounts.items()})
+
+
+def timed(tables: Tables, where: Where, factor: float) -> Tables:
+    """Return the tables with some cases that took so many times as long."""
+    names = ("cpu_s", "cpu_s_low", "cpu_s_high", "relative_cpu")
+    return with_rows(
+        tables, where, lambda row: row | {name: factor * row[name] for name in names if name in row}
+    )
+
+
+def test_nothing_changed_between_a_run_and_itself(tables: Tables) -> None:
+    """Every case is paired, timed where its speed was measured, and none is different."""
+    found = compare(tables, tables)
+    assert found.changes == found.circumstances == found.redefined == ()
+    assert found.paired == len(tables.cases)
+    assert found.timed == sum("cpu_s" in case.columns for case in tables.cases) > 0
+    assert any("Nothing changed" in sentence for sentence in sentences(found))
+
+
+@pytest.mark.parametrize("amount", [1e-9, -1e-9])
+@pytest.mark.parametrize("measure", MEASURES)
+def test_a_change_of_a_billionth_is_named_and_no_other(tables: Tables, measure: str, amount: float) -> None:
+    """The measure, the case and the direction are those of the plant."""
+    scenario = "forced, and a mesh" if measure == "position_error" else "free"
+    where = of(scenario, "m1", 0.01)
+    before = with_rows(tables, where, lambda row: row | {measure: 1e-3})
+    (change,) = compare(before, planted(before, where, **{measure: amount})).changes
+    assert (change.what, change.scenario, change.method, change.fineness) == (measure, scenario, "m1", 0.01)
+    assert change.direction == ("worse" if amount > 0.0 else "better")
+    assert change.decades == pytest.approx(amount / 1e-3 / np.log(10.0), rel=1e-5)
+
+
+def test_what_lies_beneath_the_noise_is_neither_better_nor_worse(tables: Tables) -> None:
+    """An error may go anywhere below 3 bounds of the truth; just beyond twice that it is worse."""
+    where = of("free", "exact")
+    bound = next(case.columns["truth_bound_rad"] for case in tables.cases if where(case.columns))
+    before = with_rows(tables, where, lambda row: row | {"orientation_error_rad": 0.0})
+    for error, told in ((2.9 * bound, 0), (5.9 * bound, 0), (6.1 * bound, 1)):
+        found = compare(before, planted(before, where, orientation_error_rad=error)).changes
+        assert [change.direction for change in found] == told * ["worse"]
+
+
+def test_a_floor_that_rose_hides_nothing(tables: Tables) -> None:
+    """The smaller of the two floors counts, from either side."""
+    where = of("free", "rk4", 0.001)
+    before = with_rows(tables, where, lambda row: row | {"orientation_error_rad": 1e-13})
+    methods = tables.methods.copy()
+    mine = (methods["scenario"] == "free") & (methods["method"] == "rk4")
+    methods.loc[mine, "floor"] = 1e-10
+    after = replace(planted(before, where, orientation_error_rad=9e-11), methods=methods)
+    assert [change.direction for change in compare(before, after).changes] == ["worse"]
+    assert [change.direction for change in compare(after, before).changes] == ["better"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_comparison_is_the_same_from_either_side(tables: Tables, seed: int) -> None:
+    """Worse and better, new and missing change places; nothing else is different."""
+    rng = np.random.default_rng(seed)
+
+    def stirred(row: dict[str, Any]) -> dict[str, Any]:
+        factors = {name: 10.0 ** rng.normal() for name in MEASURES if name in row and rng.random() < 0.3}
+        row |= {name: row[name] * factor for name, factor in factors.items()}
+        return {**row, "outcome": "failed"} if rng.random() < 0.1 else row
+
+    after = with_rows(tables, lambda _: True, stirred)
+    after = replace(after, cases=after.cases[5:])
+    after = timed(after, of("shape/1", "m1"), 3.0)
+    before = replace(tables, cases=tables.cases[:-3])
+    there, back = compare(before, after), compare(after, before)
+    assert len(there.changes) > 10
+    assert {change.mirrored for change in there.changes} == set(back.changes)
+    assert there.paired == back.paired
+
+
+@pytest.mark.parametrize("outcome", ["failed", "invalid", "timeout", "unstable", "unsupported"])
+def test_a_case_that_does_not_end_well_any_more_is_told(tables: Tables, outcome: str) -> None:
+    """It is one change for the worse, whatever it measured before; and from the other side for the better."""
+    where = of("free", "m1", 0.01)
+    kept = ("scenario", "engine", "method", "control", "dt_s", "tolerance", "reproduce")
+    after = with_rows(tables, where, lambda row: {name: row[name] for name in kept} | {"outcome": outcome})
+    (change,) = compare(tables, after).changes
+    assert (change.kind, change.before, change.after, change.direction) == ("outcome", "ok", outcome, "worse")
+
+
+def test_a_measure_that_is_gone_is_told(tables: Tables) -> None:
+    """What was measured before and is not any more has no size, and comes first."""
+    gone = with_rows(
+        tables,
+        of("free", "m1", 0.01),
+        lambda row: {name: value for name, value in row.items() if name != "energy_drift"},
+    )
+    change = compare(tables, gone).changes[0]
+    assert (change.what, change.after, change.direction) == ("energy_drift", None, "other")
+
+
+def test_cases_of_one_run_alone_are_told(tables: Tables) -> None:
+    """Each case that came or went is a change."""
+    few = replace(tables, cases=tables.cases[4:])
+    gone = compare(tables, few).changes
+    assert [change.kind for change in gone] == 4 * ["case"]
+    assert all(change.after is None for change in gone)
+    assert sentences(compare(tables, few))[1].endswith("0 only in the run after, 4 only in the run before.")
+
+
+def test_another_verdict_and_another_order_are_told(tables: Tables) -> None:
+    """A lower order whose interval does not meet the old one is worse; so is a plateau."""
+    methods = tables.methods.copy()
+    mine = (methods["scenario"] == "free") & (methods["quantity"] == "orientation_error_rad")
+    rk4, m1 = (mine & (methods["method"] == method) for method in ("rk4", "m1"))
+    methods.loc[rk4, ["order", "order_low", "order_high"]] = [3.0, 2.9, 3.1]
+    methods.loc[m1, "verdict"] = "does-not-converge"
+    found = compare(tables, replace(tables, methods=methods)).changes
+    told = {(change.kind, change.method, change.direction) for change in found}
+    assert told == {("order", "rk4", "worse"), ("verdict", "m1", "worse")}
+
+
+def test_a_method_that_slowed_down_is_told_and_what_laps_scatter_is_not(tables: Tables) -> None:
+    """Twice the time is beyond the quartiles of quiet laps; within them no time is another."""
+    tables = with_rows(
+        tables,
+        lambda row: "cpu_s" in row,
+        lambda row: row | {"cpu_s_low": 0.97 * row["cpu_s"], "cpu_s_high": 1.03 * row["cpu_s"]},
+    )
+    tables = replace(tables, manifest={**tables.manifest, "speed_noise": 0.05})
+    m1: Where = lambda row: row["engine"] == "reference" and row["method"] == "m1"  # noqa: E731
+    (slower,) = compare(tables, timed(tables, m1, 2.0)).changes
+    assert (slower.kind, slower.scenario, slower.method, slower.direction) == ("speed", None, "m1", "worse")
+    assert slower.decades == pytest.approx(np.log10(2.0))
+    assert compare(tables, timed(tables, m1, 1.05)).changes == ()
+    (there,) = compare(tables, timed(tables, of("free", "m1"), 2.0)).changes
+    assert (there.scenario, there.direction) == ("free", "worse")
+
+
+def test_seconds_of_two_machines_are_not_compared(tables: Tables) -> None:
+    """Without a yardstick a time means something only on the machine that took it; that is said on top."""
+    bare = with_rows(
+        tables,
+        lambda row: "relative_cpu" in row,
+        lambda row: {name: value for name, value in row.items() if name != "relative_cpu"},
+    )
+    assert compare(bare, bare).timed > 0
+    elsewhere = replace(bare, manifest={**bare.manifest, "cpu": "another"})
+    found = compare(bare, elsewhere)
+    assert found.timed == 0
+    assert found.circumstances == (f"cpu: {bare.manifest['cpu']} -> another",)
+
+
+def test_a_scenario_that_is_another_by_the_same_name_is_not_compared(tables: Tables) -> None:
+    """Its cases would differ for no fault of an engine: the name is said instead; a summary is no matter."""
+    free = tables.manifest["scenarios"]["free"]
+
+    def told(**keys: Any) -> Comparison:
+        scenarios = {**tables.manifest["scenarios"], "free": {**free, **keys}}
+        after = planted(tables, of("free", "m1"), orientation_error_rad=0.1)
+        return compare(tables, replace(after, manifest={**tables.manifest, "scenarios": scenarios}))
+
+    found = told(duration_s=2.0)
+    assert (found.redefined, found.changes) == (("free",), ())
+    assert "another scenario: free" in " ".join(sentences(found))
+    assert told(summary="reworded").changes
+
+
+def test_versions_that_differ_stand_on_top(tables: Tables) -> None:
+    """Of bodycheck and of each engine."""
+    engines = {
+        **tables.manifest["engines"],
+        "failing": {**tables.manifest["engines"]["failing"], "version": "2"},
+    }
+    after = replace(tables, manifest={**tables.manifest, "engines": engines, "bodycheck": "9"})
+    found = compare(tables, after)
+    assert found.circumstances == (f"bodycheck: {tables.manifest['bodycheck']} -> 9", "failing: 1 -> 2")
+    assert sentences(found)[0].startswith("Different circumstances: bodycheck")
+
+
+@pytest.fixture(scope="module")
+def much(tables: Tables) -> Comparison:
+    """Return a comparison in which nearly everything changed, and a name is hostile."""
+
+    def worse(case: CaseResult) -> CaseResult:
+        columns = {name: 2.0 * value if name in MEASURES else value for name, value in case.columns.items()}
+        hostile = "<b>free</b>" if columns["scenario"] == "free" else columns["scenario"]
+        return replace(case, columns={**columns, "scenario": hostile})
+
+    def named(case: CaseResult) -> CaseResult:
+        free = case.columns["scenario"] == "free"
+        return replace(case, columns=case.columns | ({"scenario": "<b>free</b>"} if free else {}))
+
+    return compare(
+        replace(tables, cases=tuple(map(named, tables.cases))),
+        replace(tables, cases=tuple(map(worse, tables.cases))),
+    )
+
+
+def test_every_change_is_in_one_group_and_on_the_page(much: Comparison) -> None:
+    """Grouping loses none; the page has a line for each, and names are text on it."""
+    made = groups(much.changes)
+    assert sorted(len(group.changes) for group in made)[-1] > 1
+    assert {change for group in made for change in group.changes} == set(much.changes)
+    page = render_comparison(much)
+    assert page.count("<li>") == len(sentences(much)) + sum(
+        len(group.changes) for group in made if len(group.changes) > 1
+    )
+    assert "<b>free</b>" not in page
+    assert "&lt;b&gt;free&lt;/b&gt;" in page
+
+
+def test_a_pipe_is_given_whole_lines_without_colour(
+    much: Comparison, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line a method and scenario, however long, and no control characters."""
+    print_comparison(much)
+    shown = capsys.readouterr().out
+    assert "\x1b" not in shown
+    assert sum("decades" in line and " -> " in line for line in shown.splitlines()) == len(
+        groups(much.changes)
+    )
+    assert not any(line != line.rstrip() for line in shown.splitlines())

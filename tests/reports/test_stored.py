@@ -1,0 +1,144 @@
+"""A run read back from its folder is the run that was written; what is damaged is refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bodycheck
+from bodycheck.errors import InputError
+from bodycheck.reports.html import render_report
+from bodycheck.reports.run import Run
+from bodycheck.reports.storage.cache import Cache
+from bodycheck.reports.store import write_run
+from bodycheck.reports.stored import read_run, read_tables
+
+
+@pytest.fixture(scope="module")
+def again(stored_run: Path) -> Run:
+    """Return the run, read back."""
+    return read_run(stored_run, cache=Cache.default())
+
+
+def test_the_report_of_a_stored_run_is_the_first_one_byte_for_byte(stored_run: Path, again: Run) -> None:
+    """Tables, truths and measures over time come back to the last digit, without the mesh's file."""
+    assert render_report(again) == (stored_run / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_run_that_is_read_and_written_again_is_the_same_run(
+    stored_run: Path, again: Run, tmp_path: Path
+) -> None:
+    """Every table and every number of every trajectory is as it was."""
+    write_run(again, tmp_path / "again")
+    for path in sorted(stored_run.rglob("*")):
+        copy = tmp_path / "again" / path.relative_to(stored_run)
+        if path.suffix == ".npz":
+            with np.load(path) as one, np.load(copy) as other:
+                assert one.files == other.files
+                assert all(np.array_equal(one[name], other[name]) for name in one.files)
+        elif path.is_file():
+            assert copy.read_bytes() == path.read_bytes(), path.name
+
+
+def test_tables_alone_hold_every_case_with_its_outcome(stored_run: Path) -> None:
+    """What failed is among them, with its message and without any measure."""
+    tables = read_tables(stored_run)
+    assert tables.results.to_csv(index=False) == (stored_run / "results.csv").read_text()
+    failed = [case for case in tables.cases if case.columns["outcome"] == "failed"]
+    assert failed
+    assert all("orientation_error_rad" not in case.columns for case in failed)
+    assert all("the solver gave up" in case.columns["message"] for case in failed)
+
+
+def _text(name: str, change: Callable[[str], str]) -> Callable[[Path], None]:
+    def damage(folder: Path) -> None:
+        (folder / name).write_text(change((folder / name).read_text()))
+
+    return damage
+
+
+def _motions_swapped(folder: Path) -> None:
+    motions = folder / "trajectories/free"
+    (motions / "reference_m1_0.02.npz").write_bytes((motions / "reference_m1_0.01.npz").read_bytes())
+
+
+def _another_start(folder: Path) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["scenarios"]["free"]["initial"]["omega_body_rad_s"][0] = 0.31
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+
+
+DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
+    "no manifest": (lambda folder: (folder / "manifest.json").unlink(), "is no folder of a run"),
+    "half a manifest": (_text("manifest.json", lambda text: text[:500]), "manifest.json: is not JSON"),
+    "a foreign manifest": (_text("manifest.json", lambda _: "{}"), "is no manifest of a run"),
+    "a row lost": (_text("results.csv", lambda text: text[: text[:-1].rindex("\n") + 1]), "is damaged"),
+    "half a row": (_text("results.csv", lambda text: text[:-200]), "cells, not"),
+    "a word for a number": (
+        _text("results.csv", lambda text: text.replace(",m1,dt,0.02,", ",m1,dt,coarse,")),
+        "dt_s is 'coarse', not a number",
+    ),
+    "another run's table": (_text("methods.csv", lambda text: text.replace("Z-", "Z-0")), "its tables of"),
+    "a column more": (_text("methods.csv", lambda text: text.replace("verdict", "judgement")), "no column"),
+    "no motion": (
+        lambda folder: (folder / "trajectories/free/reference_m1_0.02.npz").unlink(),
+        "cannot be read",
+    ),
+    "motions swapped": (_motions_swapped, "but results.csv says"),
+    "another start": (_another_start, "is not the truth that is solved for free now"),
+    "a mesh of another mass": (
+        _text("manifest.json", lambda text: text.replace('"density_kg_m3": 600.0', '"density_kg_m3": "x"')),
+        "is not a scenario as a run writes it",
+    ),
+    "a key more": (
+        _text("manifest.json", lambda text: text.replace('"samples": 11', '"sample": 11')),
+        "sample: is no key of this table",
+    ),
+    "held by nobody": (_text("read_back.json", lambda text: text.replace("mass", "weight")), "engine held"),
+}
+
+
+@pytest.mark.parametrize("what", DAMAGES)
+def test_a_damaged_or_foreign_folder_is_refused_in_one_line(
+    what: str, stored_run: Path, tmp_path: Path
+) -> None:
+    """Nothing of it is shown as if it were whole; the line says what is wrong where."""
+    folder = tmp_path / "run"
+    shutil.copytree(stored_run, folder)
+    damage, message = DAMAGES[what]
+    damage(folder)
+    with pytest.raises(InputError) as refused:
+        read_run(folder, cache=Cache.default())
+    assert message in str(refused.value)
+    assert "run" in str(refused.value)
+
+
+def test_a_scenario_with_a_function_needs_leave_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its code would run; a function that changed since is told apart."""
+    module = tmp_path / "loads_of_a_stored_run.py"
+    module.write_text("def f(t, x, r, v, omega):\n    return -0.5 * v, -0.2 * omega\n")
+    (tmp_path / "called.toml").write_text(
+        'name = "called"\nduration_s = 0.1\nsamples = 2\n'
+        "[body]\nmass_kg = 1.0\ninertia_kg_m2 = [1.0, 2.0, 2.5]\n"
+        "[initial]\nomega_body_rad_s = [0.3, 1.0, -0.2]\n"
+        '[[forcing]]\nkind = "callable"\nfunction = "loads_of_a_stored_run:f"\n'
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    called = tmp_path / "called.toml"
+    run = bodycheck.run([called], engines=["reference:exact"], speed=False, allow_code=True)
+    bodycheck.write_run(run, tmp_path / "run")
+    with pytest.raises(InputError, match="add --allow-code"):
+        read_run(tmp_path / "run")
+    assert len(read_run(tmp_path / "run", allow_code=True).cases) == 1
+    import loads_of_a_stored_run  # type: ignore[import-not-found]
+
+    monkeypatch.setattr(loads_of_a_stored_run, "f", lambda *state: (-0.5 * state[3], -0.1 * state[4]))
+    with pytest.raises(InputError, match="is not the truth that is solved for called now"):
+        read_run(tmp_path / "run", allow_code=True)
