@@ -58,7 +58,7 @@ TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 
 
 
 class Failing:
-    """The reference under another name, whose solver gives up where a torque acts."""
+    """The reference under another name, whose solver gives up at a long step where a torque acts."""
 
     name = "failing"
     version = "1"
@@ -74,7 +74,7 @@ class Failing:
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Build a sound simulation, or none."""
-        if scene.loads:
+        if scene.loads and dt_s > 0.015:
             raise RuntimeError("the solver gave up | it said <so>")
         return self._sound.build(scene, method, dt_s)
 

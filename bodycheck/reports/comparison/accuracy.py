@@ -74,8 +74,11 @@ def accuracy_changes(
             least *= max(old, new)
         low, high = max(old, least), max(new, least)
         if abs(high - low) > least:
-            decades = math.log10(high / low)
-            yield changed(old, new, measure, "worse" if high > low else "better", decades)
+            decades = math.log10(max(high, low) / min(high, low))
+            if high > low:
+                yield changed(old, new, measure, "worse", decades)
+            else:
+                yield changed(old, new, measure, "better", -decades)
 
 
 def _present(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[str]:
