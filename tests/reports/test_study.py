@@ -47,6 +47,7 @@ def test_the_step_change_is_the_angle_to_the_next_coarser_case(
         [Setting(dt_s=step) for step in order],
         adaptive=False,
         ask=lambda _, case: answers[case.setting.dt_s],
+        search=lambda _, search: pytest.fail(f"nobody asked for {search}"),
         case_done=lambda: None,
     ).cases
     assert [case.dt_s for case in found] == sorted(STEPS, reverse=True)
