@@ -20,6 +20,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth import Truth
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
+from bodycheck.reports.convergence import LARGEST_ERROR, LARGEST_LIMIT
 from bodycheck.reports.invariants import Invariant, invariants_of, worst_drift
 from bodycheck.reports.measures import Motion, error_series, reduced
 from bodycheck.reports.scales import Scales, scene_scales
@@ -77,6 +78,12 @@ class Subject:
         """What the scene keeps besides energy and momentum."""
         return invariants_of(self.scenario.scene)
 
+    @property
+    def is_chaotic(self) -> bool:
+        """Whether round-off alone leads so far astray that no method can be blamed for its error."""
+        lost = self.compared < len(self.truth.trajectory.t_s)
+        return lost or self.largest(self.truth.round_off_rad) > LARGEST_LIMIT
+
     def largest(self, bound: Array) -> float:
         """Return the largest of one of the truth's bounds (n,) over the samples that are compared."""
         return float(np.max(bound[: self.compared]))
@@ -130,9 +137,9 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
         return ended(answer.outcome, answer.message)
     if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, held):
         return ended("invalid", fault)
-    if reason := defect(trajectory):
-        return ended("unstable", reason)
     with np.errstate(over="ignore", invalid="ignore"):  # of what has run away
+        if reason := defect(trajectory):
+            return ended("unstable", reason)
         motion = Motion.of(scene, trajectory)
     if reason := runaway(motion.kinetic, kinetic_limit(subject.motion.kinetic), trajectory.t_s):
         return ended("unstable", reason)
@@ -153,12 +160,20 @@ def measured_by(
     whole = error_series(scene, subject.truth.trajectory, subject.motion, trajectory, motion)
     series = {name: values[: subject.compared] for name, values in whole.items()}
     columns: dict[str, Any] = dict(reduced(series, subject.scales))
+    if subject.is_chaotic:
+        columns["horizon_s"] = _horizon(subject.times, series["orientation_error_rad"])
     compared = slice(subject.compared)
     if worst := worst_drift(subject.invariants, subject.truth.trajectory, trajectory, compared):
         columns |= worst.columns
         if worst.relative is not None:
             series["invariant_drift"] = worst.relative
     return columns, series
+
+
+def _horizon(t_s: Array, error_rad: Array) -> float:
+    """Return the last of the times (n,) up to which an error (n,) from 0 on was never above 0.3 rad."""
+    beyond = error_rad > LARGEST_ERROR
+    return float(t_s[np.argmax(beyond) - 1] if beyond.any() else t_s[-1])
 
 
 def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, Any]:

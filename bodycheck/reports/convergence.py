@@ -11,7 +11,7 @@ import numpy as np
 LARGEST_ERROR = 0.3  # rad, or of the scale: beyond it an error says nothing about the order
 LEAST_POINTS = 4
 _ABOVE_FLOOR = 10.0
-_LARGEST_LIMIT = LARGEST_ERROR / 100.0  # where even the truth, or round-off, is that far off, nothing shows
+LARGEST_LIMIT = LARGEST_ERROR / 100.0  # where even the truth, or round-off, is that far off, nothing shows
 _PLATEAU_DECADES = 2.0
 _PLATEAU_SPREAD = 2.0
 _SETTLED = 0.1  # of the error: two steps whose motions agree this well have converged to something
@@ -75,7 +75,7 @@ def convergence_of(points: list[Point], limit: float) -> Convergence:
 
     points in any order; limit as for round_off_floor.
     """
-    if limit > _LARGEST_LIMIT:
+    if limit > LARGEST_LIMIT:
         return Convergence("chaotic", 0, limit)
     ended = [p for p in points if p.error is not None]
     if not ended:
@@ -101,7 +101,7 @@ def obedience_of(points: list[Point], limit: float) -> Convergence:
 
     points: dt_s is the tolerance; limit as for round_off_floor. An order in the step is not to be had.
     """
-    if limit > _LARGEST_LIMIT:
+    if limit > LARGEST_LIMIT:
         return Convergence("chaotic", 0, limit)
     ended = sorted((p.dt_s, p.error) for p in points if p.error is not None)
     if not ended:

@@ -17,7 +17,7 @@ Searching: TypeAlias = Callable[[Engine, Search], StableStep]
 
 _FINER = 5.0  # times finer than the finest step asked for: no search goes below
 _LEAST_STEPS = 4  # of a trial: a step longer than that says nothing of stability
-_MOST_STEPS = 100_000  # of the first trial, which is the longest
+_MOST_STEPS = 20_000  # of the first trial, which is the longest
 _SEARCHED = ("ok", "unstable")
 
 

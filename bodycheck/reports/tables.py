@@ -72,6 +72,7 @@ _TRUTH = (
     "truth_bound_energy",
     "truth_bound_momentum",
     "compared_until_s",
+    "horizon_s",
 )
 _SPEED = (
     "cpu_s",

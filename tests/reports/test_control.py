@@ -118,6 +118,26 @@ def test_a_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> No
     assert verdicts["orientation_error_rad"] == "chaotic"
 
 
+def test_the_horizon_of_a_chaotic_motion_is_where_a_case_leaves_the_truth(tmp_path: Path) -> None:
+    """Up to it no error is above 0.3 rad, the next one is; finer steps get farther; else there is none."""
+    path = tmp_path / "chaotic.toml"
+    path.write_text(CHAOTIC)
+    run = bodycheck.run([path], engines=["reference:rk4", "reference:lie4"], dt_s=[0.05, 0.025], speed=False)
+    for case in run.cases:
+        error = case.series["orientation_error_rad"]
+        kept = run.subjects[0].times <= case.columns["horizon_s"]
+        assert error[kept].max() <= 0.3
+        assert kept.all() or error[~kept][0] > 0.3
+    for _, rows in run.results.groupby("method"):
+        assert rows["horizon_s"].is_monotonic_increasing
+    assert (
+        bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01], speed=False)
+        .results["horizon_s"]
+        .isna()
+        .all()
+    )
+
+
 def test_speed_is_told_beside_a_yardstick() -> None:
     """A case's time has quartiles in order and a ratio to the yardstick; the machine's noise is known."""
     run = bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01, 0.005])
