@@ -22,6 +22,7 @@ from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,
     Load,
+    PointForce,
     Scene,
     SineTorque,
     Spring,
@@ -178,9 +179,15 @@ class Oracle:
         """Force, and torque about the centre of mass, in world axes."""
         none = [Decimal(0)] * 3
         match load:
-            case Torque(until_s=until) if until == np.inf:
+            case Torque() | PointForce() if not load.from_s <= t < load.until_s:
+                return none, none
+            case Torque():
                 value = decimals(load.value)
                 return none, times(rotation, value) if load.axes == "body" else value
+            case PointForce():
+                value = decimals(load.value)
+                force = times(rotation, value) if load.axes == "body" else value
+                return force, cross(times(rotation, decimals(load.at)), force)
             case SineTorque():
                 swing = by_mpmath(mpmath.sin, Decimal(load.rate) * t + Decimal(load.phase))
                 value = [swing * a for a in decimals(load.amplitude)]
@@ -257,10 +264,12 @@ class Oracle:
         y = self.first()
         found = [y]
         for begin, end in pairwise(t_s):
-            count = int(np.ceil((end - begin) / step))
-            h = (Decimal(end) - Decimal(begin)) / count
-            for i in range(count):
-                y = self.step(Decimal(begin) + i * h, y, h)
+            inside = (switch for switch in self.scene.switches_before(end) if switch > begin)
+            for first, last in pairwise([begin, *inside, end]):
+                count = int(np.ceil((last - first) / step))
+                h = (Decimal(last) - Decimal(first)) / count
+                for i in range(count):
+                    y = self.step(Decimal(first) + i * h, y, h)
             found.append(y)
         return found
 
@@ -278,8 +287,12 @@ CASES = {
     "spring-pendulum": (1.0, 1 / 10),
     "sine-torque": (1.5, 1 / 6),
     "damped-fall": (1.5, 1 / 6),
+    "thruster": (1.5, 1 / 6),
+    "far-from-origin": (1.5, 1 / 6),
+    "off-grid-torque": (3.0, 1 / 4),
+    "chaotic-top": (0.5, 1 / 20),
 }
-"""Until when forty digits follow each, and by which steps."""
+"""Until when forty digits follow each, and by which steps, none of which a switch falls into."""
 
 
 @pytest.mark.parametrize("name", CASES)
