@@ -31,6 +31,9 @@ from bodycheck.scenarios.model import Scenario
 Asking: TypeAlias = Callable[[Engine, Case], Answer]
 """How a case comes to its answer: from the engine, or from what it answered before."""
 
+SWITCH_NOTE = "load switches inside a step"
+"""How the message begins of a case whose order is lowered by that."""
+
 
 @dataclass(frozen=True, eq=False)
 class Subject:
@@ -226,9 +229,7 @@ def reproducing_command(subject: Subject, engine: str, method: str, setting: Set
 def _note(subject: Subject, plan: StepPlan | None, said: str) -> str:
     notes = [said] if said else []
     if plan is not None and plan.straddled:
-        notes.append(
-            f"load switches inside a step: {plan.straddled}; such a step carries the mean of what acts in it"
-        )
+        notes.append(f"{SWITCH_NOTE}: {plan.straddled}; such a step carries the mean of what acts in it")
     if subject.compared < len(subject.truth.trajectory.t_s):
         notes.append(f"chaotic: compared until t = {subject.times[-1]:.6g} s, where the truth ends")
     return "; ".join(notes)

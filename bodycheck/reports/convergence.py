@@ -10,7 +10,7 @@ import numpy as np
 
 LARGEST_ERROR = 0.3  # rad, or of the scale: beyond it an error says nothing about the order
 LEAST_POINTS = 4
-_ABOVE_FLOOR = 10.0
+ABOVE_FLOOR = 10.0
 LARGEST_LIMIT = LARGEST_ERROR / 100.0  # where even the truth, or round-off, is that far off, nothing shows
 _PLATEAU_DECADES = 2.0
 _PLATEAU_SPREAD = 2.0
@@ -50,7 +50,7 @@ def usable(points: list[Point], floor: float) -> list[Point]:
     return [
         p
         for p in sorted(points, key=lambda p: -p.dt_s)
-        if p.error is not None and _ABOVE_FLOOR * floor < p.error < LARGEST_ERROR
+        if p.error is not None and ABOVE_FLOOR * floor < p.error < LARGEST_ERROR
     ]
 
 
@@ -86,7 +86,7 @@ def convergence_of(points: list[Point], limit: float) -> Convergence:
     if found := _settled_order(fit):
         points_used, order, half_width = found
         return Convergence("converges", points_used, floor, order, order - half_width, order + half_width)
-    if all(p.error <= _ABOVE_FLOOR * floor for p in ended if p.error is not None):
+    if all(p.error <= ABOVE_FLOOR * floor for p in ended if p.error is not None):
         return Convergence("at-floor", count, floor)
     if _is_plateau(ended, floor):
         return Convergence("does-not-converge", count, floor)
@@ -108,9 +108,9 @@ def obedience_of(points: list[Point], limit: float) -> Convergence:
         return Convergence("unstable", 0, limit)
     count = len(usable(points, limit))
     (finest, least), (coarsest, largest) = ended[0], ended[-1]
-    if largest <= _ABOVE_FLOOR * limit:
+    if largest <= ABOVE_FLOOR * limit:
         return Convergence("at-floor", count, limit)
-    if least <= _ABOVE_FLOOR * limit or least < largest * (finest / coarsest) ** _LEAST_ORDER:
+    if least <= ABOVE_FLOOR * limit or least < largest * (finest / coarsest) ** _LEAST_ORDER:
         return Convergence("converges", count, limit)
     few = math.log10(coarsest / finest) < _PLATEAU_DECADES
     return Convergence("too-few-points" if few else "does-not-converge", count, limit)
@@ -122,7 +122,7 @@ def is_flat(points: list[Point], floor: float) -> bool:
     if len(ended) < 2:
         return False
     errors = [p.error for p in ended if p.error is not None]
-    return min(errors) > _ABOVE_FLOOR * floor and errors[0] < _PLATEAU_SPREAD * errors[-1]
+    return min(errors) > ABOVE_FLOOR * floor and errors[0] < _PLATEAU_SPREAD * errors[-1]
 
 
 def decades(points: list[Point]) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reports.case import Asking, CaseResult, Subject, run_case
-from bodycheck.reports.convergence import LARGEST_ERROR, Point, convergence_of, obedience_of
+from bodycheck.reports.convergence import ABOVE_FLOOR, LARGEST_ERROR, Point, convergence_of, obedience_of
 from bodycheck.reports.growth import Growth, growth_of
 from bodycheck.reports.ladder import next_step
 from bodycheck.reports.measures import SERIES_SCALES
@@ -141,16 +141,17 @@ def _method_rows(cases: Sequence[CaseResult], subject: Subject, method: Method) 
         measured = any(quantity in case.columns for case in cases)
         if measured or any(case.columns["outcome"] == "unstable" for case in cases):
             found = judged(_points(cases, quantity), limit(subject, quantity))
-            growth = _growth(cases, subject, quantity)
+            growth = _growth(cases, subject, quantity, found.floor)
             yield {**{name: first[name] for name in who}, "quantity": quantity, **vars(found), **vars(growth)}
 
 
-def _growth(cases: Sequence[CaseResult], subject: Subject, quantity: str) -> Growth:
-    """Return how a quantity grows in the finest case that ended well and is not saturated."""
-    usable = (case for case in reversed(cases) if case.ok and case.columns.get(quantity, 1.0) < LARGEST_ERROR)
-    case = next(usable, None)
-    if case is None:
+def _growth(cases: Sequence[CaseResult], subject: Subject, quantity: str, floor: float) -> Growth:
+    """Return how a quantity grows in the finest case well above its floor, else in the finest."""
+    sound = [case for case in cases if case.ok and case.columns.get(quantity, 1.0) < LARGEST_ERROR]
+    if not sound:
         return Growth()
+    telling = [case for case in sound if case.columns[quantity] > ABOVE_FLOOR * floor]
+    case = (telling or sound)[-1]
     scale = getattr(subject.scales, SERIES_SCALES[quantity]) if quantity in SERIES_SCALES else 1.0
     bound = subject.largest(getattr(subject.truth, f"bound_{QUANTITIES[quantity]}"))
     return growth_of(subject.times, case.series[quantity] / scale, 3.0 * bound)

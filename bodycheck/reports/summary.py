@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
-from bodycheck.reports.case import CaseResult
+from bodycheck.reports.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.wording import count, names, number
 
 if TYPE_CHECKING:
@@ -255,12 +255,20 @@ def _as_they_should(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]
 
 def _of_lower_order(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
     lower = [
-        f"{':'.join(key)} in {scenario} ({number(cell.order, 3)}, in theory {theory(run, key)})"
+        f"{':'.join(key)} in {scenario} ({number(cell.order, 3)}, in theory {theory(run, key)}"
+        f"{_why_lower(run, scenario, key)})"
         for scenario, methods in cells.items()
         for key, cell in methods.items()
         if is_lower(run, key, cell)
     ]
     return f"Of a lower order than in theory: {names(lower)}." if lower else ""
+
+
+def _why_lower(run: Findings, scenario: str, key: MethodKey) -> str:
+    """Name the cause of a lower order where the cases' own messages have it."""
+    cases = (case.columns for case in run.cases if case.columns["scenario"] == scenario)
+    switched = any(SWITCH_NOTE in str(columns["message"]) for columns in cases if key_of(columns) == key)
+    return ": a load switches inside a step" if switched else ""
 
 
 def _listed(what: str, cells: Mapping[str, Mapping[MethodKey, Cell]], states: Sequence[str]) -> str:

@@ -119,6 +119,14 @@ def test_methods_grow_as_they_are_known_to(
     assert run.methods.set_index("quantity")["growth"][quantity] == kind
 
 
+def test_the_finest_case_that_is_no_round_off_tells_the_growth(tmp_path: Path) -> None:
+    """A finer step, whose energy is off by round-off alone, does not hide what the method itself does."""
+    path = tmp_path / "long.toml"
+    path.write_text(LONG)
+    run = bodycheck.run([path], engines=["reference:splitting6"], dt_s=[0.25, 0.02], speed=False)
+    assert run.methods.set_index("quantity")["growth"]["energy_drift"] == "bounded"
+
+
 def test_round_off_walks() -> None:
     """The energy of a million symplectic steps, their own error far below eps, strays as the root of t."""
     start = State(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.array([1.0, 1.5, -1.2]))

@@ -32,6 +32,16 @@ def test_the_verdict_names_what_is_not_as_it_should_be(run: Run) -> None:
     assert first == "reference:rk4 converges with its order of theory, or is at the floor, in forced."
 
 
+def test_a_lower_order_has_its_cause_where_the_cases_tell_it(run: Run) -> None:
+    """A load that switches inside a step makes any method one of order 2, and the sentence says so."""
+    key, note = ("reference", "rk4"), "load switches inside a step: 1; such a step carries the mean of it"
+    cases = tuple(replace(case, columns={**case.columns, "message": note}) for case in run.cases)
+    cells = {"forced": {key: replace(summary_cells(run)["forced"][key], order=2.0)}}
+    told = verdict_sentences(replace(run, cases=cases), cells)
+    cause = "reference:rk4 in forced (2, in theory 4: a load switches inside a step)"
+    assert f"Of a lower order than in theory: {cause}." in told
+
+
 def test_every_verdict_and_outcome_has_its_word() -> None:
     """Whatever a method or a case can come to has a symbol, a word and a meaning."""
     verdicts = "converges pre-asymptotic does-not-converge at-floor chaotic unstable too-few-points"
