@@ -47,10 +47,11 @@ def test_a_method_that_always_breaks_down_has_no_stable_step() -> None:
     assert (found.stable_s, found.unstable_s, found.reason) == (None, 1e-4, "broken at 0.0001")
 
 
-def test_the_first_unstable_steps_count_and_not_the_last() -> None:
-    """What is stable again beyond an island of unstable steps is not stable up to there."""
-    found = largest_stable(lambda step: "island" if 0.1 < step < 0.12 else None, 1e-2, 1e-3, 1.0)
-    assert found.stable_s == pytest.approx(0.1, rel=0.01)
+@pytest.mark.parametrize("begin", [0.031, 0.07, 0.1, 0.23, 0.44])
+def test_the_first_unstable_steps_count_and_not_the_last(begin: float) -> None:
+    """An island of unstable steps that is wider than a tenth is never passed over."""
+    found = largest_stable(lambda step: "sea" if begin < step < 1.11 * begin else None, 1e-2, 1e-3, 1.0)
+    assert found.stable_s == pytest.approx(begin, rel=0.01)
 
 
 # ------------------------------------------------------------------------------------------- linear theory
