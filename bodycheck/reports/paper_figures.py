@@ -20,6 +20,7 @@ from bodycheck.reports.wording import setting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _SUFFIXES = (".svg", ".png")
 _INCHES = (3.5, 2.6)
@@ -59,28 +60,34 @@ def picture(run: Findings, figure: str, scenario: str, quantity: str, suffix: st
     """Return a figure of one scenario as the bytes of an SVG or PNG file: equal for equal runs.
 
     figure: one of FIGURES; that of drifts needs the motions, the others the tables alone. Raises InputError
-    where nothing can be drawn.
+    where there is nothing to draw.
     """
     import matplotlib as mpl  # late: only figures need it
+
+    with mpl.rc_context({"font.size": 8, "svg.hashsalt": "bodycheck", "axes.grid": True, "grid.alpha": 0.3}):
+        shown = io.BytesIO()
+        undated = {"Date": None} if suffix == ".svg" else None
+        page = drawn_figure(run, figure, scenario, quantity)
+        page.savefig(shown, format=suffix[1:], dpi=_DOTS_PER_INCH, bbox_inches="tight", metadata=undated)
+    return shown.getvalue()
+
+
+def drawn_figure(run: Findings, figure: str, scenario: str, quantity: str) -> Figure:
+    """Return a figure of one scenario, one line a method, before it is written; as picture does."""
     from matplotlib.figure import Figure
 
     lines: dict[MethodKey, list[CaseResult]] = {}
     for case in run.cases:
         if case.columns["scenario"] == scenario:
             lines.setdefault(key_of(case.columns), []).append(case)
-    drawn = styles(key_of(case.columns) for case in run.cases)
-    with mpl.rc_context({"font.size": 8, "svg.hashsalt": "bodycheck", "axes.grid": True, "grid.alpha": 0.3}):
-        page = Figure(figsize=_INCHES)
-        axes = page.add_subplot()
-        FIGURES[figure](axes, lines, drawn, quantity)
-        if not axes.lines:
-            raise InputError(f"--figure {figure}: nothing was measured of {quantity} in {scenario}")
-        axes.set_title(scenario, fontsize=8)
-        axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, fontsize=6)
-        shown = io.BytesIO()
-        undated = {"Date": None} if suffix == ".svg" else None
-        page.savefig(shown, format=suffix[1:], dpi=_DOTS_PER_INCH, bbox_inches="tight", metadata=undated)
-    return shown.getvalue()
+    page = Figure(figsize=_INCHES)
+    axes = page.add_subplot()
+    FIGURES[figure](axes, lines, styles(key_of(case.columns) for case in run.cases), quantity)
+    if not axes.lines:
+        raise InputError(f"--figure {figure}: nothing was measured of {quantity} in {scenario}")
+    axes.set_title(scenario, fontsize=8)
+    axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, fontsize=6)
+    return page
 
 
 def _work_precision(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:

@@ -5,10 +5,15 @@ from __future__ import annotations
 import io
 import re
 import time
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from bodycheck.reports.terminal import LiveProgress
+from bodycheck.reports.run import Run
+from bodycheck.reports.storage.cache import Cache
+from bodycheck.reports.stored import read_run
+from bodycheck.reports.terminal import LiveProgress, print_summary
 
 
 class Terminal(io.StringIO):
@@ -43,3 +48,79 @@ def test_a_log_is_told_each_phase_in_a_line(capsys: pytest.CaptureFixture[str]) 
         progress.phase("motions")
         progress.case_done()
     assert capsys.readouterr().err == "motions\n"
+
+
+@pytest.fixture(scope="module")
+def run(stored_run: Path) -> Run:
+    """Return a run in which one case failed."""
+    return read_run(stored_run, cache=Cache.default())
+
+
+def summary(run: Run, monkeypatch: pytest.MonkeyPatch, output: io.StringIO, columns: str = "200") -> str:
+    """Return what is printed of a run at its end."""
+    monkeypatch.setattr("sys.stdout", output)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("COLUMNS", columns)
+    print_summary(run)
+    return output.getvalue()
+
+
+def test_the_summary_has_each_method_and_the_worst_with_its_command(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line a method; what failed stands below with how often, why, and the command to see it again."""
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    shown = summary(run, monkeypatch, io.StringIO()).splitlines()
+    assert shown[0].startswith(f"{len(run.cases)} cases in ")
+    for method in ("reference:m1", "reference:rk4", "reference:exact", "reference:taylor", "failing:m1"):
+        assert sum(line.startswith(f"{method} ") and " in " in line for line in shown[1:9]) == 1
+    place = shown.index("The worst") + 1
+    assert shown[place].startswith("failing:m1 in forced, and a mesh: failed in 1 case: RuntimeError")
+    assert shown[place + 1].strip() == next(
+        case.columns["reproduce"] for case in run.cases if case.columns["outcome"] == "failed"
+    )
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_colour_is_for_terminals_that_want_it(quiet: bool, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal has colour, but not with NO_COLOR; a pipe has none, and whole lines."""
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    if quiet:
+        monkeypatch.setenv("NO_COLOR", "1")
+    colour = re.compile(r"\x1b\[[0-9;]*3[0-7]m")
+    assert bool(colour.search(summary(run, monkeypatch, Terminal()))) is not quiet
+    piped = summary(run, monkeypatch, io.StringIO(), columns="20")
+    assert "\x1b" not in piped
+    assert any(len(line) > 60 for line in piped.splitlines())
+
+
+def test_of_many_offenders_the_rest_is_counted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten are shown, the gravest first, and how many more there are."""
+    failed = next(case for case in run.cases if case.columns["outcome"] == "failed")
+    more = [
+        replace(failed, columns={**failed.columns, "outcome": outcome, "message": f"{k}"})
+        for k in range(12)
+        for outcome in ("timeout", "invalid")
+    ]
+    shown = summary(replace(run, cases=(*run.cases, *more)), monkeypatch, io.StringIO()).splitlines()
+    place = shown.index("The worst") + 1
+    assert all(": invalid in 1 case: " in line for line in shown[place : place + 20 : 2])
+    assert shown[-1] == "and 15 more, in the report"
+
+
+def test_speeds_are_counted_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bar of the speeds starts anew, and is full when as many were looked at as there are cases."""
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
+    with LiveProgress(2) as progress:
+        for _ in range(3):
+            progress.case_done()
+        progress.phase("speeds")
+        for _ in range(3):
+            progress.speed_measured()
+        progress._bar.refresh()
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", terminal.getvalue())
+    assert re.search(r"speeds .*3/3 cases", shown)

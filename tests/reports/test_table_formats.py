@@ -1,0 +1,74 @@
+"""Tables as others read them: every format holds the same numbers to the last digit."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from bodycheck.errors import UnavailableError
+from bodycheck.reports.stored import read_tables
+from bodycheck.reports.table_formats import as_csv, as_json, as_markdown, as_parquet
+
+
+@pytest.fixture(scope="module")
+def results(stored_run: Path) -> pd.DataFrame:
+    """Return a table with texts, whole numbers, numbers, and what was not measured."""
+    return read_tables(stored_run).results
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of results.csv as they stand there."""
+    with (path / "results.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_csv_is_that_of_the_run(results: pd.DataFrame, stored_run: Path) -> None:
+    """Byte for byte."""
+    assert as_csv(results) == (stored_run / "results.csv").read_bytes()
+
+
+def test_json_has_every_cell(results: pd.DataFrame, stored_run: Path) -> None:
+    """Numbers read back as the same doubles; null is what was not measured, and no zero is."""
+    told = json.loads(as_json(results))
+    for row, cells in zip(told, rows_of(stored_run), strict=True):
+        assert {name: "" if cell is None else str(cell) for name, cell in row.items()} == cells
+    assert any(row["energy_drift"] is None for row in told)
+    assert isinstance(told[0]["steps"], int)
+
+
+def test_a_markdown_row_cannot_be_broken_by_what_stands_in_it(results: pd.DataFrame) -> None:
+    """As many bars in each line as the head has; bars, tags and line ends of a message are shown."""
+    lines = as_markdown(results[["scenario", "outcome", "message"]]).decode().splitlines()
+    assert len(lines) == len(results) + 2
+    assert {line.replace("\\|", "").count("|") for line in lines} == {4}
+    assert any("gave up \\| it said \\<so>" in line for line in lines)
+
+
+def test_parquet_reads_back_as_the_same_table(results: pd.DataFrame, tmp_path: Path) -> None:
+    """Types, nulls and every double."""
+    duckdb = pytest.importorskip("duckdb")
+    (tmp_path / "results.parquet").write_bytes(as_parquet(results))
+    with duckdb.connect() as database:
+        again = database.execute(f"SELECT * FROM '{tmp_path / 'results.parquet'}'").df()
+    pd.testing.assert_frame_equal(again, results, check_exact=True)
+
+
+def test_parquet_without_its_library_names_the_extra(
+    results: pd.DataFrame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line that says what to install."""
+    monkeypatch.setitem(sys.modules, "duckdb", None)
+    with pytest.raises(UnavailableError, match=r"^parquet needs DuckDB: pip install 'bodycheck\[parquet\]'$"):
+        as_parquet(results)
+
+
+def test_a_table_of_none_has_its_head(results: pd.DataFrame) -> None:
+    """A run in which nothing has an order still has a table."""
+    assert list(csv.reader(io.StringIO(as_csv(results[:0]).decode()))) == [list(results.columns)]
+    assert json.loads(as_json(results[:0])) == []

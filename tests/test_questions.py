@@ -1,0 +1,178 @@
+"""The commands that ask something of stored runs, as a user meets them."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bodycheck.cli import main
+
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def command(
+    stored_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Command:
+    """Return a way to run a command, in this process, where `run` is a stored run and `other` its copy."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("run", "other"):
+        shutil.copytree(stored_run, name)
+
+    def asked(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["bodycheck", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        shown = capsys.readouterr()
+        return int(ended.value.code or 0), shown.out, shown.err
+
+    return asked
+
+
+def test_two_equal_runs_did_not_change(command: Command) -> None:
+    """Said in one sentence, status 0, and a page where one is asked for."""
+    status, out, _ = command("compare", "run", "other", "--html", "changes.html")
+    assert status == 0
+    assert "Nothing changed beyond round-off" in out
+    assert "Nothing changed beyond round-off" in Path("changes.html").read_text()
+
+
+def test_what_changed_is_told_and_the_status_stays_0(command: Command) -> None:
+    """It informs; it does not judge."""
+    table = Path("other/results.csv")
+    table.write_text(re.sub(r"(,m1,dt,0\.01,.*),ok,", r"\1,failed,", table.read_text()))
+    manifest = json.loads(Path("other/manifest.json").read_text())
+    moved = table.read_text().count(",failed,") - manifest["outcomes"]["failed"]
+    manifest["outcomes"]["ok"] -= moved
+    manifest["outcomes"]["failed"] += moved
+    Path("other/manifest.json").write_text(json.dumps(manifest))
+    assert moved > 1
+    status, out, _ = command("compare", "run", "other")
+    assert status == 0
+    assert re.search(r"^free +reference:m1 +outcome ok -> failed at dt 0.01 s$", out, flags=re.MULTILINE)
+
+
+def test_a_report_is_written_anew(command: Command) -> None:
+    """The same page as before, in the place of the old one."""
+    page = Path("run/report.html")
+    before = page.read_bytes()
+    page.write_text("lost")
+    assert command("report", "run")[:2] == (0, "run/report.html\n")
+    assert page.read_bytes() == before
+    assert sorted(path.name for path in Path("run").iterdir()) == sorted(
+        path.name for path in Path("other").iterdir()
+    )
+
+
+def test_the_markdown_says_what_failed_and_how_to_see_it_again(command: Command) -> None:
+    """Under 60 lines: outcomes, the failure with its command, versions and machine."""
+    status, out, _ = command("report", "run", "--markdown")
+    manifest = json.loads(Path("run/manifest.json").read_text())
+    lines = out.splitlines()
+    assert status == 0
+    assert len(lines) < 60
+    assert any(line.startswith("| failing:m1 in forced, and a mesh | failed in 1 case") for line in lines)
+    assert "--engine failing:m1 --dt 0.02" in out
+    assert f"{manifest['outcomes']['ok']} ok" in out
+    assert f"bodycheck {manifest['bodycheck']}; reference" in lines[-1]
+    assert manifest["run_id"] in lines[-1]
+
+
+def test_advice_is_that_of_the_run_that_is_named(command: Command) -> None:
+    """Its scenarios, all or those named; a scenario that it has not is refused."""
+    status, out, _ = command("advise", "--error", "1e-2", "--run", "run", "free")
+    assert status == 0
+    assert re.search(r"^reference:\S+ +(dt|tolerance|no steps)", out, flags=re.MULTILINE)
+    assert "forced" not in out
+    status, out, err = command("advise", "--error", "1e-2", "--run", "run", "intermediate-axis")
+    assert (status, out) == (2, "")
+    assert err.startswith("run: has no scenario intermediate-axis; it has free, ")
+
+
+def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Command) -> None:
+    """An older run is asked where the newest has them not, or has others by the same name."""
+    runs = Path("bodycheck-runs")
+    for name, created in (("old", "2026-01-01T00:00:00+00:00"), ("new", "2026-02-01T00:00:00+00:00")):
+        shutil.copytree("run", runs / name)
+        manifest = json.loads((runs / name / "manifest.json").read_text())
+        manifest["created"] = created
+        (runs / name / "manifest.json").write_text(json.dumps(manifest))
+    assert "measured in bodycheck-runs/new" in command("advise", "--error", "1e-2")[1]
+    shape = Path("shape.toml")
+    shape.write_text(
+        'name = "shape/1"\nduration_s = 1.0\nsamples = 11\nsteps_s = [0.02, 0.01]\n'
+        '[body]\nshape = "torus"\nsize_m = [0.7, 0.21]\ndensity_kg_m3 = 333.3\n'
+        "[initial]\nomega_world_rad_s = [0.3, 1.0, -0.2]\n"
+    )
+    assert "measured in bodycheck-runs/new" in command("advise", "--error", "1e-2", "shape.toml")[1]
+    manifest = json.loads((runs / "new/manifest.json").read_text())
+    manifest["scenarios"]["shape/1"]["duration_s"] = 2.0
+    (runs / "new/manifest.json").write_text(json.dumps(manifest))
+    assert "measured in bodycheck-runs/old" in command("advise", "--error", "1e-2", "shape.toml")[1]
+
+
+def test_a_table_is_printed_or_written(command: Command) -> None:
+    """Only the columns asked for, in that order; the file whole."""
+    assert command("table", "run", "methods", "--columns", "verdict, method")[1].startswith(
+        "verdict,method\n"
+    )
+    assert command("table", "run", "--format", "md", "--columns", "scenario", "--out", "t.md")[:2] == (0, "")
+    assert Path("t.md").read_text().startswith("| scenario |\n| --- |\n| free |\n")
+
+
+def test_a_figure_is_drawn(command: Command) -> None:
+    """Into the file that is named."""
+    pytest.importorskip("matplotlib")
+    assert command("plot", "run", "--figure", "order", "--scenario", "free", "--out", "a.svg")[0] == 0
+    assert Path("a.svg").read_text().startswith("<?xml")
+
+
+WRONG = {
+    "no run": (["compare", "run", "nowhere"], "nowhere: is no folder of a run: it has no manifest.json"),
+    "a page nowhere": (["compare", "run", "other", "--html", "no/a.html"], "no/a.html: cannot be written"),
+    "no run to report": (["report", "."], ".: is no folder of a run"),
+    "no error": (["advise", "--run", "run"], "Missing option '--error'"),
+    "an error in words": (["advise", "--error", "small"], "Invalid value for '--error'"),
+    "an error below 0": (["advise", "--error=-1"], "--error -1.0: must be a positive number"),
+    "an unknown quantity": (
+        ["advise", "--error", "1", "--quantity", "beauty"],
+        "--quantity beauty: is none that can be kept; there are orientation_error_rad",
+    ),
+    "an unknown column": (["table", "run", "--columns", "beauty"], "results has no beauty; it has run_id"),
+    "an unknown table": (["table", "run", "beauty"], "'beauty' is not one of"),
+    "parquet as text": (["table", "run", "--format", "parquet"], "is no text; name a file with --out"),
+    "no scenario": (
+        ["plot", "run", "--figure", "order", "--out", "a.svg"],
+        "--scenario is needed; there are free",
+    ),
+    "another scenario": (
+        ["plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "x"],
+        "--scenario x: is none of the run's; there are free",
+    ),
+    "a figure without a format": (
+        ["plot", "run", "--figure", "order", "--out", "a", "--scenario", "free"],
+        "--out a: must end in .svg or .png",
+    ),
+    "a figure of nothing": (
+        [*("plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "free"), "--quantity", "x"],
+        "--quantity x: there are orientation_error_rad",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_wrong_question_ends_with_status_2_and_one_clear_line(what: str, command: Command) -> None:
+    """The message says what and where; nothing on standard output, nothing written."""
+    before = sorted(Path().rglob("*"))
+    words, message = WRONG[what]
+    status, out, err = command(*words)
+    assert status == 2
+    assert out == ""
+    assert message in err
+    assert sorted(Path().rglob("*")) == before
