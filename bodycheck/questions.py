@@ -96,7 +96,8 @@ def report(
 def table(
     run: _Run,
     which: Annotated[
-        Literal["results", "methods"], typer.Argument(metavar="TABLE", help="results or methods.")
+        Literal["results", "methods", "stability"],
+        typer.Argument(metavar="TABLE", help="results, methods or stability."),
     ] = "results",
     as_: Annotated[
         Literal["csv", "json", "md", "parquet"], typer.Option("--format", help="Of the table.")
@@ -114,7 +115,7 @@ def table(
     if as_ == "parquet" and out is None:
         raise InputError("--format parquet: is no text; name a file with --out")
     tables = read_tables(run)
-    found = tables.results if which == "results" else tables.methods
+    found = {"results": tables.results, "methods": tables.methods, "stability": tables.stability}[which]
     if columns is not None:
         asked = [name.strip() for name in columns.split(",")]
         if unknown := [name for name in asked if name not in found.columns]:
@@ -132,29 +133,34 @@ def table(
 def plot(
     run: _Run,
     figure: Annotated[
-        Literal["work-precision", "order", "drift"], typer.Option(help="work-precision, order or drift.")
+        Literal["work-precision", "order", "drift", "stability"],
+        typer.Option(help="work-precision, order, drift or stability."),
     ],
     out: Annotated[Path, typer.Option(help="The picture: .svg or .png.")],
     scenario: Annotated[
         str | None, typer.Option(help="One of the run's.", show_default="the only one")
     ] = None,
     quantity: Annotated[
-        str, typer.Option(help="orientation_error_rad, energy_drift, ...")
-    ] = "orientation_error_rad",
+        str | None,
+        typer.Option(help="energy_drift, omega_error, ...", show_default="orientation_error_rad"),
+    ] = None,
     allow_code: Annotated[
         bool, typer.Option("--allow-code", help="Let functions that its scenarios name be imported.")
     ] = False,
 ) -> None:
-    """Draw a figure of one scenario for a paper: error against time, against step, or over time."""
+    """Draw a figure of one scenario for a paper: error against processor time, against step, over time."""
     from bodycheck.reports.bounds import TRUTH_BOUNDS
-    from bodycheck.reports.paper_figures import check_picture, picture
+    from bodycheck.reports.paper_figures import STABILITY, check_picture, picture
     from bodycheck.reports.storage.cache import Cache
     from bodycheck.reports.stored import read_run, read_tables
     from bodycheck.reports.whole_file import write_whole
 
     check_picture(out)
-    if quantity not in TRUTH_BOUNDS:
-        raise InputError(f"--quantity {quantity}: there are {', '.join(TRUTH_BOUNDS)}")
+    if quantity is not None and (figure == STABILITY or quantity not in TRUTH_BOUNDS):
+        what = (
+            f"--figure {figure} has none" if figure == STABILITY else f"there are {', '.join(TRUTH_BOUNDS)}"
+        )
+        raise InputError(f"--quantity {quantity}: {what}")
     tables = read_tables(run)
     there = list(tables.manifest["scenarios"])
     if scenario is None and len(there) == 1:
@@ -163,5 +169,5 @@ def plot(
         asked = "is needed" if scenario is None else f"{scenario}: is none of the run's"
         raise InputError(f"--scenario {asked}; there are {', '.join(there)}")
     found = read_run(run, allow_code=allow_code, cache=Cache.default()) if figure == "drift" else tables
-    write_whole(out, picture(found, figure, scenario, quantity, out.suffix))
+    write_whole(out, picture(found, figure, scenario, quantity or "orientation_error_rad", out.suffix))
     print(out)

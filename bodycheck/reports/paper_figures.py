@@ -19,6 +19,7 @@ from bodycheck.reports.summary import Findings, MethodKey, common_step, key_of, 
 from bodycheck.reports.wording import setting
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -59,8 +60,8 @@ def check_picture(out: Path) -> None:
 def picture(run: Findings, figure: str, scenario: str, quantity: str, suffix: str) -> bytes:
     """Return a figure of one scenario as the bytes of an SVG or PNG file: equal for equal runs.
 
-    figure: one of FIGURES; that of drifts needs the motions, the others the tables alone. Raises InputError
-    where there is nothing to draw.
+    figure: one of FIGURES, or STABILITY, which is of no quantity; that of drifts needs the motions, others the
+    tables alone. Raises InputError where there is nothing to draw.
     """
     import matplotlib as mpl  # late: only figures need it
 
@@ -82,11 +83,16 @@ def drawn_figure(run: Findings, figure: str, scenario: str, quantity: str) -> Fi
             lines.setdefault(key_of(case.columns), []).append(case)
     page = Figure(figsize=_INCHES)
     axes = page.add_subplot()
-    FIGURES[figure](axes, lines, styles(key_of(case.columns) for case in run.cases), quantity)
+    drawn = styles(key_of(case.columns) for case in run.cases)
+    if figure == STABILITY:
+        _stability(axes, run.stability[run.stability["scenario"] == scenario], drawn)
+    else:
+        FIGURES[figure](axes, lines, drawn, quantity)
     if not axes.lines:
-        raise InputError(f"--figure {figure}: nothing was measured of {quantity} in {scenario}")
+        raise InputError(f"--figure {figure}: nothing was measured of it in {scenario}")
     axes.set_title(scenario, fontsize=8)
-    axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, fontsize=6)
+    if figure != STABILITY:
+        axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, fontsize=6)
     return page
 
 
@@ -136,6 +142,33 @@ FIGURES: dict[str, Callable[[Axes, _Lines, Mapping[MethodKey, Style], str], None
     "order": _order,
     "drift": _drift,
 }
+
+
+STABILITY = "stability"
+"""The one figure that is of no quantity."""
+
+
+def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style]) -> None:
+    """Draw the largest stable step of each method; beside its name why there is none."""
+    axes.set(xscale="log", xlabel="largest stable step, s")
+    axes.invert_yaxis()
+    for row in rows.to_dict("records"):
+        style, stable = drawn[row["engine"], row["method"]], row["dt_stable_s"]
+        none = stable != stable
+        why = f" ({'none' if row['outcome'] == 'ok' else row['outcome']})" if none else ""
+        axes.plot(
+            [stable],
+            [f"{style.name}{why}"],
+            color=_COLOURS[style.colour],
+            marker=_MARKERS[style.marker],
+            markersize=4,
+            linestyle="none",
+        )
+    stable = rows["dt_stable_s"].dropna()
+    if len(stable):  # to whole decades: only they have numbers
+        axes.set_xlim(10.0 ** np.floor(np.log10(stable.min())), 10.0 ** np.ceil(np.log10(stable.max())))
+    axes.xaxis.set_minor_formatter("")
+    axes.tick_params(axis="y", labelsize=6)
 
 
 def _drawn_error(case: CaseResult, quantity: str) -> float:

@@ -33,6 +33,10 @@ class Findings(Protocol):
         """One row a scenario, method and quantity."""
 
     @property
+    def stability(self) -> pd.DataFrame:
+        """One row a scenario and method that is told a step."""
+
+    @property
     def cases(self) -> tuple[CaseResult, ...]:
         """Every case, in the order of the run."""
 

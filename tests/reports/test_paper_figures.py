@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bodycheck.errors import InputError, UnavailableError
-from bodycheck.reports.paper_figures import FIGURES, check_picture, drawn_figure, picture
+from bodycheck.reports.paper_figures import FIGURES, STABILITY, check_picture, drawn_figure, picture
 from bodycheck.reports.run import Run
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.stored import read_run
@@ -50,14 +50,25 @@ def test_every_case_that_ended_well_is_a_point(figure: str, column: str, run: Ru
     assert len(points) > 10
 
 
+def test_the_largest_stable_step_of_each_method_is_drawn(run: Run) -> None:
+    """At its step; a method whose search ended otherwise is named with the reason, without a step."""
+    (axes,) = drawn_figure(run, STABILITY, "forced, and a mesh", "").axes
+    rows = run.stability[run.stability["scenario"] == "forced, and a mesh"]
+    found = [float(np.asarray(line.get_xdata())[0]) for line in axes.lines]
+    np.testing.assert_array_equal(found, rows["dt_stable_s"])
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names[0] == "reference:m1"
+    assert names[-1] == "failing:m1 (failed)"
+
+
 def test_a_picture_for_a_page_is_png(run: Run) -> None:
     """By the end of the file's name."""
     assert picture(run, "order", "free", "energy_drift", ".png")[:8] == b"\x89PNG\r\n\x1a\n"
 
 
 def test_what_has_no_points_is_no_figure(run: Run) -> None:
-    """A body that does not move from its place has no energy balance to draw, nor has an unknown scene."""
-    with pytest.raises(InputError, match="nothing was measured of orientation_error_rad in nowhere"):
+    """An empty picture would say that all is well."""
+    with pytest.raises(InputError, match="nothing was measured of it in nowhere"):
         picture(run, "order", "nowhere", "orientation_error_rad", ".svg")
 
 

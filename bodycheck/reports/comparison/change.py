@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-Kind: TypeAlias = Literal["case", "outcome", "verdict", "order", "accuracy", "speed"]
+Kind: TypeAlias = Literal["case", "outcome", "verdict", "order", "stability", "accuracy", "speed"]
 Direction: TypeAlias = Literal["worse", "better", "other"]
 
 _TURNED: dict[Direction, Direction] = {"worse": "better", "better": "worse", "other": "other"}

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bodycheck.reports.comparison.accuracy import Floors, accuracy_changes
 from bodycheck.reports.comparison.change import Change, by_rank
 from bodycheck.reports.comparison.circumstances import circumstances, redefined, same_machine
 from bodycheck.reports.comparison.speeds import Ratio, ratio, speed_changes
+from bodycheck.reports.comparison.stable_steps import stability_change
 from bodycheck.reports.stored import Tables
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _RANKS = {"converges": 2, "at-floor": 2, "does-not-converge": 0, "unstable": 0}
 """How good a verdict is; those that leave it open are in between."""
@@ -40,7 +44,7 @@ class Comparison:
 
 
 def compare(before: Tables, after: Tables) -> Comparison:
-    """Return what changed: cases that came or went, outcomes, verdicts, orders, accuracy, speed.
+    """Return what changed: cases, outcomes, verdicts, orders, stable steps, accuracy, speed.
 
     Accuracy is deterministic, so that a change counts where it exceeds what round-off can do; speed is
     judged by the quartiles of the laps and the noise of both machines.
@@ -54,6 +58,7 @@ def compare(before: Tables, after: Tables) -> Comparison:
         *_came_and_went(old, new),
         *_outcomes(both),
         *_verdicts(before, after, apart),
+        *_stable_steps(before, after, apart),
         *_accuracies(both, _floors(before), _floors(after)),
         *speed_changes(ratios, noises),
     ]
@@ -118,10 +123,13 @@ def _ratios(both: Iterable[tuple[_Row, _Row]], same: bool) -> list[Ratio]:
 
 def _judged(tables: Tables) -> dict[_Key, dict[str, Any]]:
     """Return the rows of methods.csv by scenario, engine, method and quantity, without what is empty."""
-    rows: list[dict[Any, Any]] = tables.methods.to_dict("records")
-    names = ("scenario", "engine", "method", "quantity")
+    return _rows(tables.methods, ("scenario", "engine", "method", "quantity"))
+
+
+def _rows(table: pd.DataFrame, names: tuple[str, ...]) -> dict[_Key, dict[str, Any]]:
+    rows: list[dict[Any, Any]] = table.astype(object).where(table.notna(), None).to_dict("records")
     return {
-        tuple(row[name] for name in names): {k: v for k, v in row.items() if v == v}  # NaN is not itself
+        tuple(row[name] for name in names): {name: cell for name, cell in row.items() if cell is not None}
         for row in rows
     }
 
@@ -132,6 +140,15 @@ def _floors(tables: Tables) -> dict[_Key, dict[str, float]]:
         if "floor" in row:
             floors.setdefault(tuple(method), {})[quantity] = row["floor"]
     return floors
+
+
+def _stable_steps(before: Tables, after: Tables, apart: tuple[str, ...]) -> Iterator[Change]:
+    old, new = (_rows(tables.stability, ("scenario", "engine", "method")) for tables in (before, after))
+    for key in new:
+        if key in old and key[0] not in apart:
+            change = stability_change(old[key], new[key])
+            if change is not None:
+                yield change
 
 
 def _verdicts(before: Tables, after: Tables, apart: tuple[str, ...]) -> Iterator[Change]:

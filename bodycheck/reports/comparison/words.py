@@ -11,7 +11,7 @@ from bodycheck.reports.stored import Tables
 from bodycheck.reports.wording import count, names, number, setting
 
 HEADINGS: dict[Direction, str] = {"worse": "Worse", "better": "Better", "other": "Otherwise different"}
-_KINDS: tuple[Kind, ...] = ("outcome", "verdict", "order", "accuracy", "speed", "case")
+_KINDS: tuple[Kind, ...] = ("outcome", "verdict", "order", "stability", "accuracy", "speed", "case")
 
 
 @dataclass(frozen=True)

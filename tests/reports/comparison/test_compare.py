@@ -166,6 +166,47 @@ def test_another_verdict_and_another_order_are_told(tables: Tables) -> None:
     assert told == {("order", "rk4", "worse"), ("verdict", "m1", "worse")}
 
 
+@pytest.mark.parametrize(
+    ("span", "direction"),
+    [
+        ((0.5, 0.505), None),
+        ((0.503, 0.506), None),  # the limit may be 0.504 in both
+        ((0.505, 0.51), "better"),
+        ((0.505, np.nan), "better"),
+        ((0.49, 0.5), "worse"),
+        ((np.nan, 0.01), "worse"),
+    ],
+)
+def test_a_stable_step_changed_where_the_two_searches_cannot_mean_one(
+    tables: Tables, span: tuple[float, float], direction: str | None
+) -> None:
+    """The limit lies between the last stable and the first unstable step; spans that meet may be of one."""
+
+    def with_span(low: float, high: float) -> Tables:
+        stability = tables.stability.copy()
+        mine = (stability["scenario"] == "free") & (stability["method"] == "m1")
+        stability.loc[mine & (stability["engine"] == "reference"), ["dt_stable_s", "dt_unstable_s"]] = (
+            low,
+            high,
+        )
+        return replace(tables, stability=stability)
+
+    before, after = with_span(0.5, 0.505), with_span(*span)
+    found = compare(before, after).changes
+    assert [(change.what, change.direction) for change in found] == (
+        [("dt_stable_s", direction)] if direction else []
+    )
+    assert [change.mirrored for change in found] == list(compare(after, before).changes)
+
+
+def test_a_search_that_fails_now_is_told(tables: Tables) -> None:
+    """Where there was a stable step before."""
+    stability = tables.stability.copy()
+    stability.loc[stability.index[0], ["outcome", "dt_stable_s"]] = "failed", np.nan
+    (change,) = compare(tables, replace(tables, stability=stability)).changes
+    assert (change.kind, change.after, change.direction) == ("stability", "failed", "worse")
+
+
 def test_a_method_that_slowed_down_is_told_and_what_laps_scatter_is_not(tables: Tables) -> None:
     """Twice the time is beyond the quartiles of quiet laps; within them no time is another."""
     tables = with_rows(
