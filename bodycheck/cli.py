@@ -16,9 +16,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="bodycheck",
-    help="Tells whether a rigid-body engine is right, how right at what speed.",
+    help="Tells whether a rigid-body engine is right, how right at what speed, and whether that changed.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -56,7 +55,7 @@ _AllowCode = Annotated[
 ]
 
 
-@app.command()
+@app.command(short_help="Measure scenarios through engines.")
 def run(
     scenarios: Annotated[
         list[str] | None,
@@ -114,7 +113,7 @@ def run(
     print(report)
 
 
-@app.command()
+@app.command(short_help="Print the true motion, with its bound.")
 def truth(
     scenario: Annotated[str, typer.Argument(help="A built-in name or a .toml file.")],
     at: Annotated[str, typer.Option(help="Times in s, like 0,1,10.")],
@@ -130,7 +129,7 @@ def truth(
     _print_csv(table)
 
 
-@app.command()
+@app.command(short_help="Measure a trajectory that any program wrote.")
 def judge(
     trajectory: Annotated[Path, typer.Argument(help="A trajectory that any program wrote: .csv or .npz.")],
     scenario: Annotated[str, typer.Option(help="A built-in name or a .toml file.")],
@@ -145,7 +144,7 @@ def judge(
         print(f"{name:{width}}  {value}")
 
 
-@app.command()
+@app.command(short_help="Print mass, centre and inertia of a solid.")
 def body(
     solid: Annotated[
         str,

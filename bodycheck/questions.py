@@ -14,7 +14,7 @@ questions = typer.Typer()
 _Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")]
 
 
-@questions.command()
+@questions.command(short_help="Print what changed between two runs.")
 def compare(
     before: Annotated[Path, typer.Argument(metavar="RUN_A", help="The folder of the run before.")],
     after: Annotated[Path, typer.Argument(metavar="RUN_B", help="The folder of the run after.")],
@@ -36,7 +36,7 @@ def compare(
     print_comparison(comparison)
 
 
-@questions.command()
+@questions.command(short_help="Print what keeps an error at least cost.")
 def advise(
     error: Annotated[float, typer.Option(help="The largest error that you can bear, like 1e-3.")],
     scenarios: Annotated[
@@ -65,7 +65,7 @@ def advise(
     print_advice(advised(tables.cases, error, quantity, names), error, quantity, str(folder))
 
 
-@questions.command()
+@questions.command(short_help="Write a run's report or summary anew.")
 def report(
     run: _Run,
     markdown: Annotated[
@@ -92,7 +92,7 @@ def report(
     print(page)
 
 
-@questions.command()
+@questions.command(short_help="Print a table of a run in another format.")
 def table(
     run: _Run,
     which: Annotated[
@@ -129,7 +129,7 @@ def table(
         write_whole(out, content)
 
 
-@questions.command()
+@questions.command(short_help="Draw a figure of a run for a paper.")
 def plot(
     run: _Run,
     figure: Annotated[

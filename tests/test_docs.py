@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -29,8 +30,10 @@ def commands() -> list[str]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """Return a folder with the files that the commands speak of."""
+def folder(tmp_path: Path, stored_run: Path) -> Path:
+    """Return a folder with the files and runs that the commands speak of."""
+    for run in ("yesterday", "today"):
+        shutil.copytree(stored_run, tmp_path / run)
     (tmp_path / "my-scenario.toml").write_text(blocks("docs/scenarios.md", "toml")[0])
     loads, shapes = blocks("docs/scenarios.md", "python")
     (tmp_path / "my_loads.py").write_text(loads)

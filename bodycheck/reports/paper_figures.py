@@ -60,8 +60,8 @@ def check_picture(out: Path) -> None:
 def picture(run: Findings, figure: str, scenario: str, quantity: str, suffix: str) -> bytes:
     """Return a figure of one scenario as the bytes of an SVG or PNG file: equal for equal runs.
 
-    figure: one of FIGURES, or STABILITY, which is of no quantity; that of drifts needs the motions, others the
-    tables alone. Raises InputError where there is nothing to draw.
+    figure: one of FIGURES, or STABILITY, which is of no quantity; that of drifts needs the motions. Raises
+    InputError where there is nothing to draw.
     """
     import matplotlib as mpl  # late: only figures need it
 
