@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.summary import Findings, MethodKey, faults_of, is_lower, key_of, summary_cells, theory
-from bodycheck.reports.wording import count, number, setting
+from bodycheck.reports.wording import count, names, number, setting
 
 _WORST_FIRST = (
     "invalid",
@@ -16,6 +16,7 @@ _WORST_FIRST = (
     "unstable",
     "does-not-converge",
     "off",
+    "plateau",
     "lower-order",
 )
 
@@ -68,6 +69,9 @@ def _wrong(run: Findings, cases: dict[tuple[str, MethodKey], list[CaseResult]]) 
                 at = setting(finest.columns["control"], finest.setting.fineness)
                 text = f"does not converge: {number(error, 3)} rad, {at}"
                 yield Offender(cell.state, *about, text, reproduce, error)
+            elif cell.plateaus:
+                text = f"{names(cell.plateaus)} do not shrink with the step"
+                yield Offender("plateau", *about, text, reproduce)
             elif is_lower(run, key, cell):
                 text = f"order {number(cell.order, 3)}, in theory {theory(run, key)}"
                 yield Offender("lower-order", *about, text, reproduce)

@@ -1,0 +1,66 @@
+"""The worst of a run: nothing that is wrong is left out, the gravest comes first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bodycheck.reports.markdown import markdown_summary
+from bodycheck.reports.offenders import offenders
+from bodycheck.reports.stored import Tables, read_tables
+
+
+@pytest.fixture(scope="module")
+def tables(stored_run: Path) -> Tables:
+    """Return the tables of a run in which one case failed."""
+    return read_tables(stored_run)
+
+
+def with_verdict(tables: Tables, method: str, quantity: str, **cells: object) -> Tables:
+    """Return the tables with some cells of methods.csv changed, of the reference on the free body."""
+    methods = tables.methods.copy()
+    mine = (methods["scenario"] == "free") & (methods["engine"] == "reference")
+    for name, cell in cells.items():
+        methods.loc[mine & (methods["method"] == method) & (methods["quantity"] == quantity), name] = cell
+    return replace(tables, methods=methods)
+
+
+def test_what_is_wrong_is_listed_gravest_first(tables: Tables) -> None:
+    """A failure, then an error that does not shrink, then another measure's, then an order too low."""
+    spoiled = with_verdict(tables, "rk4", "orientation_error_rad", order=2.5)
+    spoiled = with_verdict(spoiled, "m1", "energy_drift", verdict="does-not-converge")
+    spoiled = with_verdict(spoiled, "taylor", "orientation_error_rad", verdict="does-not-converge")
+    found = [(one.kind, one.method) for one in offenders(spoiled)]
+    assert found == [
+        ("failed", "failing:m1"),
+        ("does-not-converge", "reference:taylor"),
+        ("plateau", "reference:m1"),
+        ("lower-order", "reference:rk4"),
+    ]
+
+
+def test_each_has_a_command_of_a_case_that_shows_it(tables: Tables) -> None:
+    """That of the failed case; of a method that does not converge, its finest."""
+    spoiled = with_verdict(tables, "m1", "orientation_error_rad", verdict="does-not-converge")
+    failed, plateau = offenders(spoiled)
+    outcomes = {case.columns["reproduce"]: case.columns["outcome"] for case in tables.cases}
+    assert outcomes[failed.reproduce] == "failed"
+    own = [
+        case
+        for case in tables.cases
+        if (case.columns["scenario"], case.columns["engine"], case.columns["method"])
+        == ("free", "reference", "m1")
+    ]
+    assert plateau.reproduce.endswith(f"--dt {min(case.dt_s for case in own if case.dt_s)!r}")
+
+
+def test_of_more_than_fit_a_summary_counts_the_rest(tables: Tables) -> None:
+    """Twenty failures of their own kind: eight lines, and twelve more; under 60 lines in all."""
+    failed = next(case for case in tables.cases if case.columns["outcome"] == "failed")
+    more = tuple(replace(failed, columns={**failed.columns, "message": f"fault {k}"}) for k in range(19))
+    lines = markdown_summary(replace(tables, cases=(*tables.cases, *more))).splitlines()
+    assert sum("failed in 1 case" in line for line in lines) == 8
+    assert "and 12 more, in report.html." in lines
+    assert len(lines) < 60
