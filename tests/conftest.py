@@ -13,14 +13,14 @@ from bodycheck.reference_impl.scene import Scene
 
 FREE = """
 name = "free"
-summary = "a start that is not quite a unit quaternion"
+summary = "a start that is made a unit quaternion, and would move by an ulp if it were made one again"
 duration_s = 1.0
 samples = 11
 [body]
 mass_kg = 1.0
 inertia_kg_m2 = [1.0, 2.0, 2.5]
 [initial]
-quaternion = [0.6, 0.8000000001, 0.1e-4, 0.0]
+quaternion = [0.6, 0.8000000001, 3e-5, 0.0]
 omega_body_rad_s = [0.3, 1.0, -0.2]
 """
 FORCED = """
