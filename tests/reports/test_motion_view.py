@@ -1,0 +1,126 @@
+"""The motions that the page plays: which they are, and that they are those of the trajectories."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64decode
+from typing import Any
+
+import numpy as np
+import pytest
+from parsed_page import Page
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import quaternion_to_matrix
+from bodycheck.reference_impl.scene import RigidBody
+from bodycheck.reports.case import CaseResult
+from bodycheck.reports.page.motion import (
+    FRAMES,
+    box_corners,
+    coarsest_shared_step,
+    frame_numbers,
+    principal_frame,
+    shown_cases,
+)
+from bodycheck.reports.run import Run
+
+
+def rotation(seed: int) -> Array:
+    """Return a random rotation matrix."""
+    q = np.random.default_rng(seed).normal(size=4)
+    return quaternion_to_matrix(q / np.linalg.norm(q))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_principal_frame_is_one_of_the_tensor(seed: int) -> None:
+    """A is a rotation, and A diag(moments) A^T is the tensor again; a diagonal one keeps its axes."""
+    turned = rotation(seed)
+    inertia = turned @ np.diag([1.0, 2.0, 2.5]) @ turned.T
+    moments, axes = principal_frame(0.5 * (inertia + inertia.T))
+    assert np.allclose(axes @ np.diag(moments) @ axes.T, inertia, atol=1e-14)
+    assert np.allclose(axes.T @ axes, np.eye(3), atol=1e-14)
+    assert np.linalg.det(axes) > 0.0
+    moments, axes = principal_frame(np.diag([3.0, 1.0, 2.0]))
+    assert np.array_equal(moments, [3.0, 1.0, 2.0])
+    assert np.array_equal(axes, np.eye(3))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_box_has_the_edges_of_the_body(seed: int) -> None:
+    """The corners of a turned box's tensor are the box's own, up to one factor and the names of the axes."""
+    edges, turned = np.array([1.0, 0.5, 0.2]), rotation(seed)
+    squares = edges**2
+    inertia = turned @ np.diag(squares.sum() - squares) @ turned.T / 12.0
+    corners = box_corners(RigidBody(1.0, 0.5 * (inertia + inertia.T))) @ turned
+    assert np.allclose(np.abs(corners), 0.9 * edges / np.linalg.norm(edges), atol=1e-12)
+    assert len(np.unique(np.sign(corners), axis=0)) == 8
+
+
+def test_a_plate_is_drawn_with_some_thickness() -> None:
+    """A body without thickness keeps a rim that can be seen from its side."""
+    corners = box_corners(RigidBody(1.0, np.diag([1.0, 2.0, 3.0])))
+    assert np.abs(corners).min() > 0.02
+
+
+@pytest.mark.parametrize("samples", [2, 11, FRAMES, FRAMES + 1, 10_007])
+def test_frames_reach_from_the_first_sample_to_the_last(samples: int) -> None:
+    """Of many samples some are taken, in order and evenly; of few, all."""
+    frames = frame_numbers(samples)
+    assert frames[0] == 0
+    assert frames[-1] == samples - 1
+    assert len(frames) == min(samples, FRAMES)
+    assert np.ptp(np.diff(frames)) <= 1
+
+
+def case(engine: str, dt_s: float, error: float, outcome: str = "ok") -> CaseResult:
+    """Return a case with as much as the choice of shown ones looks at."""
+    columns = {"engine": engine, "dt_s": dt_s, "outcome": outcome, "orientation_error_rad": error}
+    return CaseResult(columns, trajectory=object())  # type: ignore[arg-type]
+
+
+def test_each_engine_is_shown_where_it_is_worst() -> None:
+    """At the coarsest step that most share: of each engine the ok method that is farthest off."""
+    cases = [
+        *(case("a", dt_s, error) for dt_s in (0.1, 0.01) for error in (1e-3, 2e-3)),
+        case("a", 0.1, 9.0, outcome="unstable"),
+        case("b", 0.01, 1e-9),
+        case("b", 0.1, 1e-8),
+        case("b", 1.0, 0.5),
+    ]
+    assert coarsest_shared_step(cases) == 0.1
+    assert shown_cases(cases, 0.1) == [cases[1], cases[6]]
+    assert coarsest_shared_step([]) is None
+
+
+def unpacked(track: dict[str, Any]) -> tuple[Array, Array]:
+    """Return rotation matrices and omega of a track, both of principal axes."""
+    q, omega = (np.frombuffer(b64decode(track[name]), dtype="<f4").astype(float) for name in ("q", "omega"))
+    return quaternion_to_matrix(q.reshape(-1, 4)), omega.reshape(-1, 3)
+
+
+def test_the_page_plays_the_trajectories(page: Page, run: Run) -> None:
+    """Truth and tracks have the attitude and the omega that the trajectories have, to float32."""
+    views = [data for data in map(json.loads, page.data) if "corners" in data]
+    assert len(views) == len(run.subjects)
+    names = next(
+        data for data in map(json.loads, page.data) if isinstance(data, list) and "marker" in data[0]
+    )
+    for view, subject in zip(views, run.subjects, strict=True):
+        assert np.allclose(view["t"], subject.times)
+        tracks = [(view["truth"], subject.truth.trajectory)]
+        for track in view["methods"]:
+            (shown,) = (
+                c
+                for c in run.cases
+                if c.dt_s == view["dt"]
+                and c.columns["scenario"] == subject.scenario.name
+                and f"{c.columns['engine']}:{c.columns['method']}" == names[track["m"]]["name"]
+            )
+            assert shown.trajectory is not None
+            tracks.append((track, shown.trajectory))
+        assert len(tracks) == 3
+        _, axes = principal_frame(subject.scenario.scene.body.inertia)
+        for track, trajectory in tracks:
+            rotations, omega = unpacked(track)
+            assert np.allclose(rotations @ axes.T, trajectory.rotation_matrices, atol=1e-6)
+            assert np.allclose(np.einsum("nij,nj->ni", rotations, omega), trajectory.omega_world, atol=1e-6)
