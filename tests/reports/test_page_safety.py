@@ -75,7 +75,7 @@ def test_colours_have_contrast(html: str, scheme: str) -> None:
 
 
 def test_a_large_run_stays_light(run: Run) -> None:
-    """Twelve scenarios by seventeen methods by six steps take at most 8 MB and 5 s of the processor."""
+    """Twelve scenarios by seventeen methods by six steps take at most 6 MB and 5 s of the processor."""
     free = run.subjects[0]
     sound = [case for case in run.cases if case.ok and case.columns["scenario"] == free.scenario.name]
     copies = 12 * 17 * 6 // len(sound) + 1
@@ -92,4 +92,4 @@ def test_a_large_run_stays_light(run: Run) -> None:
         replace(run, subjects=tuple(subjects), cases=tuple(cases), methods=pd.concat(methods))
     )
     assert time.process_time() - begin < 5.0
-    assert len(html.encode()) < 8e6
+    assert len(html.encode()) < 6e6

@@ -8,7 +8,7 @@ import pytest
 
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.run import Run
-from bodycheck.reports.summary import STATES, Cell, common_step, summary_cells, verdict_sentences
+from bodycheck.reports.summary import STATES, Cell, common_step, summary_cells, verdict_sentences, worst_state
 from bodycheck.reports.wording import names, number, scientific, step
 
 
@@ -70,3 +70,39 @@ def test_lists_read_as_sentences() -> None:
     assert names(["a"]) == "a"
     assert names(["a", "b", "c"]) == "a, b and c"
     assert names([str(i) for i in range(10)]) == "0, 1, 2, 3, 4, 5, 6 and 3 more"
+
+
+@pytest.mark.parametrize(
+    ("cell", "worst"),
+    [
+        (Cell("converges", 4.0), "converges"),
+        (Cell("converges", 3.0), "lower-order"),
+        (Cell("converges", 4.0, faults={"unstable": 1}, cases=6), "unstable"),
+        (Cell("converges", 4.0, plateaus=("energy_drift",)), "does-not-converge"),
+        (Cell("does-not-converge", faults={"timeout": 2}, cases=6), "timeout"),
+        (Cell("at-floor", plateaus=("omega_error",), faults={"invalid": 1}, cases=1), "invalid"),
+        (Cell("unsupported"), "unsupported"),
+    ],
+)
+def test_the_gravest_of_a_cell_is_what_counts(run: Run, cell: Cell, worst: str) -> None:
+    """One case that ended badly outweighs a plateau, that a lower order, and that the verdict."""
+    assert worst_state(run, ("reference", "rk4"), cell) == worst
+
+
+def test_a_plateau_of_another_measure_is_told(run: Run) -> None:
+    """A measure that does not converge is named in the notes and in the sentences."""
+    cell = Cell("converges", 4.0, plateaus=("energy_drift",), faults={"failed": 2}, cases=6)
+    assert cell.notes == ["2 of 6 failed", "energy_drift does not converge"]
+    told = verdict_sentences(run, {"forced": {("reference", "rk4"): cell}})
+    assert "Other measures that do not converge: energy_drift of reference:rk4 in forced." in told
+    assert told[0] == "No methods converge with their order of theory, or are at the floor, in forced."
+
+
+def test_the_methods_rows_of_other_measures_reach_the_cell(run: Run) -> None:
+    """A plateau of the energy in methods.csv is a plateau of the cell."""
+    methods = run.methods.copy()
+    of_energy = (methods["quantity"] == "energy_drift") & (methods["method"] == "rk4")
+    methods.loc[of_energy & (methods["scenario"] == "forced"), "verdict"] = "does-not-converge"
+    cells = summary_cells(replace(run, methods=methods))
+    assert cells["forced"]["reference", "rk4"].plateaus == ("energy_drift",)
+    assert summary_cells(run)["forced"]["reference", "rk4"].plateaus == ()
