@@ -30,7 +30,9 @@ inertia_kg_m2 = [1.0, 2.0, 2.5]
 omega_body_rad_s = [0.3, 1.0, -0.2]
 """
 FORCED = (
-    FREE.replace(HOSTILE, "forced")
+    FREE.replace(HOSTILE, "forced").replace(
+        "[1.0, 2.0, 2.5]", "[[1.0, 0.2, 0], [0.2, 2.0, 0.1], [0, 0.1, 2.5]]"
+    )
     + """
 [[forcing]]
 kind = "torque"

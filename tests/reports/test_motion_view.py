@@ -119,7 +119,8 @@ def test_the_page_plays_the_trajectories(page: Page, run: Run) -> None:
             assert shown.trajectory is not None
             tracks.append((track, shown.trajectory))
         assert len(tracks) == 3
-        _, axes = principal_frame(subject.scenario.scene.body.inertia)
+        moments, axes = principal_frame(subject.scenario.scene.body.inertia)
+        assert np.allclose(view["moments"], moments)
         for track, trajectory in tracks:
             rotations, omega = unpacked(track)
             assert np.allclose(rotations @ axes.T, trajectory.rotation_matrices, atol=1e-6)
