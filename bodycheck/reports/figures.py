@@ -16,6 +16,7 @@ from bodycheck.reports.measures import SERIES_SCALES
 from bodycheck.reports.page.front import ERRORS, Cost, floor_of
 from bodycheck.reports.summary import MethodKey, key_of, shown_case
 from bodycheck.reports.tables import ABSOLUTE
+from bodycheck.reports.wording import number
 
 LINE_POINTS = 200  # more could not be told apart on a screen, and would make the page heavy
 _FIRST_MEASURES = ("energy_drift", "angular_momentum_drift", "orientation_error_rad")
@@ -99,7 +100,7 @@ def plot_data(
             for error in ERRORS
         ],
         "t": [_rounded(t) for t in thinned_times(subject.times)],
-        "drifts": _drifts(subject, shown),
+        "drifts": _drifts(subject, shown, _growths(method_rows, index)),
         "missing": [_mark(m, case) for m, case in shown.items() if not case.ok],
         "ranks": _ranks(cases, drawn),
         "points": [_point(index[key_of(case.columns)], case) for case in cases if case.ok],
@@ -107,8 +108,10 @@ def plot_data(
     }
 
 
-def _drifts(subject: Subject, shown: Mapping[int, CaseResult]) -> list[dict[str, Any]]:
-    """Return every measure over time that some method has: its name and one line a method."""
+def _drifts(
+    subject: Subject, shown: Mapping[int, CaseResult], growths: Mapping[str, Mapping[int, str]]
+) -> list[dict[str, Any]]:
+    """Return every measure over time that some method has: its name, one line a method, how it grows."""
     measures = dict.fromkeys((*_FIRST_MEASURES, *(name for case in shown.values() for name in case.series)))
     drifts = []
     for measure in measures:
@@ -120,8 +123,26 @@ def _drifts(subject: Subject, shown: Mapping[int, CaseResult]) -> list[dict[str,
             if measure in case.series
         }
         if lines:
-            drifts.append({"name": name, "lines": lines})
+            drifts.append({"name": name, "lines": lines, "growth": growths.get(measure, {})})
     return drifts
+
+
+def _growths(rows: Iterable[Mapping[str, Any]], index: Mapping[MethodKey, int]) -> dict[str, dict[int, str]]:
+    """Return by measure and method how it grows with time, in words, where that shows."""
+    growths: dict[str, dict[int, str]] = {}
+    for row in rows:
+        if words := growth_words(row):
+            growths.setdefault(row["quantity"], {})[index[key_of(row)]] = words
+    return growths
+
+
+def growth_words(row: Mapping[str, Any]) -> str:
+    """Return the kind of growth of a row of methods.csv and its exponent, "" where it says nothing."""
+    kind = row["growth"]
+    if not isinstance(kind, str):
+        return ""
+    # of these two an exponent of t is no law
+    return kind if kind in ("bounded", "exponential") else f"{kind}, t^{number(row['growth_exponent'], 3)}"
 
 
 def packed_line(values: Array) -> str | float:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from base64 import b64decode
 
 import numpy as np
+import pytest
 
 from bodycheck.reports.figures import (
     DASHES,
     LINE_POINTS,
     MARKERS,
+    growth_words,
     packed_line,
     styles,
     thinned_maxima,
@@ -34,3 +36,19 @@ def test_lines_can_be_told_without_colour() -> None:
     """No two of as many methods as there are pairs of marker and dash look alike."""
     several = styles((f"engine-{i % 4}", f"method-{i}") for i in range(len(MARKERS) * len(DASHES)))
     assert len({(style.marker, style.dash) for style in several.values()}) == len(several)
+
+
+@pytest.mark.parametrize(
+    ("growth", "exponent", "words"),
+    [
+        ("linear", 1.018, "linear, t^1.02"),
+        ("sqrt", 0.5, "sqrt, t^0.5"),
+        ("bounded", 0.02, "bounded"),
+        ("exponential", 3.0, "exponential"),
+        (np.nan, np.nan, ""),
+        (None, np.nan, ""),
+    ],
+)
+def test_a_growth_is_told_with_its_exponent(growth: str, exponent: float, words: str) -> None:
+    """A power of t has its exponent; what is bounded or exponential has none, and nothing is nothing."""
+    assert growth_words({"growth": growth, "growth_exponent": exponent}) == words

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 from parsed_page import Page
 
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.html import render_report
 from bodycheck.reports.page.front import ERRORS, TARGETS
+from bodycheck.reports.page.limits import limit_of
 from bodycheck.reports.page.section import anchor_of
 from bodycheck.reports.run import Run
 from bodycheck.reports.summary import STATES, summary_cells, verdict_sentences, worst_state
@@ -100,6 +102,10 @@ def test_the_methods_of_a_scenario_stand_as_in_the_tables(page: Page, run: Run) 
         found = rows_of(verdicts, scenario, engine, method)
         verdict, order = record.pop("verdict"), record.pop("order")
         record.pop("not as it should be")
+        growing = rows_of(run.methods, scenario, engine, method).set_index("quantity")["growth"].dropna()
+        for quantity in ("energy_drift", "angular_momentum_drift"):
+            grows = record.pop(f"{quantity} grows", "")
+            assert grows.partition(",")[0] == growing.get(quantity, "")
         if own["outcome"].eq("ok").any() and len(found):
             assert STATES[found["verdict"].item()].word in verdict
             assert order == ("" if np.isnan(found["order"].item()) else f"{found['order'].item():.2f}")
@@ -209,6 +215,45 @@ def test_the_front_is_that_of_the_results(run: Run) -> None:
                 assert who == f"{best['engine']}:{best['method']}"
                 assert same(seconds, best["median"], 3)
                 assert kept.startswith(f"{best['kept']} of ")
+
+
+def test_the_stability_map_is_that_of_the_table(page: Page, run: Run) -> None:
+    """Each mark has the largest stable step of stability.csv, and what is in none of its rows has no mark."""
+    (limits,) = page.with_class("heat limits")
+    marks = {
+        (scenario, *who.rsplit(":", 1)): mark
+        for scenario, *row in limits.rows[1:]
+        for who, mark in zip(limits.rows[0][1:], row, strict=True)
+    }
+    searched = run.stability[run.stability["outcome"] == "ok"]
+    assert len(searched) > 10
+    for row in searched.to_dict("records"):
+        mark = marks.pop((row["scenario"], row["engine"], row["method"]))
+        assert mark.startswith("≥ ") == bool(np.isnan(row["dt_unstable_s"]))
+        assert same(mark.removeprefix("≥ "), row["dt_stable_s"], 3)
+    for row in run.stability[run.stability["outcome"] != "ok"].to_dict("records"):
+        assert marks.pop((row["scenario"], row["engine"], row["method"])) == STATES[row["outcome"]].symbol
+    assert set(marks.values()) == {""}
+
+
+@pytest.mark.parametrize(
+    ("changes", "mark", "tint", "words"),
+    [
+        ({}, "0.123", "open", "stable up to dt = 0.123 s, not at 0.125 s: it spins up"),
+        ({"dt_unstable_s": np.nan}, "≥ 0.123", "good", "where the search ended"),
+        ({"dt_stable_s": np.nan}, "none", "bad", "unstable at every step tried: it spins up"),
+        ({"outcome": "timeout", "message": "too late"}, "!", "fault", "timeout: too late"),
+    ],
+)
+def test_a_limit_says_how_far_a_method_is_stable(
+    changes: dict[str, Any], mark: str, tint: str, words: str
+) -> None:
+    """A limit that was found, none up to the end of the search, no stable step, and a search that failed."""
+    row = {"dt_stable_s": 0.1234, "dt_unstable_s": 0.1246, "reason": "it spins up", "outcome": "ok"}
+    limit = limit_of(row | changes)
+    assert (limit.mark, limit.tint) == (mark, tint)
+    assert words in limit.sentence
+    assert limit_of(None).mark == ""
 
 
 def test_what_went_wrong_is_never_hidden(page: Page, run: Run) -> None:

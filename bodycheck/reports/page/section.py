@@ -9,9 +9,10 @@ from typing import Any
 from urllib.parse import quote
 
 from bodycheck.reports.case import CaseResult, Subject
-from bodycheck.reports.figures import Style, coinciding, plot_data
+from bodycheck.reports.figures import Style, coinciding, growth_words, plot_data
 from bodycheck.reports.page.facts import read_back_facts, scenario_facts
 from bodycheck.reports.page.front import ERRORS, Cheapest, cheapest_cases
+from bodycheck.reports.page.limits import Limit, limit_of
 from bodycheck.reports.page.motion import motion_view
 from bodycheck.reports.run import Run
 from bodycheck.reports.summary import Cell, MethodKey, common_step, key_of, shown_case
@@ -34,9 +35,12 @@ _METHOD_MEASURES = ("orientation_error_rad", "energy_drift", "angular_momentum_d
 
 _ORDER_COLUMNS = (
     *("quantity", "verdict", "order", "order_low", "order_high", "points", "floor"),
-    *("growth", "growth_exponent"),
+    *("growth", "growth_exponent", "growth_low", "growth_high"),
 )
-"""The columns of methods.csv that the page repeats, those that there are."""
+"""The columns of methods.csv that the page repeats."""
+
+_GROWING = ("energy_drift", "angular_momentum_drift")
+"""The drifts whose growth stands in the table of the methods."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,7 @@ class CellPart:
     """One method on one scenario: what its cases came to, what they were, and how to run them again.
 
     shown: the case at the common step, or what stands for it. orders: its rows of methods.csv, by column.
+    limit: its largest stable step.
     """
 
     scenario: str
@@ -52,6 +57,7 @@ class CellPart:
     cases: tuple[CaseResult, ...]
     shown: CaseResult | None
     orders: tuple[Mapping[str, Any], ...]
+    limit: Limit
 
     @property
     def anchor(self) -> str:
@@ -64,6 +70,12 @@ class CellPart:
         tried = [case for case in (self.shown, *self.cases) if case is not None]
         held = next((case.read_back for case in tried if case.read_back is not None), None)
         return [] if held is None else read_back_facts(held)
+
+    @property
+    def growths(self) -> list[str]:
+        """How the drifts grow, in the order of the table's columns."""
+        by_quantity = {row["quantity"]: growth_words(row) for row in self.orders}
+        return [by_quantity.get(quantity, "") for quantity in _GROWING]
 
     def measured(self, name: str) -> float | None:
         """Return a column of the shown case, None where it was not measured or did not end well."""
@@ -118,6 +130,11 @@ class Section:
         return [name for name in names if any(name in case.columns for case in self.cases)]
 
     @property
+    def growing(self) -> tuple[str, ...]:
+        """The drifts whose growth is shown: none, where none shows."""
+        return _GROWING if any(any(part.growths) for part in self.parts.values()) else ()
+
+    @property
     def noted(self) -> bool:
         """Whether anything went wrong that a verdict does not tell."""
         return any(part.cell.notes for part in self.parts.values())
@@ -151,8 +168,12 @@ def sections_of(
     told: list[Any] = run.methods.to_dict("records")
     for row in told:
         rows[row["scenario"]].append(row)
+    stable: dict[str, dict[MethodKey, Mapping[str, Any]]] = {name: {} for name in cases}
+    searched: list[Any] = run.stability.to_dict("records")
+    for row in searched:
+        stable[row["scenario"]][key_of(row)] = row
     return [
-        _section(subject, cells[name], cases[name], rows[name], drawn)
+        _section(subject, cells[name], cases[name], rows[name], stable[name], drawn)
         for subject in run.subjects
         for name in (subject.scenario.name,)
     ]
@@ -163,6 +184,7 @@ def _section(
     cells: Mapping[MethodKey, Cell],
     by_method: Mapping[MethodKey, Sequence[CaseResult]],
     rows: Sequence[Mapping[str, Any]],
+    stable: Mapping[MethodKey, Mapping[str, Any]],
     drawn: Mapping[MethodKey, Style],
 ) -> Section:
     all_cases = [case for own in by_method.values() for case in own]
@@ -174,11 +196,8 @@ def _section(
             cell=cells[key],
             cases=tuple(own),
             shown=shown_case(own, at_s),
-            orders=tuple(
-                {name: row[name] for name in _ORDER_COLUMNS if name in row}
-                for row in rows
-                if key_of(row) == key
-            ),
+            orders=tuple({name: row[name] for name in _ORDER_COLUMNS} for row in rows if key_of(row) == key),
+            limit=limit_of(stable.get(key)),
         )
         for key, own in by_method.items()
     }

@@ -107,7 +107,9 @@ const plots = {
         marker: { ...looks.marker, maxdisplayed: 8 },
         x: data.t,
         y: line.map(logarithmic),
-        text: line.map((value, k) => hover([methods[m].name, `${data.t[k]} s`, short(value)])),
+        text: line.map((value, k) => hover([
+          methods[m].name, `${data.t[k]} s`, short(value), drift.growth[m] && `grows ${drift.growth[m]} at its finest step`,
+        ])),
       };
     });
     return [
