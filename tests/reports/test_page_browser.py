@@ -10,6 +10,9 @@ import pytest
 from odd_run import HOSTILE
 from playwright.sync_api import Browser, Error, Page, expect
 
+from bodycheck.reports.page.motion import coarsest_shared_step, shown_cases
+from bodycheck.reports.run import Run
+
 LONG_MS = 120_000
 SECTIONS = 2
 PLOTS = 3 * SECTIONS + 1
@@ -138,7 +141,7 @@ def picture(page: Page) -> str:
     return shown
 
 
-def test_the_motion_follows_its_slider_and_its_button(opened: Page) -> None:
+def test_the_motion_follows_its_slider_and_its_button(opened: Page, run: Run) -> None:
     """The time moves by keys and by play, stops at pause, and the picture and the angle move with it."""
     draw_all(opened)
     figure = opened.locator("[data-motion]").first
@@ -149,7 +152,12 @@ def test_the_motion_follows_its_slider_and_its_button(opened: Page) -> None:
     opened.keyboard.press("End")
     expect(clock).to_have_text("1.00 s")
     assert picture(opened) != at_first
-    expect(figure.locator(".tracks small").last).to_contain_text("rad off")
+    cases = [case for case in run.cases if case.columns["scenario"] == HOSTILE]
+    ends = [c.columns["orientation_error_final_rad"] for c in shown_cases(cases, coarsest_shared_step(cases))]
+    assert max(ends) > 1e-3
+    for text, end in zip(figure.locator(".tracks small").all_inner_texts()[1:], ends, strict=True):
+        told = text.removesuffix(" rad off").removeprefix("less than ")
+        assert float(told) == pytest.approx(max(end, 1e-6), rel=0.06)
     opened.keyboard.press("Home")
     expect(clock).to_have_text("0.00 s")
     assert picture(opened) == at_first
