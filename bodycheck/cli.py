@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bodycheck.errors import BodycheckError, InputError, StoppedError
+from bodycheck.gating import gating
 from bodycheck.questions import questions
 
 if TYPE_CHECKING:
@@ -183,6 +184,7 @@ def list_(
     print_catalogue(what)
 
 
+app.add_typer(gating)
 app.add_typer(questions)
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.host import Announcement, announcing
@@ -16,6 +17,9 @@ from bodycheck.errors import InputError, InsideWorkerError
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.scenarios.library import load_scenarios
 from bodycheck.scenarios.model import Scenario
+
+Wanted: TypeAlias = Callable[[Engine, Method], bool]
+"""Whether a method of an engine is to be run."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +56,12 @@ def select(
     tolerances: Sequence[float] | None = None,
     *,
     allow_code: bool = False,
+    wanted: Wanted | None = None,
 ) -> Selection:
     """Resolve names, suites and paths; engines as NAME or NAME:METHOD; steps in s for every scenario.
 
-    allow_code: scenarios may name functions, whose code runs.
+    allow_code: scenarios may name functions, whose code runs. wanted: chooses among the methods of all
+    engines that are there, in place of `engines`.
 
     Raises InputError with one line an error: unknown names, wrong files, steps that do not fit.
     """
@@ -69,7 +75,10 @@ def select(
         faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]
         if faults:
             raise InputError("\n".join(faults))
-        methods, unavailable = _methods(names, announcement, by_name=bool(engines))
+        if wanted is None:
+            methods, unavailable = _methods(names, announcement, by_name=bool(engines))
+        else:
+            methods, unavailable = _wanted_methods(wanted, announcement())
     return Selection(
         tuple(loaded),
         methods,
@@ -103,6 +112,15 @@ def _tolerance_faults(tolerances: Sequence[float]) -> list[str]:
     ]
     twice = [tolerance for tolerance, count in Counter(tolerances).items() if count > 1]
     return faults + [f"the tolerance {tolerance!r} is asked for twice" for tolerance in twice]
+
+
+def _wanted_methods(
+    wanted: Wanted, found: Mapping[str, Engine | str]
+) -> tuple[tuple[tuple[Engine, Method], ...], dict[str, str]]:
+    engines = [engine for engine in found.values() if isinstance(engine, Engine)]
+    pairs = ((engine, method) for engine in engines for method in engine.methods.values())
+    unavailable = {name: engine for name, engine in found.items() if isinstance(engine, str)}
+    return tuple(pair for pair in pairs if wanted(*pair)), unavailable
 
 
 def _parted(name: str) -> tuple[str, str, str]:

@@ -1,0 +1,97 @@
+"""The command `gate`: bounds from a file, held by a new run or by a stored one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bodycheck.errors import InputError, StoppedError
+
+gating = typer.Typer()
+
+_FAILED = 1
+
+
+@gating.command()
+def gate(
+    tolerances: Annotated[Path, typer.Option(help="A file of gates, see docs/gates.md.")],
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Argument(help="Built-in names, suites or .toml files.", show_default="standard"),
+    ] = None,
+    run: Annotated[
+        Path | None, typer.Option(help="The folder of a run to hold to the gates, in place of a new one.")
+    ] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file too.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Write JSON to this file too.")] = None,
+    update: Annotated[
+        bool, typer.Option("--update", help="Replace bounds in the file by tighter ones that the run keeps.")
+    ] = False,
+    margin: Annotated[
+        float | None, typer.Option(help="Of --update, in decades.", show_default="0.3, a factor of 2")
+    ] = None,
+    loosen: Annotated[
+        str | None, typer.Option(metavar="REASON", help="With --update: loosen what fails too, and say why.")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="How many cases run side by side.", show_default="one a core")
+    ] = None,
+    timeout_s: Annotated[float, typer.Option(help="Seconds that one case may take.")] = 120.0,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Ask every engine anew, whatever it answered before.")
+    ] = False,
+    allow_code: Annotated[
+        bool, typer.Option("--allow-code", help="Let functions that a file names be imported.")
+    ] = False,
+) -> None:
+    """Hold engines to the bounds of a file; the status is 1 where one fails or measured nothing."""
+    if not update and (margin is not None or loosen is not None):
+        raise InputError("--margin and --loosen belong to --update")
+    if margin is not None and not 0.0 <= margin < float("inf"):
+        raise InputError(f"--margin {margin}: must be 0 or more decades; 0.3 is a factor of 2")
+    if loosen is not None and not loosen.strip():
+        raise InputError("--loosen: must say why the bounds are loosened")
+    if run is not None and scenarios:
+        raise InputError(f"--run {run}: has its own scenarios; name none beside it")
+    from bodycheck.gate_run import run_for_gates
+    from bodycheck.reports.gates.editing import edited
+    from bodycheck.reports.gates.files import as_json, as_junit
+    from bodycheck.reports.gates.gate import read_gates
+    from bodycheck.reports.gates.proposal import MARGIN_DECADES, proposals
+    from bodycheck.reports.gates.text import print_changes, print_results
+    from bodycheck.reports.gates.verdict import held
+    from bodycheck.reports.run import Run
+    from bodycheck.reports.stored import Tables, read_tables
+    from bodycheck.reports.terminal import LiveProgress
+    from bodycheck.reports.whole_file import write_whole
+    from bodycheck.runner import Manner
+
+    gates = read_gates(tolerances)
+    measured: Run | Tables
+    if run is None:
+        manner = Manner(jobs=jobs, timeout_s=timeout_s, fresh=fresh)
+        try:
+            measured = run_for_gates(
+                gates, scenarios or ["standard"], manner, LiveProgress, allow_code=allow_code
+            )
+        except KeyboardInterrupt:
+            raise StoppedError("stopped, before any gate was held") from None
+    else:
+        measured = read_tables(run)
+    results = held(gates, measured)
+    print_results(results)
+    if junit is not None:
+        write_whole(junit, as_junit(results, str(tolerances)))
+    if json is not None:
+        write_whole(json, as_json(results, str(tolerances), measured.run_id))
+    if update:
+        margin = MARGIN_DECADES if margin is None else margin
+        changes = proposals(results, margin, loosen=loosen is not None)
+        before = tolerances.read_bytes().decode("utf-8-sig")
+        write_whole(tolerances, edited(before, str(tolerances), changes, loosen).encode())
+        print_changes(changes, results, margin)
+        results = held(read_gates(tolerances), measured)
+    if any(result.status != "passed" for result in results):
+        raise typer.Exit(_FAILED)

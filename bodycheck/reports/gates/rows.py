@@ -1,0 +1,148 @@
+"""The rows of a run that a gate looks at: what was measured, and the command that shows it again."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from bodycheck.reports.gates.gate import Gate
+from bodycheck.reports.summary import Findings
+from bodycheck.reports.wording import names, setting, step
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case, or one method on one scenario: what was obtained, or why nothing was.
+
+    at: the step or the tolerance in words; "" where a row is of all steps. obtained: a finite number or a
+    word; None where there is none, and then why.
+    """
+
+    scenario: str
+    engine: str
+    method: str
+    at: str
+    obtained: float | str | None
+    why: str
+    reproduce: str
+
+
+def rows_of(gate: Gate, run: Findings) -> list[Row]:
+    """Return all rows that the gate's patterns match, in the order of the run."""
+    measure = gate.looks_at
+    if measure.source == "results":
+        return [_row_of_case(gate, case.columns) for case in run.cases if _wanted(gate, case.columns)]
+    table: pd.DataFrame | None = getattr(run, measure.source, None)
+    if table is None:
+        return []
+    found: dict[tuple[str, str, str], Mapping[str, Any]] = {
+        (row["scenario"], row["engine"], row["method"]): _present(row)
+        for row in table.to_dict("records")
+        if measure.quantity is None or row["quantity"] == measure.quantity
+    }
+    # a method of which nothing could be told on a scenario has no row there: it has cases, and must not pass
+    pairs = {(c.columns["scenario"], c.columns["engine"], c.columns["method"]): c.columns for c in run.cases}
+    return [
+        _row_of_method(gate, columns, found.get(pair, {}), run)
+        for pair, columns in pairs.items()
+        if _wanted(gate, columns)
+    ]
+
+
+def _wanted(gate: Gate, columns: Mapping[str, Any]) -> bool:
+    return all(wanted(gate, columns) for wanted in _KEYS.values())
+
+
+def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> Row:
+    value: Any = columns.get(gate.looks_at.column)
+    why = ""
+    if gate.looks_at.column != "outcome":
+        if columns["outcome"] != "ok":
+            value, why = None, f"{columns['outcome']}: {columns['message']}"
+        elif not _is_finite(value):
+            value, why = None, f"{gate.measure} was not measured"
+    return Row(**_who(columns), at=_at(columns), obtained=value, why=why, reproduce=columns["reproduce"])
+
+
+def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: Findings) -> Row:
+    measure = gate.looks_at
+    value = found.get(measure.column)
+    why = ""
+    if value is None or (not measure.words and not _is_finite(value)):
+        value = None
+        told = found.get("verdict") or found.get("message") or columns["message"] or columns["outcome"]
+        why = f"there is no {gate.measure}: {told}"
+    command = _whole_command(columns, run.manifest)
+    return Row(**_who(columns), at="", obtained=value, why=why, reproduce=command)
+
+
+def _who(columns: Mapping[str, Any]) -> dict[str, str]:
+    return {name: columns[name] for name in ("scenario", "engine", "method")}
+
+
+def _is_finite(value: Any) -> bool:
+    return value is not None and abs(value) < float("inf")
+
+
+def _present(row: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the cells that have something in them."""
+    import pandas as pd
+
+    return {name: value for name, value in row.items() if not pd.isna(value)}
+
+
+def _whole_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
+    """Return the command of all steps of a case's method: its own, with the steps of the run."""
+    words = shlex.split(columns["reproduce"])
+    for option, asked in (("--dt", manifest["dt_s"]), ("--tolerance", manifest["tolerances"])):
+        if option in words:
+            place = words.index(option)
+            words[place : place + 2] = [option, ",".join(map(repr, asked))] if asked else []
+    return shlex.join(words)
+
+
+def why_none(gate: Gate, run: Findings) -> str:
+    """Say which key of the gate is the first that leaves no case, and what there is instead."""
+    source = gate.looks_at.source
+    if source != "results" and getattr(run, source, None) is None:
+        return f"the run has no {source}.csv"
+    left: list[Mapping[str, Any]] = [case.columns for case in run.cases]
+    for key, wanted in _KEYS.items():
+        there = left
+        left = [columns for columns in left if wanted(gate, columns)]
+        if not left:
+            has = names(list(dict.fromkeys(_shown(columns, key) for columns in there)))
+            lost = [told["unavailable"] for told in run.manifest["engines"].values() if "unavailable" in told]
+            return "; ".join([f"no {key} of the run is {_asked(gate, key)}; it has {has or 'none'}", *lost])
+    return "no case of the run matched"
+
+
+_KEYS: dict[str, Callable[[Gate, Mapping[str, Any]], bool]] = {
+    "scenario": lambda gate, columns: gate.wants_scenario(columns["scenario"]),
+    "engine": lambda gate, columns: gate.wants_engine(columns["engine"]),
+    "method": lambda gate, columns: gate.wants_method(columns["engine"], columns["method"]),
+    "step": lambda gate, columns: gate.wants_setting(columns.get("dt_s"), columns.get("tolerance")),
+}
+"""What a case must meet, in the order in which it is told what none met."""
+
+
+def _asked(gate: Gate, key: str) -> str:
+    if key == "step":
+        return f"{step(gate.dt_s or gate.tolerance)}"
+    return str(getattr(gate, key))
+
+
+def _shown(columns: Mapping[str, Any], key: str) -> str:
+    if key == "step":
+        return _at(columns)
+    return str(columns[key])
+
+
+def _at(columns: Mapping[str, Any]) -> str:
+    dt_s: float | None = columns.get("dt_s")
+    return setting(columns["control"], columns.get("tolerance") if dt_s is None else dt_s)
