@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bodycheck.adapters.registry import register_adapter
+    from bodycheck.adapters.step_function import StepState
     from bodycheck.errors import BodycheckError, InputError, UnavailableError
     from bodycheck.reports.run import Run
     from bodycheck.reports.store import write_run
@@ -20,6 +21,7 @@ __all__ = [
     "BodycheckError",
     "InputError",
     "Run",
+    "StepState",
     "UnavailableError",
     "judge",
     "load_scenario",
@@ -33,6 +35,7 @@ _HOMES = {
     "BodycheckError": "bodycheck.errors",
     "InputError": "bodycheck.errors",
     "Run": "bodycheck.reports.run",
+    "StepState": "bodycheck.adapters.step_function",
     "UnavailableError": "bodycheck.errors",
     "judge": "bodycheck.runner",
     "load_scenario": "bodycheck.scenarios.library",

@@ -67,6 +67,10 @@ class _Silence:
         pass
 
 
+SILENCE: Progress = _Silence()
+"""For a run of which nothing is told."""
+
+
 @dataclass(frozen=True)
 class Manner:
     """How a run is made, whatever it measures.
@@ -129,7 +133,7 @@ def run(
     """
     manner = Manner(speed, jobs, timeout_s, fresh)
     selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
-    return run_selection(selection, manner, Identity.new(), journal=None, progress=_Silence())
+    return run_selection(selection, manner, Identity.new(), journal=None, progress=SILENCE)
 
 
 def run_selection(

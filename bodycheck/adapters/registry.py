@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import importlib
 import inspect
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -33,6 +34,18 @@ def register_adapter(adapter: Adapter) -> None:
     if missing := [part for part in _CONTRACT if not hasattr(adapter, part)]:
         raise InputError(f"{adapter!r} is no adapter: it has no {', no '.join(missing)}")
     _registered[adapter.name] = adapter
+
+
+@contextmanager
+def registered(adapter: Adapter) -> Iterator[None]:
+    """Make an engine known as register_adapter does, and forget it again at the end."""
+    before = dict(_registered)
+    register_adapter(adapter)
+    try:
+        yield
+    finally:
+        _registered.clear()
+        _registered.update(before)
 
 
 def engine_names() -> tuple[str, ...]:

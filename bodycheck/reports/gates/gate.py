@@ -137,15 +137,26 @@ def parse_gates(text: str, where: str) -> tuple[Gate, ...]:
         tables = []
     gates = []
     for place, table in enumerate(tables):
-        at = f"gate[{place}]"
         try:
-            gates.append(Gate.model_validate(table))
-        except ValidationError as error:
-            faults += [f"{at}.{line}" if line[0] != ":" else at + line for line in fault_lines(error)]
-        faults += [f"{at}: {fault}" for fault in _faults_together(table)]
+            gates.append(gate_of(table, f"gate[{place}]"))
+        except InputError as error:
+            faults += str(error).splitlines()
     if faults:
         raise InputError("\n".join(f"{where}: {fault}" for fault in faults))
     return tuple(gates)
+
+
+def gate_of(table: Any, where: str) -> Gate:
+    """Return the gate of one table; raises InputError with one line an error, `where` before each."""
+    faults = [f"{where}: {fault}" for fault in _faults_together(table)]
+    try:
+        gate = Gate.model_validate(table)
+    except ValidationError as error:
+        own = [f"{where}.{line}" if line[0] != ":" else where + line for line in fault_lines(error)]
+        raise InputError("\n".join([*own, *faults])) from None
+    if faults:
+        raise InputError("\n".join(faults))
+    return gate
 
 
 def _faults_together(table: Any) -> Iterator[str]:
