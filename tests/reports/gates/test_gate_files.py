@@ -1,0 +1,118 @@
+"""The format of a tolerance file: what is read, and what is refused with which words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bodycheck.errors import InputError
+from bodycheck.reports.gates.gate import parse_gates, read_gates
+from bodycheck.reports.gates.measure import measure_of
+from bodycheck.reports.study import QUANTITIES
+from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
+
+GATE = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "because"\n'
+
+WRONG = {
+    "no TOML": ("[[gate", "tolerances.toml: is not TOML"),
+    "empty": ("", "gate: needs at least one [[gate]] table"),
+    "one table": ("[gate]\nupper = 1\n", "gate: needs at least one [[gate]] table"),
+    "gates that are numbers": ("gate = [1]\n", "gate[0]: should be a table (it is 1)"),
+    "other tables": (GATE + "[gates]\n", "gates: is no key of this file"),
+    "unknown key": (GATE + "margin = 1.0\n", "gate[0].margin: is no key of this table"),
+    "no reason": (GATE.replace("reason", "#"), "gate[0].reason: is required"),
+    "empty reason": (GATE.replace("because", " "), "gate[0].reason: must say why this bound"),
+    "no measure": (GATE.replace("measure", "#"), "gate[0].measure: is required"),
+    "unknown measure": (
+        GATE.replace("energy_drift", "energy"),
+        "gate[0].measure: no measure is named 'energy'",
+    ),
+    "measure that is no text": (
+        GATE.replace('"energy_drift"', "3"),
+        "gate[0].measure: should be a valid string",
+    ),
+    "order of nothing": (GATE.replace("energy_drift", "order.speed"), "no measure is named 'order.speed'"),
+    "no bound": (
+        GATE.replace("upper", "#"),
+        "gate[0]: needs a bound: upper, lower, near with decades, or equals",
+    ),
+    "bound that is text": (GATE.replace("1e-3", '"1e-3"'), "gate[0].upper: should be a valid number"),
+    "bound that is no number": (GATE.replace("1e-3", "nan"), "gate[0].upper: should be a finite number"),
+    "bounds crossed": (GATE + "lower = 1.0\n", "gate[0]: lower 1.0 is above upper 0.001"),
+    "near alone": (GATE.replace("upper", "near"), "gate[0]: near and decades belong together"),
+    "decades alone": (GATE + "decades = 1.0\n", "gate[0]: near and decades belong together"),
+    "near and upper": (
+        GATE + "near = 1.0\ndecades = 1.0\n",
+        "give near and decades, or upper and lower, not both",
+    ),
+    "near nothing": (
+        GATE.replace("upper = 1e-3", "near = 0.0\ndecades = 1.0"),
+        "gate[0].near: should be greater",
+    ),
+    "word for a number": (GATE.replace("upper = 1e-3", 'equals = "ok"'), "equals: energy_drift is a number"),
+    "number for a word": (
+        GATE.replace("energy_drift", "verdict"),
+        "verdict is a word: its bound is equals, one of",
+    ),
+    "no such word": (
+        '[[gate]]\nmeasure = "outcome"\nequals = "fine"\nreason = "r"\n',
+        "equals: outcome is never 'fine', but one of ok, unstable",
+    ),
+    "step of an order": (
+        GATE.replace("energy_drift", "order.energy_drift") + "dt_s = 0.1\n",
+        "dt_s: order.energy_drift is of all steps together; leave it out",
+    ),
+    "floor of an order": (
+        GATE.replace("energy_drift", "order.energy_drift") + "floor = 0.1\n",
+        "floor: order.energy_drift has none",
+    ),
+    "step below 0": (GATE + "dt_s = -0.1\n", "gate[0].dt_s: should be greater than 0"),
+    "floor below 0": (GATE + "floor = -0.1\n", "gate[0].floor: should be greater than or equal to 0"),
+    "empty pattern": (GATE + 'engine = ""\n', "gate[0].engine: String should have at least 1 character"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_wrong_file_is_refused_with_its_place_in_the_file(what: str) -> None:
+    """The message names the file, the key, what is wrong and what would be right."""
+    text, message = WRONG[what]
+    with pytest.raises(InputError) as refused:
+        parse_gates(text, "tolerances.toml")
+    assert message in str(refused.value)
+    assert all(line.startswith("tolerances.toml: ") for line in str(refused.value).splitlines())
+
+
+def test_all_errors_of_a_file_are_told_at_once() -> None:
+    """Faults of keys, faults between keys and faults of other gates come together, one line each."""
+    text = GATE + GATE.replace("upper", "uper") + GATE.replace("1e-3", "inf") + "lower = 2.0\n"
+    with pytest.raises(InputError) as refused:
+        parse_gates(text, "t")
+    assert str(refused.value).splitlines() == [
+        "t: gate[1].uper: is no key of this table",
+        "t: gate[1]: needs a bound: upper, lower, near with decades, or equals",
+        "t: gate[2].upper: should be a finite number (it is inf)",
+    ]
+
+
+def test_a_file_that_cannot_be_read_is_wrong_input(tmp_path: Path) -> None:
+    """A missing file, a folder and bytes that are no text each give one line."""
+    (tmp_path / "latin").write_bytes(b"\xff\xfe")
+    for name in ("missing", ".", "latin"):
+        with pytest.raises(InputError, match=r"cannot be read|is not UTF-8"):
+            read_gates(tmp_path / name)
+
+
+def test_every_measure_of_the_tables_can_be_gated() -> None:
+    """Each column that a gate may name is one of results.csv; order and verdict are of every quantity."""
+    for name in RESULT_COLUMNS:
+        try:
+            assert measure_of(name).column == name
+        except ValueError:
+            assert (
+                not name.endswith(("_drift", "_error", "_rad", "_abs", "_balance"))
+                or name == "truth_bound_rad"
+            )
+    for quantity in QUANTITIES:
+        assert measure_of(f"order.{quantity}").column in METHOD_COLUMNS
+        assert measure_of(f"verdict.{quantity}").quantity == quantity

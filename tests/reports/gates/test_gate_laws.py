@@ -1,0 +1,222 @@
+"""What a gate says of a run: bounds, floors, patterns, and that nothing unmeasured ever passes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from gated import CASE, METHOD, a_run
+
+from bodycheck.reports.gates.gate import Gate, gate_of
+from bodycheck.reports.gates.verdict import GateResult, distance, held
+
+NEAR = {"near": 1e-3, "decades": 0.5}
+
+
+def gate(**table: Any) -> Gate:
+    """Return a gate on the orientation error, but for what is told."""
+    return gate_of({"measure": "orientation_error_rad", "reason": "r", **table}, "here")
+
+
+def one(asked: Gate, *cases: dict[str, Any], methods: list[dict[str, Any]] | None = None) -> GateResult:
+    """Return what the gate says of a run of these cases."""
+    (result,) = held([asked], a_run(list(cases), methods))
+    return result
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "passes"),
+    [
+        ({"upper": 1e-3}, 1e-3, True),
+        ({"upper": 1e-3}, math.nextafter(1e-3, 1), False),
+        ({"upper": 1e-3}, 0.0, True),
+        ({"upper": 0.0}, 5e-324, False),
+        ({"upper": 0.0}, 0.0, True),
+        ({"lower": 1e-3}, 1e-3, True),
+        ({"lower": 1e-3}, math.nextafter(1e-3, 0), False),
+        ({"lower": 1e-3}, 0.0, False),
+        ({"lower": 1e-4, "upper": 1e-3}, 5e-4, True),
+        ({"lower": 1e-4, "upper": 1e-3}, 5e-5, False),
+        ({"lower": 1e-4, "upper": 1e-3}, 5e-3, False),
+        (NEAR, 3.1e-3, True),
+        (NEAR, 3.3e-4, True),
+        (NEAR, 3.2e-3, False),
+        (NEAR, 3.1e-4, False),
+    ],
+)
+def test_a_bound_includes_itself_and_nothing_beyond(
+    bound: dict[str, Any], value: float, passes: bool
+) -> None:
+    """A value passes where it lies within the bounds; one double beyond it fails."""
+    result = one(gate(**bound), {"orientation_error_rad": value})
+    assert result.status == ("passed" if passes else "failed")
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "passes"),
+    [
+        ({"upper": 1e-15}, 9e-15, True),
+        ({"upper": 1e-15}, 1.1e-14, False),
+        ({"upper": 1e-13}, 9e-14, True),
+        ({"lower": 1e-15}, 1e-16, True),
+        ({"lower": 1e-13}, 1e-16, False),
+        ({"near": 1e-15, "decades": 0.1}, 9e-15, True),
+        ({"near": 1e-15, "decades": 0.1}, 1.1e-14, False),
+    ],
+)
+def test_below_the_floor_no_change_counts(bound: dict[str, Any], value: float, passes: bool) -> None:
+    """Values and bounds below the floor of 1e-14 are as good as it; above it the bound counts as ever."""
+    result = one(gate(**bound, floor=1e-14), {"orientation_error_rad": value})
+    assert result.status == ("passed" if passes else "failed")
+
+
+UNMEASURED = {
+    "not a number": {"orientation_error_rad": math.nan},
+    "infinite": {"orientation_error_rad": math.inf},
+    "minus infinite": {"orientation_error_rad": -math.inf},
+    "empty": {"orientation_error_rad": None},
+    **{
+        outcome: {"outcome": outcome, "orientation_error_rad": 0.0}
+        for outcome in ("unstable", "failed", "timeout", "unsupported", "invalid")
+    },
+}
+
+
+@pytest.mark.parametrize("bound", [{"upper": 1.0}, {"lower": 0.0}, NEAR], ids=["upper", "lower", "near"])
+@pytest.mark.parametrize("what", UNMEASURED)
+def test_what_was_not_measured_never_passes(what: str, bound: dict[str, Any]) -> None:
+    """Alone it measured nothing; beside a case that passes, the gate fails."""
+    alone = one(gate(**bound), UNMEASURED[what])
+    assert alone.status == "nothing"
+    assert alone.why
+    beside = one(gate(**bound), {"orientation_error_rad": 1e-3}, {**UNMEASURED[what], "dt_s": 0.02})
+    assert beside.status == "failed"
+    assert [check.row.at for check in beside.failed] == ["dt 0.02 s"]
+
+
+@pytest.mark.parametrize("outcome", ["ok", "unstable", "unsupported"])
+def test_an_outcome_is_held_to_its_word(outcome: str) -> None:
+    """A gate may demand how a case ends, and then only that passes."""
+    cases = ({"outcome": found} for found in ("ok", "unstable", "unsupported"))
+    asked = gate(measure="outcome", equals=outcome)
+    assert [one(asked, case).status for case in cases] == [
+        "passed" if found == outcome else "failed" for found in ("ok", "unstable", "unsupported")
+    ]
+
+
+PATTERNS = {
+    "scenario": ({"scenario": "lake"}, "no scenario of the run is lake; it has brick"),
+    "engine": ({"engine": "mujoc"}, "no engine of the run is mujoc; it has mujoco"),
+    "method": ({"method": "RK4"}, "no method of the run is RK4; it has rk4"),
+    "step": ({"dt_s": 0.001}, "no step of the run is 0.001; it has dt 0.01 s"),
+    "tolerance": ({"tolerance": 1e-6}, "no step of the run is 1e-6; it has dt 0.01 s"),
+}
+
+
+@pytest.mark.parametrize("key", PATTERNS)
+def test_a_gate_that_matches_no_case_says_which_key_is_to_blame(key: str) -> None:
+    """It measured nothing; the message names the pattern and what the run has."""
+    patterns, message = PATTERNS[key]
+    result = one(gate(upper=1.0, **patterns), {})
+    assert (result.status, result.why) == ("nothing", message)
+
+
+def test_an_engine_that_is_not_there_is_told_with_its_reason() -> None:
+    """The reason for which it could not be imported stands in the message."""
+    run = a_run([{}], engines={"dart": {"unavailable": "dart cannot be imported: no module"}})
+    (result,) = held([gate(upper=1.0, engine="dart")], run)
+    assert result.status == "nothing"
+    assert result.why.endswith("it has mujoco; dart cannot be imported: no module")
+
+
+def test_a_run_of_nothing_passes_no_gate() -> None:
+    """Without a single case every gate measured nothing."""
+    for asked in (
+        gate(upper=1.0),
+        gate(measure="verdict", equals="converges"),
+        gate(measure="outcome", equals="ok"),
+    ):
+        assert one(asked).status == "nothing"
+
+
+@pytest.mark.parametrize("pattern", ["brick", "bri*", "*", "b?ick", "[ab]rick"])
+@pytest.mark.parametrize(("name", "matches"), [("brick", True), ("brick/1e-3", True), ("a brick", False)])
+def test_a_scenario_is_meant_by_its_name_or_its_familys(pattern: str, name: str, matches: bool) -> None:
+    """A family's name stands for all its children; a pattern meets the whole name."""
+    asked = gate(upper=1.0, scenario=pattern)
+    assert asked.wants_scenario(name) == (matches or pattern == "*")
+
+
+def test_a_step_is_found_to_round_off() -> None:
+    """1e-3 in the file is the step 0.1 / 100 of the run; its neighbours are not."""
+    asked = gate(upper=1.0, dt_s=1e-3)
+    assert asked.wants_setting(0.1 / 100, None)
+    assert not asked.wants_setting(1.001e-3, None)
+    assert not asked.wants_setting(None, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("bound", "cells", "status"),
+    [
+        ({"lower": 3.9, "upper": 4.1}, {"order": 4.0}, "passed"),
+        ({"lower": 3.9, "upper": 4.1}, {"order": 3.89}, "failed"),
+        ({"upper": 1.0}, {"order": -2.0}, "passed"),
+        ({"lower": 0.0}, {"order": None, "verdict": "at-floor"}, "nothing"),
+        ({"lower": 0.0}, {"quantity": "energy_drift"}, "nothing"),
+    ],
+)
+def test_an_order_is_held_to_its_bounds(bound: dict[str, Any], cells: dict[str, Any], status: str) -> None:
+    """Only where an order shows, of the quantity asked for, can it pass."""
+    asked = gate(measure="order.orientation_error_rad", **bound)
+    assert one(asked, {}, methods=[cells]).status == status
+
+
+def test_a_method_without_a_row_of_its_own_does_not_pass_with_the_others() -> None:
+    """Where one of two methods was unsupported, a gate on the verdict of both fails."""
+    cases = [{}, {"method": "euler", "outcome": "unsupported", "message": "no pivot"}]
+    result = one(gate(measure="verdict", equals="converges"), *cases, methods=[{}])
+    assert result.status == "failed"
+    assert [check.row.why for check in result.failed] == ["there is no verdict: no pivot"]
+
+
+@pytest.mark.parametrize("measure", ["stability.dt_stable_s", "growth.energy_drift"])
+def test_what_a_run_does_not_have_is_not_passed(measure: str) -> None:
+    """A run without the table or the column measured nothing."""
+    table = {"upper": 1.0} if "stability" in measure else {"equals": "bounded"}
+    assert one(gate(measure=measure, **table), {}, methods=[METHOD]).status == "nothing"
+
+
+def test_the_distance_is_in_decades_of_an_error_and_plain_of_an_order() -> None:
+    """1e-2 is one decade beyond 1e-3; an order of 3.5 is 0.4 beyond 3.9."""
+    error = one(gate(upper=1e-3), {"orientation_error_rad": 1e-2})
+    order = one(gate(measure="order.orientation_error_rad", lower=3.9), {}, methods=[{"order": 3.5}])
+    assert error.worst is not None
+    assert order.worst is not None
+    assert distance(error.worst, error.gate) == "1 decades beyond"
+    assert distance(order.worst, order.gate) == "0.4 beyond"
+
+
+def test_the_worst_is_the_case_nearest_to_failing() -> None:
+    """Of three cases that pass it is the largest error; of words it is one that fails."""
+    errors = [{"orientation_error_rad": error, "dt_s": error} for error in (1e-9, 1e-5, 1e-7)]
+    worst = one(gate(upper=1e-3), *errors).worst
+    assert worst is not None
+    assert worst.row.obtained == 1e-5
+    word = one(gate(measure="outcome", equals="ok"), {}, {"outcome": "failed"}).worst
+    assert word is not None
+    assert word.row.obtained == "failed"
+
+
+@pytest.mark.parametrize(
+    ("asked", "command"),
+    [
+        (None, "bodycheck run brick --engine mujoco:rk4"),
+        ([0.02, 0.01], "bodycheck run brick --engine mujoco:rk4 --dt 0.02,0.01"),
+    ],
+)
+def test_an_order_is_reproduced_with_the_steps_of_its_run(asked: list[float] | None, command: str) -> None:
+    """The command of an order has the steps that were asked for, and none where the run chose them."""
+    run = a_run([CASE], [METHOD], dt_s=asked)
+    (result,) = held([gate(measure="order.orientation_error_rad", lower=5.0)], run)
+    assert [check.row.reproduce for check in result.failed] == [command]

@@ -1,0 +1,257 @@
+"""The command `gate`: what it prints, what it writes, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from bodycheck import cli
+from bodycheck.errors import InputError
+from bodycheck.gate_run import run_for_gates
+from bodycheck.reports.gates.files import as_json, as_junit
+from bodycheck.reports.gates.gate import parse_gates
+from bodycheck.reports.gates.verdict import held
+
+SCENARIO = """
+name = "mine"
+duration_s = 1.0
+samples = 11
+steps_s = [0.05, 0.02]
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.5]
+[initial]
+omega_body_rad_s = [0.3, 1.0, -0.2]
+"""
+KEPT = """
+[[gate]]
+scenario = "free"
+engine = "reference"
+method = "rk4"
+measure = "order.orientation_error_rad"
+lower = 3.9
+upper = 4.1
+reason = "the classical method is of order 4"
+
+[[gate]]
+scenario = "free"
+engine = "reference"
+method = "rk4"
+measure = "orientation_error_rad"
+upper = 1e-3
+floor = 1e-14
+reason = "loose"
+"""
+BROKEN = """
+[[gate]]
+scenario = "free"
+engine = "reference"
+method = "m1"
+measure = "orientation_error_rad"
+upper = 1e-9
+reason = "M1 is of order 1"
+"""
+IDLE = """
+[[gate]]
+engine = "failing"
+measure = "orientation_error_rad"
+scenario = "forced*"
+upper = 1.0
+reason = "it gives up"
+
+[[gate]]
+scenario = "nowhere"
+measure = "energy_drift"
+upper = 1.0
+reason = "there is no such scenario"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Go into an empty folder with tolerance files."""
+    for name, text in {"kept": KEPT, "broken": KEPT + BROKEN, "idle": KEPT + IDLE}.items():
+        (tmp_path / f"{name}.toml").write_text(text)
+    (tmp_path / "mine.toml").write_text(SCENARIO)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def gate(*words: str | Path) -> Result:
+    """Return what `bodycheck gate words` did in this process."""
+    return CliRunner().invoke(cli.app, ["gate", *map(str, words)])
+
+
+def test_gates_that_hold_end_with_status_0(folder: Path, stored_run: Path) -> None:
+    """One line a gate, its worst value, and the count; nothing is written."""
+    before = sorted(folder.iterdir())
+    done = gate("--tolerances", "kept.toml", "--run", stored_run)
+    assert done.exit_code == 0, done.output
+    lines = done.stdout.splitlines()
+    assert [line.split()[0] for line in lines] == ["passed", "passed", "2"]
+    assert "[0] free reference:rk4: order.orientation_error_rad >= 3.9 and <= 4.1: 1 case; worst " in lines[0]
+    assert lines[-1] == "2 gates: 2 passed"
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_gate_that_fails_ends_with_status_1_and_its_commands(stored_run: Path) -> None:
+    """The table has obtained, bound, distance and the command of each case; the reason stands below."""
+    done = gate("--tolerances", "broken.toml", "--run", stored_run)
+    assert done.exit_code == 1
+    assert done.stdout.splitlines()[-1] == "3 gates: 2 passed, 1 failed"
+    table = [line for line in done.stdout.splitlines() if "--engine reference:m1 --dt" in line]
+    assert len(table) >= 5
+    for line in table:
+        for cell in ("orientation_error_rad <= 1e-9", "decades beyond", "bodycheck run ", "free.toml"):
+            assert cell in line
+    assert "[2] M1 is of order 1" in done.stdout
+
+
+@pytest.mark.usefixtures("folder")
+def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None:
+    """An engine that always fails and a scenario that is not there are told as such."""
+    done = gate("--tolerances", "idle.toml", "--run", stored_run)
+    assert done.exit_code == 1
+    nothing = [line for line in done.stdout.splitlines() if line.startswith("nothing")]
+    assert len(nothing) == 2
+    assert "measured nothing: failed: RuntimeError: the solver gave up | it said <so>" in nothing[0]
+    assert "no scenario of the run is nowhere; it has free, forced, and a mesh and shape/1" in nothing[1]
+    assert done.stdout.splitlines()[-1] == "4 gates: 2 passed, 2 measured nothing"
+
+
+def test_junit_and_json_say_the_same_as_the_terminal(folder: Path, stored_run: Path) -> None:
+    """A test case a gate, a failure for each that did not pass; JSON has each number in full."""
+    done = gate("--tolerances", "idle.toml", "--run", stored_run, "--junit", "g.xml", "--json", "g.json")
+    assert done.exit_code == 1
+    suite = ElementTree.parse(folder / "g.xml").getroot()[0]
+    assert (suite.get("tests"), suite.get("failures")) == ("4", "2")
+    assert [case.find("failure") is not None for case in suite] == [False, False, True, True]
+    told = json.loads((folder / "g.json").read_text())
+    assert told["passed"] is False
+    assert told["run_id"] == json.loads((stored_run / "manifest.json").read_text())["run_id"]
+    assert [gate["status"] for gate in told["gates"]] == ["passed", "passed", "nothing", "nothing"]
+    row = told["gates"][0]["rows"][0]
+    assert row["obtained"] == pytest.approx(4.0, abs=0.1)
+    assert row["beyond"] == pytest.approx(max(row["obtained"] - 4.1, 3.9 - row["obtained"]), abs=1e-12)
+
+
+def test_any_message_of_an_engine_fits_into_xml_and_json() -> None:
+    """Control characters, angle brackets and lone surrogates leave well-formed files."""
+    from gated import a_run
+
+    gates = parse_gates('[[gate]]\nmeasure = "energy_drift"\nupper = 1.0\nreason = "r"\n', "t")
+    results = held(gates, a_run([{"outcome": "failed", "message": "\x1b[31m<&>\x00\ud800\n"}]))
+    failure = ElementTree.fromstring(as_junit(results, "t")).find(".//failure")
+    assert failure is not None
+    assert "[31m<&>" in (failure.text or "")
+    assert json.loads(as_json(results, "t", "r"))["gates"][0]["status"] == "nothing"
+
+
+def test_update_tightens_the_file_and_says_by_what_margin(folder: Path, stored_run: Path) -> None:
+    """The bound comes to the worst value and the margin; the second time there is nothing to do."""
+    words = ("--tolerances", "kept.toml", "--run", stored_run, "--update", "--margin", "0.5")
+    done = gate(*words)
+    assert done.exit_code == 0, done.output
+    assert "upper 0.001 -> " in done.stdout
+    assert "margin 0.5 decades" in done.stdout
+    text = (folder / "kept.toml").read_text()
+    (upper,) = (gate.upper for gate in parse_gates(text, "t")[1:])
+    assert upper is not None
+    assert 1e-14 <= upper < 1e-4
+    assert text == KEPT.replace("1e-3", f"{upper:.1e}".replace("e-0", "e-"))
+    again = gate(*words)
+    assert again.exit_code == 0
+    assert again.stdout.splitlines()[-1] == "0 bounds replaced"
+    assert (folder / "kept.toml").read_text() == text
+
+
+def test_update_loosens_nothing_without_a_reason(folder: Path, stored_run: Path) -> None:
+    """What fails still fails and its bound stays; with a reason the bound is loosened, the reason kept."""
+    words = ("--tolerances", "broken.toml", "--run", stored_run, "--update")
+    done = gate(*words)
+    assert done.exit_code == 1
+    assert "upper = 1e-9\n" in (folder / "broken.toml").read_text()
+    done = gate(*words, "--loosen", "as M1 is known to be")
+    assert done.exit_code == 0, done.output
+    last = parse_gates((folder / "broken.toml").read_text(), "t")[-1]
+    assert last.upper is not None
+    assert 1e-3 < last.upper < 1.0
+    assert last.reason == "M1 is of order 1; loosened: as M1 is known to be"
+
+
+WRONG = {
+    "no file": (["--tolerances", "no.toml"], "no.toml: cannot be read"),
+    "no gates": (["--tolerances", "mine.toml"], "gate: needs at least one [[gate]] table"),
+    "no run": (["--tolerances", "kept.toml", "--run", "."], "is no folder of a run"),
+    "run and suite": (["smoke", "--tolerances", "kept.toml", "--run", "."], "has its own scenarios"),
+    "unknown scenario": (["nope", "--tolerances", "kept.toml"], "nope: is neither"),
+    "margin alone": (
+        ["--tolerances", "kept.toml", "--margin", "1"],
+        "--margin and --loosen belong to --update",
+    ),
+    "reason alone": (
+        ["--tolerances", "kept.toml", "--loosen", "x"],
+        "--margin and --loosen belong to --update",
+    ),
+    "no reason": (["--tolerances", "kept.toml", "--update", "--loosen", " "], "must say why"),
+    "negative margin": (
+        ["--tolerances", "kept.toml", "--update", "--margin", "-1"],
+        "must be 0 or more decades",
+    ),
+    "no jobs": (["mine.toml", "--tolerances", "kept.toml", "--jobs", "0"], "jobs must be 1 or more, not 0"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_wrong_input_is_refused_before_anything_is_run(what: str, folder: Path) -> None:
+    """One clear line, which main() turns into status 2; nothing is printed or written."""
+    words, message = WRONG[what]
+    before = sorted(folder.iterdir())
+    done = gate(*words)
+    assert isinstance(done.exception, InputError)
+    assert message in str(done.exception)
+    assert done.stdout == ""
+    assert sorted(folder.iterdir()) == before
+
+
+def test_a_new_run_is_held_to_the_gates(folder: Path) -> None:
+    """In a process of its own: a scenario file and its steps; status 1 with a table, 2 for a wrong file."""
+    (folder / "t.toml").write_text(
+        '[[gate]]\nengine = "reference"\nmethod = "rk4"\ndt_s = 0.05\nmeasure = "orientation_error_rad"\n'
+        'upper = 1e-12\nreason = "too tight"\n'
+    )
+    words = [sys.executable, "-m", "bodycheck", "gate", "mine.toml", "--tolerances"]
+    done = subprocess.run([*words, "t.toml"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stderr
+    assert done.stdout.splitlines()[-1] == "1 gate: 1 failed"
+    assert "bodycheck run mine.toml --engine reference:rk4 --dt 0.05" in done.stdout
+    assert not (folder / "bodycheck-runs").exists()
+    wrong = subprocess.run([*words, "mine.toml"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 2
+    assert wrong.stdout == ""
+    assert "Traceback" not in wrong.stderr
+
+
+def test_a_gate_runs_only_what_gates_look_at(folder: Path) -> None:
+    """Scenarios and methods that no gate names are not run; times only where a gate needs them."""
+    from contextlib import nullcontext
+
+    from bodycheck.runner import SILENCE, Manner
+
+    text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'
+    for measure, timed in (("energy_drift", False), ("relative_cpu", True)):
+        gates = parse_gates(f'{text}measure = "{measure}"\nupper = 1e9\n', "t")
+        watching = lambda _: nullcontext(SILENCE)  # noqa: E731 - nothing is told
+        run = run_for_gates(gates, [folder / "mine.toml", "intermediate-axis"], Manner(jobs=1), watching)
+        assert set(run.results["method"]) == {"m1", "m2"}
+        assert set(run.results["scenario"]) == {"mine"}
+        assert run.results["cpu_s"].notna().all() == timed
+        assert held(gates, run)[0].status == "passed"
