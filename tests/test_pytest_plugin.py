@@ -1,0 +1,409 @@
+"""The pytest plugin, as a user's tests meet it: fixtures, marker, options, summary; alone and under xdist."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import tomllib
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+pytest_plugins = ["pytester"]
+
+ROOT = Path(__file__).parents[1]
+MODULE = "bodycheck.pytest_plugin"
+# an installation that is older than the entry point does not have it yet
+INSTALLED = any(point.value == MODULE for point in entry_points(group="pytest11"))
+PLUGIN = () if INSTALLED else ("-p", MODULE)
+PLUGINS = () if INSTALLED else (importlib.import_module(MODULE),)
+
+SCENARIO = """
+name = "mine"
+duration_s = 1.0
+samples = 11
+steps_s = [0.05, 0.025]
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.5]
+[initial]
+omega_body_rad_s = [0.3, 1.0, -0.2]
+"""
+
+RK4 = """
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+
+def rate(q, omega, inertia):
+    w, v = q[0], q[1:]
+    turning = 0.5 * np.array([-v @ omega, *(w * omega + np.cross(v, omega))])
+    return turning, np.linalg.solve(inertia, np.cross(inertia @ omega, omega))
+
+
+def rk4(state, dt):
+    def f(q, omega):
+        return rate(q, omega, state.body.inertia)
+
+    q, w = state.quaternion, state.omega_body
+    a = f(q, w)
+    b = f(q + dt / 2 * a[0], w + dt / 2 * a[1])
+    c = f(q + dt / 2 * b[0], w + dt / 2 * b[1])
+    d = f(q + dt * c[0], w + dt * c[1])
+    q, w = (y + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4) for y, k1, k2, k3, k4 in zip((q, w), a, b, c, d))
+    return replace(state, quaternion=q, omega_body=w)
+"""
+
+
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Import all that a run imports: pytester forgets what an inner session did, and numpy loads but once."""
+    from bodycheck.pytest_fixtures import Bench
+
+    scenario = tmp_path_factory.mktemp("imported") / "mine.toml"
+    scenario.write_text(SCENARIO)
+    steps = [0.1, 0.05, 0.025, 0.0125]
+    Bench({}, lambda _: None, "").step(lambda state, _: state, scenario, dt_s=steps)
+
+
+@pytest.fixture
+def inner(pytester: pytest.Pytester, imported: None) -> pytest.Pytester:
+    """Return a folder of a user's own, with two scenarios."""
+    del imported
+    pytester.makefile(".toml", mine=SCENARIO, other=SCENARIO.replace('"mine"', '"other"'))
+    pytester.makeini("[pytest]\nfilterwarnings = error\naddopts = --strict-markers -p no:cacheprovider -p no:hypothesispytest\n")
+    return pytester
+
+
+def run(inner: pytest.Pytester, *words: str) -> pytest.RunResult:
+    """Return what pytest did there, in this process."""
+    return inner.runpytest_inprocess(*words, plugins=PLUGINS)
+
+
+def test_the_plugin_is_announced_to_pytest() -> None:
+    """The project's entry point names the module that has the hooks and the fixtures."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["entry-points"]["pytest11"] == {"bodycheck": MODULE}
+    plugin = importlib.import_module(MODULE)
+    assert hasattr(plugin, "pytest_addoption")
+    assert hasattr(plugin, "bodycheck_gate")
+
+
+def test_the_plugin_is_inert_until_a_fixture_is_used(inner: pytest.Pytester) -> None:
+    """A session of other tests imports nothing of ours but the plugin, and nothing heavy."""
+    inner.makepyfile(
+        """
+        import sys
+
+        def test_other():
+            ours = [name for name in sys.modules if name.startswith("bodycheck")]
+            assert ours == ["bodycheck", "bodycheck.pytest_plugin"]
+            assert not {"numpy", "numba", "pandas", "pydantic", "mujoco", "rich"} & set(sys.modules)
+        """
+    )
+    done = inner.runpytest_subprocess(*PLUGIN, "-p", "no:hypothesispytest", "-p", "no:xdist")
+    done.assert_outcomes(passed=1)
+    assert "= bodycheck =" not in done.stdout.str()
+
+
+def test_an_engine_is_run_and_held_to_bounds(inner: pytest.Pytester) -> None:
+    """What keeps its bound passes; what does not fails with obtained, bound, distance and command."""
+    inner.makepyfile(
+        """
+        import pytest
+
+        @pytest.fixture
+        def found(bodycheck):
+            return bodycheck.run("mine.toml", engine="reference", method="rk4", dt_s=0.05)
+
+        def test_good(found):
+            found.check("orientation_error_rad", lower=1e-12, upper=1e-5)
+            found.check("outcome", equals="ok")
+            assert 0.0 < found["energy_drift"] < 1e-5
+            assert list(found.results["dt_s"]) == [0.05]
+
+        def test_bad(found):
+            found.check("orientation_error_rad", upper=1e-12)
+
+        def test_unmeasured(found):
+            found.check("cpu_s", upper=1e9)
+
+        def test_unmeasured_value(found):
+            assert found["orthogonality"] < 1.0
+
+        def test_wrong(found):
+            found.check("orientation_error", upper=1e-12)
+        """
+    )
+    done = run(inner)
+    done.assert_outcomes(passed=1, failed=4)
+    done.stdout.fnmatch_lines(
+        [
+            "E*AssertionError: mine reference:rk4: orientation_error_rad <= 1e-12: 1 of 1 case failed; *",
+            "E*mine | reference:rk4 | dt 0.05 s | * | orientation_error_rad <= 1e-12 | * decades beyond",
+            "E*bodycheck run mine.toml --engine reference:rk4 --dt 0.05",
+            "E*measured nothing: cpu_s was not measured",
+            "E*AssertionError: mine reference:rk4 dt 0.05 s: orthogonality was not measured",
+            "E*InputError: check('orientation_error').measure: no measure is named 'orientation_error'*",
+            "*= bodycheck =*",
+            "passed mine reference:rk4: orientation_error_rad >= 1e-12 and <= 1e-5: 1 case; worst *",
+            "measured mine reference:rk4 dt 0.05 s: energy_drift *",
+            "failed mine reference:rk4: orientation_error_rad <= 1e-12: *",
+        ]
+    )
+
+
+def test_a_step_function_is_judged_like_an_engine(inner: pytest.Pytester) -> None:
+    """An RK4 of the user's own has order 4 and converges; with its gyroscopic term lost it does not."""
+    inner.makepyfile(
+        RK4
+        + """
+STEPS = [0.1, 0.05, 0.025, 0.0125]
+
+
+def lost(state, dt):
+    return replace(rk4(state, dt), omega_body=state.omega_body)
+
+
+def test_right(bodycheck):
+    found = bodycheck.step(rk4, "mine.toml", dt_s=STEPS)
+    found.check("order.orientation_error_rad", lower=3.9, upper=4.2)
+    found.check("orientation_error_rad", upper=1e-5)
+
+
+def test_lost(bodycheck):
+    bodycheck.step(lost, "mine.toml", dt_s=STEPS).check("angular_momentum_drift", upper=1e-2)
+"""
+    )
+    done = run(inner)
+    done.assert_outcomes(passed=1, failed=1)
+    done.stdout.fnmatch_lines(
+        [
+            "E*mine step:lost: angular_momentum_drift <= 0.01: 4 of 4 cases failed*",
+            "E*pytest 'test_a_step_function_is_judged_like_an_engine.py::test_lost'",
+        ]
+    )
+
+
+def test_a_step_function_is_given_what_it_needs(inner: pytest.Pytester) -> None:
+    """Times k dt, the body, all in the shapes that are told; what it does to them harms nobody."""
+    inner.makepyfile(
+        """
+        from dataclasses import replace
+
+        def test_state(bodycheck):
+            seen = []
+
+            def step(state, dt):
+                seen.append((state.t_s, dt, state.body.mass, state.body.inertia.shape, state.rotation.shape))
+                position = state.position.copy()
+                state.position[:] = 7.0
+                return replace(state, position=position)
+
+            found = bodycheck.step(step, "mine.toml", dt_s=0.05)
+            assert [t for t, *_ in seen] == [k * 0.05 for k in range(20)]
+            assert {tuple(told) for _, *told in seen} == {(0.05, 1.0, (3, 3), (3, 3))}
+            assert found["position_error_abs"] == 0.0
+        """
+    )
+    run(inner).assert_outcomes(passed=1)
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("return 1 / 0", "ZeroDivisionError: division by zero"),
+        ("return None", "TypeError: step must give back a state, as dataclasses.replace does, not NoneType"),
+        ("return replace(state, omega_body=np.zeros(4))", "give omega_body the shape (3,), not (4,)"),
+        (
+            "return replace(state, quaternion=np.full(4, np.nan))",
+            "quaternion is not finite from t = 0.1 s on",
+        ),
+    ],
+)
+def test_a_step_function_that_fails_fails_its_test(inner: pytest.Pytester, body: str, message: str) -> None:
+    """The message says what it did; where it raised, its own traceback is shown."""
+    inner.makepyfile(
+        f"""
+        from dataclasses import replace
+        import numpy as np
+
+        def step(state, dt):
+            {body}
+
+        def test_it(bodycheck):
+            bodycheck.step(step, "mine.toml", dt_s=0.1).check("energy_drift", upper=1e9)
+        """
+    )
+    done = run(inner)
+    done.assert_outcomes(failed=1)
+    assert f"measured nothing: {'unstable' if 'finite' in message else 'failed'}: " in done.stdout.str()
+    assert message in done.stdout.str()
+    assert (">           " + body in done.stdout.str() or ">       " + body in done.stdout.str()) == (
+        "ZeroDivision" in message
+    )
+
+
+def test_an_adapter_of_the_users_is_known_to_its_test_alone(inner: pytest.Pytester) -> None:
+    """An instance is run like an engine, and its name is forgotten afterwards."""
+    inner.makepyfile(
+        """
+        import pytest
+        from bodycheck.adapters.reference import Reference
+        from bodycheck.adapters.registry import engine_names
+
+        class Mine(Reference):
+            name = "my-engine"
+
+        def test_it(bodycheck):
+            found = bodycheck.run("mine.toml", engine=Mine(), method="m1", dt_s=0.05)
+            assert found["outcome"] == "ok"
+            assert "my-engine" not in engine_names()
+
+        def test_none(bodycheck):
+            with pytest.raises(ValueError, match="is no adapter and no name of an engine"):
+                bodycheck.run("mine.toml", engine=len, dt_s=0.05)
+            with pytest.raises(ValueError, match="needs engine=, here or in the marker"):
+                bodycheck.run("mine.toml", dt_s=0.05)
+        """
+    )
+    run(inner).assert_outcomes(passed=2)
+
+
+MARKED = """
+import pytest
+
+@pytest.mark.bodycheck(dt_s=0.05)
+def test_open(bodycheck):
+    bodycheck.run().check("energy_drift", upper=1e-2)
+
+@pytest.mark.bodycheck(scenario="mine.toml", engine="reference", method="m3", dt_s=0.05)
+def test_said(bodycheck):
+    bodycheck.run().check("energy_drift", upper=1e-2)
+
+def test_other():
+    pass
+"""
+
+
+def test_options_fill_in_what_a_marker_leaves_open(inner: pytest.Pytester) -> None:
+    """Two scenarios and two methods make four tests; what the marker says stays; -m chooses them."""
+    inner.makepyfile(MARKED)
+    suite = ("--bodycheck-suite", "mine.toml,other.toml")
+    options = (*suite, "--bodycheck-engines", "reference:m1,reference:m2")
+    listed = run(inner, *options, "--collect-only", "-q").stdout.str()
+    names = re.findall(r"::test_open\[(.*?)\]", listed)
+    assert names == [f"{s}.toml-reference-{m}" for s in ("mine", "other") for m in ("m1", "m2")]
+    assert "::test_said\n" in listed
+    done = run(inner, *options, "-k", "other.toml-reference-m2 or test_said")
+    done.assert_outcomes(passed=2, deselected=4)
+    done.stdout.fnmatch_lines(["passed other reference:m2: *", "passed mine reference:m3: *"])
+    run(inner, "-m", "not bodycheck").assert_outcomes(passed=1, deselected=2)
+
+
+@pytest.mark.parametrize(
+    ("marker", "options", "message"),
+    [
+        ("speed=1", (), "the marker bodycheck takes scenario=, engine=, method=, dt_s=, not speed"),
+        ("'mine.toml'", (), "not 'mine.toml'"),
+        ("dt_s=0.1", ("--bodycheck-engines", "havok"), "no engine is named 'havok'"),
+        ("dt_s=0.1", ("--bodycheck-suite", "nope"), "nope: is neither"),
+    ],
+)
+def test_a_wrong_marker_or_option_stops_the_session(
+    inner: pytest.Pytester, marker: str, options: tuple[str, ...], message: str
+) -> None:
+    """One line says what is wrong; no test passes."""
+    inner.makepyfile(
+        f"import pytest\n\n@pytest.mark.bodycheck({marker})\ndef test_it(bodycheck):\n    pass\n"
+    )
+    done = run(inner, *options)
+    assert done.ret != 0
+    assert message in done.stdout.str() + done.stderr.str()
+    assert "Traceback" not in done.stdout.str() + done.stderr.str()
+    done.assert_outcomes(errors=1)
+
+
+def test_a_marked_test_that_names_nothing_does_not_pass(inner: pytest.Pytester) -> None:
+    """Without options there is nothing to run, and that is said."""
+    inner.makepyfile(MARKED)
+    done = run(inner, "-k", "test_open")
+    done.assert_outcomes(failed=1)
+    assert "InputError: bodycheck.run: needs scenario=, here or in the marker" in done.stdout.str()
+
+
+GATES = """
+[[gate]]
+engine = "reference"
+method = "m1"
+measure = "energy_drift"
+upper = 1e-2
+reason = "loose"
+[[gate]]
+engine = "reference"
+method = "m1"
+measure = "energy_drift"
+upper = 1e-9
+reason = "too tight"
+[[gate]]
+engine = "nothing"
+measure = "energy_drift"
+upper = 1e-2
+reason = "nothing has this name"
+"""
+USING_GATES = "def test_gates(bodycheck_gate):\n    bodycheck_gate.check()\n"
+
+
+def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
+    """One passes, one fails, one measured nothing and fails too."""
+    inner.makefile(".toml", gates=GATES)
+    inner.makepyfile(USING_GATES)
+    done = run(inner, "--bodycheck-tolerances", "gates.toml", "--bodycheck-suite", "mine.toml")
+    done.assert_outcomes(passed=1, failed=2)
+    done.stdout.fnmatch_lines(
+        [
+            "passed * reference:m1: energy_drift <= 0.01: * cases; worst *",
+            "nothing * nothing:*: energy_drift*",
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ((), "bodycheck_gate needs --bodycheck-tolerances FILE"),
+        (("--bodycheck-tolerances", "mine.toml"), "mine.toml: gate: needs at least one [[gate]] table"),
+        (("--bodycheck-tolerances", "no.toml"), "no.toml: cannot be read"),
+    ],
+)
+def test_gates_without_a_good_file_stop_the_session(
+    inner: pytest.Pytester, options: tuple[str, ...], message: str
+) -> None:
+    """No file is no success: nothing would be gated."""
+    inner.makepyfile(USING_GATES)
+    done = run(inner, *options)
+    assert done.ret != 0
+    assert message in done.stdout.str() + done.stderr.str()
+
+
+STEPPED = """
+
+@pytest.mark.parametrize("upper", [1e-2, 1e-3, 0.0])
+def test_it(bodycheck, upper):
+    bodycheck.step(rk4, "mine.toml", dt_s=0.1).check("energy_drift", upper=upper)
+"""
+
+
+def test_it_works_under_xdist(inner: pytest.Pytester) -> None:
+    """Two workers come to the outcomes of one process, and the summary has the lines of both."""
+    inner.makepyfile(test_steps=RK4 + STEPPED)
+    done = inner.runpytest_subprocess(*PLUGIN, "-n", "2")
+    done.assert_outcomes(passed=2, failed=1)
+    summary = done.stdout.str().partition("= bodycheck =")[2]
+    lines = [
+        line for line in summary.splitlines() if line.startswith(("passed mine step:rk4:", "failed mine"))
+    ]
+    assert sorted(line.split()[0] for line in lines) == ["failed", "passed", "passed"]
