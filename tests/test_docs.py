@@ -35,6 +35,7 @@ def folder(tmp_path: Path, stored_run: Path) -> Path:
     for run in ("yesterday", "today"):
         shutil.copytree(stored_run, tmp_path / run)
     (tmp_path / "my-scenario.toml").write_text(blocks("docs/scenarios.md", "toml")[0])
+    (tmp_path / "gates.toml").write_text(blocks("docs/gates.md", "toml")[0])
     loads, shapes = blocks("docs/scenarios.md", "python")
     (tmp_path / "my_loads.py").write_text(loads)
     (tmp_path / "my_shapes.py").write_text(shapes)

@@ -6,18 +6,20 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from typer.testing import CliRunner, Result
 
-from bodycheck import cli
+from bodycheck import cli, gate_run
 from bodycheck.errors import InputError
-from bodycheck.gate_run import run_for_gates
 from bodycheck.reports.gates.files import as_json, as_junit
 from bodycheck.reports.gates.gate import parse_gates
 from bodycheck.reports.gates.verdict import held
+from bodycheck.runner import SILENCE, Manner
+from bodycheck.selection import Selection
 
 SCENARIO = """
 name = "mine"
@@ -240,18 +242,24 @@ def test_a_new_run_is_held_to_the_gates(folder: Path) -> None:
     assert "Traceback" not in wrong.stderr
 
 
-def test_a_gate_runs_only_what_gates_look_at(folder: Path) -> None:
-    """Scenarios and methods that no gate names are not run; times only where a gate needs them."""
-    from contextlib import nullcontext
-
-    from bodycheck.runner import SILENCE, Manner
-
+def test_only_what_gates_look_at_is_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scenarios and methods that no gate names are left out; times are measured where a gate needs them."""
+    asked: list[tuple[Selection, Manner]] = []
+    monkeypatch.setattr(gate_run, "run_selection", lambda *told, **_: asked.append(told[:2]))
     text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'
-    for measure, timed in (("energy_drift", False), ("relative_cpu", True)):
+    defaults = '[[gate]]\nengine = "mujoco"\nmethod = "euler@defaults"\nreason = "r"\n'
+    for measure in ("energy_drift", "relative_cpu"):
         gates = parse_gates(f'{text}measure = "{measure}"\nupper = 1e9\n', "t")
-        watching = lambda _: nullcontext(SILENCE)  # noqa: E731 - nothing is told
-        run = run_for_gates(gates, [folder / "mine.toml", "intermediate-axis"], Manner(jobs=1), watching)
-        assert set(run.results["method"]) == {"m1", "m2"}
-        assert set(run.results["scenario"]) == {"mine"}
-        assert run.results["cpu_s"].notna().all() == timed
-        assert held(gates, run)[0].status == "passed"
+        scenarios = [folder / "mine.toml", "intermediate-axis"]
+        gate_run.run_for_gates(gates, scenarios, Manner(), lambda _: nullcontext(SILENCE))
+    gates = parse_gates(f'{defaults}measure = "verdict"\nequals = "converges"\n', "t")
+    gate_run.run_for_gates(gates, ["intermediate-axis"], Manner(), lambda _: nullcontext(SILENCE))
+    names = [
+        (
+            [scenario.name for _, scenario in selection.scenarios],
+            [method.name for _, method in selection.methods],
+        )
+        for selection, _ in asked
+    ]
+    assert names == [(["mine"], ["m1", "m2"])] * 2 + [(["intermediate-axis"], ["euler@defaults"])]
+    assert [manner.speed for _, manner in asked] == [False, True, False]

@@ -74,7 +74,9 @@ def inner(pytester: pytest.Pytester, imported: None) -> pytest.Pytester:
     """Return a folder of a user's own, with two scenarios."""
     del imported
     pytester.makefile(".toml", mine=SCENARIO, other=SCENARIO.replace('"mine"', '"other"'))
-    pytester.makeini("[pytest]\nfilterwarnings = error\naddopts = --strict-markers -p no:cacheprovider -p no:hypothesispytest\n")
+    # hypothesis would be imported anew at the end of every inner session
+    plugins = "-p no:cacheprovider -p no:hypothesispytest"
+    pytester.makeini(f"[pytest]\nfilterwarnings = error\naddopts = --strict-markers {plugins}\n")
     return pytester
 
 
