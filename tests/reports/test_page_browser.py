@@ -55,7 +55,7 @@ def test_the_browser_draws_every_plot(opened: Page) -> None:
 
 
 def test_what_failed_stands_at_the_edge_of_the_speed_plot(opened: Page) -> None:
-    """The marks of failed, invalid and unstable cases are drawn beside the axes, with their messages."""
+    """Marks of failed, invalid and unstable cases stand beside the axes; markup in a label is text."""
     draw_all(opened)
     texts = opened.evaluate(
         """() => document.querySelector("[data-plot=speed]").data
@@ -63,6 +63,14 @@ def test_what_failed_stands_at_the_edge_of_the_speed_plot(opened: Page) -> None:
     )
     told = " ".join(texts)
     assert all(word in told for word in ("failed", "invalid", "unstable"))
+    opened.evaluate(
+        """() => {
+          const plot = document.querySelector("[data-plot=speed]");
+          const failed = plot.data.findIndex(trace => trace.xaxis === "x2" && trace.text.includes("failed"));
+          Plotly.Fx.hover(plot, [{ curveNumber: failed, pointNumber: 0 }], ["x2y2"]);
+        }"""
+    )
+    expect(opened.locator("[data-plot=speed] .hoverlayer").first).to_contain_text("<b>failed</b>")
     overall = opened.evaluate(
         "() => document.querySelector('[data-plot=overall]').data.map(trace => trace.text)"
     )
