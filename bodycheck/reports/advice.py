@@ -6,16 +6,13 @@ import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 from bodycheck.errors import InputError
-from bodycheck.reports.bounds import TRUTH_BOUNDS
 from bodycheck.reports.case import CaseResult
-from bodycheck.reports.convergence import LARGEST_ROUND_OFF
+from bodycheck.reports.keeping import keeping, ladders_of, largest_error
 from bodycheck.reports.study import QUANTITIES
-from bodycheck.reports.summary import MethodKey, key_of
-
-_Ladder: TypeAlias = list[CaseResult]
+from bodycheck.reports.summary import MethodKey
 
 
 @dataclass(frozen=True)
@@ -69,55 +66,22 @@ def advise(
     Raises InputError as check_question does.
     """
     check_question(error, quantity)
-    ladders = _ladders(cases, scenarios)
+    ladders = ladders_of(case for case in cases if case.columns["scenario"] in scenarios)
     kept: dict[str, dict[MethodKey, Option]] = {name: {} for name in scenarios}
     best: dict[str, dict[MethodKey, Option]] = {name: {} for name in scenarios}
     for (name, key), ladder in ladders.items():
-        options = [_option(case, quantity) for case in _keeping(ladder, error, quantity)]
+        options = [_option(case, quantity) for case in keeping(ladder, error, quantity)]
         if options:
             kept[name][key] = min(options, key=_cost)
-        if measured := [_option(case, quantity) for case in ladder if _sure(case, quantity) < math.inf]:
+        if measured := [
+            _option(case, quantity) for case in ladder if largest_error(case, quantity) < math.inf
+        ]:
             best[name][key] = min(measured, key=lambda option: option.error)
     engines = tuple(dict.fromkeys(engine for _, (engine, _) in ladders))
     answers = [_answer(name, kept[name], best[name], engines) for name in scenarios]
     if len(scenarios) > 1:
         answers.insert(0, _answer(None, _on_all(kept), _on_all(best), engines))
     return tuple(answers)
-
-
-def _ladders(
-    cases: Iterable[CaseResult], scenarios: Sequence[str]
-) -> Mapping[tuple[str, MethodKey], _Ladder]:
-    """Return the cases of each method on each of the scenarios, the finest first."""
-    ladders: dict[tuple[str, MethodKey], _Ladder] = {}
-    for case in cases:
-        if case.columns["scenario"] in scenarios:
-            ladders.setdefault((case.columns["scenario"], key_of(case.columns)), []).append(case)
-    for ladder in ladders.values():
-        ladder.sort(key=lambda case: case.setting.fineness or 0.0)
-    return ladders
-
-
-def _sure(case: CaseResult, quantity: str) -> float:
-    """measured + bound: what the true error is at most; infinite where the case did not end well."""
-    columns = case.columns
-    if not case.ok or quantity not in columns:
-        return math.inf
-    return float(columns[quantity] + columns[TRUTH_BOUNDS[quantity]])
-
-
-def _keeping(ladder: _Ladder, error: float, quantity: str) -> Iterable[CaseResult]:
-    """Yield the cases that keep the error, the finest first, down to a step that does not.
-
-    A coarser step that keeps it all the same does so by luck. Below 1e-9 it is no luck: there finer steps
-    may be worse by their round-off.
-    """
-    for case in ladder:
-        sure = _sure(case, quantity)
-        if sure <= error:
-            yield case
-        elif sure > LARGEST_ROUND_OFF:
-            return
 
 
 def _option(case: CaseResult, quantity: str) -> Option:
@@ -127,7 +91,7 @@ def _option(case: CaseResult, quantity: str) -> Option:
         method=columns["method"],
         control=columns["control"],
         settings=(case.setting.fineness,),
-        error=_sure(case, quantity),
+        error=largest_error(case, quantity),
         cpu_s=columns.get("cpu_s"),
         reproduce=columns["reproduce"],
     )

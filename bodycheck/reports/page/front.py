@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodycheck.reports.case import CaseResult, Subject
-from bodycheck.reports.summary import MethodKey, key_of
+from bodycheck.reports.keeping import Ladder, keeping, ladders_of
+from bodycheck.reports.summary import MethodKey
 from bodycheck.reports.wording import number
 
 ERRORS = {
@@ -53,12 +54,13 @@ def cheapest_cases(subject: Subject, cases: Sequence[CaseResult], error: str) ->
 
 
 def _cheapest(cases: Iterable[CaseResult], error: str, target: float) -> CaseResult | None:
-    keeping = [
+    timed = [
         case
-        for case in cases
-        if case.ok and "cpu_s" in case.columns and case.columns.get(error, math.inf) <= target
+        for ladder in ladders_of(cases).values()
+        for case in keeping(ladder, target, error)
+        if "cpu_s" in case.columns
     ]
-    return min(keeping, key=lambda case: case.columns["cpu_s"], default=None)
+    return min(timed, key=lambda case: case.columns["cpu_s"], default=None)
 
 
 @dataclass(frozen=True)
@@ -82,48 +84,42 @@ def costs(
     subjects: Sequence[Subject], cases: Iterable[CaseResult], error: str
 ) -> dict[MethodKey, list[Cost]]:
     """Return the costs of every method whose speed was measured, for each decade of the error."""
-    by_pair: dict[MethodKey, dict[str, list[CaseResult]]] = {}
-    for case in cases:
-        if case.columns["outcome"] != "unsupported":
-            own = by_pair.setdefault(key_of(case.columns), {})
-            own.setdefault(case.columns["scenario"], []).append(case)
+    by_method: dict[MethodKey, dict[str, Ladder]] = {}
+    for (scenario, key), ladder in ladders_of(cases).items():
+        if any(case.columns["outcome"] != "unsupported" for case in ladder):
+            by_method.setdefault(key, {})[scenario] = ladder
     floors = {subject.scenario.name: floor_of(subject, error) for subject in subjects}
     found = {}
-    for key, by_scenario in by_pair.items():
-        if any("cpu_s" in case.columns for own in by_scenario.values() for case in own):
-            priced = [
-                (floors[scenario], _prices(own, error))
-                for scenario, own in by_scenario.items()
-                if any(error in case.columns for case in own) or not any(case.ok for case in own)
+    for key, ladders in by_method.items():
+        if any("cpu_s" in case.columns for ladder in ladders.values() for case in ladder):
+            told = [
+                (floors[scenario], ladder)
+                for scenario, ladder in ladders.items()
+                if any(error in case.columns for case in ladder) or not any(case.ok for case in ladder)
             ]
-            of_key = (_cost(key, target, priced) for target in TARGETS)
+            of_key = (_cost(key, target, error, told) for target in TARGETS)
             found[key] = [cost for cost in of_key if cost is not None]
     return found
 
 
-def _prices(cases: Iterable[CaseResult], error: str) -> list[tuple[float, float]]:
-    """Return error and processor seconds a simulated second of the cases that have both."""
-    return [
-        (case.columns[error], case.columns["cpu_s"] / case.columns["duration_s"])
-        for case in cases
-        if case.ok and "cpu_s" in case.columns and error in case.columns
-    ]
-
-
-def _cost(
-    key: MethodKey, target: float, priced: Sequence[tuple[float, Sequence[tuple[float, float]]]]
-) -> Cost | None:
-    """priced: of each scenario its floor, and error and price of its cases."""
-    seconds = [
-        min((price for error, price in prices if error <= target), default=math.inf)
-        for floor, prices in priced
-        if target >= floor
-    ]
+def _cost(key: MethodKey, target: float, error: str, told: Sequence[tuple[float, Ladder]]) -> Cost | None:
+    """told: of each scenario its floor and its cases."""
+    seconds = [_price(ladder, target, error) for floor, ladder in told if target >= floor]
     if not seconds:
         return None
     # of an even number of scenarios the dearer one: half of them kept is not enough
     low, median, high = np.quantile(seconds, [0.25, 0.5, 0.75], method="higher").tolist()
     return Cost(key, target, median, low, high, sum(map(math.isfinite, seconds)), len(seconds))
+
+
+def _price(ladder: Ladder, target: float, error: str) -> float:
+    """Return the least processor seconds a simulated second that keep an error; infinite where none do."""
+    prices = (
+        case.columns["cpu_s"] / case.columns["duration_s"]
+        for case in keeping(ladder, target, error)
+        if "cpu_s" in case.columns
+    )
+    return min(prices, default=math.inf)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,47 @@
+"""Which cases of a method keep an error: by what was measured and the truth's bound, and not by luck."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TypeAlias
+
+from bodycheck.reports.bounds import TRUTH_BOUNDS
+from bodycheck.reports.case import CaseResult
+from bodycheck.reports.convergence import LARGEST_ROUND_OFF
+from bodycheck.reports.summary import MethodKey, key_of
+
+Ladder: TypeAlias = Sequence[CaseResult]
+"""The cases of one method on one scenario, the finest first."""
+
+
+def ladders_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], Ladder]:
+    """Return the cases of each method on each scenario."""
+    ladders: dict[tuple[str, MethodKey], list[CaseResult]] = {}
+    for case in cases:
+        ladders.setdefault((case.columns["scenario"], key_of(case.columns)), []).append(case)
+    for ladder in ladders.values():
+        ladder.sort(key=lambda case: case.setting.fineness or 0.0)
+    return ladders
+
+
+def largest_error(case: CaseResult, quantity: str) -> float:
+    """measured + bound: what the true error is at most; infinite where the case did not end well."""
+    columns = case.columns
+    if not case.ok or quantity not in columns:
+        return math.inf
+    return float(columns[quantity] + columns[TRUTH_BOUNDS[quantity]])
+
+
+def keeping(ladder: Ladder, error: float, quantity: str) -> Iterator[CaseResult]:
+    """Yield the cases that keep the error, the finest first, down to a step that does not.
+
+    A coarser step that keeps it all the same does so by luck. Below 1e-9 it is no luck: there finer steps
+    may be worse by their round-off.
+    """
+    for case in ladder:
+        largest = largest_error(case, quantity)
+        if largest <= error:
+            yield case
+        elif largest > LARGEST_ROUND_OFF:
+            return
