@@ -65,6 +65,7 @@ IDLE = """
 engine = "failing"
 measure = "orientation_error_rad"
 scenario = "forced*"
+dt_s = 2e-2
 upper = 1.0
 reason = "it gives up"
 

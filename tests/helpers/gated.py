@@ -6,7 +6,7 @@ from typing import Any
 
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.stored import Tables
-from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, as_table
+from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table
 
 CASE: dict[str, Any] = {
     "scenario": "brick",
@@ -31,15 +31,19 @@ METHOD = {
 
 
 def a_run(
-    cases: list[dict[str, Any]], methods: list[dict[str, Any]] | None = None, **manifest: Any
+    cases: list[dict[str, Any]],
+    methods: list[dict[str, Any]] | None = None,
+    stability: list[dict[str, Any]] | None = None,
+    **manifest: Any,
 ) -> Tables:
-    """Return a run of CASE with other cells, one a row; methods likewise of METHOD."""
+    """Return a run of CASE with other cells, one a row; methods likewise of METHOD; rows of stability.csv."""
     rows = [{**CASE, **cells} for cells in cases]
     method_rows = [{**METHOD, **cells} for cells in methods or []]
     return Tables(
         run_id="made-up",
         results=as_table(rows, RESULT_COLUMNS),
         methods=as_table(method_rows, METHOD_COLUMNS),
+        stability=as_table(stability or [], STABILITY_COLUMNS),
         manifest={"dt_s": None, "tolerances": None, "engines": {}, **manifest},
         cases=tuple(CaseResult(row) for row in rows),
     )

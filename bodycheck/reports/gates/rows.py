@@ -75,7 +75,7 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
     why = ""
     if value is None or (not measure.words and not _is_finite(value)):
         value = None
-        told = found.get("verdict") or found.get("message") or columns["message"] or columns["outcome"]
+        told = found.get("verdict") or found.get("message") or columns["message"] or "nothing tells of it"
         why = f"there is no {gate.measure}: {told}"
     command = _whole_command(columns, run.manifest)
     return Row(**_who(columns), at="", obtained=value, why=why, reproduce=command)

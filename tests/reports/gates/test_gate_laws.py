@@ -180,11 +180,28 @@ def test_a_method_without_a_row_of_its_own_does_not_pass_with_the_others() -> No
     assert [check.row.why for check in result.failed] == ["there is no verdict: no pivot"]
 
 
-@pytest.mark.parametrize("measure", ["stability.dt_stable_s", "growth.energy_drift"])
-def test_what_a_run_does_not_have_is_not_passed(measure: str) -> None:
-    """A run without the table or the column measured nothing."""
-    table = {"upper": 1.0} if "stability" in measure else {"equals": "bounded"}
-    assert one(gate(measure=measure, **table), {}, methods=[METHOD]).status == "nothing"
+@pytest.mark.parametrize(
+    ("found", "status"),
+    [({"dt_stable_s": 0.2}, "passed"), ({"dt_stable_s": 0.05}, "failed"), ({"message": "lost"}, "nothing")],
+)
+def test_a_stability_limit_is_held_to_its_bound(found: dict[str, Any], status: str) -> None:
+    """The largest stable step must be long enough; where there was no search it measured nothing."""
+    row = {"scenario": "brick", "engine": "mujoco", "method": "rk4", **found}
+    asked = gate(measure="stability.dt_stable_s", lower=0.1)
+    (result,) = held([asked], a_run([{}], [], [row]))
+    assert result.status == status
+    (none,) = held([asked], a_run([{}]))
+    assert none.status == "nothing"
+
+
+@pytest.mark.parametrize(
+    ("found", "status"), [("bounded", "passed"), ("linear", "failed"), (None, "nothing")]
+)
+def test_a_growth_is_held_to_its_word(found: str | None, status: str) -> None:
+    """How a quantity grows must be what the gate says, and must have been told."""
+    asked = gate(measure="growth.energy_drift", equals="bounded")
+    row = {"quantity": "energy_drift", "growth": found}
+    assert one(asked, {}, methods=[row]).status == status
 
 
 def test_the_distance_is_in_decades_of_an_error_and_plain_of_an_order() -> None:
