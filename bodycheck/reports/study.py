@@ -58,6 +58,7 @@ def study(
     If adaptive, the largest stable step is looked for too.
     """
     cases: list[CaseResult] = []
+    stepped = adaptive and method.control == "dt"
 
     def make(setting: Setting) -> CaseResult:
         case = run_case(subject, engine, method, setting, ask)
@@ -67,11 +68,9 @@ def study(
 
     for setting in settings:
         if make(setting).columns["outcome"] == "unsupported":
-            break  # a scene that cannot be represented is so at every step
-    stepped = adaptive and method.control == "dt"
-    if cases[-1].columns["outcome"] == "unsupported":
-        row = stability_row(subject, engine, method, cases, search) if stepped else None
-        return Study(tuple(cases), (), row)
+            # a scene that cannot be represented is so at every step
+            row = stability_row(subject, engine, method, cases, search) if stepped else None
+            return Study(tuple(cases), (), row)
     if method.control == "none":
         return Study(tuple(cases), ())
     scene = subject.scenario.scene
