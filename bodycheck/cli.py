@@ -10,6 +10,7 @@ import typer
 
 from bodycheck.errors import BodycheckError, InputError, StoppedError
 from bodycheck.gating import gating
+from bodycheck.nightly import nightly
 from bodycheck.questions import questions
 
 if TYPE_CHECKING:
@@ -186,6 +187,7 @@ def list_(
 
 app.add_typer(gating)
 app.add_typer(questions)
+app.add_typer(nightly)
 
 
 def _print_csv(table: pd.DataFrame) -> None:

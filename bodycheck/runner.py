@@ -290,6 +290,7 @@ def _manifest(
         "bodycheck": version("bodycheck"),
         "python": platform.python_version(),
         "platform": platform.platform(),
+        "system": f"{platform.system()} {platform.machine()}",
         "cpu": cpu_model(),
         "cores": os.cpu_count(),
         "libraries": {name: version(name) for name in ("numpy", "numba", "scipy", "pandas")},

@@ -52,12 +52,17 @@ def write_run(run: Run, out: Path, *, beside: Path | None = None) -> Path:
     return out / "report.html"
 
 
-def _write_files(run: Run, folder: Path) -> None:
+def write_tables(run: Run, folder: Path) -> None:
+    """Write the tables, manifest.json and read_back.json: all that questions are asked of."""
     run.results.to_csv(folder / "results.csv", index=False)
     run.methods.to_csv(folder / "methods.csv", index=False)
     run.stability.to_csv(folder / "stability.csv", index=False)
     (folder / "manifest.json").write_text(json.dumps(run.manifest, indent=2) + "\n", encoding="utf-8")
     (folder / "read_back.json").write_text(json.dumps(_read_backs(run)) + "\n", encoding="utf-8")
+
+
+def _write_files(run: Run, folder: Path) -> None:
+    write_tables(run, folder)
     (folder / "report.html").write_text(render_report(run), encoding="utf-8")
     trajectories = folder / "trajectories"
     for subject in run.subjects:

@@ -57,7 +57,7 @@ def read_tables(folder: Path) -> Tables:
     Raises InputError with one line where the folder is of no run, or its files are damaged or do not belong
     together.
     """
-    manifest = _manifest(folder)
+    manifest = read_manifest(folder)
     results = read_rows(folder / "results.csv", RESULT_COLUMNS, _OF_EVERY_CASE)
     methods = read_rows(folder / "methods.csv", METHOD_COLUMNS, _OF_EVERY_METHOD)
     stability = read_rows(folder / "stability.csv", STABILITY_COLUMNS, _OF_EVERY_SEARCH)
@@ -92,7 +92,8 @@ def _json(folder: Path, name: str) -> Any:
         raise InputError(f"{path}: is not JSON: {error}") from None
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read manifest.json of a run; InputError with one line where it is missing or damaged."""
     path, manifest = folder / "manifest.json", _json(folder, "manifest.json")
     if not isinstance(manifest, dict) or any(key not in manifest for key in _IN_THE_MANIFEST):
         raise InputError(f"{path}: is no manifest of a run: it must have {', '.join(_IN_THE_MANIFEST)}")

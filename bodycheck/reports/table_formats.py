@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bodycheck.errors import UnavailableError
 from bodycheck.reports.markdown import markdown_table
 
 if TYPE_CHECKING:
@@ -34,16 +33,15 @@ def as_markdown(table: pd.DataFrame) -> bytes:
 def as_parquet(table: pd.DataFrame) -> bytes:
     """Return a Parquet file with the table's own types; what was not measured is null.
 
-    Raises UnavailableError without DuckDB, which writes it: a history reads and queries with it too, while
-    pyarrow, which pandas would take, does only this.
+    DuckDB writes it: a history is read and queried with it too, while pyarrow does only this.
     """
-    try:
-        import duckdb
-    except ImportError:
-        raise UnavailableError("parquet needs DuckDB: pip install 'bodycheck[parquet]'") from None
+    import duckdb
+
+    # a column of text in which nothing stands has no type that could be seen
+    texts = {name: "string" for name in table.columns if table[name].dtype == object}
     with tempfile.TemporaryDirectory() as folder, duckdb.connect() as database:
         path = Path(folder, "table.parquet")
-        database.register("run", table)
+        database.register("run", table.astype(texts))
         database.execute(f"COPY run TO '{path}' (FORMAT parquet)")
         return path.read_bytes()
 

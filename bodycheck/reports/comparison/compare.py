@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bodycheck.reports.comparison.accuracy import Floors, accuracy_changes
@@ -71,6 +71,13 @@ def compare(before: Tables, after: Tables) -> Comparison:
         timed=len(ratios),
         changes=tuple(sorted(changes, key=lambda change: -change.size)),
     )
+
+
+def ended_well_anew(before: Tables, after: Tables) -> Tables:
+    """Return the tables after with those cases alone that end well there and not, or not at all, before."""
+    well = {_case_key(case.columns) for case in before.cases if case.ok}
+    anew = (case for case in after.cases if case.ok and _case_key(case.columns) not in well)
+    return replace(after, cases=tuple(anew))
 
 
 def _cases(tables: Tables, apart: tuple[str, ...]) -> dict[_Key, _Row]:

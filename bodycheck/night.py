@@ -1,0 +1,37 @@
+"""One night: a run like any other, stored in a history and judged beside its past."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bodycheck.reports.history.judgement import Judgement, judge_night
+from bodycheck.reports.history.markdown import night_markdown
+from bodycheck.reports.history.night_files import write_judgement, write_run_of_night
+from bodycheck.reports.history.nights import History
+from bodycheck.reports.history.page import render_night
+from bodycheck.reports.run import Run
+from bodycheck.reports.stored import read_tables
+from bodycheck.runner import Identity, run_selection
+from bodycheck.stored_run import Asked, Watching
+
+
+def run_night(asked: Asked, history: History, watching: Watching) -> tuple[Judgement, Path]:
+    """Run what is asked, store it, and return what it is beside the past, and the night's folder.
+
+    Raises InputError where something is wrong or cannot be written: then the history is what it was.
+    """
+    selection, manner = asked.selection, asked.manner
+    with watching(selection.cases_listed()) as progress:
+        run = run_selection(selection, manner, Identity.new(), journal=None, progress=progress)
+    return store_night(run, history)
+
+
+def store_night(run: Run, history: History) -> tuple[Judgement, Path]:
+    """Append a run to a history; it is judged as it is stored, while no other night is."""
+    with history.new_night(run.run_id) as folder:
+        write_run_of_night(run, folder)
+        judged = judge_night(history, read_tables(folder))
+        write_judgement(judged, folder)
+        (folder / "night.html").write_text(render_night(judged), encoding="utf-8")
+        (folder / "night.md").write_text(night_markdown(judged), encoding="utf-8")
+    return judged, history.folder / run.run_id

@@ -1,0 +1,107 @@
+"""The commands `nightly` and `history`: what is measured every night, kept, and compared with its past."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from bodycheck.errors import InputError, StoppedError
+
+nightly = typer.Typer()
+history = typer.Typer(help="Ask and prune a history of nights.", no_args_is_help=True)
+nightly.add_typer(history, name="history")
+
+_EXITS = {"no regression": 0, "regression": 1, "past too thin": 3}
+
+_Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="The folder of a history.")]
+
+
+@nightly.command(name="nightly", short_help="Run, keep, and compare with the past.")
+def nightly_(
+    history: Annotated[Path, typer.Option(help="The folder of all nights; made if it is not there.")],
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Argument(help="Built-in names, suites or .toml files.", show_default="standard"),
+    ] = None,
+    engine: Annotated[
+        str | None, typer.Option(help="NAME[:METHOD],...; every engine that is installed, unless told.")
+    ] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write what is told to this file too.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="How many cases run side by side.", show_default="one a core")
+    ] = None,
+    timeout_s: Annotated[float, typer.Option(help="Seconds that one case may take.")] = 120.0,
+    no_speed: Annotated[bool, typer.Option("--no-speed", help="Do not measure processor time.")] = False,
+    allow_code: Annotated[
+        bool, typer.Option("--allow-code", help="Let functions that a file names be imported.")
+    ] = False,
+) -> None:
+    """Run, append the night to a history, and compare it with its past.
+
+    The status is 1 on a regression, 3 where there is no past to compare with, else 0.
+    """
+    from bodycheck.night import run_night
+    from bodycheck.reports.history.nights import History
+    from bodycheck.reports.history.text import print_night
+    from bodycheck.reports.terminal import LiveProgress
+    from bodycheck.reports.whole_file import write_whole
+    from bodycheck.stored_run import Asked
+
+    asked = Asked(
+        scenarios=scenarios or ["standard"],
+        engines=None if engine is None else engine.split(","),
+        speed=not no_speed,
+        jobs=jobs,
+        timeout_s=timeout_s,
+        fresh=True,  # what an engine answers tonight, not what it answered before
+        allow_code=allow_code,
+    )
+    try:
+        judged, night = run_night(asked, History.at(history), LiveProgress)
+    except KeyboardInterrupt:
+        raise StoppedError("stopped; nothing was stored") from None
+    if markdown is not None:
+        write_whole(markdown, (night / "night.md").read_bytes())
+    print_night(judged)
+    print(night / "night.html")
+    raise typer.Exit(_EXITS[judged.status])
+
+
+@history.command(name="list", short_help="Print one line a night.")
+def list_(folder: _Folder) -> None:
+    """Print one line a night, the oldest first: its status, how much changed, its cases and engines."""
+    from bodycheck.reports.history.nights import History
+    from bodycheck.reports.history.queries import nights_table
+    from bodycheck.reports.history.text import print_nights
+
+    print_nights(nights_table(History.existing(folder).nights()))
+
+
+@history.command(short_help="Ask in SQL.")
+def query(
+    folder: _Folder,
+    sql: Annotated[str, typer.Argument(help="A SELECT from nights, results, methods, stability, changes.")],
+    as_: Annotated[Literal["csv", "json", "md"], typer.Option("--format", help="Of the answer.")] = "csv",
+) -> None:
+    """Print what a SELECT finds in the tables of all nights together; nights has one row a night."""
+    from bodycheck.reports.history.nights import History
+    from bodycheck.reports.history.queries import query as asked
+    from bodycheck.reports.table_formats import FORMATS
+
+    sys.stdout.write(FORMATS[as_](asked(History.existing(folder), sql)).decode())
+
+
+@history.command(short_help="Remove old nights.")
+def prune(
+    folder: _Folder, keep: Annotated[int, typer.Option(help="How many nights to keep, the newest.")]
+) -> None:
+    """Remove all nights but the newest, and print the names of those that are gone."""
+    from bodycheck.reports.history.nights import History
+
+    if keep < 1:
+        raise InputError(f"--keep {keep}: must be 1 or more nights")
+    for name in History.existing(folder).prune(keep):
+        print(name)

@@ -1,0 +1,1 @@
+"""What every night found, kept for good, and what tonight is beside it."""

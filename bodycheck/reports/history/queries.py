@@ -1,0 +1,83 @@
+"""Questions to a history in SQL: DuckDB over the nights' Parquet files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bodycheck.errors import InputError
+from bodycheck.reports.history.nights import History
+from bodycheck.reports.history.past import told_of
+
+if TYPE_CHECKING:
+    import duckdb
+    import pandas as pd
+
+TABLES = ("results", "methods", "stability", "changes")
+"""Of each night, as Parquet and as CSV; the views of a query, beside `nights`."""
+
+_CASE = (
+    "scenario",
+    "engine",
+    "method",
+    "control",
+    "dt_s",
+    "tolerance",
+    "relative_cpu",
+    "orientation_error_rad",
+)
+
+
+def recorded_cases(nights: Sequence[Path]) -> pd.DataFrame:
+    """Return one row a case that ended well, with its night: what it is, its speed and its error.
+
+    nights: their folders. Raises InputError where a night's file cannot be read.
+    """
+    import pandas as pd
+
+    if not nights:
+        return pd.DataFrame(columns=["night", *_CASE])
+    with _asking() as database:
+        results = database.read_parquet(_files(nights, "results"), union_by_name=True)
+        return results.filter("outcome = 'ok'").project(f"run_id AS night, {', '.join(_CASE)}").df()
+
+
+def query(history: History, sql: str) -> pd.DataFrame:
+    """Return what one SQL statement finds in the views nights, results, methods, stability and changes.
+
+    Raises InputError where the statement is wrong, or a night cannot be read.
+    """
+    folders = history.nights()
+    with _asking() as database:
+        database.register("nights", nights_table(folders))
+        for table in TABLES:
+            database.read_parquet(_files(folders, table), union_by_name=True).create_view(table)
+        found = database.sql(sql)
+        if found is None:
+            raise InputError(f"{sql}: returns no table; a query is a SELECT")
+        return found.df()
+
+
+def nights_table(nights: Sequence[Path]) -> pd.DataFrame:
+    """Return one row a night: when, on what, how many cases, what was told of it."""
+    import pandas as pd
+
+    return pd.DataFrame([told_of(night) for night in nights])
+
+
+def _files(nights: Sequence[Path], table: str) -> list[str]:
+    return [str(night / f"{table}.parquet") for night in nights]
+
+
+@contextmanager
+def _asking() -> Iterator[duckdb.DuckDBPyConnection]:
+    """Give a database in memory; what it refuses is an InputError of one line."""
+    import duckdb
+
+    try:
+        with duckdb.connect() as database:
+            yield database
+    except duckdb.Error as error:
+        raise InputError(" ".join(str(error).split())) from None
