@@ -14,7 +14,7 @@ nightly = typer.Typer()
 history = typer.Typer(help="Ask and prune a history of nights.", no_args_is_help=True)
 nightly.add_typer(history, name="history")
 
-_EXITS = {"no regression": 0, "regression": 1, "past too thin": 3}
+_EXITS = {"no regression": 0, "regression": 1, "nothing measured": 1, "past too thin": 3}
 
 _Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="The folder of a history.")]
 
@@ -41,7 +41,7 @@ def nightly_(
 ) -> None:
     """Run, append the night to a history, and compare it with its past.
 
-    The status is 1 on a regression, 3 where there is no past to compare with, else 0.
+    The status is 1 on a regression, or where nothing was measured; 3 where there is no past to compare with.
     """
     from bodycheck.night import run_night
     from bodycheck.reports.history.nights import History

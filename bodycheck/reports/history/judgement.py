@@ -19,7 +19,7 @@ from bodycheck.reports.stored import Tables
 if TYPE_CHECKING:
     import pandas as pd
 
-Status: TypeAlias = Literal["regression", "no regression", "past too thin"]
+Status: TypeAlias = Literal["regression", "no regression", "past too thin", "nothing measured"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +38,13 @@ class Judgement:
 
     @property
     def status(self) -> Status:
-        """A regression is what became worse or is not measured any more; with no past nothing can be told."""
+        """Whether anything became worse or is not measured any more; without a past nothing can be told."""
+        if not any(case.ok for case in self.tonight.cases):
+            return "nothing measured"
         if self.comparison is None or not self.comparison.paired:
             return "past too thin"
-        return "regression" if any(map(_is_regression, self.comparison.changes)) else "no regression"
-
-
-def _is_regression(change: Change) -> bool:
-    return change.direction == "worse" or (change.kind in ("case", "accuracy") and change.after is None)
+        worse = any(change.direction == "worse" for change in self.comparison.changes)
+        return "regression" if worse else "no regression"
 
 
 def judge_night(history: History, tonight: Tables) -> Judgement:
@@ -57,12 +56,18 @@ def judge_night(history: History, tonight: Tables) -> Judgement:
     if past.nights:
         before = past.nights[0].tables
         comparison = compare(before, tonight)
-        changes = [change for change in comparison.changes if change.kind != "speed"]
+        changes = [_worse_if_lost(change) for change in comparison.changes if change.kind != "speed"]
         changes += [*_returned(past, before, tonight), *speeds.changes]
         changes.sort(key=lambda change: -change.size)
         comparison = replace(comparison, changes=tuple(changes))
     errors = series_of(nights, cases, "orientation_error_rad", _farthest)
     return Judgement(tonight, past, comparison, speeds, errors)
+
+
+def _worse_if_lost(change: Change) -> Change:
+    """Return a change as a night sees it, where what is not measured any more is worse."""
+    lost = change.kind in ("case", "accuracy") and change.after is None
+    return replace(change, direction="worse") if lost else change
 
 
 def _returned(past: Past, before: Tables, tonight: Tables) -> Iterator[Change]:

@@ -8,7 +8,7 @@ from bodycheck.reports.history.trends import trends_of
 from bodycheck.reports.history.words import headline, night_sentences
 from bodycheck.reports.templating import asset, environment
 
-_TINTS = {"regression": "bad", "no regression": "good", "past too thin": "open"}
+_TINTS = {"regression": "bad", "no regression": "good", "past too thin": "open", "nothing measured": "bad"}
 
 
 def render_night(judged: Judgement) -> str:

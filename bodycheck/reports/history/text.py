@@ -14,7 +14,12 @@ from bodycheck.reports.history.words import headline, night_sentences
 if TYPE_CHECKING:
     import pandas as pd
 
-_STYLES = {"regression": "bold red", "no regression": "bold green", "past too thin": "bold yellow"}
+_STYLES = {
+    "regression": "bold red",
+    "no regression": "bold green",
+    "past too thin": "bold yellow",
+    "nothing measured": "bold red",
+}
 _LISTED = ("run_id", "status", "worse", "better", "other", "cases", "engines", "machine")
 
 

@@ -11,6 +11,7 @@ from bodycheck.reports.wording import count, number
 _HEADLINES = {
     "regression": "Regression: something became worse, or is not measured any more.",
     "no regression": "No regression.",
+    "nothing measured": "No case ended well: nothing was measured.",
     "past too thin": "The past is too thin: no night on a machine like this one has cases to compare with.",
 }
 

@@ -1,0 +1,31 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import bodycheck
+from bodycheck.reports.run import Run
+
+_TUMBLE = """
+name = "{name}"
+duration_s = 1.0
+samples = 11
+steps_s = [0.05, 0.02, 0.01, 0.005]
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.5]
+[initial]
+omega_body_rad_s = {omega}
+"""
+
+
+@pytest.fixture(scope="session")
+def night_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Return a run of two scenarios by three methods of the reference, with their speeds."""
+    folder = tmp_path_factory.mktemp("night")
+    files = []
+    for name, omega in (("slow", [0.3, 1.0, -0.2]), ("quick", [0.6, 2.0, -0.4])):
+        files.append(folder / f"{name}.toml")
+        Path(files[-1]).write_text(_TUMBLE.format(name=name, omega=omega))
+    return bodycheck.run(files, engines=["reference:m1", "reference:m2", "reference:rk4"], jobs=1)

@@ -1,0 +1,262 @@
+"""A night beside its past: what changed is named, nothing else is, and no damage is taken for a result."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_nights import Change, run_of_night, slower, stored, unchanged
+
+from bodycheck.errors import InputError
+from bodycheck.night import store_night
+from bodycheck.reports.history.judgement import Judgement
+from bodycheck.reports.history.nights import History
+from bodycheck.reports.history.queries import nights_table, query
+from bodycheck.reports.history.words import night_sentences
+from bodycheck.reports.run import Run
+from bodycheck.reports.stored import read_tables
+
+
+def of(results: pd.DataFrame, method: str, dt_s: float | None = None, scenario: str = "slow") -> Any:
+    """Return which rows are those of a method on a scenario, at any step or at one."""
+    mine = (results["scenario"] == scenario) & (results["method"] == method)
+    return mine if dt_s is None else mine & (results["dt_s"] == dt_s)
+
+
+def planted(measure: str, amount: float, method: str = "m1", dt_s: float = 0.01) -> Change:
+    """Return what adds something to one cell."""
+
+    def change(results: pd.DataFrame) -> pd.DataFrame:
+        results.loc[of(results, method, dt_s), measure] += amount
+        return results
+
+    return change
+
+
+def ended(outcome: str, method: str = "m1", dt_s: float = 0.01) -> Change:
+    """Return what lets one case end otherwise, with nothing measured."""
+
+    def change(results: pd.DataFrame) -> pd.DataFrame:
+        mine = of(results, method, dt_s)
+        kept = ["run_id", "scenario", "engine", "engine_version", "method", "control", "dt_s", "reproduce"]
+        results.loc[mine, [name for name in results.columns if name not in kept]] = None
+        results.loc[mine, "outcome"] = outcome
+        return results
+
+    return change
+
+
+def told(judged: Judgement) -> list[tuple[str, str, str]]:
+    """Return kind, what and direction of each change."""
+    assert judged.comparison is not None
+    return [(change.kind, change.what, change.direction) for change in judged.comparison.changes]
+
+
+def test_the_first_night_has_no_past_and_the_second_has(night_run: Run, tmp_path: Path) -> None:
+    """The past is too thin on the first; an unchanged second is no regression."""
+    first, second = stored(night_run, tmp_path, [unchanged, unchanged])
+    assert (first.status, first.comparison) == ("past too thin", None)
+    assert second.status == "no regression"
+    assert told(second) == []
+
+
+def test_twenty_unchanged_nights_tell_nothing(night_run: Run, tmp_path: Path) -> None:
+    """Whatever the times do by chance, no measure and no speed is said to have changed."""
+    rng = np.random.default_rng(0)
+
+    def by_chance(results: pd.DataFrame) -> pd.DataFrame:
+        results["relative_cpu"] *= 10.0 ** rng.normal(0.0, 0.02, len(results))
+        return results
+
+    nights = stored(night_run, tmp_path, 21 * [by_chance])
+    assert [judged.status for judged in nights[1:]] == 20 * ["no regression"]
+    assert [told(judged) for judged in nights[1:]] == 20 * [[]]
+
+
+@pytest.mark.parametrize("amount", [1e-9, -1e-9])
+def test_a_billionth_of_a_radian_is_named(night_run: Run, tmp_path: Path, amount: float) -> None:
+    """Engine, method, scenario, step and measure; worse is a regression, better is told and is none."""
+    *_, judged = stored(night_run, tmp_path, [unchanged, planted("orientation_error_rad", amount)])
+    assert judged.comparison is not None
+    (change,) = judged.comparison.changes
+    assert (change.scenario, change.engine, change.method, change.fineness) == (
+        "slow",
+        "reference",
+        "m1",
+        0.01,
+    )
+    assert change.what == "orientation_error_rad"
+    assert change.direction == ("worse" if amount > 0.0 else "better")
+    assert judged.status == ("regression" if amount > 0.0 else "no regression")
+
+
+def test_a_change_is_told_once(night_run: Run, tmp_path: Path) -> None:
+    """The night after is compared with the night that told it."""
+    worse = planted("energy_drift", 1e-6)
+    nights = stored(night_run, tmp_path, [unchanged, worse, worse])
+    assert [judged.status for judged in nights] == ["past too thin", "regression", "no regression"]
+
+
+def test_what_is_not_measured_any_more_is_a_regression(night_run: Run, tmp_path: Path) -> None:
+    """A case that is gone, one that fails, a measure that is empty; a new case is none."""
+
+    def gone(results: pd.DataFrame) -> pd.DataFrame:
+        return results[~of(results, "m2")]
+
+    def emptied(results: pd.DataFrame) -> pd.DataFrame:
+        results.loc[of(results, "rk4", 0.01), "energy_drift"] = np.nan
+        return results
+
+    for place, (change, kind) in enumerate(
+        ((gone, "case"), (ended("failed"), "outcome"), (emptied, "accuracy"))
+    ):
+        _, judged, back = stored(night_run, tmp_path / str(place), [unchanged, change, unchanged])
+        assert judged.status == "regression"
+        assert {(found, direction) for found, _, direction in told(judged)} == {(kind, "worse")}
+        assert back.status == "no regression"
+
+
+def test_a_night_that_measured_nothing_never_passes(night_run: Run, tmp_path: Path) -> None:
+    """Neither the first, nor one that is no worse than the night before."""
+
+    def all_failed(results: pd.DataFrame) -> pd.DataFrame:
+        return results.assign(outcome="failed")
+
+    nights = stored(night_run, tmp_path, [all_failed, all_failed])
+    assert [judged.status for judged in nights] == 2 * ["nothing measured"]
+
+
+def test_a_case_that_comes_back_is_compared_with_when_it_last_ended_well(
+    night_run: Run, tmp_path: Path
+) -> None:
+    """A crash for three nights hides no change of what the case measures."""
+    worse = planted("orientation_error_rad", 1e-6)
+    *_, judged = stored(night_run, tmp_path, [unchanged, *3 * [ended("failed")], worse])
+    assert ("accuracy", "orientation_error_rad", "worse") in told(judged)
+    *_, same = stored(night_run, tmp_path / "same", [unchanged, *3 * [ended("failed")], unchanged])
+    assert told(same) == [("outcome", "outcome", "better")]
+
+
+def test_a_slower_engine_is_told_and_then_usual(night_run: Run, tmp_path: Path) -> None:
+    """A fifth more time on each night from the eighth on: told once a method, within five nights."""
+    rng = np.random.default_rng(1)
+
+    def night(number: int) -> Change:
+        def change(results: pd.DataFrame) -> pd.DataFrame:
+            results["relative_cpu"] *= 10.0 ** rng.normal(0.0, 0.01, len(results))
+            return slower(results, "reference", 1.2) if number >= 8 else results
+
+        return change
+
+    nights = stored(night_run, tmp_path, [night(number) for number in range(18)])
+    alarms = {
+        (number, change.method)
+        for number, judged in enumerate(nights)
+        for change in (judged.comparison.changes if judged.comparison else ())
+        if change.kind == "speed" and change.direction == "worse"
+    }
+    assert {method for _, method in alarms} == {"m1", "m2", "rk4"}
+    assert len(alarms) == 3
+    assert all(8 <= number <= 12 for number, _ in alarms)
+
+
+def test_nights_of_other_machines_are_another_past(night_run: Run, tmp_path: Path) -> None:
+    """Two classes of machines share a folder, and each night is compared with its own."""
+    stored(night_run, tmp_path, [unchanged, unchanged])
+    (other,) = stored(night_run, tmp_path, [planted("energy_drift", 1e-6)], first=2, cpu="another processor")
+    assert other.status == "past too thin"
+    (mine,) = stored(night_run, tmp_path, [unchanged], first=3)
+    assert mine.status == "no regression"
+    assert mine.comparison is not None
+    assert mine.comparison.before.run_id == run_of_night(night_run, 1).run_id
+
+
+def test_a_scenario_that_means_another_thing_is_not_compared(night_run: Run, tmp_path: Path) -> None:
+    """Where no scenario is what it was, there is nothing to compare with: the past is too thin."""
+    stored(night_run, tmp_path, [unchanged])
+    known = night_run.manifest["scenarios"]
+    longer = {name: {**scenario, "duration_s": 2.0} for name, scenario in known.items()}
+    (judged,) = stored(night_run, tmp_path, [slower_all], first=1, scenarios=longer)
+    assert judged.status == "past too thin"
+    assert judged.comparison is not None
+    assert set(judged.comparison.redefined) == {"slow", "quick"}
+    assert float(np.nanmax(np.abs(judged.speeds.series.decades))) == 0.0
+
+
+def slower_all(results: pd.DataFrame) -> pd.DataFrame:
+    """Return the results of an engine three times as slow."""
+    return slower(results, "reference", 3.0)
+
+
+@pytest.mark.parametrize(
+    "file", ["manifest.json", "results.csv", "results.parquet", "night.json", "methods.csv"]
+)
+def test_a_damaged_night_is_left_out_and_named(night_run: Run, tmp_path: Path, file: str) -> None:
+    """Tonight is compared with the night before it, and stored."""
+    stored(night_run, tmp_path, [unchanged, unchanged])
+    damaged = tmp_path / run_of_night(night_run, 1).run_id / file
+    damaged.write_bytes(damaged.read_bytes()[: damaged.stat().st_size // 2])
+    (judged,) = stored(night_run, tmp_path, [planted("energy_drift", 1e-6)], first=2)
+    assert judged.status == "regression"
+    assert judged.comparison is not None
+    assert judged.comparison.before.run_id == run_of_night(night_run, 0).run_id
+    assert any(damaged.parent.name in sentence for sentence in night_sentences(judged))
+
+
+def test_a_night_keeps_all_that_was_measured_and_told(night_run: Run, tmp_path: Path) -> None:
+    """Its folder is a run that can be read; CSV and Parquet hold the same; night.json counts the changes."""
+    stored(night_run, tmp_path, [unchanged, planted("energy_drift", 1e-6)])
+    night = History(tmp_path).nights()[-1]
+    assert len(read_tables(night).cases) == len(night_run.results)
+    found = json.loads((night / "night.json").read_text())
+    assert (found["status"], found["worse"], found["better"]) == ("regression", 1, 0)
+    (change,) = pd.read_csv(night / "changes.csv").to_dict("records")
+    assert (change["what"], change["method"], change["fineness"]) == ("energy_drift", "m1", 0.01)
+    for page in ("night.html", "report.html", "night.md"):
+        assert "m1" in (night / page).read_text()
+
+
+def test_a_history_is_asked_in_sql(night_run: Run, tmp_path: Path) -> None:
+    """Every table of every night is there, under its night, as it was measured."""
+    stored(night_run, tmp_path, [unchanged, planted("energy_drift", 1e-6)])
+    history = History(tmp_path)
+    sql = (
+        "SELECT run_id, max(energy_drift) AS most FROM results WHERE method = 'm1' GROUP BY run_id ORDER BY 1"
+    )
+    found = query(history, sql)
+    mine = night_run.results[night_run.results["method"] == "m1"]["energy_drift"].max()
+    assert found["run_id"].tolist() == [night.name for night in history.nights()]
+    assert found["most"][0] == mine
+    (counted,) = query(
+        history,
+        "SELECT (SELECT count(*) FROM nights) AS nights, (SELECT count(*) FROM changes) AS changes, "
+        "(SELECT count(*) FROM methods) AS methods, (SELECT count(*) FROM stability) AS stability",
+    ).to_dict("records")
+    assert counted == {
+        "nights": 2,
+        "changes": 1,
+        "methods": 2 * len(night_run.methods),
+        "stability": 2 * len(night_run.stability),
+    }
+    assert nights_table(history.nights())["status"].tolist() == ["past too thin", "regression"]
+
+
+@pytest.mark.parametrize("sql", ["SELECT * FROM absent", "SELEC", ""])
+def test_a_wrong_question_is_one_line(night_run: Run, tmp_path: Path, sql: str) -> None:
+    """What the database says of it, and nothing else."""
+    stored(night_run, tmp_path, [unchanged])
+    with pytest.raises(InputError) as refused:
+        query(History(tmp_path), sql)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_night_that_cannot_be_judged_is_not_stored(night_run: Run, tmp_path: Path) -> None:
+    """A run whose tables do not belong together is refused, and the history is what it was."""
+    stored(night_run, tmp_path, [unchanged])
+    with pytest.raises(InputError, match="is damaged"):
+        store_night(run_of_night(night_run, 1, outcomes={"ok": 1}), History(tmp_path))
+    assert len(History(tmp_path).nights()) == 1

@@ -1,0 +1,153 @@
+"""The commands `nightly` and `history`: status, what is printed, and what is left behind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from bodycheck import cli
+from bodycheck.adapters.contract import Method, Reading, Simulation
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.registry import _registered, register_adapter
+from bodycheck.errors import InputError, StoppedError
+from bodycheck.reference_impl.rotations import quaternion_product
+from bodycheck.reference_impl.scene import Scene
+
+_SCENARIO = """
+name = "tumble"
+duration_s = 1.0
+samples = 11
+steps_s = [0.05, 0.02]
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.5]
+[initial]
+omega_body_rad_s = [0.3, 1.0, -0.2]
+"""
+
+
+class TurnedSimulation:
+    """A simulation whose orientations are read as turned by an angle about the body's x axis."""
+
+    def __init__(self, sound: Simulation, angle_rad: float) -> None:
+        self._sound, self._angle_rad = sound, angle_rad
+        self.stepping = sound.stepping
+        self.read_back, self.reset, self.apply = sound.read_back, sound.reset, sound.apply
+        self.advance, self.close = sound.advance, sound.close
+
+    def read(self) -> Reading:
+        """Return the state, turned."""
+        reading, half = self._sound.read(), 0.5 * self._angle_rad
+        turn = np.array([np.cos(half), np.sin(half), 0.0, 0.0])
+        return replace(reading, quaternion=quaternion_product(reading.quaternion, turn))
+
+
+class Turned:
+    """The reference under another name, as it may be on another night: a little turned."""
+
+    name = "turned"
+    version = "1"
+
+    def __init__(self, angle_rad: float) -> None:
+        self._sound, self._angle_rad = Reference(), angle_rad
+        self.methods: Mapping[str, Method] = {"m1": self._sound.methods["m1"]}
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:
+        """Refuse nothing."""
+        del scene, method
+        return None
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> TurnedSimulation:
+        """Build a simulation of the reference, and turn it."""
+        return TurnedSimulation(cast(Simulation, self._sound.build(scene, method, dt_s)), self._angle_rad)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Go into an empty folder with a scenario; engines that are registered there are forgotten."""
+    (tmp_path / "tumble.toml").write_text(_SCENARIO)
+    monkeypatch.chdir(tmp_path)
+    before = dict(_registered)
+    yield tmp_path
+    _registered.clear()
+    _registered.update(before)
+
+
+def bodycheck(*words: str | Path) -> Result:
+    """Return what `bodycheck words` did in this process."""
+    return CliRunner().invoke(cli.app, list(map(str, words)))
+
+
+def night(*words: str, angle_rad: float = 0.0) -> Result:
+    """Return what a night of the turned engine did."""
+    _registered.pop("turned", None)
+    register_adapter(Turned(angle_rad))
+    return bodycheck(
+        "nightly", "tumble.toml", "--engine", "turned", "--history", "kept", "--no-speed", *words
+    )
+
+
+def test_a_night_of_a_billionth_more_is_a_regression(folder: Path) -> None:
+    """Status 3 without a past, 0 where nothing changed, 1 where an orientation is off by 1e-9 rad more."""
+    first, second, third, fourth = night(), night(), night("--markdown", "told.md", angle_rad=1e-9), night()
+    assert [done.exit_code for done in (first, second, third, fourth)] == [3, 0, 1, 0], third.output
+    assert "past is too thin" in first.stdout
+    assert "Nothing changed" in second.stdout
+    told = (folder / "told.md").read_text()
+    for text in (third.stdout, told):
+        assert "orientation_error_rad" in text
+        assert "turned:m1" in text
+        assert "tumble" in text
+    assert Path(third.stdout.splitlines()[-1]).read_text().startswith("<!doctype html>")
+    assert len(told.splitlines()) < 60
+
+
+def test_a_history_is_listed_asked_and_pruned(folder: Path) -> None:
+    """One line a night; CSV of what SQL finds; the names of what was removed."""
+    night(), night()
+    listed = bodycheck("history", "list", "kept")
+    assert [line.split()[1] for line in listed.stdout.splitlines()] == ["status", "past", "no"]
+    asked = bodycheck("history", "query", "kept", "SELECT count(*) AS nights FROM nights")
+    assert asked.stdout.split() == ["nights", "2"]
+    oldest = min(path.name for path in (folder / "kept").glob("2*"))
+    assert bodycheck("history", "prune", "kept", "--keep", "1").stdout.split() == [oldest]
+    assert len(bodycheck("history", "list", "kept").stdout.splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("nightly", "absent", "--history", "kept"), "absent"),
+        (("nightly", "tumble.toml", "--engine", "absent", "--history", "kept"), "absent"),
+        (("nightly", "--history", "tumble.toml"), "cannot be written"),
+        (("history", "list", "kept"), "holds no night"),
+        (("history", "query", "absent", "SELECT 1"), "holds no night"),
+        (("history", "prune", "kept", "--keep", "0"), "1 or more"),
+    ],
+)
+def test_wrong_input_is_one_line(folder: Path, words: tuple[str, ...], told: str) -> None:
+    """Nothing is run and no night is stored."""
+    done = bodycheck(*words)
+    assert isinstance(done.exception, InputError)
+    assert told in str(done.exception)
+    assert "\n" not in str(done.exception)
+    assert not list(folder.glob("kept/2*"))
+
+
+def test_a_night_that_is_stopped_stores_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C says so, and the history is what it was."""
+
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("bodycheck.runner.compile_kernels", stopped)
+    done = night()
+    assert isinstance(done.exception, StoppedError)
+    assert str(done.exception) == "stopped; nothing was stored"
+    assert not list(folder.glob("kept/2*"))
