@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -151,3 +154,21 @@ def test_a_night_that_is_stopped_stores_nothing(folder: Path, monkeypatch: pytes
     assert isinstance(done.exception, StoppedError)
     assert str(done.exception) == "stopped; nothing was stored"
     assert not list(folder.glob("kept/2*"))
+
+
+def test_the_script_for_cron_keeps_a_log_and_prints_what_needs_a_look(folder: Path) -> None:
+    """Its status is that of the night; a night that is no regression prints nothing."""
+    script = Path(__file__).parents[1] / "scripts" / "nightly.sh"
+    words = [script, folder / "kept", "tumble.toml", "--engine", "reference:m1", "--no-speed"]
+    program = f"{sys.executable} -m bodycheck"
+    (folder / "bodycheck").write_text(f'#!/bin/sh\nexec {program} "$@"\n')
+    (folder / "bodycheck").chmod(0o755)
+    surroundings = {**os.environ, "BODYCHECK": str(folder / "bodycheck")}
+    first, second = (
+        subprocess.run(words, env=surroundings, capture_output=True, text=True, check=False) for _ in range(2)
+    )
+    assert (first.returncode, second.returncode) == (3, 0), first.stdout + first.stderr
+    assert "past is too thin" in first.stdout
+    assert second.stdout == ""
+    log = (folder / "kept.log").read_text()
+    assert log.count("night.html") == 2

@@ -1,0 +1,205 @@
+"""Nights that are killed, that change nothing, and that are simulated from measured noise.
+
+    python tests/long/night_trials.py --kills 50 --unchanged 20 --measured 20 --sequences 100 --seed 1
+
+Kills: `bodycheck nightly` is killed with all its workers at random moments; afterwards the history must be
+readable, what was stored before unchanged, and the next night succeed. Unchanged: so many nights of a real
+engine, none of which may tell anything of accuracy. Measured: so many nights of the smoke suite with speeds;
+from what they measured, sequences of 30 nights are drawn at random, which may tell no speed, and sequences in
+which one engine takes a fifth longer from some night on, which have to tell it within five nights. Prints the
+figures; ends with status 1 where a trial failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bodycheck.reports.history.levels import LEAST_AFTER, usual_spread
+from bodycheck.reports.history.nights import History
+from bodycheck.reports.history.queries import nights_table, query, recorded_cases
+from bodycheck.reports.history.speeds import Speeds, speeds_of
+
+_QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
+_SCENARIO = """
+name = "tumble"
+duration_s = 1.0
+samples = 101
+[body]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.5]
+[initial]
+omega_body_rad_s = [0.3, 1.0, -0.2]
+"""
+_WITHIN = 5
+_SLOWER = 1.2
+
+
+def main() -> int:
+    """Run the trials that are asked for; return the exit status."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--unchanged", type=int, default=20)
+    parser.add_argument("--measured", type=int, default=20)
+    parser.add_argument("--sequences", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path, help="a history of measured nights, made or gone on with")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "tumble.toml").write_text(_SCENARIO)
+        failed = killed(folder, asked.kills, asked.seed) if asked.kills else 0
+        failed += unchanged(folder, asked.unchanged) if asked.unchanged else 0
+        if asked.measured:
+            kept = (asked.keep or folder / "measured").absolute()
+            measure(folder, kept, asked.measured)
+            failed += simulated(kept, asked.sequences, asked.seed)
+    return 1 if failed else 0
+
+
+def begin(folder: Path, history: Path, words: list[str]) -> subprocess.Popen[str]:
+    """Start a night in a session of its own, so that all of it can be killed at once."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "bodycheck", "nightly", *words, "--history", str(history)],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def digests(history: Path) -> dict[str, str]:
+    """Return the hash of every file of every night that is stored."""
+    files = (file for night in History(history).nights() for file in night.iterdir())
+    return {
+        f"{file.parent.name}/{file.name}": hashlib.sha256(file.read_bytes()).hexdigest() for file in files
+    }
+
+
+def killed(folder: Path, kills: int, seed: int) -> int:
+    """Kill nights at random moments, half of them while they are stored; return how many trials failed."""
+    history, chance = folder / "killed", random.Random(seed)
+    lengths, failed, stored = [], 0, 0
+    for _ in range(2):  # the first compiles what the second does not
+        start = time.monotonic()
+        begin(folder, history, _QUICK).communicate()
+        lengths.append(time.monotonic() - start)
+    for trial in range(kills):
+        before = digests(history)
+        process = begin(folder, history, _QUICK)
+        if trial % 2:
+            time.sleep(chance.uniform(0.0, lengths[-1]))
+        else:
+            while process.poll() is None and not any(history.glob(".unfinished-*")):
+                time.sleep(0.001)
+            time.sleep(chance.uniform(0.0, 0.3))
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        after = digests(history)
+        stored += len(after) > len(before)
+        lost = before.items() - after.items()
+        readable = len(nights_table(History(history).nights())) == len(History(history).nights())
+        asked = query(History(history), "SELECT count(DISTINCT run_id) AS n FROM results")["n"][0]
+        if lost or not readable or asked != len(History(history).nights()):
+            failed += 1
+            print(f"kill {trial}: lost {sorted(lost)}, readable {readable}, {asked} nights in the tables")
+    last = begin(folder, history, _QUICK)
+    told, _ = last.communicate()
+    left = [path.name for path in history.glob(".unfinished-*")]
+    if last.returncode != 0 or left:
+        failed += 1
+        print(f"the night after: status {last.returncode}, left {left}\n{told}")
+    print(f"kills: {kills}, of which {stored} came too late; failed: {failed}", flush=True)
+    return failed
+
+
+def unchanged(folder: Path, nights: int) -> int:
+    """Run the same night again and again; return on how many nights anything was told."""
+    history, told = folder / "unchanged", 0
+    for night in range(nights + 1):
+        process = begin(folder, history, _QUICK)
+        text, _ = process.communicate()
+        if process.returncode != (3 if night == 0 else 0):
+            told += 1
+            print(f"night {night}: status {process.returncode}\n{text}")
+    found = int(query(History(history), "SELECT count(*) AS n FROM changes")["n"][0])
+    print(f"unchanged nights: {nights}, changes told: {found}", flush=True)
+    return told + found
+
+
+def measure(folder: Path, history: Path, nights: int) -> None:
+    """Store nights of the smoke suite, with their speeds, until there are so many."""
+    while len(History(history).nights()) < nights:
+        process = begin(folder, history, ["smoke"])
+        text, _ = process.communicate()
+        if process.returncode not in (0, 1, 3):
+            raise SystemExit(text)
+
+
+def simulated(history: Path, sequences: int, seed: int) -> int:
+    """Draw sequences of nights from those that were measured; return how many were judged wrongly."""
+    folders = History(history).nights()
+    cases = recorded_cases(folders)
+    by_night = {str(name): rows for name, rows in cases.groupby("night")}
+    real = speeds_of([folder.name for folder in folders], cases)
+    percent = 100.0 * (10.0 ** usual_spread(real.series.decades) - 1.0)
+    print(f"{len(folders)} nights measured; a method's time changes by chance by {percent:.1f} % (sigma)")
+    chance = np.random.default_rng(seed)
+    false = sum(bool(alarms(drawn(by_night, chance, 30))) for _ in range(sequences))
+    print(f"unchanged sequences of 30 nights: {sequences}, with a speed told: {false}", flush=True)
+    engines = sorted({engine for engine, _ in real.series.methods} - {"reference"})
+    missed, trials, delays = 0, 0, []
+    for _ in range(sequences):
+        engine, first = str(chance.choice(engines)), int(chance.integers(8, 25))
+        speeds = drawn(by_night, chance, first + _WITHIN, slower=engine, first=first)
+        told = [at for (who, _), at, size in alarms(speeds) if who == engine and size > 0.0 and at >= first]
+        trials += 1
+        if told:
+            delays.append(min(told) - first + 1)
+        else:
+            missed += 1
+    print(f"one engine {_SLOWER} times as slow: {trials}, told within {_WITHIN} nights: {trials - missed}")
+    if delays:
+        middle, latest = np.median(delays), max(delays)
+        print(f"told on night {middle:.0f} (median), {latest} (latest); at the earliest {LEAST_AFTER}")
+    return false + missed
+
+
+def drawn(
+    by_night: dict[str, pd.DataFrame],
+    chance: np.random.Generator,
+    nights: int,
+    slower: str = "",
+    first: int = 0,
+) -> Speeds:
+    """Return the speeds of nights drawn at random; from `first` on, an engine is slower."""
+    names = [f"night {number:03d}" for number in range(nights)]
+    picked = chance.choice(list(by_night), nights)
+    frames = [by_night[pick].assign(night=name) for name, pick in zip(names, picked, strict=True)]
+    cases = pd.concat(frames)
+    late = (cases["engine"] == slower) & cases["night"].isin(names[first:])
+    cases.loc[late, "relative_cpu"] *= _SLOWER
+    return speeds_of(names, cases)
+
+
+def alarms(speeds: Speeds) -> list[tuple[tuple[str, str], int, float]]:
+    """Return method, night and size of each step that is told."""
+    return [(method, step.told, step.size) for method, steps in speeds.steps.items() for step in steps]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

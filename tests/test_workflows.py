@@ -1,0 +1,71 @@
+"""The workflows: each action by its hash, least rights, and no command or option that is not there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from typer.main import get_command
+
+from bodycheck import cli
+
+_FOLDER = Path(__file__).parents[1] / ".github" / "workflows"
+WORKFLOWS = sorted(_FOLDER.glob("*.yml"))
+SCRIPTS = [*WORKFLOWS, _FOLDER.parents[1] / "scripts" / "nightly.sh"]
+
+
+def jobs(file: Path) -> dict[str, Any]:
+    """Return the jobs of a workflow."""
+    found: dict[str, Any] = yaml.safe_load(file.read_text())["jobs"]
+    return found
+
+
+@pytest.mark.parametrize("file", WORKFLOWS, ids=lambda file: file.stem)
+def test_actions_are_pinned_by_hash(file: Path) -> None:
+    """With the version that the hash stands for beside it; a tag could be moved."""
+    used = re.findall(r"uses: *(.*)", file.read_text())
+    assert used
+    assert all(re.fullmatch(r"[\w.-]+/[\w.-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", line) for line in used)
+
+
+@pytest.mark.parametrize("file", WORKFLOWS, ids=lambda file: file.stem)
+def test_rights_are_the_least(file: Path) -> None:
+    """Whatever a job may beyond reading is said in the job; each has a time limit or publishes."""
+    assert yaml.safe_load(file.read_text())["permissions"] == {"contents": "read"}
+    for job in jobs(file).values():
+        assert "timeout-minutes" in job or len(job["steps"]) == 1
+
+
+@pytest.mark.parametrize("file", WORKFLOWS, ids=lambda file: file.stem)
+def test_nothing_foreign_is_put_into_a_shell_line(file: Path) -> None:
+    """Expressions reach a script through its environment: what they hold is no part of the program."""
+    scripts = [step["run"] for job in jobs(file).values() for step in job["steps"] if "run" in step]
+    assert scripts
+    assert not any("${{" in script for script in scripts)
+
+
+@pytest.mark.parametrize("file", SCRIPTS, ids=lambda file: file.name)
+def test_commands_and_options_are_there(file: Path) -> None:
+    """Each word after bodycheck is a command, and each option one of its own."""
+    lines = [
+        shlex.split(line.split("||")[0].split(">")[0])
+        for line in re.findall(r"^[^#\n]*?(?:bodycheck|\$bodycheck\") ([a-z]+ .*)$", file.read_text(), re.M)
+    ]
+    known: Any = get_command(cli.app)
+    assert lines or file.name == "tests.yml"
+    for first, *words in lines:
+        command, rest = known.commands[first], words
+        if hasattr(command, "commands"):
+            command, rest = command.commands[words[0]], words[1:]
+        options = {name for option in command.params for name in option.opts}
+        assert {word for word in rest if word.startswith("--")} <= options
+
+
+def test_tests_run_on_three_pythons() -> None:
+    """Those that the package says it supports."""
+    tests = jobs(_FOLDER / "tests.yml")["tests"]
+    assert tests["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
