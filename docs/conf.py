@@ -1,0 +1,29 @@
+"""How Sphinx builds the documentation: sphinx-build -W --keep-going docs docs/_build."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.metadata import version as version_of
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+os.environ["NUMBA_DISABLE_JIT"] = "1"  # kernels are then plain functions, whose signatures autodoc can read
+
+project = "bodycheck"
+author = "The bodycheck developers"
+version = release = version_of("bodycheck")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "plain_docstrings"]
+# little, because the pages are read in the repository too, where a viewer knows no more
+myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_heading_anchors = 3
+exclude_patterns = ["_build"]
+
+html_theme = "furo"
+html_title = "bodycheck"
+# MathJax comes from its network when a page with formulas is looked at; building needs no network
+
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {"Array": "Array"}
