@@ -1,6 +1,6 @@
 """A Sphinx extension: the project's docstrings are plain text with formulas, and are shown as they stand.
 
-Without it |v|, R^T*, x_ and the like would be taken for markup.
+Without it |v|, R^T*, x_ and the like would be taken for markup, and Array | None have no name.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from sphinx.application import Sphinx
 
 _CODE = re.compile(r"``?([^`]+)``?")
 _MARKUP = re.compile(r"([\\*|_`])")
+_ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")  # how autodoc writes an alias within a union
 
 
 def escaped(line: str) -> str:
@@ -38,7 +39,15 @@ def _show_as_it_stands(
     lines[:] = paragraphs(lines)
 
 
+def _name_aliases(
+    app: Sphinx, what: str, name: str, of: object, options: object, signature: str | None, returns: str | None
+) -> tuple[str | None, str | None]:
+    del app, what, name, of, options
+    return tuple(text and _ALIAS.sub(r"\1", text) for text in (signature, returns))
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Show every docstring as it stands."""
     app.connect("autodoc-process-docstring", _show_as_it_stands)
+    app.connect("autodoc-process-signature", _name_aliases)
     return {"parallel_read_safe": True}
