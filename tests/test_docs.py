@@ -2,76 +2,339 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
+import stat
 import subprocess
 import sys
+from doctest import ELLIPSIS, NORMALIZE_WHITESPACE, OutputChecker
+from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
+from doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, text_of
 
 import bodycheck
+from bodycheck.cli import app
+from bodycheck.reports.gates.gate import read_gates
 from bodycheck.reports.trajectory_files import trajectory_table
 from bodycheck.scenarios.reader import parse_members
 
-ROOT = Path(__file__).parents[1]
+NOT_RUN = {
+    "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/bodycheck run": "installs; takes minutes",
+    'python3 -m venv .venv && .venv/bin/pip install -e ".[test]" && .venv/bin/python -m pytest': (
+        "is these tests; CI runs it"
+    ),
+    "python3 -m venv .venv && .venv/bin/pip install .": "installs; tests/long/wheel_trials.py does that",
+    ". .venv/bin/activate": "needs the line before",
+    '.venv/bin/pip install -e ".[bench]" && .venv/bin/python -m benchmarks '
+    "&& .venv/bin/python -m benchmarks.readme": "installs, and measures speed for a quarter of an hour",
+    "bodycheck run --out whole && python docs/report_picture.py whole": "takes minutes",
+}
+"""Commands that are shown and not run here, and why."""
+
+FILES = {
+    "my-scenario.toml": ("docs/scenarios.md", "toml", 0),
+    "my_loads.py": ("docs/scenarios.md", "python", 0),
+    "my_shapes.py": ("docs/scenarios.md", "python", 1),
+    "gates.toml": ("docs/gates.md", "toml", 0),
+    "plate.toml": ("docs/start.md", "toml", 0),
+}
+"""The files that pages speak of and show: by the page, the language and the place of the block."""
+
+LANGUAGES = {
+    "sh": "its lines are run, and end with status 0",
+    "console": "the same; what they print is compared but for white space, ... standing for anything",
+    "python": "run as a script, or by pytest where it has tests",
+    "toml": "read by the reader of gates or of scenarios",
+    "text": "not code",
+}
+
+MODULE = "bodycheck.pytest_plugin"
+INSTALLED = any(point.value == MODULE for point in entry_points(group="pytest11"))
+PROGRAMS = {
+    "bodycheck": "-P -m bodycheck",  # as the installed command, without the working directory on the path
+    "pytest": "-m pytest" if INSTALLED else f"-m pytest -p {MODULE}",
+    "python": "",
+}
 
 
-def blocks(page: str, language: str) -> list[str]:
-    """Return the code blocks of one language on a page."""
-    return re.findall(rf"```{language}\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
+def shown(page: str) -> list[Command]:
+    """Return the commands of a page that are run here."""
+    of_tests = tests_command(page)
+    return [command for command in commands(page) if command.line not in {*NOT_RUN, of_tests}]
 
 
-def commands() -> list[str]:
-    """Return the bodycheck commands of README and docs, without their comments."""
-    lines = "\n".join([*blocks("README.md", "sh"), *blocks("docs/scenarios.md", "sh")]).splitlines()
-    return [line.partition("#")[0].strip() for line in lines if line.startswith("bodycheck ")]
+def tests_command(page: str) -> str:
+    """Return how a page runs the tests that it shows."""
+    lines = [command.line for command in commands(page) if command.line.startswith("pytest")]
+    assert len(lines) <= 1, f"{page}: all tests of a page are run by one command"
+    return lines[0] if lines and any(map(has_tests, blocks(page))) else "pytest"
+
+
+def scripts(page: str) -> list[Block]:
+    """Return the Python blocks of a page that are no tests."""
+    return [block for block in blocks(page, "python") if not has_tests(block)]
+
+
+def test_every_block_is_of_a_language_that_is_tested() -> None:
+    """What stands between fences is run, read, or said not to be code; the rest are Sphinx's directives."""
+    found = {block.language for page in pages() for block in blocks(page)}
+    assert {language for language in found if not language.startswith("{")} <= set(LANGUAGES)
+
+
+def test_what_is_not_run_is_still_shown() -> None:
+    """Each command that is listed as not run stands on some page."""
+    assert set(NOT_RUN) <= {command.line for page in pages() for command in commands(page)}
+
+
+def test_the_files_shown_are_spoken_of() -> None:
+    """Each file that is prepared from a page's block is named on some page."""
+    for name in FILES:
+        assert any(name in text_of(page) for page in pages())
+
+
+# ------------------------------------------------------------------------------------- a page's folder
+
+
+def part_stl() -> str:
+    """Return a tetrahedron as an STL file."""
+    corners = ["0 0 0", "1 0 0", "0 1 0", "0 0 1"]
+    lines = ["solid part"]
+    for facet in [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]:
+        lines += ["facet normal 0 0 0", "outer loop", *(f"vertex {corners[i]}" for i in facet)]
+        lines += ["endloop", "endfacet"]
+    return "\n".join([*lines, "endsolid part", ""])
 
 
 @pytest.fixture
-def folder(tmp_path: Path, stored_run: Path) -> Path:
-    """Return a folder with the files and runs that the commands speak of."""
-    for run in ("yesterday", "today"):
-        shutil.copytree(stored_run, tmp_path / run)
-    (tmp_path / "my-scenario.toml").write_text(blocks("docs/scenarios.md", "toml")[0])
-    (tmp_path / "gates.toml").write_text(blocks("docs/gates.md", "toml")[0])
-    loads, shapes = blocks("docs/scenarios.md", "python")
-    (tmp_path / "my_loads.py").write_text(loads)
-    (tmp_path / "my_shapes.py").write_text(shapes)
+def folder(tmp_path: Path) -> Path:
+    """Return a folder with the files that the pages speak of, and its own bodycheck, pytest and python."""
+    for name, (page, language, place) in FILES.items():
+        (tmp_path / name).write_text(blocks(page, language)[place].text)
+    (tmp_path / "part.stl").write_text(part_stl())
     truth = bodycheck.truth("intermediate-axis", [0.0, 1.0, 2.0]).trajectory
     trajectory_table(truth).to_csv(tmp_path / "my.csv", index=False)
-    corners = ["0 0 0", "1 0 0", "0 1 0", "0 0 1"]
-    facets = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
-    loops = ["outer loop", *("vertex {}",) * 3, "endloop"]
-    lines = ["solid part"]
-    for facet in facets:
-        vertices = iter(corners[i] for i in facet)
-        lines += ["facet normal 0 0 0"]
-        lines += [line.format(next(vertices)) if "{}" in line else line for line in loops]
-        lines += ["endfacet"]
-    (tmp_path / "part.stl").write_text("\n".join([*lines, "endsolid part", ""]))
+    shutil.copy(ROOT / "tests/helpers/my_integrator.py", tmp_path)
+    (tmp_path / "docs").mkdir()
+    for name in ("small-body.toml", "report_picture.py"):
+        shutil.copy(ROOT / "docs" / name, tmp_path / "docs")
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    for name, told in PROGRAMS.items():
+        program = programs / name
+        program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {told} "$@"\n')
+        program.chmod(program.stat().st_mode | stat.S_IXUSR)
     return tmp_path
 
 
-def test_readme_and_docs_show_commands() -> None:
-    """The list that the next test runs has those of either."""
-    assert len(commands()) >= 9
+def run_in(folder: Path, line: str) -> subprocess.CompletedProcess[str]:
+    """Run a line as a shell does in this folder."""
+    environment = {
+        **os.environ,
+        "PATH": f"{folder / 'bin'}:{os.environ['PATH']}",
+        "PYTHONPATH": os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))),
+        "PYTEST_ADDOPTS": "-p no:cacheprovider",
+    }
+    return subprocess.run(
+        ["bash", "-o", "pipefail", "-c", line],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,  # a page shows what a terminal does
+        text=True,
+        check=False,
+    )
+
+
+def check_commands(page: str, folder: Path) -> None:
+    """Run the commands of a page one after the other; each ends with 0, and prints what the page says."""
+    for command in shown(page):
+        done = run_in(folder, command.line)
+        assert done.returncode == 0, f"{command.line}\n{done.stdout}"
+        if command.prints is not None:
+            said = OutputChecker().check_output(command.prints, done.stdout, ELLIPSIS | NORMALIZE_WHITESPACE)
+            assert said, f"{command.line}\n{done.stdout}is not\n{command.prints}"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("line", commands())
-def test_a_command_that_is_shown_works(line: str, folder: Path) -> None:
-    """Each command of README and docs ends with status 0."""
-    words = [sys.executable, "-m", *shlex.split(line)]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+@pytest.mark.parametrize("page", [page for page in pages() if shown(page)])
+def test_the_commands_of_a_page_work(page: str, folder: Path, request: pytest.FixtureRequest) -> None:
+    """One after the other, with the files of the docs beside them."""
+    needed = " ".join(command.line for command in shown(page))
+    if "pybullet" in needed:  # has no wheels for later Pythons
+        pytest.importorskip("pybullet")
+    if "report_picture.py" in needed and shutil.which("chromium") is None:
+        pytest.skip("no Chromium on the path")
+    if "compare yesterday today" in needed:
+        for run in ("yesterday", "today"):
+            shutil.copytree(request.getfixturevalue("stored_run"), folder / run)
+    check_commands(page, folder)
+    if page == "docs/gates.md":
+        gates = blocks(page, "toml")[0].text
+        assert {"gates.xml", "gates.json", "my-run"} <= {path.name for path in folder.iterdir()}
+        kept = [gate.reason for gate in read_gates(folder / "gates.toml")]
+        assert kept == re.findall('reason = "(.*)"', gates)
 
 
-@pytest.mark.parametrize("code", blocks("README.md", "python"))
-def test_python_of_the_readme_works(code: str) -> None:
-    """Each Python block of the README runs."""
-    exec(compile(code, "README.md", "exec"), {})
+def write_tests(page: str, folder: Path) -> int:
+    """Write the Python blocks of a page that have tests as files; return how many tests there are."""
+    tests = [block.text for block in blocks(page, "python") if has_tests(block)]
+    for place, text in enumerate(tests):
+        (folder / f"test_block_{place}.py").write_text(text)
+    return sum(len(re.findall(r"^def test_", text, flags=re.MULTILINE)) for text in tests)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in pages() if any(map(has_tests, blocks(page)))])
+def test_the_tests_of_a_page_pass(page: str, folder: Path) -> None:
+    """Each Python block with tests is a file; all pass, by the page's own command where it has one."""
+    wanted = write_tests(page, folder)
+    done = run_in(folder, tests_command(page))
+    assert done.returncode == 0, done.stdout
+    passed = re.search(r"^=* ?(\d+) passed in", done.stdout, flags=re.MULTILINE)
+    assert passed is not None, done.stdout
+    assert int(passed[1]) >= wanted
+
+
+@pytest.mark.parametrize("page", [page for page in pages() if scripts(page)])
+def test_the_python_of_a_page_works(page: str, folder: Path) -> None:
+    """The other Python blocks of a page, one after the other, are a script that ends with status 0."""
+    (folder / "page.py").write_text("\n".join(block.text for block in scripts(page)))
+    done = run_in(folder, "python page.py")
+    assert done.returncode == 0, done.stdout
+
+
+BODY = re.compile(r"^\[body\]\n.*?\n\n", flags=re.DOTALL | re.MULTILINE)
+
+
+def a_scenario_with(text: str) -> str:
+    """Return a part of a scenario's file in or after the first scenario that docs/scenarios.md shows."""
+    first = blocks("docs/scenarios.md", "toml")[0].text
+    if 'kind = "pivot"' in text:  # about which the centre of mass cannot start at rest while the body turns
+        first = re.sub(r"^velocity_m_s.*\n", "", first, flags=re.MULTILINE)
+    if text.startswith("name = "):
+        return text
+    return BODY.sub(text + "\n", first) if text.startswith("[body]") else first + text
+
+
+@pytest.mark.parametrize(
+    "block", [block for page in pages() for block in blocks(page, "toml")], ids=lambda block: block.page
+)
+def test_toml_of_the_docs_is_accepted(block: Block, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gates are read as gates; a scenario is a good one, and so is the first with each other table."""
+    monkeypatch.chdir(folder)
+    if "[[gate]]" in block.text:
+        (folder / "shown.toml").write_text(block.text)
+        assert len(read_gates(folder / "shown.toml")) == block.text.count("[[gate]]")
+        return
+    whole = a_scenario_with(block.text)
+    assert block.text in whole
+    members = parse_members(whole, block.page, folder, allow_code=True)
+    assert all(scenario.scene.loads for scenario in members.values())
+
+
+# ------------------------------------------------------------------------------------- within the text
+
+INLINE = re.compile(r"`((?:bodycheck|pytest|python) [^`\n]+)`")
+
+
+def inline_commands() -> list[str]:
+    """Return the commands that stand within the text of the pages."""
+    return sorted({line for page in pages() for line in INLINE.findall(text_of(page))})
+
+
+@pytest.mark.parametrize("line", [line for line in inline_commands() if line.startswith("bodycheck ")])
+def test_a_command_within_the_text_has_options_that_there_are(line: str) -> None:
+    """Its command and options are known; what it is told may be left out, or stand in capitals."""
+    words = shlex.split(line)[1:]
+    command: Any = typer.main.get_command(app)
+    command = command if words[0].startswith("-") else command.commands[words[0]]
+    known = {option for parameter in command.params for option in parameter.opts}
+    assert {word for word in words if re.match(r"--[a-z]", word)} <= known
+
+
+@pytest.mark.parametrize("line", [line for line in inline_commands() if not line.startswith("bodycheck ")])
+def test_a_command_within_the_text_names_files_that_there_are(line: str) -> None:
+    """Tests and scripts that the text names are in the repository."""
+    named = [word for word in shlex.split(line)[1:] if "/" in word]
+    assert all((ROOT / word).exists() for word in named)
+
+
+CODE = re.compile(r"^\*Code:\*(.*?)(?=\n\n)", flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", ["docs/theory.md", "docs/truth.md"])
+def test_the_code_that_a_page_names_is_there_and_documented(page: str) -> None:
+    """Each name behind *Code:* is in reference_impl, has a docstring, and the interface shows its module."""
+    interface = text_of("docs/api.md")
+    paragraphs = CODE.findall(text_of(page))
+    assert len(paragraphs) >= 3
+    for name in re.findall(r"`([a-z_.]+\.[\w.]+)`", " ".join(paragraphs)):
+        module, found = resolved(f"bodycheck.reference_impl.{name}")
+        assert found.__doc__, name
+        assert f".. automodule:: {module}\n" in interface, name
+
+
+def resolved(name: str) -> tuple[str, object]:
+    """Return the module that a dotted name begins with, and what the whole name stands for."""
+    parts = name.split(".")
+    for end in range(len(parts) - 1, 0, -1):
+        module = ".".join(parts[:end])
+        if (ROOT / module.replace(".", "/")).is_dir() or (ROOT / f"{module.replace('.', '/')}.py").exists():
+            found: object = __import__(module, fromlist=["_"])
+            for part in parts[end:]:
+                found = getattr(found, part)
+            return module, found
+    raise AssertionError(f"no module: {name}")
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference"])
+def test_an_engines_page_has_its_methods(engine: str) -> None:
+    """Each method is named, and each default that is changed for it."""
+    if engine == "pybullet":  # has no wheels for later Pythons
+        pytest.importorskip("pybullet")
+    from bodycheck.adapters.registry import get_adapter
+
+    page = " ".join(text_of(f"docs/engines/{engine}.md").split())
+    for method in get_adapter(engine).methods.values():
+        assert f"`{method.name}`" in page
+        for changed in method.changed_defaults:
+            assert changed in page
+
+
+# --------------------------------------------------------------------------------------- what is found
+
+
+@pytest.mark.slow
+def test_the_readme_finds_what_it_says() -> None:
+    """The figures of the table are those of a run, to the digits that it shows."""
+    found = bodycheck.run(
+        ["intermediate-axis"],
+        engines=["mujoco:euler", "mujoco:implicit", "mujoco:rk4", "dart", "reference:rotation-first"],
+        dt_s=[1e-2, 1e-3],
+        speed=False,
+    ).results.set_index(["method", "dt_s"])
+    rows = {
+        "euler": ("1.41e-2 rad", "1.3e-3", 1e-3),
+        "semi-implicit": ("1.41e-2 rad", "1.3e-3", 1e-3),
+        "implicit": ("1.42e-2 rad", "1.4e-3", 1e-3),
+        "rk4": ("2.1e-9 rad at 1e-2 s", "1.5e-9", 1e-2),
+        "rotation-first": ("1.1 rad", "4e-15", 1e-3),
+    }
+    page = text_of("README.md")
+    for method, (error, drift, dt_s) in rows.items():
+        assert re.search(
+            rf"^\|[^\n]*\| {re.escape(error)} \|[^\n]*\| {re.escape(drift)} \|$", page, re.MULTILINE
+        )
+        measured = found.loc[(method, dt_s)]
+        assert measured["orientation_error_rad"] == pytest.approx(float(error.split()[0]), rel=0.04)
+        assert measured["angular_momentum_drift"] == pytest.approx(float(drift), rel=0.15)
 
 
 def test_the_small_body_shows_what_the_readme_says() -> None:
@@ -80,24 +343,6 @@ def test_the_small_body_shows_what_the_readme_says() -> None:
     found = bodycheck.run([ROOT / "docs/small-body.toml"], engines=["pybullet"], speed=False).methods
     verdicts = found[found["quantity"] == "orientation_error_rad"].set_index("method")["verdict"]
     assert verdicts.to_dict() == {"multibody": "converges", "maximal": "does-not-converge"}
-
-
-BODY = re.compile(r"^\[body\]\n.*?\n\n", flags=re.DOTALL | re.MULTILINE)
-
-
-@pytest.mark.parametrize("text", blocks("docs/scenarios.md", "toml"))
-def test_scenarios_of_the_docs_are_accepted(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each scenario shown is a good one, and so is the first with each of the other tables in or after it."""
-    monkeypatch.chdir(folder)
-    first = blocks("docs/scenarios.md", "toml")[0]
-    if 'kind = "pivot"' in text:  # about which the centre of mass cannot start at rest while the body turns
-        first = re.sub(r"^velocity_m_s.*\n", "", first, flags=re.MULTILINE)
-    whole = (
-        text if text == first else BODY.sub(text + "\n", first) if text.startswith("[body]") else first + text
-    )
-    assert text in whole
-    members = parse_members(whole, "docs/scenarios.md", folder, allow_code=True)
-    assert all(scenario.scene.loads for scenario in members.values())
 
 
 def test_ci_runs_the_test_command_of_the_readme() -> None:

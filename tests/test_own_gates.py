@@ -1,0 +1,36 @@
+"""The project's own gates hold."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+
+from bodycheck.gate_run import run_for_gates
+from bodycheck.reports.gates.gate import read_gates
+from bodycheck.reports.gates.verdict import held
+from bodycheck.runner import SILENCE, Manner
+from bodycheck.scenarios.library import suites
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.slow
+def test_the_projects_own_gates_hold_where_the_racket_flips() -> None:
+    """All gates that look at the intermediate axis hold there, and were measured."""
+    gates = [
+        gate for gate in read_gates(ROOT / "tolerances.toml") if gate.wants_scenario("intermediate-axis")
+    ]
+    run = run_for_gates(gates, ["intermediate-axis"], Manner(), lambda _: nullcontext(SILENCE))
+    results = held(gates, run)
+    lost = run.manifest["engines"].get("pybullet", {}).get("unavailable")
+    wanted = {"passed"} if lost is None else {"passed", "nothing"}  # on later Pythons there is no PyBullet
+    assert {result.status for result in results} == wanted
+    assert all(result.gate.engine == "pybullet" for result in results if result.status == "nothing")
+
+
+def test_every_gate_of_the_project_looks_at_the_standard_suite() -> None:
+    """Each has a scenario there: `bodycheck gate` without names measures something for every one."""
+    for gate in read_gates(ROOT / "tolerances.toml"):
+        assert any(gate.wants_scenario(name) for name in suites()["standard"]), gate.title
