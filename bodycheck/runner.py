@@ -249,10 +249,11 @@ _WEIGHTS = {"reference": 0.02}
 
 
 def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False) -> Truth:
-    """Return the true motion at the times given, in s, with its bounds.
+    """Return the true motion at the times given, with its bounds at each.
 
-    scenario: a built-in name or the path of a TOML file. allow_code: whether it may name functions.
-    Raises InputError where the scenario is wrong, or a time is negative or not finite.
+    scenario: a built-in name or the path of a TOML file. at: n times in s, from 0 on, in any order; the
+    arrays of the truth are (n,), (n, 3) and (n, 4) in the same order. allow_code: whether the file may name
+    functions. Raises InputError where the scenario is wrong, or a time is negative or not finite.
     """
     scene = load_scenario(scenario, allow_code=allow_code).scene
     try:
@@ -264,8 +265,10 @@ def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False
 def judge(trajectory: str | Path, scenario: str | Path, *, allow_code: bool = False) -> dict[str, Any]:
     """Return the measures of a trajectory that any program wrote (.csv or .npz), by column name.
 
-    A measure whose quantities the file has not is left out. allow_code: as for `truth`. Raises
-    InputError for wrong files.
+    trajectory: t_s (n,) in s, and any of position_m (n, 3), velocity_m_s (n, 3), quaternion (n, 4) scalar
+    first or rotation (n, 3, 3), omega_body_rad_s or omega_world_rad_s (n, 3); docs/questions.md has the
+    columns of a CSV. A measure whose quantities the file has not is left out. allow_code: as for `truth`.
+    Raises InputError for wrong files.
     """
     loaded = load_scenario(scenario, allow_code=allow_code)
     return judge_file(Path(trajectory), loaded, str(scenario), Cache.default())

@@ -43,6 +43,7 @@ FILES = {
     "my_shapes.py": ("docs/scenarios.md", "python", 1),
     "gates.toml": ("docs/gates.md", "toml", 0),
     "plate.toml": ("docs/start.md", "toml", 0),
+    "steady.csv": ("docs/questions.md", "csv", 0),
 }
 """The files that pages speak of and show: by the page, the language and the place of the block."""
 
@@ -51,6 +52,7 @@ LANGUAGES = {
     "console": "the same; what they print is compared but for white space, ... standing for anything",
     "python": "run as a script, or by pytest where it has tests",
     "toml": "read by the reader of gates or of scenarios",
+    "csv": "a file that a command of its page reads",
     "text": "not code",
 }
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,7 @@ PACKAGE = ROOT / "bodycheck"
 ROOMS = ("reference_impl", "scenarios", "adapters", "reports")
 FRONT_DOOR = len(ROOMS)
 SHARED = {"errors"}  # the error tree belongs to everybody
+Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def modules() -> list[Path]:
@@ -82,6 +85,56 @@ def test_public_names_come_from_their_homes() -> None:
     assert set(bodycheck.__all__) <= set(dir(bodycheck))
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         bodycheck.nothing  # noqa: B018 - reading it is the test
+
+
+def defined(node: ast.AST, public: bool = True) -> Iterator[tuple[Definition, bool]]:
+    """Yield the classes and functions within a node, and whether no name on the way to them is private."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, Definition):
+            is_public = public and not child.name.startswith("_")
+            yield child, is_public
+            # what is defined within a function belongs to it alone
+            yield from defined(child, is_public and isinstance(child, ast.ClassDef))
+        else:
+            yield from defined(child, public)
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_public_name_has_a_docstring(path: Path) -> None:
+    """Modules, classes, functions and methods, whatever the linter is told to pass over."""
+    tree = ast.parse(path.read_text())
+    assert ast.get_docstring(tree)
+    for node, public in defined(tree):
+        assert ast.get_docstring(node) or not public, f"{path.name}:{node.lineno} {node.name}"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_everything_is_annotated(path: Path) -> None:
+    """Every argument and every result of every function, private and inner ones too."""
+    for node, _ in defined(ast.parse(path.read_text())):
+        if isinstance(node, ast.ClassDef):
+            continue
+        told = node.args
+        named = [*told.posonlyargs, *told.args, *told.kwonlyargs, *filter(None, (told.vararg, told.kwarg))]
+        bare = [one.arg for one in named if one.annotation is None and one.arg not in ("self", "cls")]
+        assert bare == [], f"{path.name}:{node.lineno} {node.name}"
+        assert node.returns is not None, f"{path.name}:{node.lineno} {node.name}"
+
+
+SHAPE = re.compile(r"\((?:\w+|\.\.\.),[^()]*\)|\(\.\.\.\)")
+INTERFACE = re.findall(r"^\.\. automodule:: (\S+)$", (ROOT / "docs/api.md").read_text(), flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("module", INTERFACE)
+def test_arrays_of_the_documented_interface_have_their_shapes(module: str) -> None:
+    """Each public function there that takes or gives an array says in its docstring of which shape."""
+    place = ROOT / module.replace(".", "/")
+    path = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+    for node, public in defined(ast.parse(path.read_text())):
+        if public and not isinstance(node, ast.ClassDef):
+            annotations = f"{ast.unparse(node.args)} {ast.unparse(node.returns or ast.Constant(None))}"
+            told = SHAPE.search(ast.get_docstring(node) or "")
+            assert told or not re.search(r"\bArray\b", annotations), f"{path.name}: {node.name}"
 
 
 @pytest.mark.slow

@@ -84,8 +84,8 @@ class Setting:
 class Reading:
     """The state as the engine itself holds it.
 
-    position (3,) and velocity (3,) of the centre of mass in world axes, quaternion (4,) scalar first
-    and/or rotation (3, 3), omega (3,) in one of the two axes.
+    position (3,) in m and velocity (3,) in m/s of the centre of mass in world axes, quaternion (4,) scalar
+    first and/or rotation (3, 3), body to world, omega (3,) in rad/s in one of the two axes.
     rotation is filled only with a matrix that the engine itself gives for this very state.
     """
 

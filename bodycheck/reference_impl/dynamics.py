@@ -37,7 +37,7 @@ def inertia_world(rotation: Array, inertia: Array) -> Array:
 def rotational_energy(inertia: Array, omega_body: Array) -> Array:
     """1/2 omega . I omega.
 
-    Shapes: (3, 3), (..., 3), both in body axes -> (...), J.
+    Shapes: (3, 3) in kg m^2, (..., 3) in rad/s, both in body axes -> (...), J.
     """
     return 0.5 * np.sum(omega_body * (omega_body @ inertia.T), axis=-1)
 
@@ -45,7 +45,7 @@ def rotational_energy(inertia: Array, omega_body: Array) -> Array:
 def translational_energy(mass: float, velocity: Array) -> Array:
     """1/2 m |v|^2.
 
-    Shapes: (..., 3) in m/s -> (...), J.
+    Shapes: mass in kg, velocity (..., 3) in m/s -> (...), J.
     """
     return 0.5 * mass * np.sum(velocity * velocity, axis=-1)
 
@@ -53,7 +53,7 @@ def translational_energy(mass: float, velocity: Array) -> Array:
 def gravity_potential(mass: float, gravity: Array, displacement: Array) -> Array:
     """U = -m g . (x - x(0)).
 
-    Shapes: gravity (3,) in m/s^2, displacement (..., 3) in m, world axes -> (...), J.
+    Shapes: mass in kg, gravity (3,) in m/s^2, displacement (..., 3) in m, world axes -> (...), J.
     """
     return -mass * (displacement @ gravity)
 
@@ -61,7 +61,7 @@ def gravity_potential(mass: float, gravity: Array, displacement: Array) -> Array
 def linear_momentum(mass: float, velocity: Array) -> Array:
     """P = m v.
 
-    Shapes: (..., 3) -> (..., 3), kg m/s, world axes.
+    Shapes: mass in kg, velocity (..., 3) in m/s -> (..., 3), kg m/s, world axes.
     """
     return mass * velocity
 
@@ -69,7 +69,8 @@ def linear_momentum(mass: float, velocity: Array) -> Array:
 def angular_momentum(rotation: Array, inertia: Array, omega_body: Array) -> Array:
     """L = R I0 omega_body = I(t) omega_world, about the centre of mass.
 
-    Shapes: (..., 3, 3), (3, 3), (..., 3) -> (..., 3), kg m^2/s, world axes.
+    Shapes: rotation (..., 3, 3); inertia (3, 3) in kg m^2 and omega_body (..., 3) in rad/s, body axes
+    -> (..., 3), kg m^2/s, world axes.
     """
     return np.einsum("...ij,...j->...i", rotation, omega_body @ inertia.T)
 
@@ -77,7 +78,8 @@ def angular_momentum(rotation: Array, inertia: Array, omega_body: Array) -> Arra
 def angular_acceleration(inertia: Array, omega_body: Array, torque_body: Array) -> Array:
     """omega' = I^-1 (tau - omega x I omega) (Euler 1758), everything in body axes.
 
-    Shapes: (3, 3), (..., 3), (..., 3) -> (..., 3), rad/s^2.
+    Shapes: (3, 3) in kg m^2, (..., 3) in rad/s, (..., 3) in N m -> (..., 3), rad/s^2. Raises
+    numpy.linalg.LinAlgError for a singular inertia.
     """
     right = torque_body - np.cross(omega_body, omega_body @ inertia.T)
     return np.asarray(np.linalg.solve(inertia, right[..., None])[..., 0], dtype=np.float64)
@@ -124,5 +126,8 @@ def diagonalised(inertia: Array) -> tuple[Array, Array]:
 
 
 def gyration_radius(mass: float, inertia: Array) -> float:
-    """sqrt(trace(I) / (2 m)): the root mean square distance of the mass from its centre, m."""
+    """sqrt(trace(I) / (2 m)): the root mean square distance of the mass from its centre.
+
+    Shapes: mass in kg, inertia (3, 3) in kg m^2, in any axes -> m.
+    """
     return float(np.sqrt(np.trace(inertia) / (2.0 * mass)))

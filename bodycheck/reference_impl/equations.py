@@ -28,25 +28,25 @@ def packed_body(body: RigidBody) -> Array:
 
 @kernel
 def vector_at(a: Array, i: int) -> Vec:
-    """The three numbers from a[i] on."""
+    """The three numbers from a[i] on, of an array (n,)."""
     return a[i], a[i + 1], a[i + 2]
 
 
 @kernel
 def matrix_at(a: Array, i: int) -> Mat:
-    """The nine numbers from a[i] on."""
+    """The nine numbers from a[i] on, of an array (n,): a matrix row by row."""
     return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4], a[i + 5], a[i + 6], a[i + 7], a[i + 8]
 
 
 @kernel
 def store(a: Array, i: int, v: Vec) -> None:
-    """Write three numbers from a[i] on."""
+    """Write three numbers from a[i] on, into an array (n,)."""
     a[i], a[i + 1], a[i + 2] = v
 
 
 @kernel
 def body_torque(rotation: Mat, load: Array) -> Vec:
-    """tau = tau_b + R^T tau_w + sum a x R^T F, in body axes."""
+    """tau = tau_b + R^T tau_w + sum a x R^T F, in body axes, N m; load (21,) as above."""
     held = add(vector_at(load, 6), transposed_times(rotation, vector_at(load, 9)))
     # (moment R)_bc; each world force F at a gives tau_a = eps_abc a_b (R^T F)_c
     row0 = transposed_times(rotation, vector_at(load, 12))
@@ -57,12 +57,12 @@ def body_torque(rotation: Mat, load: Array) -> Vec:
 
 @kernel
 def acceleration(rotation: Mat, load: Array, mass: float) -> Vec:
-    """v' = (R F_b + F_w) / m, in world axes."""
+    """v' = (R F_b + F_w) / m, in world axes, m/s^2; load (21,) as above."""
     force = add(times(rotation, vector_at(load, 0)), vector_at(load, 3))
     return force[0] / mass, force[1] / mass, force[2] / mass
 
 
 @kernel
 def gyroscopic(inertia: Mat, omega_body: Vec) -> Vec:
-    """omega x I omega, in body axes."""
+    """omega x I omega, in body axes, N m."""
     return cross(omega_body, times(inertia, omega_body))

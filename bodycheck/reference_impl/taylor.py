@@ -314,7 +314,10 @@ def follow_parabola(
     end: float,
     out: tuple[Array, Array],
 ) -> None:
-    """v = v0 + a t, x = x0 + t (v0 + a t / 2): what `integrate` does, for the centre of mass alone."""
+    """v = v0 + a t, x = x0 + t (v0 + a t / 2): what `integrate` does, for the centre of mass alone.
+
+    state and out are ((13,), (13,)) and ((n, 13), (n, 13)); times (n,) in s, ascending within (begin, end).
+    """
     for due in range(len(times) + 1):
         t = dd.two_sum(times[due] if due < len(times) else end, -begin)
         for i in range(3):
@@ -405,7 +408,10 @@ def advance(
     span: tuple[float, float],
     out: tuple[Array, Array],
 ) -> int:
-    """Run the kernels that the forcing needs over the span (begin, end); as `integrate`."""
+    """Run the kernels that the forcing needs over the span (begin, end) in s; return the number of steps.
+
+    As `integrate`: state ((13,), (13,)) is moved in place, out ((n, 13), (n, 13)) filled at times (n,).
+    """
     numbers = forcing if resolution.paired_orders else forcing.rounded()
     rows, series = working_space(forcing, resolution)
     steps = integrate(

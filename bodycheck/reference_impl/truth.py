@@ -65,7 +65,7 @@ class Truth:
 
 
 def solve_truth(scene: Scene, t_s: Array) -> Truth:
-    """Return the truth of the scene at any times t >= 0 (n,), in any order.
+    """Return the truth of the scene at any times t >= 0 (n,) in s, in any order.
 
     Raises ValueError that names the first time that is negative or not finite, or at which the motion
     itself leaves the range of double precision; for loads that cannot act together; and where a function
@@ -114,8 +114,8 @@ def _neighbour(scene: Scene, t_s: Array) -> Trajectory:
 def certified_truth(scene: Scene, t_s: Array) -> Truth:
     """bound = 10 (|difference of two resolutions| + 2^-104 sensitivity steps) + half an ulp, ascending times.
 
-    For any scene of known loads, also one that has a closed form. The half ulp is that of every number
-    handed out: some 3e-16 rad.
+    t_s (n,) in s, ascending. For any scene of known loads, also one that has a closed form. The half ulp is
+    that of every number handed out: some 3e-16 rad. Raises ValueError as `solve_truth` does.
     """
     course = course_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
     fine, check = (

@@ -12,7 +12,10 @@ from bodycheck.reference_impl.registers import cross, scaled_add, times, transpo
 
 @kernel
 def step(state: Array, body: Array, load: Array, dt: float) -> None:
-    """x+ = x + dt v, v+ = v + dt a, L+ = L + dt tau, R+ = R + dt [omega]x R; omega = R I0^-1 R^T L."""
+    """x+ = x + dt v, v+ = v + dt a, L+ = L + dt tau, R+ = R + dt [omega]x R; omega = R I0^-1 R^T L.
+
+    state (18,): x, v, L and R, row by row, in place; body (19,) and load (21,) as in equations.py.
+    """
     velocity, momentum, rotation = vector_at(state, 3), vector_at(state, 6), matrix_at(state, 9)
     torque_world = times(rotation, body_torque(rotation, load))
     omega = times(rotation, times(matrix_at(body, 10), transposed_times(rotation, momentum)))
@@ -27,7 +30,7 @@ def step(state: Array, body: Array, load: Array, dt: float) -> None:
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place."""
+    """Make the steps in place: state (18,), body (19,), load (21,), as for `step`."""
     for _ in range(steps):
         step(state, body, load, dt)
 

@@ -73,7 +73,8 @@ def nearest_rotation(m: Mat) -> Mat:
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
     """Make the steps in place; each ends with R = U V^T of the SVD U S V^T.
 
-    det U V^T = +1 needs no repair here: det (I + dt [omega]x) = 1 + dt^2 omega^2 > 0.
+    state (18,), body (19,) and load (21,) as for euler.step. det U V^T = +1 needs no repair here:
+    det (I + dt [omega]x) = 1 + dt^2 omega^2 > 0.
     """
     for _ in range(steps):
         step(state, body, load, dt)

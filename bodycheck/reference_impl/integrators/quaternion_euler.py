@@ -19,7 +19,7 @@ from bodycheck.reference_impl.registers import matrix_of, quaternion_times, scal
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place, omega in body axes."""
+    """Make the steps in place: state (13,): x, v, omega in body axes, q; body (19,), load (21,)."""
     inertia, inertia_inverse = matrix_at(body, 1), matrix_at(body, 10)
     position, velocity, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     q = (state[9], state[10], state[11], state[12])

@@ -64,7 +64,7 @@ class ImplicitEllipsoid:
         return np.asarray(np.sum((points / self.upper) ** 2, axis=1) <= 1.0)
 
     def chords(self, xy: Array) -> Chords:
-        """|z| <= c sqrt(1 - (x/a)^2 - (y/b)^2)."""
+        """|z| <= c sqrt(1 - (x/a)^2 - (y/b)^2), over columns at xy (n, 2), m."""
         return _symmetric_chords(self.c**2 * (1.0 - np.sum((xy / self.upper[:2]) ** 2, axis=1)))
 
 
@@ -90,7 +90,7 @@ class ImplicitTorus:
         return np.asarray(points[:, 2] ** 2 <= self._half_chords2(points[:, :2]))
 
     def chords(self, xy: Array) -> Chords:
-        """|z| <= sqrt(r^2 - (sqrt(x^2 + y^2) - R)^2)."""
+        """|z| <= sqrt(r^2 - (sqrt(x^2 + y^2) - R)^2), over columns at xy (n, 2), m."""
         return _symmetric_chords(self._half_chords2(xy))
 
     def _half_chords2(self, xy: Array) -> Array:
