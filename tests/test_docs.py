@@ -67,11 +67,11 @@ PROGRAMS = {
 
 def shown(page: str) -> list[Command]:
     """Return the commands of a page that are run here."""
-    of_tests = tests_command(page)
+    of_tests = command_of_tests(page)
     return [command for command in commands(page) if command.line not in {*NOT_RUN, of_tests}]
 
 
-def tests_command(page: str) -> str:
+def command_of_tests(page: str) -> str:
     """Return how a page runs the tests that it shows."""
     lines = [command.line for command in commands(page) if command.line.startswith("pytest")]
     assert len(lines) <= 1, f"{page}: all tests of a page are run by one command"
@@ -197,7 +197,7 @@ def write_tests(page: str, folder: Path) -> int:
 def test_the_tests_of_a_page_pass(page: str, folder: Path) -> None:
     """Each Python block with tests is a file; all pass, by the page's own command where it has one."""
     wanted = write_tests(page, folder)
-    done = run_in(folder, tests_command(page))
+    done = run_in(folder, command_of_tests(page))
     assert done.returncode == 0, done.stdout
     passed = re.search(r"^=* ?(\d+) passed in", done.stdout, flags=re.MULTILINE)
     assert passed is not None, done.stdout

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -138,19 +139,33 @@ def test_arrays_of_the_documented_interface_have_their_shapes(module: str) -> No
 
 
 @pytest.mark.slow
-def test_the_wheel_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
-    """The wheel's files are the tree's, no links, no tests; unpacked, it finds its meshes."""
+def test_the_distribution_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
+    """The files of the wheel, built from the sdist, are the tree's: no links, no tests; meshes are found."""
     # built from a copy: setuptools leaves build/ behind, and would put stale files of it into the next wheel
     source = tmp_path / "source"
-    unwanted = shutil.ignore_patterns(".*", "build", "*.egg-info", "__pycache__", "tests", "bodycheck-runs")
+    unwanted = shutil.ignore_patterns(".*", "build", "*.egg-info", "__pycache__", "bodycheck-runs", "_build")
     shutil.copytree(ROOT, source, symlinks=True, ignore=unwanted)
-    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "-w", str(tmp_path), str(source)]
+    command = [sys.executable, "-m", "build", "--outdir", str(tmp_path), str(source)]
     subprocess.run(command, check=True, capture_output=True)
-    (wheel,) = tmp_path.glob("*.whl")
-    inside = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     kept = {".py", ".toml", ".typed", ".html", ".css", ".js", ".obj", ".txt"}
     tree = {p.relative_to(ROOT).as_posix() for p in PACKAGE.rglob("*") if p.suffix in kept}
-    assert inside == tree | {"bodycheck/py.typed"}
+    tree |= {"bodycheck/py.typed"}
+    (wheel,) = tmp_path.glob("*.whl")
+    inside = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    assert inside == tree
+    (sdist,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        sources = {member.name.partition("/")[2] for member in archive if not member.isdir()}
+    beside = {
+        "CHANGELOG.md",
+        "LICENSE",
+        "MANIFEST.in",
+        "README.md",
+        "pyproject.toml",
+        "PKG-INFO",
+        "setup.cfg",
+    }
+    assert {name for name in sources if ".egg-info/" not in name} == tree | beside
     unpacked = tmp_path / "unpacked"
     zipfile.ZipFile(wheel).extractall(unpacked)
     code = "import bodycheck; print(bodycheck.__file__, bodycheck.load_scenario('t-handle').body.mass_kg)"
