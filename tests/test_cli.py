@@ -143,7 +143,7 @@ WRONG = {
     ),
     "function that gives NaN": (
         ["truth", "nan.toml", "--at", "0,1", "--allow-code"],
-        "the force at t = 0.0 s must be 3 finite numbers",
+        "loads:nan: must give force and torque, three finite numbers each, not ([nan, nan, nan], [0.0, ",
     ),
     "judged file that is none": (["judge", "no.csv", "--scenario", "mine.toml"], "no.csv: cannot be read"),
     "unknown list": (["list", "colours"], "'colours' is not one of"),

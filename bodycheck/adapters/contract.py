@@ -178,11 +178,6 @@ class SolvingAdapter(Adapter, Protocol):
         """Make a solver by such a method; the tolerance is None for one that has no control."""
 
 
-def unknown_loads(scene: Scene) -> str | None:
-    """Say why an engine cannot take a load that only a function knows; None where the scene has none."""
-    return "a load that only a function knows is not taken to engines" if scene.has_black_box else None
-
-
 _STATE = 4e-15  # relative: a state passes at most through one change of axes
 _BODY = 1e-12  # relative: an inertia may have been through an eigen-analysis
 

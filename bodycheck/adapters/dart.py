@@ -15,7 +15,7 @@ from typing import Any
 import dartpy
 import numpy as np
 
-from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping, unknown_loads
+from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
 from bodycheck.adapters.held import HeldLoads
 from bodycheck.adapters.link_frame import LinkFrame, link_frame, pivot_place
 from bodycheck.reference_impl.arrays import Array
@@ -48,8 +48,6 @@ class Dart:
         DART integrates the velocity of the link's origin there, and a free joint with a frame of its own
         within the link takes its velocities for those of the link.
         """
-        if reason := unknown_loads(scene):
-            return reason
         if scene.pivot is None and scene.link is not None and np.any(scene.link.offset):
             return "DART steps a free body by its link's origin, which must be the centre of mass"
         return None

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping, unknown_loads
+from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
 from bodycheck.adapters.mujoco_model import (
     BODY,
     OFF,
@@ -27,11 +27,13 @@ from bodycheck.adapters.mujoco_model import (
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
+from bodycheck.reference_impl.loads_at import lasting_wrench_of
 from bodycheck.reference_impl.rotations import conjugate, quaternion_product
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
 
 if TYPE_CHECKING:
+    from bodycheck.adapters.mujoco_asking import AskedPassiveLoads
     from bodycheck.adapters.mujoco_passive import PassiveLoads
 
 _MANUAL = "MuJoCo documentation, Computation, Numerical integration"
@@ -94,8 +96,6 @@ class MuJoCo:
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
         """Refuse what is not built, and a mass or a moment below mjMINVAL, as MuJoCo's compiler does."""
-        if reason := unknown_loads(scene):
-            return reason
         moments, _ = diagonalised(scene.body.inertia)
         smallest = min(scene.body.mass, float(np.min(moments)))
         if smallest < mujoco.mjMINVAL:
@@ -110,7 +110,7 @@ class MuJoCo:
 class MuJoCoSimulation:
     """One mjModel and its mjData."""
 
-    stepping: Stepping = "native"
+    stepping: Stepping
 
     def __init__(self, scene: Scene, method: str, dt_s: float) -> None:
         label = method.removesuffix(DEFAULTS)
@@ -119,17 +119,25 @@ class MuJoCoSimulation:
         self._points = loaded_points(scene)
         self._model = compiled(scene, _INTEGRATORS[label], dt_s, self._points, off)
         self._quaternion, self._axes = joint_axes(scene)
-        self._lasting: PassiveLoads | None = None
-        if scene.lasting_loads:
-            # late: numba is half the start of a worker, and most scenes have no such load
-            from bodycheck.adapters.mujoco_passive import PassiveLoads
-            from bodycheck.reference_impl.lasting import packed_lasting
-
-            nodes = _NODES.get(label, (0.0,))
-            pivot = None if scene.pivot is None else (self._anchor(), -scene.pivot)
-            self._lasting = PassiveLoads(packed_lasting(scene), self._axes.T, pivot, dt_s, nodes)
+        self.stepping = "python" if scene.has_black_box else "native"
+        nodes = _NODES.get(label, (0.0,))
+        self._lasting = self._passive_loads(scene, dt_s, nodes) if scene.lasting_loads else None
         self._data = mujoco.MjData(self._model)
         self.reset()
+
+    def _passive_loads(
+        self, scene: Scene, dt_s: float, nodes: tuple[float, ...]
+    ) -> PassiveLoads | AskedPassiveLoads:
+        """Return the lasting loads as what MuJoCo calls: compiled, unless a function is to be asked."""
+        # late: numba is half the start of a worker, and most scenes have no such load
+        from bodycheck.adapters.mujoco_asking import AskedPassiveLoads
+        from bodycheck.adapters.mujoco_passive import PassiveLoads
+        from bodycheck.reference_impl.lasting import packed_lasting
+
+        pivot = None if scene.pivot is None else (self._anchor(), -scene.pivot)
+        if scene.has_black_box:
+            return AskedPassiveLoads(lasting_wrench_of(scene), self._axes.T, pivot, dt_s, nodes)
+        return PassiveLoads(packed_lasting(scene), self._axes.T, pivot, dt_s, nodes)
 
     def read_back(self) -> ReadBack:
         """Read mjModel and mjData."""

@@ -35,7 +35,8 @@ from bodycheck.reference_impl.registers import (
 _DATA, _QPOS, _QVEL, _PASSIVE, _CLOCK, _JOINT, _LOADS, _LENGTH = range(8)
 _told = np.zeros(8, dtype=np.int64)
 _TOLD_AT = _told.ctypes.data
-_in_use = threading.Lock()
+callback_in_use = threading.Lock()
+"""Held while MuJoCo's one callback is set."""
 
 _STAGES = 4  # the most evaluations that a step has
 
@@ -72,7 +73,7 @@ class PassiveLoads:
         Raises RuntimeError where it evaluated them more or less often than a step's stages are.
         """
         evaluations = self._clock[0] + steps * self._clock[2]
-        with _in_use:
+        with callback_in_use:
             _told[_DATA], _told[_LENGTH] = data._address, len(self._loads)
             _told[_QPOS], _told[_QVEL] = data.qpos.ctypes.data, data.qvel.ctypes.data
             _told[_PASSIVE] = data.qfrc_passive.ctypes.data

@@ -16,7 +16,7 @@ from importlib.metadata import version
 import numpy as np
 import pybullet
 
-from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping, unknown_loads
+from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
 from bodycheck.adapters.held import HeldLoads
 from bodycheck.adapters.link_frame import link_frame
 from bodycheck.adapters.pybullet_pivot import PivotedPyBulletSimulation
@@ -69,8 +69,6 @@ class PyBullet:
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
         """Refuse some pivots. Beyond |omega| h = pi/4 in a step Bullet turns the body by less than that."""
-        if reason := unknown_loads(scene):
-            return reason
         if scene.pivot is None:
             return None
         if method.startswith(_MAXIMAL.name):

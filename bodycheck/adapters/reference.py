@@ -16,15 +16,21 @@ from bodycheck.adapters.contract import (
     Solver,
     Stepping,
 )
-from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.exact import closed_form_of
+from bodycheck.reference_impl.halving import PivotPlace
 from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.integrators.asking import (
+    advance_asking,
+    can_ask,
+    omega_world,
+    rotation_held,
+)
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.lasting import packed_lasting
+from bodycheck.reference_impl.loads_at import lasting_wrench_of
 from bodycheck.reference_impl.pivoted import about_pivot, load_about
-from bodycheck.reference_impl.rotations import quaternion_to_matrix
-from bodycheck.reference_impl.scene import GravityGradient, Scene
+from bodycheck.reference_impl.scene import GravityGradient, Scene, Wrenching
 from bodycheck.reference_impl.taylor_motion import TaylorMotion
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
@@ -72,12 +78,13 @@ def _method_of(integrator: Integrator) -> Method:
 
 
 _NO_CLOSED_FORM = "no closed form for this body, this start and these loads"
+_NO_SERIES = "a load that only a function knows has no Taylor series"
 
 
 class FixedStep:
     """A scene stepped by one of the reference's integrators."""
 
-    stepping: Stepping = "native"
+    stepping: Stepping
 
     def __init__(self, scene: Scene, integrator: Integrator, dt_s: float) -> None:
         self._scene, self._integrator, self._dt_s = scene, integrator, dt_s
@@ -86,7 +93,9 @@ class FixedStep:
         self._body = packed_body(self._stepped.body)
         if scene.pivot is not None:
             self._body[0] = math.inf
-        self._lasting = packed_lasting(self._stepped)
+        self.stepping = "python" if scene.has_black_box else "native"
+        self._asked = _asked_about_pivot(scene) if scene.has_black_box else None
+        self._lasting = np.zeros(0) if scene.has_black_box else packed_lasting(self._stepped)
         self.reset()
 
     def reset(self) -> None:
@@ -123,10 +132,12 @@ class FixedStep:
         self._load = load if scene.pivot is None else load_about(scene.pivot, load)
 
     def advance(self, steps: int) -> None:
-        """Make the steps in one compiled call."""
+        """Make the steps in one compiled call; in Python where a function is to be asked."""
         method, state, dt_s = self._integrator, self._state, self._dt_s
-        if len(self._lasting):
-            begin = self._steps_made * dt_s
+        begin = self._steps_made * dt_s
+        if self._asked is not None:
+            advance_asking(method, self._asked, state, self._body, self._load, begin, dt_s, steps)
+        elif len(self._lasting):
             method.advance_under(state, self._body, self._load, self._lasting, begin, dt_s, steps)
         else:
             method.advance(state, self._body, self._load, dt_s, steps)
@@ -134,36 +145,25 @@ class FixedStep:
 
     def read(self) -> Reading:
         """Return copies of the state."""
-        state, spin = self._state.copy(), self._state[_SPIN].copy()
-        quaternion = state[9:] if self._integrator.attitude == "quaternion" else None
-        rotation = state[9:].reshape(3, 3) if quaternion is None else None
-        omega_body = omega_world = None
-        match self._integrator.spin:
-            case "omega_body":
-                omega_body = spin
-            case "omega_world":
-                omega_world = spin
-            case "angular_momentum":
-                omega_world = self._omega_world(quaternion, rotation, spin)
-        position, velocity = state[_POSITION], state[_VELOCITY]
-        if self._scene.pivot is not None:
-            r = self._matrix(quaternion, rotation)
-            arm = r @ -self._scene.pivot
-            position = position + arm
-            turning = omega_world if omega_world is not None else r @ self._state[_SPIN]
-            velocity = np.cross(turning, arm)
-        return Reading(position, velocity, quaternion, rotation, omega_world, omega_body)
-
-    def _omega_world(self, quaternion: Array | None, rotation: Array | None, momentum: Array) -> Array:
-        """omega = R I0^-1 R^T L, by the method's own R."""
-        r = self._matrix(quaternion, rotation)
-        return np.asarray(r @ (self._body[10:].reshape(3, 3) @ (r.T @ momentum)))
-
-    @staticmethod
-    def _matrix(quaternion: Array | None, rotation: Array | None) -> Array:
-        r = quaternion_to_matrix(quaternion) if quaternion is not None else rotation
-        assert r is not None
-        return r
+        method, pivot, state = self._integrator, self._scene.pivot, self._state.copy()
+        position, velocity, spin = state[_POSITION], state[_VELOCITY], state[_SPIN].copy()
+        in_body = method.spin == "omega_body"
+        rotation = state[9:].reshape(3, 3) if method.attitude == "matrix" else None
+        turning = None
+        if pivot is not None or not in_body:
+            turned = rotation_held(method, state)
+            turning = omega_world(method, state, self._body, turned)
+            if pivot is not None:
+                arm = turned @ -pivot
+                position, velocity = position + arm, np.cross(turning, arm)
+        return Reading(
+            position,
+            velocity,
+            quaternion=state[9:] if rotation is None else None,
+            rotation=rotation,
+            omega_world=None if in_body else turning,
+            omega_body=spin if in_body else None,
+        )
 
     def close(self) -> None:
         """Nothing to free."""
@@ -231,10 +231,10 @@ class Reference:
         """Say what a method is not for; a link frame means nothing where no engine is between."""
         if method == _EXACT.name:
             return _NO_CLOSED_FORM if scene.has_black_box or closed_form_of(scene) is None else None
-        if scene.has_black_box:
-            return "a load that only a function knows is not among what this method steps"
         if method == _TAYLOR.name:
-            return None
+            return _NO_SERIES if scene.has_black_box else None
+        if scene.has_black_box and not can_ask(INTEGRATORS[method]):
+            return f"{method} takes the loads of its stages from compiled code, which can ask no function"
         kinds = {type(load) for load in scene.lasting_loads}
         if scene.pivot is not None and GravityGradient in kinds:
             return "a gravity gradient is reduced to no torque about a pivot"
@@ -251,6 +251,12 @@ class Reference:
             return ClosedForm(scene)
         assert tolerance is not None
         return Series(scene, tolerance)
+
+
+def _asked_about_pivot(scene: Scene) -> Wrenching:
+    """Return what the lasting loads do to the body that is stepped: about the pivot, if there is one."""
+    wrench = lasting_wrench_of(scene)
+    return wrench if scene.pivot is None else PivotPlace.of(scene).about_pivot(wrench)
 
 
 def _own_numbers(scene: Scene) -> ReadBack:

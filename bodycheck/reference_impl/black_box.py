@@ -1,16 +1,26 @@
-"""One body under forces and torques that only a function knows, by the stages of Dormand and Prince."""
+"""One body under forces and torques that only a function knows, by the stages of a Runge-Kutta method."""
 
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dormand_prince import TABLEAU
-from bodycheck.reference_impl.equations import gyroscopic, matrix_at, packed_body, store, vector_at
+from bodycheck.reference_impl.equations import (
+    acceleration,
+    body_torque,
+    gyroscopic,
+    matrix_at,
+    packed_body,
+    store,
+    vector_at,
+)
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.registers import (
+    add,
     matrix_of,
     quaternion_times,
     scaled_add,
@@ -20,14 +30,18 @@ from bodycheck.reference_impl.registers import (
 from bodycheck.reference_impl.scene import RigidBody, State, Wrenching
 from bodycheck.reference_impl.trajectory import Trajectory
 
-_A, _B, _NODES = TABLEAU
-_STAGES = len(_NODES)
+Tableau: TypeAlias = tuple[Array, Array, Array]
+"""a (s, s) strictly lower, b (s,), c (s,) of an explicit Runge-Kutta method."""
+
+_NO_LOAD = np.zeros(21)
 
 
 def solve_black_box(
     body: RigidBody, initial: State, wrench: Wrenching, t_s: Array, dt_s: float
 ) -> Trajectory:
     """x' = v, v' = F / m, q' = q omega / 2, omega' = I^-1 (R^T tau - omega x I omega), at the times t_s.
+
+    By the stages of Dormand and Prince.
 
     t_s (n,): ascending, from the time of the initial state on. Between two samples all steps are of one
     length, the longest that divides the interval and is not longer than dt_s, so that every sample is the
@@ -45,7 +59,7 @@ def solve_black_box(
     y = np.concatenate([initial.position, initial.velocity, initial.omega_body, initial.quaternion])
     if y.shape != (13,) or not np.isfinite(y).all():
         raise ValueError(f"the initial state must be 13 finite numbers, got {y.tolist()}")
-    packed = packed_body(body)
+    packed, finite = packed_body(body), _finite(wrench)
     states = np.empty((len(t_s), 13))
     for k, end in enumerate(t_s):
         if k > 0:
@@ -53,7 +67,8 @@ def solve_black_box(
             steps = math.ceil((end - begin) / dt_s * (1.0 - 1e-12))  # rounding must not add a step
             h = (end - begin) / steps
             for i in range(steps):
-                y = _step(packed, wrench, float(begin + i * h), y, float(h))
+                t = float(begin + i * h)
+                y = stage_by_stage_asking(TABLEAU, packed, _NO_LOAD, finite, t, y, float(h))
         states[k] = y
     return Trajectory(
         t_s=t_s,
@@ -64,15 +79,34 @@ def solve_black_box(
     )
 
 
-def _step(packed: Array, wrench: Wrenching, t: float, y: Array, h: float) -> Array:
-    """y + h sum b_i k_i."""
-    k = np.zeros((_STAGES, 13))
-    for i in range(_STAGES):
-        point, at = y + h * (_A[i] @ k), t + float(_NODES[i]) * h
+def stage_by_stage_asking(
+    tableau: Tableau, packed: Array, load: Array, wrench: Wrenching, t: float, y: Array, h: float
+) -> Array:
+    """y + h sum b_i k_i (13,), the function asked at each stage.
+
+    packed (19,) and load (21,), what acts besides the function, as in equations.py; y: position, velocity,
+    omega in body axes, quaternion.
+    """
+    a, b, c = tableau
+    k = np.zeros((len(c), 13))
+    for i in range(len(c)):
+        point = y + h * (a[i] @ k)
         rotation, omega_world = _seen(point)
-        force, torque = wrench(at, point[0:3], rotation, point[3:6], omega_world)
-        k[i] = _rates(point, packed, _checked("force", force, at), _checked("torque", torque, at))
-    return np.asarray(y + h * (_B @ k))
+        force, torque = wrench(t + float(c[i]) * h, point[0:3], rotation, point[3:6], omega_world)
+        k[i] = _rates(point, packed, load, force, torque)
+    return np.asarray(y + h * (b @ k))
+
+
+def _finite(wrench: Wrenching) -> Wrenching:
+    """Return the same function, which raises ValueError where it gives anything but finite (3,)."""
+
+    def checked(
+        t: float, position: Array, rotation: Array, velocity: Array, omega: Array
+    ) -> tuple[Array, Array]:
+        force, torque = wrench(t, position, rotation, velocity, omega)
+        return _checked("force", force, t), _checked("torque", torque, t)
+
+    return checked
 
 
 def _checked(name: str, value: Array, t: float) -> Array:
@@ -91,14 +125,15 @@ def _seen(y: Array) -> tuple[Array, Array]:
 
 
 @kernel
-def _rates(y: Array, body: Array, force: Array, torque: Array) -> Array:
-    """The rates of x, v, omega and q, by a force and a torque in world axes."""
+def _rates(y: Array, body: Array, load: Array, force: Array, torque: Array) -> Array:
+    """The rates of x, v, omega and q, by a load and by a force and a torque in world axes."""
     q, omega = (y[9], y[10], y[11], y[12]), vector_at(y, 6)
-    held = transposed_times(matrix_of(q), vector_at(torque, 0))
+    rotation = matrix_of(q)
+    held = add(body_torque(rotation, load), transposed_times(rotation, vector_at(torque, 0)))
     turning = scaled_add(held, -1.0, gyroscopic(matrix_at(body, 1), omega))
     rates = np.empty(13)
     store(rates, 0, vector_at(y, 3))
-    store(rates, 3, (force[0] / body[0], force[1] / body[0], force[2] / body[0]))
+    store(rates, 3, scaled_add(acceleration(rotation, load, body[0]), 1.0 / body[0], vector_at(force, 0)))
     store(rates, 6, times(matrix_at(body, 10), turning))
     attitude = quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2]))
     rates[9], rates[10], rates[11], rates[12] = attitude

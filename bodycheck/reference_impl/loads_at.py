@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,3 +108,20 @@ def sum_of_wrenches(loads: Sequence[Load], scene: Scene) -> Wrenching:
         return force, torque
 
     return wrench
+
+
+def lasting_wrench_of(scene: Scene) -> Wrenching:
+    """Return the sum of the scene's lasting loads as one function of the motion, those of functions too.
+
+    Force and torque are NaN where the motion is not finite: no function is asked about that.
+    """
+    wrench = sum_of_wrenches(scene.lasting_loads, replace(scene, gravity=np.zeros(3)))
+
+    def lasting(
+        t: float, position: Array, rotation: Array, velocity: Array, omega: Array
+    ) -> tuple[Array, Array]:
+        if not np.isfinite([*position, *rotation.flat, *velocity, *omega]).all():
+            return np.full(3, np.nan), np.full(3, np.nan)
+        return wrench(t, position, rotation, velocity, omega)
+
+    return lasting

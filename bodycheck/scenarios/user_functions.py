@@ -54,7 +54,7 @@ class UserWrench:
     ) -> tuple[Array, Array]:
         """Ask the function, with copies that it may change.
 
-        Raises InputError with one line where it raises, or gives anything but twice three numbers.
+        Raises InputError with one line where it raises, or gives anything but twice three finite numbers.
         """
         copies = (part.copy() for part in (position, rotation, velocity, omega))
         try:
@@ -65,10 +65,11 @@ class UserWrench:
             force, torque = (np.asarray(part, dtype=np.float64) for part in found)
         except (TypeError, ValueError):
             force = torque = np.zeros(0)
-        if force.shape != (3,) or torque.shape != (3,):
+        if force.shape != (3,) or torque.shape != (3,) or not np.isfinite([force, torque]).all():
             shown = " ".join(repr(found).split())
             raise InputError(
-                f"{self.name}: must give force and torque, three numbers each, not {shown:.80} (t = {t!r} s)"
+                f"{self.name}: must give force and torque, three finite numbers each, "
+                f"not {shown:.80} (t = {t!r} s)"
             )
         return force, torque
 

@@ -80,4 +80,5 @@ DOP853 = Integrator(
     advance=advance,
     advance_under=stage_by_stage(*TABLEAU),
     lasting="every stage",
+    tableau=TABLEAU,
 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.black_box import Tableau
 
 Spin: TypeAlias = Literal["omega_body", "omega_world", "angular_momentum"]
 
@@ -31,7 +32,8 @@ class Integrator:
     attitude and spin name what the state holds: spin is omega in body axes, omega in world axes, or the
     angular momentum about the centre of mass in world axes. order is that of the orientation error.
     torque says when constant loads are turned with the body, lasting when lasting loads are evaluated;
-    refused: the kinds of lasting loads that the method cannot take.
+    refused: the kinds of lasting loads that the method cannot take. tableau: of an explicit Runge-Kutta
+    method on the whole state, which can so be driven stage by stage from outside its kernel.
     """
 
     name: str
@@ -47,3 +49,4 @@ class Integrator:
     advance_under: AdvanceUnder
     lasting: Literal["every stage", "held over the step"] = "held over the step"
     refused: tuple[type[Any], ...] = ()
+    tableau: Tableau | None = None

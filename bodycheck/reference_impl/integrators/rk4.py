@@ -90,4 +90,5 @@ RK4 = Integrator(
     advance=advance,
     advance_under=stage_by_stage(*_TABLEAU),
     lasting="every stage",
+    tableau=_TABLEAU,
 )

@@ -68,10 +68,10 @@ class Answers:
         request: Callable[[], Message],
         read: Callable[[Message], _Said],
     ) -> _Said:
-        message = self._journal.get(key) if self._journal else None
+        journal = self._journal_of(case)
+        message = journal.get(key) if journal else None
         if message is not None:
             return read(message)
-        # what a user's function does may change under its name
         cache = self._cache if engine.code and not case.scene.has_black_box else None
         entry = cache.entry(key) if cache else None
         if entry is None:
@@ -82,19 +82,24 @@ class Answers:
                 cache.keep(entry)
         else:
             said = read(entry.value)
-        if self._journal:
+        if journal:
             # also what the cache has: it may be gone when the run goes on
-            self._journal.append(entry)
+            journal.append(entry)
         return said
+
+    def _journal_of(self, case: Case) -> Journal | None:
+        """What a user's function does may change under its name, even before a run goes on: none is kept."""
+        return None if case.scene.has_black_box else self._journal
 
     def laps(self, engine: Engine, case: Case) -> Message | None:
         """Return what this run has measured of a case's speed, if it was before it was interrupted."""
-        return self._journal.get(_key(engine, case, "laps")) if self._journal else None
+        journal = self._journal_of(case)
+        return journal.get(_key(engine, case, "laps")) if journal else None
 
     def keep_laps(self, engine: Engine, case: Case, measured: Message) -> None:
         """Write down what was measured of a case's speed."""
-        if self._journal:
-            self._journal.put(_key(engine, case, "laps"), measured)
+        if journal := self._journal_of(case):
+            journal.put(_key(engine, case, "laps"), measured)
 
 
 def _read(message: Message, case: Case) -> Answer:
