@@ -217,7 +217,7 @@ def test_a_shape_and_a_users_function_are_bodies_too(tmp_path: Path) -> None:
 
 
 def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
-    """Drag behind a function is the same motion as drag; a run with it ends, and says who cannot do it."""
+    """Drag behind a function is the same motion as drag, in truth and engines; a run says who cannot."""
     (tmp_path / "called.toml").write_text(CALLED)
     (tmp_path / "loads.py").write_text("def f(t, x, r, v, omega):\n    return -0.5 * v, -0.2 * omega\n")
     drag = '[[forcing]]\nkind = "drag"\nlinear_n_s_m = 0.5\nangular_n_m_s = 0.2\n'
@@ -240,7 +240,9 @@ def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
         "run",
         "called.toml",
         "--engine",
-        "reference:taylor",
+        "reference:taylor,reference:rk4,reference:m1",
+        "--dt",
+        "0.02,0.01",
         "--no-speed",
         allowed,
         "--out",
@@ -249,8 +251,29 @@ def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
     )
     assert run.returncode == 0, run.stderr
     results = pd.read_csv(tmp_path / "out/results.csv")
-    assert set(results["outcome"]) == {"unsupported"}
     assert results["reproduce"].str.endswith("--allow-code").all()
+    outcomes = results.groupby("method")["outcome"].unique()
+    assert outcomes.map(list).to_dict() == {"taylor": ["unsupported"], "rk4": ["ok"], "m1": ["ok"]}
+    errors = results.set_index(["method", "dt_s"])["orientation_error_rad"]
+    assert errors["rk4", 0.01] < 1e-8 < errors["m1", 0.01] < 0.6 * errors["m1", 0.02]
+
+
+def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
+    """A run ends well where a function only works in the run's own process: its cases say why they failed."""
+    (tmp_path / "called.toml").write_text(CALLED)
+    (tmp_path / "loads.py").write_text(
+        "import os\n\n\ndef f(t, x, r, v, omega):\n"
+        "    return -0.5 * v, -0.2 * omega + 0.0 * ('BODYCHECK_RUN_PID' not in os.environ or 1 / 0)\n"
+    )
+    run = command(
+        *("run", "called.toml", "--engine", "reference:m1", "--dt", "0.02", "--no-speed", "--allow-code"),
+        *("--out", "out"),
+        cwd=tmp_path,
+    )
+    assert run.returncode == 0, run.stderr
+    results = pd.read_csv(tmp_path / "out/results.csv")
+    assert results["outcome"].tolist() == ["failed"]
+    assert "loads:f: failed at t = 0.0 s: ZeroDivisionError" in results["message"][0]
 
 
 def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:

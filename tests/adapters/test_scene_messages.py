@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from bodycheck.adapters.contract import Adapter, unknown_loads
+from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.protocol import line_of, message_of, scene_message, scene_of
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.scene import BlackBox, Scene
@@ -90,9 +90,14 @@ def test_the_reference_refuses_what_it_cannot_by_a_reason(name: str) -> None:
         assert reason is None or reason.isprintable()
 
 
-def test_a_load_that_only_a_function_knows_is_not_taken_to_engines() -> None:
-    """The reason says so; loads of constants need none."""
-    scene = load_scenario("thruster").scene
-    assert unknown_loads(scene) is None
-    called = BlackBox("package.module:function", lambda t, x, r, v, w: (x, w))  # noqa: ARG005 - never called
-    assert "only a function knows" in (unknown_loads(replace(scene, loads=(called,))) or "")
+def test_the_reference_asks_a_function_where_it_can(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of its methods those refuse whose loads are needed within compiled code, each by its reason."""
+    (tmp_path / "asked_by_the_reference.py").write_text("def f(t, x, r, v, w):\n    return -v, -w\n")
+    monkeypatch.chdir(tmp_path)
+    text = LINKED + '[[forcing]]\nkind = "callable"\nfunction = "asked_by_the_reference:f"\n'
+    scene = parse_scenario(text, "linked.toml", allow_code=True).scene
+    adapter: Adapter = Reference()
+    reasons = {name: adapter.unsupported(scene, name) for name in adapter.methods}
+    refused = {"exact": "closed form", "taylor": "series", "lie4": "compiled", "splitting6": "compiled"}
+    assert {name for name, reason in reasons.items() if reason} == set(refused)
+    assert all(words in (reasons[name] or "") for name, words in refused.items())

@@ -16,7 +16,7 @@ from bodycheck.adapters.drive import Case, record
 from bodycheck.adapters.host import Hosts
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.stable_step import Search
-from bodycheck.reference_impl.scene import RigidBody, Scene, State
+from bodycheck.reference_impl.scene import BlackBox, RigidBody, Scene, State
 from bodycheck.reports.storage.answers import Answers
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
@@ -189,4 +189,17 @@ def test_a_search_that_failed_is_asked_again_by_another_run(said: dict[str, Any]
         found = Answers(None, Cache(tmp_path), 1.0).search(hosts, ENGINE, SEARCH)
         assert found.outcome == "failed"
         assert found.message
+    assert hosts.asked == 2
+
+
+def test_what_a_function_did_is_asked_for_again(tmp_path: Path) -> None:
+    """Its code may change under its name, between two runs as before one goes on: nothing of it is kept."""
+    load = BlackBox("loads:f", lambda t, x, r, v, w: (-v, -w))  # noqa: ARG005 - the contract's arguments
+    case, hosts = replace(CASE, scene=replace(SCENE, loads=(load,))), Counting(GOOD)
+    for _ in range(2):
+        with Journal(tmp_path / "journal") as journal:
+            answers = Answers(journal, Cache(tmp_path), 1.0)
+            assert answers.ask(hosts, ENGINE, case).outcome == "ok"
+            assert answers.laps(ENGINE, case) is None
+            answers.keep_laps(ENGINE, case, {"cpu_s": [0.5]})
     assert hosts.asked == 2
