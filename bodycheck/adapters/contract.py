@@ -36,8 +36,8 @@ class Method:
     evaluations counts right-hand sides in a step. torque says when a torque is evaluated: at every
     stage, once and held over the step, or nowhere but in a closed form; lasting says the same of loads that
     vary with the time or the motion, a user's function among them: held, they make any method one of order 1.
-    control says what it is told: the step, a tolerance, or nothing; tolerances are those that a run uses unless
-    told otherwise.
+    control says what it is told: the step, a tolerance, or nothing; tolerances are those that a run uses
+    unless told otherwise.
     """
 
     name: str
