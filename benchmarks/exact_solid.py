@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles
 
 _Integers = NDArray[Any]
 """Python's own, which do not overflow, as an array of objects."""

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import (
     Drag,
@@ -20,7 +21,7 @@ from bodycheck.reference_impl.scene import (
     State,
     Torque,
 )
-from bodycheck.reference_impl.truth import Truth, certified_truth
+from bodycheck.reference_impl.truth import certified_truth
 from bodycheck.scenarios.library import load_scenario
 
 _SAMPLES = 101

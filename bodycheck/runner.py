@@ -21,7 +21,7 @@ from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.host import Hosts
 from bodycheck.adapters.protocol import Message
 from bodycheck.errors import InputError
-from bodycheck.reference_impl.truth import Truth
+from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.warm_up import compile_kernels
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.crew import Task, share_out

@@ -192,7 +192,7 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
     body, initial = scene.body, scene.initial
     faults: list[str] = []
     arm = _arm(scene)
-    swing = arm * float(np.linalg.norm(initial.omega_body))
+    swing = arm * float(np.linalg.norm(initial.omega_body)) if arm else 0.0
 
     def compare(
         name: str, asked: Array | float, held: Array | float, relative: float = _STATE, beside: float = 0.0

@@ -30,6 +30,7 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
 )
+from bodycheck.reference_impl.wrench import held_between
 
 # where things lie among the numbers of Forcing.turning ...
 INERTIA, INERTIA_INVERSE, TORQUE_BODY = 0, 9, 18
@@ -86,11 +87,6 @@ class Forcing:
             _high(self.torsion),
             self.on_parabola,
         )
-
-
-def held_between(scene: Scene, begin_s: float, end_s: float) -> list[Timed]:
-    """Return the loads that are constant within [begin_s, end_s), through which nothing switches."""
-    return [load for load in scene.timed_loads if load.from_s <= begin_s and end_s <= load.until_s]
 
 
 def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:

@@ -12,11 +12,12 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.black_box import solve_black_box
 from bodycheck.reference_impl.closeness import distances
-from bodycheck.reference_impl.forcing import held_between, pivot_position
+from bodycheck.reference_impl.forcing import pivot_position
 from bodycheck.reference_impl.loads_at import sum_of_wrenches
 from bodycheck.reference_impl.pivot import turning_inertia
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Timed, Wrenching
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.wrench import held_between
 
 _FEWEST, _MOST = 64, 2**13  # steps
 _AGREED = 1e-14  # rad, or relative: finer steps would only gather round-off

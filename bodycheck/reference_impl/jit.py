@@ -1,31 +1,13 @@
-"""How the kernels of reference_impl are compiled, and where the compiled code is kept."""
+"""How the kernels of reference_impl are compiled."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numba
 
-from bodycheck.reference_impl.cache_home import cache_home
-
-
-@cache
-def cache_directory() -> Path:
-    """Return the folder of compiled kernels, named by a hash of all the sources of reference_impl.
-
-    numba's own cache keeps using an old callee when only the callee's file has changed, so a
-    change in any file of this room starts an empty folder. ``BODYCHECK_CACHE_DIR`` moves it.
-    """
-    room = Path(__file__).parent
-    digest = hashlib.sha256()
-    for source in sorted(room.rglob("*.py")):
-        digest.update(source.relative_to(room).as_posix().encode())
-        digest.update(source.read_bytes())
-    return cache_home() / "kernels" / digest.hexdigest()[:16]
+from bodycheck.reference_impl.cache_home import cache_directory
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:

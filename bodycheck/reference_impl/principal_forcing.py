@@ -12,7 +12,7 @@ from fractions import Fraction
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.forcing import Vector, added, cross, fractions, held_between, pair, unit
+from bodycheck.reference_impl.forcing import Vector, added, cross, fractions, pair, unit
 from bodycheck.reference_impl.principal_axes import (
     IntegerQuaternion,
     axes_of,
@@ -49,6 +49,7 @@ from bodycheck.reference_impl.scene import (
     Timed,
     Torque,
 )
+from bodycheck.reference_impl.wrench import held_between
 
 _TURNS, _STAYS, _SWINGS = 1.0, 0.0, 1.0
 

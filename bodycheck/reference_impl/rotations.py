@@ -127,13 +127,19 @@ def quaternion_to_matrix(q: Array) -> Array:
 
     Shapes: (..., 4) -> (..., 3, 3).
     """
-    w, x, y, z = np.moveaxis(normalised(np.asarray(q, dtype=np.float64)), -1, 0)
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    unit = normalised(np.asarray(q, dtype=np.float64))
+    w, x, y, z = np.moveaxis(unit, -1, 0)
+    matrix = np.empty((*unit.shape[:-1], 3, 3))
+    matrix[..., 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    matrix[..., 0, 1] = 2.0 * (x * y - w * z)
+    matrix[..., 0, 2] = 2.0 * (x * z + w * y)
+    matrix[..., 1, 0] = 2.0 * (x * y + w * z)
+    matrix[..., 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    matrix[..., 1, 2] = 2.0 * (y * z - w * x)
+    matrix[..., 2, 0] = 2.0 * (x * z - w * y)
+    matrix[..., 2, 1] = 2.0 * (y * z + w * x)
+    matrix[..., 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    return matrix
 
 
 def matrix_to_quaternion(rotation: Array) -> Array:
@@ -194,13 +200,24 @@ def geodesic_angle(p: Array, q: Array) -> Array:
     p, q = _of_ordinary_size(p), _of_ordinary_size(q)
     dot = np.sum(p * q, axis=-1)
     d = np.where(dot[..., None] < 0.0, -q, q) - p
-    vector = p[..., :1] * d[..., 1:] - d[..., :1] * p[..., 1:] - np.cross(p[..., 1:], d[..., 1:])
+    vector = p[..., :1] * d[..., 1:] - d[..., :1] * p[..., 1:] - _cross(p[..., 1:], d[..., 1:])
     return 2.0 * np.arctan2(_norm(vector)[..., 0], np.abs(dot))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """a x b, the numbers of numpy.cross in half its time."""
+    return a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT]
+
+
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 def _of_ordinary_size(q: Array) -> Array:
     """Return q, times a power of 2 where its norm is far from 1."""
-    _, exponent = np.frexp(np.max(np.abs(q), axis=-1, keepdims=True))
+    size = np.max(np.abs(q), axis=-1, keepdims=True)
+    if np.all((size >= 0.125) & (size < 4.0)):
+        return q
+    _, exponent = np.frexp(size)
     return np.ldexp(q, np.where(np.abs(exponent) > 2, -exponent, 0))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -43,12 +44,12 @@ class State:
     velocity: Array
     omega_body: Array
 
-    @property
+    @cached_property
     def rotation(self) -> Array:
         """R (3, 3), body to world."""
         return quaternion_to_matrix(self.quaternion)
 
-    @property
+    @cached_property
     def omega_world(self) -> Array:
         """R omega_body (3,), rad/s."""
         return rotate(self.quaternion, self.omega_body)

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.bounded_motion import Kind, Truth
 from bodycheck.reference_impl.closeness import distances, rounding, small_distances
 from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.exact import ExactMotion, closed_form_of
@@ -36,32 +36,6 @@ _MARGIN = 10.0
 _EPS = float(np.finfo(np.float64).eps)
 _EPS_PAIR = 2.0**-104  # of double-double arithmetic
 _TRUSTED_RAD = 1e-10
-
-
-Kind: TypeAlias = Literal["exact", "certified", "estimated"]
-
-
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """A motion that others are measured with, and how far it may itself be off at each sample (n,).
-
-    bound_rad: orientation. bound_energy, bound_momentum: relative to the scene's largest kinetic energy
-    and angular momentum. round_off_rad, round_off_energy, round_off_momentum: eps x sensitivity, what
-    any stepper in double precision has to expect. kind: exact, in closed form; certified, solved twice in
-    double-double arithmetic, or, where only a function knows a load, with halved steps that agree as a method
-    of high order must; estimated, where those do not, as with a function that jumps. trusted_until_s: the
-    first of the times at which a chaotic motion's bound_rad exceeds 1e-10 rad; infinite where none does.
-    """
-
-    trajectory: Trajectory
-    kind: Kind
-    bound_rad: Array
-    bound_energy: Array
-    bound_momentum: Array
-    round_off_rad: Array
-    round_off_energy: Array
-    round_off_momentum: Array
-    trusted_until_s: float = math.inf
 
 
 def solve_truth(scene: Scene, t_s: Array) -> Truth:

@@ -1,4 +1,7 @@
-"""Compiling kernels ahead of use, so that no measurement and no user waits for a compiler midway."""
+"""Compiling kernels ahead of use, so that no measurement and no user waits for a compiler midway.
+
+What compiles is imported late: to begin with numba takes a second, and where nothing is missing needs none.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bodycheck.reference_impl.closed_forms.flight import Flight
-from bodycheck.reference_impl.closed_forms.loads import loads_of
-from bodycheck.reference_impl.equations import packed_body
-from bodycheck.reference_impl.free_rotation.ahead import compile_frame_and_evaluation, compile_tumbling
-from bodycheck.reference_impl.integrators import INTEGRATORS
-from bodycheck.reference_impl.jit import cache_directory
+from bodycheck.reference_impl.cache_home import cache_directory
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
-from bodycheck.reference_impl.truth import solve_truth
 
 _UNDER_LASTING = "+lasting"
 _CLOSED_FORMS = "closed-forms"
@@ -45,18 +42,26 @@ def compile_kernels(
     try:
         closed_last = sorted(scenes, key=lambda scene: scene.is_free_rotation)
         if _CLOSED_FORMS in missing:
+            from bodycheck.reference_impl.free_rotation.ahead import compile_tumbling
+
             compile_tumbling()
         for scene in closed_last:
             if other is None and is_solved(scene):
                 continue
             if other is not None and scene.is_free_rotation:
                 _wait_for(marks[0], other)  # the mark of the closed forms
-            solve_truth(scene, np.array([0.0, 1e-3 * scene.sample_interval_s]))
+            _solve_shortly(scene)
         if other is not None:
             other.wait()
     finally:
         if other is not None:
             other.kill()
+
+
+def _solve_shortly(scene: Scene) -> None:
+    from bodycheck.reference_impl.truth import solve_truth
+
+    solve_truth(scene, np.array([0.0, 1e-3 * scene.sample_interval_s]))
 
 
 def closed_forms_compiled() -> bool:
@@ -78,6 +83,8 @@ def compile_here(names: Iterable[str]) -> None:
     """Compile what is named, one after the other, and leave a mark for each."""
     for name in names:
         if name == _CLOSED_FORMS:
+            from bodycheck.reference_impl.free_rotation.ahead import compile_frame_and_evaluation
+
             compile_frame_and_evaluation()
             _compile_flight()
         else:
@@ -88,6 +95,9 @@ def compile_here(names: Iterable[str]) -> None:
 
 
 def _compile_flight() -> None:
+    from bodycheck.reference_impl.closed_forms.flight import Flight
+    from bodycheck.reference_impl.closed_forms.loads import loads_of
+
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
     scene = Scene(RigidBody(1.0, np.eye(3)), start, (), np.zeros(3), 1.0, 2)
     loads = loads_of(scene)
@@ -98,6 +108,9 @@ def _compile_flight() -> None:
 
 def _compile_integrator(name: str) -> None:
     """Make one step; under lasting loads where the name ends so."""
+    from bodycheck.reference_impl.equations import packed_body
+    from bodycheck.reference_impl.integrators import INTEGRATORS
+
     integrator = INTEGRATORS[name.removesuffix(_UNDER_LASTING)]
     attitude = np.eye(3).ravel() if integrator.attitude == "matrix" else np.array([1.0, 0.0, 0.0, 0.0])
     state = np.concatenate([np.zeros(6), np.ones(3), attitude])

@@ -79,6 +79,11 @@ def wrench_of(loads: tuple[tuple[Timed, float], ...]) -> Wrench:
 NO_WRENCH = wrench_of(())
 
 
+def held_between(scene: Scene, begin_s: float, end_s: float) -> list[Timed]:
+    """Return the loads that are constant within [begin_s, end_s), through which nothing switches."""
+    return [load for load in scene.timed_loads if load.from_s <= begin_s and end_s <= load.until_s]
+
+
 def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
     """Return the mean of what acts within [begin_s, end_s): exact where nothing switches inside.
 

@@ -17,8 +17,8 @@ from bodycheck.adapters.contract import Engine, Method, ReadBack, Setting, read_
 from bodycheck.adapters.drive import Answer, Case
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import Truth
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
 from bodycheck.reports.convergence import LARGEST_ERROR, LARGEST_LIMIT
 from bodycheck.reports.invariants import Invariant, invariants_of, worst_drift
@@ -81,11 +81,27 @@ class Subject:
         """What the scene keeps besides energy and momentum."""
         return invariants_of(self.scenario.scene)
 
-    @property
+    @cached_property
     def is_chaotic(self) -> bool:
         """Whether round-off alone leads so far astray that no method can be blamed for its error."""
         lost = self.compared < len(self.truth.trajectory.t_s)
         return lost or self.largest(self.truth.round_off_rad) > LARGEST_LIMIT
+
+    @cached_property
+    def columns(self) -> dict[str, Any]:
+        """The columns that all its cases share."""
+        scenario, truth = self.scenario, self.truth
+        return {
+            "scenario": scenario.name,
+            "family": scenario.family,
+            "duration_s": scenario.duration_s,
+            **vars(self.scales),
+            "truth": truth.kind,
+            "truth_bound_rad": self.largest(truth.bound_rad),
+            "truth_bound_energy": self.largest(truth.bound_energy),
+            "truth_bound_momentum": self.largest(truth.bound_momentum),
+            "compared_until_s": float(self.times[-1]),
+        }
 
     def largest(self, bound: Array) -> float:
         """Return the largest of one of the truth's bounds (n,) over the samples that are compared."""
@@ -193,24 +209,15 @@ def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, 
 
 
 def _who(subject: Subject, engine: Engine, method: Method, setting: Setting) -> dict[str, Any]:
-    scenario, truth = subject.scenario, subject.truth
     return {
-        "scenario": scenario.name,
-        "family": scenario.family,
+        **subject.columns,
         "engine": engine.name,
         "engine_version": engine.version,
         "method": method.name,
         "control": method.control,
         "dt_s": setting.dt_s,
         "tolerance": setting.tolerance,
-        "duration_s": scenario.duration_s,
         "reproduce": reproducing_command(subject, engine.name, method.name, setting),
-        **vars(subject.scales),
-        "truth": truth.kind,
-        "truth_bound_rad": subject.largest(truth.bound_rad),
-        "truth_bound_energy": subject.largest(truth.bound_energy),
-        "truth_bound_momentum": subject.largest(truth.bound_momentum),
-        "compared_until_s": float(subject.times[-1]),
     }
 
 

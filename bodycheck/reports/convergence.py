@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -166,8 +167,6 @@ def _settled_order(points: list[Point]) -> tuple[int, float, float] | None:
 
 def _slope(points: list[Point]) -> tuple[float, float]:
     """Return d log(error) / d log(dt) by least squares, and the half-width of its 95 % interval."""
-    from scipy.special import stdtrit  # late: half a second
-
     x = np.log([p.dt_s for p in points])
     y = np.log(np.array([p.error for p in points], dtype=np.float64))
     deviation = x - x.mean()
@@ -176,4 +175,12 @@ def _slope(points: list[Point]) -> tuple[float, float]:
     residual = y - y.mean() - slope * deviation
     freedom = len(points) - 2
     error = math.sqrt(float(residual @ residual) / freedom / spread)
-    return slope, float(stdtrit(freedom, 0.975)) * error
+    return slope, _student(freedom) * error
+
+
+@cache
+def _student(freedom: int) -> float:
+    """Return what Student's t exceeds, in size, in one of twenty cases."""
+    from scipy.special import stdtrit  # late: half a second
+
+    return float(stdtrit(freedom, 0.975))

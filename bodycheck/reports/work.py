@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.forcing import held_between
 from bodycheck.reference_impl.loads_at import Moment, wrench_at
 from bodycheck.reference_impl.scene import Load, Scene, Spring, TorsionSpring
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.wrench import held_between
 
 _DEGREES = (7, 5)  # of the splines through the power; their difference tells whether they resolve it
 

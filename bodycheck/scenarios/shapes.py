@@ -10,9 +10,8 @@ from pathlib import Path
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.mass_properties import primitives
-from bodycheck.reference_impl.mass_properties.mesh_check import checked_mesh
-from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.known_solids import known_solid
 from bodycheck.scenarios.mesh_files import mesh_bytes, parse_mesh
 
 
@@ -33,13 +32,22 @@ def mesh_solid(folder: Traversable, name: str) -> MeshSolid:
     """
     path = folder.joinpath(name)
     data = mesh_bytes(path)
+    digest = sha256(data).hexdigest()
+    return MeshSolid(name, digest, known_solid(f"{digest}{Path(name).suffix}", lambda: _solid(path, data)))
+
+
+def _solid(path: Traversable, data: bytes) -> MassProperties:
+    # late: numba takes a second to begin with, and most meshes were worked out before
+    from bodycheck.reference_impl.mass_properties.mesh_check import checked_mesh
+    from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
+
     vertices, triangles = parse_mesh(path, data)
     try:
         mesh = checked_mesh(vertices, triangles)
         solid = polyhedron(mesh.vertices, mesh.triangles)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
-    return MeshSolid(name, sha256(data).hexdigest(), replace(solid, notes=mesh.notes))
+    return replace(solid, notes=mesh.notes)
 
 
 def load_mesh(path: Path, density: float) -> MassProperties:

@@ -32,7 +32,7 @@ import pandas as pd
 from processes import all_gone, workers_of
 from unprivileged import heed_modes
 
-from bodycheck.reports.storage.sealed import opened
+from bodycheck.reference_impl.seal import opened
 from bodycheck.stored_run import partial_of
 
 SCENARIO = """

@@ -11,6 +11,7 @@ import pytest
 from interpreted import printed_json
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.closeness import distances
 from bodycheck.reference_impl.forcing import fractions
 from bodycheck.reference_impl.principal_axes import axes_of, in_axes_of, principal_quaternion
@@ -28,7 +29,7 @@ from bodycheck.reference_impl.scene import (
     Torque,
 )
 from bodycheck.reference_impl.taylor_motion import TaylorMotion
-from bodycheck.reference_impl.truth import Truth, solve_truth
+from bodycheck.reference_impl.truth import solve_truth
 
 EPS = float(np.finfo(np.float64).eps)
 A, B = np.array([0.1, 0.2, 0.3]), np.array([0.2, 0.35, -0.15])

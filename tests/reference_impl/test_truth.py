@@ -15,9 +15,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.rotations import normalised
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Torque
-from bodycheck.reference_impl.truth import Truth, solve_truth
+from bodycheck.reference_impl.truth import solve_truth
 from bodycheck.scenarios.library import load_scenario
 
 EPS = float(np.finfo(np.float64).eps)

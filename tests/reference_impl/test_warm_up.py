@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl import warm_up
-from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
-from bodycheck.reference_impl.truth import Truth
 
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
 SCENES = [Scene(RigidBody(mass, np.eye(3)), START, (), np.zeros(3), 1.0, 3) for mass in (1.0, 2.0)]
@@ -22,10 +20,6 @@ def test_a_scene_whose_truth_is_solved_needs_no_kernels_unless_some_are_missing(
 ) -> None:
     """With all compiled only the unsolved scene's truth is called; with anything missing, every scene's."""
     called: list[Scene] = []
-
-    def solve_truth(scene: Scene, t_s: Array) -> Truth | None:  # noqa: ARG001 - called as solve_truth is
-        called.append(scene)
-        return None
 
     class Finished:
         """Another process that has compiled its half."""
@@ -41,7 +35,7 @@ def test_a_scene_whose_truth_is_solved_needs_no_kernels_unless_some_are_missing(
             return 0
 
     monkeypatch.setattr(warm_up, "cache_directory", lambda: tmp_path)
-    monkeypatch.setattr(warm_up, "solve_truth", solve_truth)
+    monkeypatch.setattr(warm_up, "_solve_shortly", called.append)
     monkeypatch.setattr(warm_up.subprocess, "Popen", lambda *_, **__: Finished())
     for name in ("closed-forms", "m1"):
         (tmp_path / f"{name}.compiled").touch()

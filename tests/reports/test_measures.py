@@ -11,13 +11,14 @@ import pytest
 
 from bodycheck.adapters.breakdown import defect, kinetic_limit, runaway
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.dynamics import angular_momentum
 from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import Truth, solve_truth
+from bodycheck.reference_impl.truth import solve_truth
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.invariants import invariants_of, symmetry_axis, worst_drift
 from bodycheck.reports.measures import Motion, error_series, reduced

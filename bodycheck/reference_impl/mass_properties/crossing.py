@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.reference_impl.registers import Vec, cross
 
 _CLEAR = 1e-9

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.places import first_few, place
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 
 def partners(vertices: Array, triangles: Triangles) -> NDArray[np.int64]:

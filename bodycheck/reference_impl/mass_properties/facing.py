@@ -9,7 +9,8 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.nesting import depths
 from bodycheck.reference_impl.mass_properties.orientation import Surfaces
 from bodycheck.reference_impl.mass_properties.places import place
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles, volume_area_reach
+from bodycheck.reference_impl.mass_properties.polyhedron import volume_area_reach
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 _FLAT = 1e-14
 """A volume so much smaller than area times reach is round-off."""

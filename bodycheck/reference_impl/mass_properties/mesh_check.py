@@ -13,8 +13,7 @@ from bodycheck.reference_impl.mass_properties.facing import misfacing
 from bodycheck.reference_impl.mass_properties.merging import merged
 from bodycheck.reference_impl.mass_properties.orientation import consistent, with_turned
 from bodycheck.reference_impl.mass_properties.places import first_few, place
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
-from bodycheck.reference_impl.mass_properties.solid import LENGTHS
+from bodycheck.reference_impl.mass_properties.solid import LENGTHS, Triangles
 
 
 class Mesh(NamedTuple):

@@ -17,7 +17,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.mass_properties.crossing import boxes_about, crosses
 from bodycheck.reference_impl.mass_properties.places import place
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.reference_impl.registers import cross
 
 _PROBED = 64

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.mass_properties.edges import described
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 _UNSEEN = -1
 _NONE = -1

@@ -8,20 +8,14 @@ coordinates, J. Math. Stat. 1; the sums are compensated: Neumaier (1974), with K
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.double_double import two_sum
 from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles
 from bodycheck.reference_impl.registers import Vec, cross
-
-Triangles: TypeAlias = NDArray[np.int64]
-"""Vertex numbers (m, 3), each triangle counter-clockwise seen from outside."""
-
 
 _LANES = 32
 """How many triangles are taken at once: a row for every quantity, so that one instruction serves several."""

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import principal_axes
+
+Triangles: TypeAlias = NDArray[np.int64]
+"""Vertex numbers (m, 3), each triangle counter-clockwise seen from outside."""
 
 LENGTHS = (1e-50, 1e50)
 """Lengths in m whose fifth powers, the second moments, are normal doubles."""

@@ -8,6 +8,7 @@ from hashlib import sha256
 from typing import Any
 
 from bodycheck.adapters.protocol import Message
+from bodycheck.reference_impl.seal import opened, sealed
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,21 +29,6 @@ class Entry:
         """Return what a line holds; None where it is cut off or changed."""
         message = opened(line)
         return None if message is None else cls(message["key"], message["value"], line)
-
-
-def sealed(message: Message) -> bytes:
-    """Return a message as one line, newline included."""
-    text = json.dumps(message, separators=(",", ":")).encode()
-    return sha256(text).hexdigest().encode() + b" " + text + b"\n"
-
-
-def opened(line: bytes) -> Message | None:
-    """Return the message of a line; None where it is cut off or changed."""
-    digest, _, text = line.removesuffix(b"\n").partition(b" ")
-    if not line.endswith(b"\n") or sha256(text).hexdigest().encode() != digest:
-        return None
-    message: Message = json.loads(text)
-    return message
 
 
 def key_of(**parts: Any) -> str:

@@ -12,9 +12,9 @@ from bodycheck.adapters import protocol
 from bodycheck.adapters.protocol import Message, packed, unpacked
 from bodycheck.adapters.registry import own_code
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import Truth, solve_truth
 from bodycheck.reference_impl.warm_up import closed_forms_compiled, compile_kernels
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.sealed import key_of
@@ -28,15 +28,21 @@ def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
     Raises ValueError as solve_truth does.
     """
     if cache is None or scene.has_black_box:
-        return solve_truth(scene, t_s)
+        return _solved(scene, t_s)
     key = _key(scene, t_s)
     if (message := cache.get(key)) is not None:
         return _truth_of(message)
     if scene.is_free_rotation and not closed_forms_compiled():
         compile_kernels([scene])
-    truth = solve_truth(scene, t_s)
+    truth = _solved(scene, t_s)
     cache.put(key, _message(truth))
     return truth
+
+
+def _solved(scene: Scene, t_s: Array) -> Truth:
+    from bodycheck.reference_impl.truth import solve_truth  # late: numba takes a second to begin with
+
+    return solve_truth(scene, t_s)
 
 
 def is_known(scene: Scene, t_s: Array, cache: Cache) -> bool:

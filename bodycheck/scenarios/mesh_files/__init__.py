@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.obj import parse_obj
 from bodycheck.scenarios.mesh_files.ply import parse_ply
 from bodycheck.scenarios.mesh_files.stl import parse_stl

@@ -6,7 +6,7 @@ Source: Alias|Wavefront (1993), Advanced Visualizer manual, appendix B1.
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.words import fans, floats, integer, lines_of_words, points, shown
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.words import fans, floats, integer, lines_of_words, shown
 
 _TYPES = {

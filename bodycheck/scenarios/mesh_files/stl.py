@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.words import floats, lines_of_words, points, shown
 
 _HEADER = 84

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.polyhedron import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 
 def lines_of_words(text: bytes, first: int = 1) -> Iterator[tuple[int, list[str]]]:

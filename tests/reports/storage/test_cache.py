@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from full_disk import no_file_longer_than
 
+from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
-from bodycheck.reference_impl.truth import Truth
+from bodycheck.reference_impl.seal import sealed
 from bodycheck.reports.storage import truths
 from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.storage.sealed import key_of, sealed
+from bodycheck.reports.storage.sealed import key_of
 from bodycheck.reports.storage.truths import is_known, known_truth
 
 KEY, OTHER = key_of(case=1), key_of(case=2)

@@ -12,8 +12,9 @@ import pytest
 from full_disk import no_file_longer_than
 
 from bodycheck.errors import InputError
+from bodycheck.reference_impl.seal import opened, sealed
 from bodycheck.reports.storage.journal import Journal
-from bodycheck.reports.storage.sealed import key_of, opened, sealed
+from bodycheck.reports.storage.sealed import key_of
 
 ENTRIES: dict[str, dict[str, Any]] = {
     "a": {"outcome": "ok", "trajectory": "x" * 300},
