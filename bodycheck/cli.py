@@ -64,7 +64,8 @@ def run(
         typer.Argument(help="Built-in names, suites or .toml files.", show_default="standard"),
     ] = None,
     engine: Annotated[
-        str | None, typer.Option(help="NAME[:METHOD],...; every engine that is installed, unless told.")
+        str | None,
+        typer.Option(help="NAME[==VERSION][:METHOD],...; every engine that is installed, unless told."),
     ] = None,
     dt: Annotated[
         str | None, typer.Option(help="Steps in s, like 1e-2,1e-3; each scenario's own, unless told.")

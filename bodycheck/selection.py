@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.host import Announcement, announcing
+from bodycheck.adapters.pins import engine_fault
 from bodycheck.adapters.registry import engine_names
 from bodycheck.adapters.worker import RUN_PID
 from bodycheck.errors import InputError, InsideWorkerError
@@ -58,7 +59,7 @@ def select(
     allow_code: bool = False,
     wanted: Wanted | None = None,
 ) -> Selection:
-    """Resolve names, suites and paths; engines as NAME or NAME:METHOD; steps in s for every scenario.
+    """Resolve names, suites and paths; engines as NAME[==VERSION][:METHOD]; steps in s for every scenario.
 
     allow_code: scenarios may name functions, whose code runs. wanted: chooses among the methods of all
     engines that are there, in place of `engines`.
@@ -68,8 +69,7 @@ def select(
     if os.environ.get(RUN_PID):
         raise InsideWorkerError("a run cannot be started from within a worker of another run")
     names = [_parted(name) for name in engines or engine_names()]
-    known = engine_names()
-    asked = [name for name in dict.fromkeys(engine for engine, _, _ in names) if name in known]
+    asked = [name for name in dict.fromkeys(engine for engine, _, _ in names) if not engine_fault(name)]
     with announcing(asked) as announcement:
         loaded = load_scenarios(scenarios, allow_code=allow_code)
         faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]
@@ -124,9 +124,9 @@ def _wanted_methods(
 
 
 def _parted(name: str) -> tuple[str, str, str]:
-    """Return ENGINE[:METHOD] as its engine, the colon if there is one, and the method."""
+    """Return NAME[==VERSION][:METHOD] as its engine, the colon if there is one, and the method."""
     engine, colon, method = name.partition(":")
-    return engine.strip(), colon, method.strip()
+    return "==".join(part.strip() for part in engine.split("==")), colon, method.strip()
 
 
 def _methods(
@@ -136,12 +136,8 @@ def _methods(
 
     by_name: whether the engines were asked for, so that one that is not there is a fault.
     """
-    known = engine_names()
-    faults = [
-        f"no engine is named {engine!r}; known are {', '.join(known)}"
-        for engine in dict.fromkeys(engine for engine, _, _ in names)
-        if engine not in known
-    ]
+    asked = dict.fromkeys(engine for engine, _, _ in names)
+    faults = [fault for engine in asked if (fault := engine_fault(engine))]
     found = announcement()
     unavailable = {name: engine for name, engine in found.items() if isinstance(engine, str)}
     if by_name:

@@ -6,9 +6,12 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from typing import Protocol, TypeAlias
 
 from bodycheck.adapters.contract import Adapter, Engine
+from bodycheck.adapters.environments import python_of
+from bodycheck.adapters.pins import pin_of
 from bodycheck.adapters.protocol import Message
 from bodycheck.adapters.registry import registered_adapter
 from bodycheck.adapters.worker import HANDED_OVER, Desk, handed_over
@@ -49,7 +52,10 @@ def announced(engines: Sequence[str]) -> dict[str, Engine | str]:
 
 @contextmanager
 def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
-    """Start the engines' workers, which import them while other things are done, and end them at the end."""
+    """Start the engines' workers, which import them while other things are done, and end them at the end.
+
+    One in a version of its own is started when it is waited for: its environment may have to be made first.
+    """
     hosts = Hosts()
 
     def announcement() -> dict[str, Engine | str]:
@@ -57,7 +63,8 @@ def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
 
     try:
         for name in engines:
-            hosts.start(name)
+            if pin_of(name) is None:
+                hosts.start(name)
         yield announcement
     finally:
         hosts.close()
@@ -70,7 +77,14 @@ def _announced(hosts: Hosts, name: str) -> Engine | str:
         return str(error)
     except WorkerLostError as error:
         return f"{name} cannot be started: {error}"
-    return engine if engine.name == name else f"{name} announces itself as {engine.name!r}"
+    pin = pin_of(name)
+    if engine.name != (name if pin is None else pin.engine):
+        return f"{name} announces itself as {engine.name!r}"
+    if pin is None:
+        return engine
+    if engine.version != pin.version:
+        return f"{name} announces version {engine.version}: ask for {engine.name}=={engine.version}"
+    return replace(engine, name=name)
 
 
 class Hosts:
@@ -90,10 +104,13 @@ class Hosts:
     def start(self, engine: str) -> Host:
         """Return the engine's host, without waiting for its announcement.
 
-        Raises WorkerLostError once this was stopped.
+        Raises WorkerLostError once this was stopped, UnavailableError where an engine in a version of its own
+        has no environment and none can be made.
         """
         if engine in self._open:
             return self._open[engine]
+        if pin := pin_of(engine):
+            return self._kept(engine, WorkerProcess(pin.engine, python=python_of(pin)))
         adapter = registered_adapter(engine)
         if adapter is None:
             return self._kept(engine, WorkerProcess(engine))

@@ -49,12 +49,15 @@ def _one_evaluation(name: str, formula: str) -> Method:
     return Method(name, formula, 1, 1, "held over the step", _KEEPS, _MANUAL, changed_defaults=_CHANGED)
 
 
+# Before 4.0 the stages' rotation vectors were summed without the terms by which rotations fail to commute.
+_RK4_ORDER = 4 if int(mujoco.__version__.partition(".")[0]) >= 4 else 2
+
 _KNOWN = {
     "euler": _one_evaluation("euler", _EXPLICIT),
     "rk4": Method(
         name="rk4",
         formula="classical Runge-Kutta 4 on the rotation group: q = q exp(h sum b_i k_i)",
-        order=4,
+        order=_RK4_ORDER,
         evaluations=4,
         torque="every stage",
         lasting="every stage",

@@ -20,6 +20,7 @@ _BUILT_IN = {
     "dart": ("bodycheck.adapters.dart", "Dart"),
     "reference": ("bodycheck.adapters.reference", "Reference"),
 }
+_DISTRIBUTIONS = {"mujoco": "mujoco", "pybullet": "pybullet", "dart": "dartpy"}
 _registered: dict[str, Adapter] = {}
 
 
@@ -51,6 +52,17 @@ def registered(adapter: Adapter) -> Iterator[None]:
 def engine_names() -> tuple[str, ...]:
     """Return the names of all engines known, whether or not they can be imported here."""
     return tuple(dict.fromkeys([*_BUILT_IN, *_plugged_in(), *_registered]))
+
+
+def distribution_of(engine: str) -> str | None:
+    """Return the package whose versions are the engine's: for a plugged-in one, that of its entry point.
+
+    None for an engine that no package of its own brings: the reference, and those handed to register_adapter.
+    """
+    if engine in _DISTRIBUTIONS:
+        return _DISTRIBUTIONS[engine]
+    point = _plugged_in().get(engine)
+    return None if point is None or point.dist is None else point.dist.name
 
 
 def registered_adapter(name: str) -> Adapter | None:

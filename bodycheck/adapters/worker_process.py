@@ -10,9 +10,10 @@ import sys
 import time
 from contextlib import suppress
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
-from bodycheck.adapters import protocol
+from bodycheck.adapters import protocol, worker_elsewhere
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.protocol import Message
 from bodycheck.adapters.worker import RUN_PID
@@ -28,17 +29,22 @@ _LEAST_MEMORY = 2 << 30
 
 
 class WorkerProcess:
-    """An engine in a process of its own, spawned, with limits on memory and on the time of each request."""
+    """An engine in a process of its own, spawned, with limits on memory and on the time of each request.
 
-    def __init__(self, engine: str, first_line: bytes = b"") -> None:
-        # the worker imports what this process can: a third party's engine may lie beside the user's script
-        environment = {
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
-            RUN_PID: str(os.getpid()),
-        }
+    python: that of an environment of its own, which need not have bodycheck; None for the one that runs here.
+    """
+
+    def __init__(self, engine: str, first_line: bytes = b"", *, python: Path | None = None) -> None:
+        environment = {**os.environ, RUN_PID: str(os.getpid())}
+        if python is None:
+            # the worker imports what this process can: an engine may lie beside the user's script
+            environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
+            command = [sys.executable, "-P", "-m", "bodycheck.adapters.worker"]
+        else:
+            environment.pop("PYTHONPATH", None)  # it may lead to the engine in another version
+            command = [str(python), "-P", str(Path(worker_elsewhere.__file__).resolve())]
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "bodycheck.adapters.worker", engine, str(_memory_bytes())],
+            [*command, engine, str(_memory_bytes())],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

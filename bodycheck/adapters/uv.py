@@ -1,0 +1,107 @@
+"""uv, which makes environments and knows what a package registry has."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from functools import cache
+from importlib import import_module
+
+from bodycheck.errors import UnavailableError
+
+_REFUSED = (
+    1  # uv's status where it understood and reached everything, and there is no such package or version
+)
+_LONGEST = 400
+
+_PIP_TO_UV = {
+    "index-url": "UV_DEFAULT_INDEX",
+    "extra-index-url": "UV_INDEX",
+    "find-links": "UV_FIND_LINKS",
+    "no-index": "UV_NO_INDEX",
+    "cert": "SSL_CERT_FILE",
+}
+_SEPARATORS = {"find-links": ","}
+_PIP_SECTIONS = ("global", "install", ":env:")  # the last one that says something counts
+_UV_INDEXES = ("UV_DEFAULT_INDEX", "UV_INDEX_URL", "UV_INDEX", "UV_EXTRA_INDEX_URL", "UV_NO_INDEX")
+
+
+class UvError(UnavailableError):
+    """uv failed; refused: because there is no such package or version, and not because of the network."""
+
+    def __init__(self, message: str, *, refused: bool) -> None:
+        super().__init__(message)
+        self.refused = refused
+
+
+def uv(*words: str, given: str = "") -> str:
+    """Run uv with these words and this standard input; return its standard output.
+
+    Raises UnavailableError where there is no uv, UvError with what it said in one line where it failed.
+    """
+    # no download of Pythons: an environment is to have this very one
+    environment = {**os.environ, **pip_settings(), "UV_PYTHON_DOWNLOADS": "never", "NO_COLOR": "1"}
+    done = subprocess.run(
+        [_program(), "--quiet", *words],
+        input=given,
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
+    )
+    if done.returncode != 0:
+        raise UvError(_in_one_line(done.stderr), refused=done.returncode == _REFUSED)
+    return done.stdout
+
+
+def _program() -> str:
+    try:
+        found: str | None = import_module("uv").find_uv_bin()
+    except (ImportError, OSError):
+        found = shutil.which("uv")
+    if found is None:
+        raise UnavailableError("versions of engines need uv: pip install 'bodycheck[versions]'")
+    return found
+
+
+def _in_one_line(said: str) -> str:
+    lines = (line.strip(" ×│╰─▶").removeprefix("cause: ") for line in said.splitlines())
+    told = " ".join(line for line in lines if line).removeprefix("error: ")
+    return told if len(told) <= _LONGEST else f"{told[:_LONGEST]}..."
+
+
+@cache
+def pip_settings() -> dict[str, str]:
+    """Return what pip is told of indexes and certificates, as uv's variables; nothing where uv is told.
+
+    uv does not read pip's configuration, and a machine whose packages come from elsewhere often has no other.
+    """
+    if any(name in os.environ for name in _UV_INDEXES):
+        return {}
+    listed = subprocess.run(
+        [sys.executable, "-m", "pip", "config", "list"], capture_output=True, text=True, check=False
+    )
+    said = {} if listed.returncode != 0 else _settings(listed.stdout)
+    found = {
+        variable: _SEPARATORS.get(name, " ").join(said[name].split())
+        for name, variable in _PIP_TO_UV.items()
+        if said.get(name) and variable not in os.environ
+    }
+    if "UV_INDEX" in found:
+        found["UV_INDEX_STRATEGY"] = "unsafe-best-match"  # pip takes the best of all indexes, too
+    return found
+
+
+def _settings(listed: str) -> dict[str, str]:
+    """Return name -> value of the lines of `pip config list`: section.name='value'."""
+    found: dict[tuple[str, str], str] = {}
+    for line in listed.splitlines():
+        key, sign, value = line.partition("=")
+        section, _, name = key.rpartition(".")
+        if sign and section in _PIP_SECTIONS:
+            found[section, name] = str(ast.literal_eval(value))
+    ordered = sorted(found, key=lambda key: _PIP_SECTIONS.index(key[0]))
+    return {name: found[section, name] for section, name in ordered}
