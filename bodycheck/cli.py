@@ -11,7 +11,9 @@ import typer
 from bodycheck.errors import BodycheckError, InputError, StoppedError
 from bodycheck.gating import gating
 from bodycheck.nightly import nightly
+from bodycheck.number_list import numbers
 from bodycheck.questions import questions
+from bodycheck.versions import versioning
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,21 +37,6 @@ def main() -> None:
     except BodycheckError as error:
         print(error, file=sys.stderr)
         sys.exit(_INTERRUPTED if isinstance(error, StoppedError) else 2)
-
-
-def _numbers(text: str | None, option: str) -> list[float] | None:
-    """Return the numbers of a comma-separated list."""
-    if text is None:
-        return None
-    numbers = []
-    for word in text.split(","):
-        try:
-            numbers.append(float(word))
-        except ValueError:
-            raise InputError(
-                f"{option} {text}: {word.strip()!r} is not a number; give numbers like 1e-2,1e-3"
-            ) from None
-    return numbers
 
 
 _AllowCode = Annotated[
@@ -98,8 +85,8 @@ def run(
     asked = Asked(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),
-        dt_s=_numbers(dt, "--dt"),
-        tolerances=_numbers(tolerance, "--tolerance"),
+        dt_s=numbers(dt, "--dt"),
+        tolerances=numbers(tolerance, "--tolerance"),
         speed=not no_speed,
         jobs=jobs,
         timeout_s=timeout_s,
@@ -126,7 +113,7 @@ def truth(
     from bodycheck import runner
     from bodycheck.reports.trajectory_files import trajectory_table
 
-    solved = runner.truth(scenario, _numbers(at, "--at") or [], allow_code=allow_code)
+    solved = runner.truth(scenario, numbers(at, "--at") or [], allow_code=allow_code)
     table = trajectory_table(solved.trajectory)
     table["bound_rad"] = solved.bound_rad
     _print_csv(table)
@@ -169,7 +156,7 @@ def body(
     """Print mass, centre and inertia tensor as TOML: exact with principal axes, or with standard errors."""
     from bodycheck.scenarios.solids import Asked, as_toml, mass_properties
 
-    size, box = _numbers(size_m, "--size-m"), _numbers(box_m, "--box-m")
+    size, box = numbers(size_m, "--size-m"), numbers(box_m, "--box-m")
     for line in as_toml(mass_properties(Asked(solid, density_kg_m3, size, box, monte_carlo, allow_code))):
         print(line)
 
@@ -189,6 +176,7 @@ def list_(
 app.add_typer(gating)
 app.add_typer(questions)
 app.add_typer(nightly)
+app.add_typer(versioning)
 
 
 def _print_csv(table: pd.DataFrame) -> None:

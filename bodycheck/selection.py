@@ -71,10 +71,7 @@ def select(
     names = [_parted(name) for name in engines or engine_names()]
     asked = [name for name in dict.fromkeys(engine for engine, _, _ in names) if not engine_fault(name)]
     with announcing(asked) as announcement:
-        loaded = load_scenarios(scenarios, allow_code=allow_code)
-        faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]
-        if faults:
-            raise InputError("\n".join(faults))
+        loaded = checked_scenarios(scenarios, dt_s, tolerances, allow_code=allow_code)
         if wanted is None:
             methods, unavailable = _methods(names, announcement, by_name=bool(engines))
         else:
@@ -86,6 +83,24 @@ def select(
         tuple(dt_s) if dt_s else None,
         tuple(tolerances) if tolerances else None,
     )
+
+
+def checked_scenarios(
+    scenarios: Sequence[str | Path],
+    dt_s: Sequence[float] | None = None,
+    tolerances: Sequence[float] | None = None,
+    *,
+    allow_code: bool = False,
+) -> list[tuple[str, Scenario]]:
+    """Return the scenarios of names, suites and paths, each with what names it, to go by these steps.
+
+    Raises InputError with one line an error: unknown names, wrong files, steps that do not fit.
+    """
+    loaded = load_scenarios(scenarios, allow_code=allow_code)
+    faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]
+    if faults:
+        raise InputError("\n".join(faults))
+    return loaded
 
 
 def _step_faults(loaded: Sequence[tuple[str, Scenario]], dt_s: Sequence[float]) -> list[str]:

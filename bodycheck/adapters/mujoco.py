@@ -49,7 +49,7 @@ def _one_evaluation(name: str, formula: str) -> Method:
     return Method(name, formula, 1, 1, "held over the step", _KEEPS, _MANUAL, changed_defaults=_CHANGED)
 
 
-# Before 4.0 the stages' rotation vectors were summed without the terms by which rotations fail to commute.
+# Before 4.0 its digits are those of stages whose rotation vectors are summed as if rotations commuted.
 _RK4_ORDER = 4 if int(mujoco.__version__.partition(".")[0]) >= 4 else 2
 
 _KNOWN = {

@@ -1,7 +1,7 @@
 """The worker in an environment that has its engine but not bodycheck.
 
-Run as `python -P THIS_FILE ENGINE MEMORY_BYTES`. bodycheck is imported from where this file is, by itself: the
-folder that it lies in may be a site-packages that has the engine in another version, and stays off the path.
+Run as `python -P THIS_FILE ENGINE MEMORY_BYTES`. bodycheck is imported from where this file is, by itself:
+the folder around it may be a site-packages that has the engine in another version, and stays off the path.
 """
 
 from __future__ import annotations

@@ -1,0 +1,97 @@
+"""What was found of an engine's releases: a table of those that were run, then where the measure changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from bodycheck.reports.comparison.one_measure import Finding
+from bodycheck.reports.console import console, print_columns
+from bodycheck.reports.wording import count, names, number
+
+_FEWEST_DIGITS, _ALL_DIGITS = 3, 17
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One method through the releases: what those that were run say, and between which of them it changed."""
+
+    method: str
+    findings: Mapping[str, Finding]
+    changes: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What came of a search. versions: all releases, oldest first. failed: why those that failed did."""
+
+    engine: str
+    scenario: str
+    measure: str
+    versions: tuple[str, ...]
+    tracks: tuple[Track, ...]
+    failed: Mapping[str, str]
+
+
+def print_found(found: Found) -> None:
+    """Print the releases that were run, oldest first, with what failed, and one line a method."""
+    out = console()
+    texts = {track.method: _texts(found, track) for track in found.tracks}
+    run = [version for version in found.versions if any(version in known for known in texts.values())]
+    amounts = f"{count(len(found.versions), 'release')} from {found.versions[0]} to {found.versions[-1]}"
+    out.print(f"{found.measure} on {found.scenario}; {amounts}, {len(run)} of them run", markup=False)
+    rows = ((version, *(known.get(version, "") for known in texts.values())) for version in run)
+    print_columns(out, (found.engine, *texts), rows)
+    for version, why in found.failed.items():
+        out.print(f"not run: {version}: {why}", markup=False, soft_wrap=True)
+    for track in found.tracks:
+        told = sentence(found, track, texts[track.method])
+        out.print(f"{found.engine}:{track.method}: {told}", markup=False, soft_wrap=True)
+
+
+def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:
+    """Return where the measure of a method changed: "2.00 up to 3.17.0, 4.00 from 4.0.0"."""
+    run = [version for version in found.versions if version in texts]
+    if not track.changes:
+        if len(run) == 1:
+            return f"{texts[run[0]]} in {run[0]}, the only one that was run"
+        same = f"{texts[run[-1]]} in {run[-1]}, as in {run[0]}"
+        return f"{same}; a change between them that was undone would not be seen"
+    befores, afters = zip(*track.changes, strict=True)
+    parts = [f"{texts[run[0]]} up to {befores[0]}"]
+    parts += [
+        f"{texts[start]} from {start} to {end}" for start, end in zip(afters, befores[1:], strict=False)
+    ]
+    parts.append(f"{texts[afters[-1]]} from {afters[-1]}")
+    return "; ".join([", ".join(parts), *_left_open(found, track)])
+
+
+def _left_open(found: Found, track: Track) -> list[str]:
+    """Return that a change cannot be told from releases between two that differ, where there are any."""
+    places = {version: place for place, version in enumerate(found.versions)}
+    unknown = [
+        version
+        for before, after in track.changes
+        for version in found.versions[places[before] + 1 : places[after]]
+    ]
+    return [f"{names(unknown)} between them could not be run"] if unknown else []
+
+
+def _texts(found: Found, track: Track) -> dict[str, str]:
+    """Return what each release says, to as many digits as tell the two sides of each change apart."""
+    for digits in range(_FEWEST_DIGITS, _ALL_DIGITS + 1):
+        texts = {
+            version: _text(finding, digits, is_order=found.measure.startswith("order."))
+            for version, finding in track.findings.items()
+        }
+        if all(texts[before] != texts[after] for before, after in track.changes):
+            break
+    return texts
+
+
+def _text(finding: Finding, digits: int, *, is_order: bool) -> str:
+    if finding.value is None:
+        return f"none ({finding.why})"
+    if isinstance(finding.value, str):
+        return finding.value
+    return f"{finding.value:.{digits - 1}f}" if is_order else number(finding.value, digits)
