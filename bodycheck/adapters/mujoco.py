@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.mujoco_methods import methods_of
 from bodycheck.adapters.mujoco_model import (
     BODY,
     OFF,
@@ -36,39 +37,7 @@ if TYPE_CHECKING:
     from bodycheck.adapters.mujoco_asking import AskedPassiveLoads
     from bodycheck.adapters.mujoco_passive import PassiveLoads
 
-_MANUAL = "MuJoCo documentation, Computation, Numerical integration"
-_KEEPS = "|q| = 1; linear momentum"
-_CHANGED = ("autoreset off", "constraints, contacts, springs, dampers and sensors off")
-_EXPLICIT = "omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)"
-_IMPLICIT = (
-    "omega += h (I + h D)^-1 (tau - omega x I omega), D = d(omega x I omega)/domega; q = q exp(h omega)"
-)
-
-
-def _one_evaluation(name: str, formula: str) -> Method:
-    return Method(name, formula, 1, 1, "held over the step", _KEEPS, _MANUAL, changed_defaults=_CHANGED)
-
-
-# Before 4.0 its digits are those of stages whose rotation vectors are summed as if rotations commuted.
-_RK4_ORDER = 4 if int(mujoco.__version__.partition(".")[0]) >= 4 else 2
-
-_KNOWN = {
-    "euler": _one_evaluation("euler", _EXPLICIT),
-    "rk4": Method(
-        name="rk4",
-        formula="classical Runge-Kutta 4 on the rotation group: q = q exp(h sum b_i k_i)",
-        order=_RK4_ORDER,
-        evaluations=4,
-        torque="every stage",
-        lasting="every stage",
-        keeps=_KEEPS,
-        source=_MANUAL,
-        changed_defaults=_CHANGED,
-    ),
-    "implicit": _one_evaluation("implicit", _IMPLICIT),
-    "implicitfast": _one_evaluation("implicitfast", _IMPLICIT),
-    "discrete": _one_evaluation("discrete", _IMPLICIT),
-}
+_KNOWN = methods_of(mujoco.__version__)
 
 # Only what the installed version has: discrete came late in the series.
 _INTEGRATORS = {

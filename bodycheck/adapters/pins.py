@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from bodycheck.adapters.registry import distribution_of, engine_names
 
-_VERSION = re.compile(r"\d[\w.!+-]*")
+_VERSION = re.compile(r"\d+(\.\d+)*(\.?(a|b|rc|post|dev)\d+)*")
 
 
 @dataclass(frozen=True)
