@@ -21,12 +21,11 @@ _PIP_TO_UV = {
     "index-url": "UV_DEFAULT_INDEX",
     "extra-index-url": "UV_INDEX",
     "find-links": "UV_FIND_LINKS",
-    "no-index": "UV_NO_INDEX",
     "cert": "SSL_CERT_FILE",
 }
 _SEPARATORS = {"find-links": ","}
 _PIP_SECTIONS = ("global", "install", ":env:")  # the last one that says something counts
-_UV_INDEXES = ("UV_DEFAULT_INDEX", "UV_INDEX_URL", "UV_INDEX", "UV_EXTRA_INDEX_URL", "UV_NO_INDEX")
+_UV_INDEXES = ("UV_DEFAULT_INDEX", "UV_INDEX_URL", "UV_INDEX", "UV_EXTRA_INDEX_URL")
 
 
 class UvError(UnavailableError):
@@ -73,7 +72,6 @@ def _in_one_line(said: str) -> str:
     return told if len(told) <= _LONGEST else f"{told[:_LONGEST]}..."
 
 
-@cache
 def pip_settings() -> dict[str, str]:
     """Return what pip is told of indexes and certificates, as uv's variables; nothing where uv is told.
 
@@ -81,10 +79,7 @@ def pip_settings() -> dict[str, str]:
     """
     if any(name in os.environ for name in _UV_INDEXES):
         return {}
-    listed = subprocess.run(
-        [sys.executable, "-m", "pip", "config", "list"], capture_output=True, text=True, check=False
-    )
-    said = {} if listed.returncode != 0 else _settings(listed.stdout)
+    said = _settings(_pip_config())
     found = {
         variable: _SEPARATORS.get(name, " ").join(said[name].split())
         for name, variable in _PIP_TO_UV.items()
@@ -93,6 +88,14 @@ def pip_settings() -> dict[str, str]:
     if "UV_INDEX" in found:
         found["UV_INDEX_STRATEGY"] = "unsafe-best-match"  # pip takes the best of all indexes, too
     return found
+
+
+@cache
+def _pip_config() -> str:
+    """Return what `pip config list` says; nothing where there is no pip."""
+    asked = [sys.executable, "-m", "pip", "config", "list"]
+    done = subprocess.run(asked, capture_output=True, text=True, check=False)
+    return done.stdout if done.returncode == 0 else ""
 
 
 def _settings(listed: str) -> dict[str, str]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from rich.text import Text
+
 from bodycheck.reports.comparison.one_measure import Finding
 from bodycheck.reports.console import console, print_columns
 from bodycheck.reports.wording import count, names, number
@@ -39,14 +41,14 @@ def print_found(found: Found) -> None:
     texts = {track.method: _texts(found, track) for track in found.tracks}
     run = [version for version in found.versions if any(version in known for known in texts.values())]
     amounts = f"{count(len(found.versions), 'release')} from {found.versions[0]} to {found.versions[-1]}"
-    out.print(f"{found.measure} on {found.scenario}; {amounts}, {len(run)} of them run", markup=False)
+    out.print(Text(f"{found.measure} on {found.scenario}; {amounts}, {len(run)} of them run"))
     rows = ((version, *(known.get(version, "") for known in texts.values())) for version in run)
     print_columns(out, (found.engine, *texts), rows)
     for version, why in found.failed.items():
-        out.print(f"not run: {version}: {why}", markup=False, soft_wrap=True)
+        out.print(Text(f"not run: {version}: {why}"), soft_wrap=True)
     for track in found.tracks:
         told = sentence(found, track, texts[track.method])
-        out.print(f"{found.engine}:{track.method}: {told}", markup=False, soft_wrap=True)
+        out.print(Text(f"{found.engine}:{track.method}: {told}"), soft_wrap=True)
 
 
 def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:

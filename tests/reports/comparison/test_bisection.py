@@ -1,0 +1,66 @@
+"""The search for changes in an ordered list, held to what a look at every member says."""
+
+from __future__ import annotations
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bodycheck.reports.comparison.bisection import changes
+
+# how long each value stays, and which members cannot be measured
+stretches = st.lists(st.integers(1, 12), min_size=1, max_size=5)
+failing = st.sets(st.integers(0, 40), max_size=12)
+
+
+class Measured:
+    """Members whose values come in stretches, each value once; some cannot be measured."""
+
+    def __init__(self, lengths: list[int], failing: set[int]) -> None:
+        self.values = [value for value, length in enumerate(lengths) for _ in range(length)]
+        self.members = [str(place) for place in range(len(self.values))]
+        self.failing = failing
+        self.asked: list[str] = []
+
+    def __call__(self, member: str) -> int | None:
+        """Return the value; None of one that fails."""
+        self.asked.append(member)
+        return None if int(member) in self.failing else self.values[int(member)]
+
+    @property
+    def sound(self) -> list[int]:
+        """The places that can be measured."""
+        return [place for place in range(len(self.values)) if place not in self.failing]
+
+
+@given(stretches, failing)
+def test_every_change_between_the_ends_is_found(lengths: list[int], failing: set[int]) -> None:
+    """The pairs are the neighbours, among those that can be measured, that differ; nothing is asked twice."""
+    measured = Measured(lengths, failing)
+    found = changes(measured.members, measured, lambda one, other: one != other)
+    neighbours = zip(measured.sound, measured.sound[1:], strict=False)
+    there = [(str(a), str(b)) for a, b in neighbours if measured.values[a] != measured.values[b]]
+    assert list(found) == there
+    assert len(measured.asked) == len(set(measured.asked))
+
+
+@given(stretches, failing)
+def test_few_members_are_measured(lengths: list[int], failing: set[int]) -> None:
+    """The ends, log2(n) for each change, and no more of those that fail than there are."""
+    measured = Measured(lengths, failing)
+    found = changes(measured.members, measured, lambda one, other: one != other)
+    halves = math.ceil(math.log2(max(2, len(measured.members))))
+    failed = len(measured.members) - len(measured.sound)
+    assert len(measured.asked) <= 2 + len(found) * halves + failed
+
+
+@given(st.lists(st.integers(0, 2), max_size=20))
+def test_a_pair_always_differs_and_leaves_nothing_between(values: list[int]) -> None:
+    """Whatever comes and goes, a pair is of neighbours that differ; equal ends give none."""
+    members = [str(place) for place in range(len(values))]
+    found = changes(members, lambda member: values[int(member)], lambda one, other: one != other)
+    for before, after in found:
+        assert int(after) == int(before) + 1
+        assert values[int(before)] != values[int(after)]
+    assert bool(found) == bool(values and values[0] != values[-1])

@@ -1,0 +1,72 @@
+"""What is said of releases: where the measure changed, in as many digits as tell its sides apart."""
+
+from __future__ import annotations
+
+import pytest
+
+from bodycheck.reports.comparison.one_measure import Finding
+from bodycheck.reports.version_text import Found, Track, print_found
+
+VERSIONS = ("1.0", "1.1", "1.2", "2.0", "2.1")
+
+
+def said(
+    values: dict[str, float | str | None],
+    changes: tuple[tuple[str, str], ...],
+    measure: str = "energy_drift",
+    failed: dict[str, str] | None = None,
+) -> Found:
+    """Return a search of one method that found these values in the releases that were run."""
+    findings = {version: Finding(value, "too-few-points") for version, value in values.items()}
+    return Found("toy", "free", measure, VERSIONS, (Track("m", findings, changes),), failed or {})
+
+
+@pytest.mark.parametrize(
+    ("found", "last"),
+    [
+        (
+            said({"1.0": 2.0, "1.2": 2.0, "2.0": 4.003, "2.1": 4.0}, (("1.2", "2.0"),), "order.omega_error"),
+            "toy:m: 2.00 up to 1.2, 4.00 from 2.0",
+        ),
+        (
+            said(
+                {"1.0": 1e-3, "1.1": 2e-3, "1.2": 2e-3, "2.0": 1e-9, "2.1": 1e-9},
+                (("1.0", "1.1"), ("1.2", "2.0")),
+            ),
+            "toy:m: 0.001 up to 1.0, 0.002 from 1.1 to 1.2, 1e-9 from 2.0",
+        ),
+        (
+            said({"1.0": 0.12345678, "1.1": 0.12345679, "2.1": 0.12345679}, (("1.0", "1.1"),)),
+            "toy:m: 0.12345678 up to 1.0, 0.12345679 from 1.1",
+        ),
+        (
+            said({"1.0": "converges", "2.1": "unstable"}, (("1.0", "2.1"),), "verdict"),
+            "toy:m: converges up to 1.0, unstable from 2.1; 1.1, 1.2 and 2.0 between them could not be run",
+        ),
+        (
+            said({"1.0": 2.0, "2.1": None, "2.0": 2.0}, (("2.0", "2.1"),), "order.omega_error"),
+            "toy:m: 2.00 up to 2.0, none (too-few-points) from 2.1",
+        ),
+        (said({"1.0": 1e-3}, ()), "toy:m: 0.001 in 1.0, the only one that was run"),
+        (
+            said({"1.0": 1e-3, "2.1": 1e-3}, ()),
+            "toy:m: 0.001 in 2.1, as in 1.0; a change between them that was undone would not be seen",
+        ),
+    ],
+)
+def test_the_last_line_says_where_it_changed(
+    found: Found, last: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last release before a change and the first after it; of those that are unknown, that they are."""
+    print_found(found)
+    assert capsys.readouterr().out.splitlines()[-1] == last
+
+
+def test_what_could_not_be_run_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    """With its reason, word for word, and not among those that were run."""
+    print_found(
+        said({"1.0": 1e-3, "2.1": 1e-3}, (), failed={"1.1": "toy==1.1 cannot be installed: :x: [no]"})
+    )
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "energy_drift on free; 5 releases from 1.0 to 2.1, 2 of them run"
+    assert "not run: 1.1: toy==1.1 cannot be installed: :x: [no]" in lines

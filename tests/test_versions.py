@@ -1,0 +1,212 @@
+"""The version matrix and the search for the release in which a measure changed, on releases of a toy."""
+
+from __future__ import annotations
+
+import sys
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from toy_releases import write_needed, write_toy, write_wheel
+
+import bodycheck
+from bodycheck.adapters import environments, registry, uv
+from bodycheck.adapters.releases import releases
+from bodycheck.cli import main
+from bodycheck.errors import InputError, UnavailableError
+
+STEPS = [2e-2, 1e-2, 5e-3, 2e-3]
+DT = ",".join(map(str, STEPS))
+RELEASES = {"1.0": "m1", "1.1": "m1", "1.9": "m1", "1.10": "rk4", "2.0": "rk4"}
+BROKEN = "1.5"
+
+
+@pytest.fixture(scope="module")
+def links(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the toy's releases: of order 1, from 1.10 on of 4; one cannot be imported."""
+    folder = tmp_path_factory.mktemp("links")
+    write_needed(folder)
+    for release, method in RELEASES.items():
+        write_toy(folder, release, method)
+    points = "[bodycheck.adapters]\ntoy = toy_engine:Toy\n"
+    write_wheel(folder, "toy_engine", BROKEN, {"toy_engine.py": "raise RuntimeError('spoilt')\n"}, points)
+    write_toy(folder, "2.1rc1", "rk4")  # a pre-release
+    write_toy(folder, "3.0", "rk4", announced="2.9")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return where the environments are made, once for all tests."""
+    return tmp_path_factory.mktemp("home")
+
+
+@pytest.fixture
+def toy(links: Path, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Install the toy's 2.0 here, and let uv find its releases without a network."""
+    try:
+        uv._program()
+    except UnavailableError as error:
+        pytest.skip(str(error))
+    installed = tmp_path / "installed"
+    zipfile.ZipFile(links / "toy_engine-2.0-py3-none-any.whl").extractall(installed)
+    monkeypatch.syspath_prepend(str(installed))
+    nothing = tmp_path / "no-index"
+    nothing.mkdir()
+    monkeypatch.setenv("UV_DEFAULT_INDEX", nothing.as_uri())
+    monkeypatch.setenv("UV_FIND_LINKS", str(links))
+    monkeypatch.setattr(environments, "cache_home", lambda: home)
+    registry._plugged_in.cache_clear()
+    yield
+    registry._plugged_in.cache_clear()
+
+
+@pytest.fixture
+def command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """Return a way to run a command in this process, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def asked(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["bodycheck", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        shown = capsys.readouterr()
+        return int(ended.value.code or 0), shown.out, shown.err
+
+    return asked
+
+
+@pytest.mark.usefixtures("toy")
+def test_versions_stand_side_by_side() -> None:
+    """Each is an engine of its own in every table, by its own code, beside the one that is installed here."""
+    run = bodycheck.run(
+        ["intermediate-axis"], engines=["toy==1.0", "toy == 2.0:m", "toy"], dt_s=STEPS, speed=False
+    )
+    orders = run.methods[run.methods["quantity"] == "orientation_error_rad"].set_index("engine")["order"]
+    assert orders.round(1).to_dict() == {"toy==1.0": 1.0, "toy==2.0": 4.0, "toy": 4.0}
+    versions = run.results.drop_duplicates("engine").set_index("engine")["engine_version"]
+    assert versions.to_dict() == {"toy==1.0": "1.0", "toy==2.0": "2.0", "toy": "2.0"}
+    first = run.results["reproduce"].iloc[0]
+    assert first == "bodycheck run intermediate-axis --engine toy==1.0:m --dt 0.02"
+    assert list(run.manifest["engines"]) == ["toy==1.0", "toy==2.0", "toy"]
+
+
+@pytest.mark.usefixtures("toy")
+def test_speeds_are_measured_in_its_environment() -> None:
+    """A case of a version of its own is timed like any other."""
+    run = bodycheck.run(["intermediate-axis"], engines=["toy==1.0"], dt_s=[1e-2])
+    assert (run.results["cpu_s"] > 0.0).all()
+    assert run.results["engine"].tolist() == ["toy==1.0"]
+
+
+@pytest.mark.usefixtures("toy")
+@pytest.mark.parametrize(
+    ("engine", "told"),
+    [
+        ("toy==0.9", "toy==0.9 cannot be installed: "),
+        ("toy==3.0", "toy==3.0 announces version 2.9: ask for toy==2.9"),
+        (f"toy=={BROKEN}", "toy cannot be imported: RuntimeError: spoilt"),
+        ("toy==1.0:n", "toy==1.0 has no method 'n'; it has m"),
+    ],
+)
+def test_a_version_that_cannot_be_had_is_refused(
+    engine: str, told: str, command: Callable[..., tuple[int, str, str]]
+) -> None:
+    """Status 2 and one line, and nothing is written."""
+    status, out, error = command("run", "intermediate-axis", "--engine", engine, "--out", "made")
+    assert (status, out) == (2, "")
+    assert told in error
+    assert len(error.splitlines()) == 1
+    assert not list(Path().glob("made*"))
+
+
+@pytest.mark.usefixtures("toy")
+@pytest.mark.parametrize(
+    ("since", "until", "there"),
+    [
+        ("1", "2.0", ["1.0", "1.1", BROKEN, "1.9", "1.10", "2.0"]),
+        ("1.2", "1.9", [BROKEN, "1.9"]),
+        ("2.0", None, ["2.0", "3.0"]),
+    ],
+)
+def test_releases_are_those_between_oldest_first(since: str, until: str | None, there: list[str]) -> None:
+    """Both ends count, those that are not listed stand for what lies between; no pre-release."""
+    assert list(releases("toy", since, until)) == there
+
+
+@pytest.mark.usefixtures("toy")
+def test_where_there_is_no_release_it_is_said() -> None:
+    """By an error that names the engine."""
+    with pytest.raises(InputError, match="toy: no release that can be installed here"):
+        releases("toy", "9.0", None)
+
+
+@pytest.mark.usefixtures("toy")
+def test_the_release_in_which_a_measure_changed_is_named(
+    command: Callable[..., tuple[int, str, str]],
+) -> None:
+    """By one command; one that cannot be imported is stepped around and shown."""
+    status, out, error = command("versions", "toy", "--since", "1.0", "--until", "2.0", "--dt", DT)
+    assert status == 0, error
+    lines = out.splitlines()
+    assert lines[-1] == "toy:m: 1.01 up to 1.9, 4.02 from 1.10"
+    assert lines[0].startswith("order.orientation_error_rad on intermediate-axis; 6 releases from 1.0 to 2.0")
+    assert "1.10  4.02" in [" ".join(line.split()).replace(" ", "  ") for line in lines]
+    assert any(line.startswith(f"not run: {BROKEN}: toy cannot be imported: ") for line in lines)
+
+
+@pytest.mark.usefixtures("toy")
+@pytest.mark.parametrize(
+    ("measure", "told"),
+    [("verdict", "converges in 1.1, as in 1.0"), ("energy_drift", " in 1.1, as in 1.0")],
+)
+def test_equal_ends_are_told_for_what_they_are(
+    measure: str, told: str, command: Callable[..., tuple[int, str, str]]
+) -> None:
+    """The same in both; a change that was undone between them is not ruled out."""
+    words = ("versions", "toy", "--since", "1.0", "--until", "1.1", "--measure", measure, "--dt", DT)
+    status, out, error = command(*words)
+    assert status == 0, error
+    assert told in out.splitlines()[-1]
+    assert out.splitlines()[-1].endswith("a change between them that was undone would not be seen")
+
+
+@pytest.mark.usefixtures("toy")
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--since", "1.0", "--measure", "beauty"), "--measure beauty: no measure is named 'beauty'"),
+        (("--since", "1.0", "--measure", "cpu_s"), "a speed is not looked for"),
+        (("--since", "1.0", "--measure", "steps"), "runs are not compared by it"),
+        (("--since", "1.0", "--until", "1.1", "--method", "n"), "toy has no such method; it has m"),
+        (("--since", "1.x"), "--since 1.x: is no version"),
+        (("--since", "1.0", "--scenario", "smoke"), "--scenario smoke: is 3 scenarios"),
+        (("--since", "1.0", "--scenario", "nowhere"), "nowhere"),
+        (("--since", "1.0", "--dt", "0.03"), "0.03"),
+        (("--since", BROKEN, "--until", BROKEN), "spoilt"),
+    ],
+)
+def test_a_wrong_question_is_refused(
+    words: tuple[str, ...], told: str, command: Callable[..., tuple[int, str, str]]
+) -> None:
+    """Status 2, and what would be right."""
+    status, out, error = command("versions", "toy", *words)
+    assert (status, out) == (2, "")
+    assert told in error
+
+
+@pytest.mark.slow
+def test_mujocos_rk4_is_of_order_4_from_4_0_0(command: Callable[..., tuple[int, str, str]]) -> None:
+    """Of the real releases, where a registry can be reached: order 2 in 3.17.0, 4 in 4.0.0."""
+    try:
+        between = releases("mujoco", "3.16.0", "4.0.0")
+    except (InputError, UnavailableError) as error:
+        pytest.skip(f"no registry: {error}")
+    assert between == ("3.16.0", "3.17.0", "4.0.0")
+    words = ("versions", "mujoco", "--since", "3.16.0", "--until", "4.0.0", "--method", "rk4")
+    status, out, error = command(*words)
+    assert status == 0, error
+    assert out.splitlines()[-1] == "mujoco:rk4: 2.00 up to 3.17.0, 4.00 from 4.0.0"
