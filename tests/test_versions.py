@@ -130,6 +130,7 @@ def test_a_version_that_cannot_be_had_is_refused(
         ("1", "2.0", ["1.0", "1.1", BROKEN, "1.9", "1.10", "2.0"]),
         ("1.2", "1.9", [BROKEN, "1.9"]),
         ("2.0", None, ["2.0", "3.0"]),
+        ("2.1rc1", None, ["3.0"]),
     ],
 )
 def test_releases_are_those_between_oldest_first(since: str, until: str | None, there: list[str]) -> None:
