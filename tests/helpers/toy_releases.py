@@ -30,6 +30,8 @@ TOY = dedent("""
             return FixedStep(scene, INTEGRATORS["{method}"], dt_s)
 """)
 _ORDERS = {"m1": 1, "rk4": 4}
+# of bodycheck the toy asks for what no registry has: the environment is to have none
+_NEEDS = {"toy_engine": "Requires-Dist: numpy\nRequires-Dist: bodycheck>=99\n", "numpy": "", "numba": ""}
 
 
 def write_wheel(folder: Path, name: str, release: str, files: Mapping[str, str], points: str = "") -> Path:
@@ -37,7 +39,7 @@ def write_wheel(folder: Path, name: str, release: str, files: Mapping[str, str],
     facts = f"{name}-{release}.dist-info"
     within = {
         **files,
-        f"{facts}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {release}\n",
+        f"{facts}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {release}\n{_NEEDS[name]}",
         f"{facts}/WHEEL": "Wheel-Version: 1.0\nGenerator: hand\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
         f"{facts}/entry_points.txt": points,
     }

@@ -83,7 +83,9 @@ class OneMeasure:
         assert before.tables is not None
         assert after.tables is not None
         return any(
-            change.method == self.method and change.what in self._told_as and self._is_of(change.fineness)
+            (change.scenario, change.engine, change.method) == (self.scenario, self.engine, self.method)
+            and change.what in self._told_as
+            and self._is_of(change.fineness)
             for change in compare(before.tables, after.tables).changes
         )
 

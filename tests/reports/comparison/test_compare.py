@@ -12,6 +12,7 @@ import pytest
 
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.comparison.compare import Comparison, compare
+from bodycheck.reports.comparison.one_measure import OneMeasure
 from bodycheck.reports.comparison.page import render_comparison
 from bodycheck.reports.comparison.text import print_comparison
 from bodycheck.reports.comparison.words import groups, sentences
@@ -312,3 +313,37 @@ def test_a_pipe_is_given_whole_lines_without_colour(
         groups(much.changes)
     )
     assert not any(line != line.rstrip() for line in shown.splitlines())
+
+
+OTHERS = [
+    ("forced", "m1", "energy_drift", 0.01),
+    ("free", "rk4", "energy_drift", 0.01),
+    ("free", "m1", "omega_error", 0.01),
+    ("free", "m1", "energy_drift", 0.02),
+]
+
+
+@pytest.mark.parametrize(("scenario", "method", "name", "dt_s"), OTHERS)
+def test_one_measure_is_different_where_it_is_and_nowhere_else(
+    tables: Tables, scenario: str, method: str, name: str, dt_s: float
+) -> None:
+    """A change is of its scenario, method, measure and step, seen from either side; round-off is none."""
+    changed = planted(tables, of("free", "m1", 0.01), energy_drift=1e-3)
+    barely = planted(tables, of("free", "m1", 0.01), energy_drift=1e-18)
+    this = OneMeasure("free", "reference", "m1", "energy_drift", "dt", 0.01)
+    other = OneMeasure(scenario, "reference", method, name, "dt", dt_s)
+    for before, after in ((tables, changed), (changed, tables)):
+        assert this.differ(this.finding(before), this.finding(after))
+        assert not other.differ(other.finding(before), other.finding(after))
+    assert not this.differ(this.finding(tables), this.finding(barely))
+
+
+def test_one_measure_that_is_lost_is_different(tables: Tables) -> None:
+    """A case that failed has no value, and says why; two that have none are alike."""
+    this = OneMeasure("free", "reference", "m1", "energy_drift", "dt", 0.01)
+    lost = this.finding(with_rows(tables, of("free", "m1"), lambda row: row | {"outcome": "failed"}))
+    assert lost.value is None
+    assert lost.why.startswith("failed")
+    assert this.differ(this.finding(tables), lost)
+    assert this.differ(lost, this.finding(tables))
+    assert not this.differ(lost, lost)
