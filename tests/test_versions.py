@@ -108,7 +108,7 @@ def test_speeds_are_measured_in_its_environment() -> None:
     [
         ("toy==0.9", "toy==0.9 cannot be installed: "),
         ("toy==3.0", "toy==3.0 announces version 2.9: ask for toy==2.9"),
-        (f"toy=={BROKEN}", "toy cannot be imported: RuntimeError: spoilt"),
+        (f"toy=={BROKEN}", f"toy=={BROKEN}: toy cannot be imported: RuntimeError: spoilt"),
         ("toy==1.0:n", "toy==1.0 has no method 'n'; it has m"),
     ],
 )
@@ -156,7 +156,9 @@ def test_the_release_in_which_a_measure_changed_is_named(
     assert lines[-1] == "toy:m: 1.01 up to 1.9, 4.02 from 1.10"
     assert lines[0].startswith("order.orientation_error_rad on intermediate-axis; 6 releases from 1.0 to 2.0")
     assert "1.10  4.02" in [" ".join(line.split()).replace(" ", "  ") for line in lines]
-    assert any(line.startswith(f"not run: {BROKEN}: toy cannot be imported: ") for line in lines)
+    assert any(
+        line.startswith(f"not run: {BROKEN}: toy=={BROKEN}: toy cannot be imported: ") for line in lines
+    )
 
 
 @pytest.mark.usefixtures("toy")

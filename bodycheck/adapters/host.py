@@ -74,7 +74,8 @@ def _announced(hosts: Hosts, name: str) -> Engine | str:
     try:
         engine = hosts.announced(name)
     except UnavailableError as error:
-        return str(error)
+        told = str(error)
+        return told if told.startswith(name) else f"{name}: {told}"  # a worker does not know of its version
     except WorkerLostError as error:
         return f"{name} cannot be started: {error}"
     pin = pin_of(name)
