@@ -21,7 +21,7 @@ def run_for_gates(
     *,
     allow_code: bool = False,
 ) -> Run:
-    """Run what the gates look at, at the scenarios' own steps; processor time only where a gate needs it.
+    """Run what the gates look at, at the scenarios' own steps, and nothing that no gate asks for.
 
     scenarios: names, suites, paths of TOML files. Raises InputError where they are wrong.
     """
@@ -41,6 +41,10 @@ def run_for_gates(
         if any(gate.wants_scenario(scenario.name) for gate in gates)
     )
     selection = replace(selection, scenarios=looked_at)
-    manner = replace(manner, speed=any(gate.looks_at.is_speed for gate in gates))
+    manner = replace(
+        manner,
+        speed=any(gate.looks_at.is_speed for gate in gates),
+        stable_steps=any(gate.looks_at.source == "stability" for gate in gates),
+    )
     with watching(selection.cases_listed()) as progress:
         return run_selection(selection, manner, Identity.new(), journal=None, progress=progress)

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
@@ -77,12 +78,14 @@ class Manner:
 
     speed: whether processor time is measured. jobs: how many cases run side by side, None for as many as
     there are cores. timeout_s: what one case may take. fresh: whether answers of earlier runs are not used.
+    stable_steps: whether the largest stable step of each method is looked for.
     """
 
     speed: bool = True
     jobs: int | None = None
     timeout_s: float = TIMEOUT_S
     fresh: bool = False
+    stable_steps: bool = True
 
     def __post_init__(self) -> None:
         if self.jobs is not None and self.jobs < 1:
@@ -163,7 +166,7 @@ def run_selection(
     subjects = [Subject.of(scenario, asked_as, cache) for asked_as, scenario in selection.scenarios]
     progress.phase("motions")
     solved = time.perf_counter()
-    studies = _studies(selection, subjects, answers, manner.strands, progress)
+    studies = _studies(selection, subjects, answers, manner, progress)
     recorded = time.perf_counter()
     cases = tuple(case for studied in studies for case in studied.cases)
     quietness = None
@@ -196,7 +199,7 @@ def run_selection(
 
 
 def _studies(
-    selection: Selection, subjects: Sequence[Subject], answers: Answers, strands: int, progress: Progress
+    selection: Selection, subjects: Sequence[Subject], answers: Answers, manner: Manner, progress: Progress
 ) -> list[Study]:
     """Return the studies of every scenario by every method, in this order, made side by side."""
     pairs = [(subject, engine, method) for subject in subjects for engine, method in selection.methods]
@@ -209,6 +212,7 @@ def _studies(
 
         def do(hosts: Hosts) -> None:
             asked = _OthersMeasureMeanwhile(hosts, measuring)
+
             with measuring:
                 done[place] = study(
                     subject,
@@ -216,15 +220,15 @@ def _studies(
                     method,
                     settings,
                     adaptive=selection.dt_s is None,
-                    ask=lambda engine, case: answers.ask(asked, engine, case),
-                    search=lambda engine, search: answers.search(asked, engine, search),
+                    ask=partial(answers.ask, asked),
+                    search=partial(answers.search, asked) if manner.stable_steps else None,
                     case_done=progress.case_done,
                 )
 
         steps = sum(subject.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
         return Task(engine.name, steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0), do)
 
-    share_out([task(place, *pair) for place, pair in enumerate(pairs)], strands)
+    share_out([task(place, *pair) for place, pair in enumerate(pairs)], manner.strands)
     return [done[place] for place in range(len(pairs))]
 
 

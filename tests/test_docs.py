@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 import typer
+import yaml
 from doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, text_of
 
 import bodycheck
@@ -33,6 +34,11 @@ NOT_RUN = {
     ". .venv/bin/activate": "needs the line before",
     '.venv/bin/pip install -e ".[bench]" && .venv/bin/python -m benchmarks '
     "&& .venv/bin/python -m benchmarks.readme": "installs, and measures speed for a quarter of an hour",
+    "bodycheck nightly --history nights": "takes minutes",
+    "bodycheck run intermediate-axis --engine mujoco==3.17.0:rk4,mujoco==4.0.0:rk4": (
+        "installs; tests/adapters/test_releases.py does that"
+    ),
+    "bodycheck versions mujoco --since 3.6": "installs, and takes minutes",
     "bodycheck run --out whole && python docs/report_picture.py whole": "takes minutes",
 }
 """Commands that are shown and not run here, and why."""
@@ -51,6 +57,7 @@ LANGUAGES = {
     "sh": "its lines are run, and end with status 0",
     "console": "the same; what they print is compared but for white space, ... standing for anything",
     "python": "run as a script, or by pytest where it has tests",
+    "yaml": "read as YAML; the bodycheck commands in it are there, with their options",
     "toml": "read by the reader of gates or of scenarios",
     "csv": "a file that a command of its page reads",
     "text": "not code",
@@ -254,11 +261,30 @@ def inline_commands() -> list[str]:
 @pytest.mark.parametrize("line", [line for line in inline_commands() if line.startswith("bodycheck ")])
 def test_a_command_within_the_text_has_options_that_there_are(line: str) -> None:
     """Its command and options are known; what it is told may be left out, or stand in capitals."""
+    check_options(line)
+
+
+def check_options(line: str) -> None:
+    """Check that a bodycheck command, and each option that it is given, is there."""
     words = shlex.split(line)[1:]
     command: Any = typer.main.get_command(app)
-    command = command if words[0].startswith("-") else command.commands[words[0]]
+    for word in words:
+        if word.startswith("-") or not hasattr(command, "commands"):
+            break
+        command = command.commands[word]
     known = {option for parameter in command.params for option in parameter.opts}
     assert {word for word in words if re.match(r"--[a-z]", word)} <= known
+
+
+@pytest.mark.parametrize(
+    "block", [block for page in pages() for block in blocks(page, "yaml")], ids=lambda block: block.page
+)
+def test_steps_of_a_workflow_are_steps(block: Block) -> None:
+    """Each is read as a step that runs something; the bodycheck commands in them are there."""
+    for step in yaml.safe_load(block.text):
+        assert set(step) == {"run"}
+        if step["run"].startswith("bodycheck "):
+            check_options(step["run"].split(">>")[0])
 
 
 @pytest.mark.parametrize("line", [line for line in inline_commands() if not line.startswith("bodycheck ")])

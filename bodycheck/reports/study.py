@@ -50,12 +50,12 @@ def study(
     *,
     adaptive: bool,
     ask: Asking,
-    search: Searching,
+    search: Searching | None,
     case_done: Callable[[], None],
 ) -> Study:
     """Run the settings asked for and, if adaptive, more steps until an order shows or the budget ends.
 
-    If adaptive, the largest stable step is looked for too.
+    If adaptive, the largest stable step is looked for too; search: how, None where nobody wants to know.
     """
     cases: list[CaseResult] = []
     stepped = adaptive and method.control == "dt"
@@ -66,11 +66,15 @@ def study(
         case_done()
         return case
 
+    def stable_step() -> dict[str, Any] | None:
+        if not stepped or search is None:
+            return None
+        return stability_row(subject, engine, method, cases, search)
+
     for setting in settings:
         if make(setting).columns["outcome"] == "unsupported":
             # a scene that cannot be represented is so at every step
-            row = stability_row(subject, engine, method, cases, search) if stepped else None
-            return Study(tuple(cases), (), row)
+            return Study(tuple(cases), (), stable_step())
     if method.control == "none":
         return Study(tuple(cases), ())
     scene = subject.scenario.scene
@@ -83,8 +87,7 @@ def study(
         if step is None:
             break
         make(Setting(dt_s=step))
-    row = stability_row(subject, engine, method, cases, search) if stepped else None
-    return Study(tuple(cases), tuple(_method_rows(cases, subject, method)), row)
+    return Study(tuple(cases), tuple(_method_rows(cases, subject, method)), stable_step())
 
 
 def limit(subject: Subject, quantity: str) -> float:
