@@ -36,7 +36,7 @@ NOT_RUN = {
     "&& .venv/bin/python -m benchmarks.readme": "installs, and measures speed for a quarter of an hour",
     "bodycheck nightly --history nights": "takes minutes",
     "bodycheck run intermediate-axis --engine mujoco==3.17.0:rk4,mujoco==4.0.0:rk4": (
-        "installs; tests/adapters/test_releases.py does that"
+        "installs; tests/test_versions.py does that"
     ),
     "bodycheck versions mujoco --since 3.6": "installs, and takes minutes",
     "bodycheck run --out whole && python docs/report_picture.py whole": "takes minutes",
