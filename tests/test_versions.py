@@ -15,6 +15,7 @@ from bodycheck.adapters import environments, registry, uv
 from bodycheck.adapters.releases import releases
 from bodycheck.cli import main
 from bodycheck.errors import InputError, UnavailableError
+from bodycheck.reports.comparison.one_measure import under_one_name
 
 STEPS = [2e-2, 1e-2, 5e-3, 2e-3]
 DT = ",".join(map(str, STEPS))
@@ -92,6 +93,15 @@ def test_versions_stand_side_by_side() -> None:
     first = run.results["reproduce"].iloc[0]
     assert first == "bodycheck run intermediate-axis --engine toy==1.0:m --dt 0.02"
     assert list(run.manifest["engines"]) == ["toy==1.0", "toy==2.0", "toy"]
+
+
+@pytest.mark.usefixtures("toy")
+def test_two_versions_are_compared_under_one_name() -> None:
+    """Every table says so, and the cases too; else nothing of one would be found in the other."""
+    run = bodycheck.run(["intermediate-axis"], engines=["toy==1.0"], dt_s=STEPS, speed=False)
+    tables = under_one_name(run, "toy")
+    assert {*tables.results["engine"]} == {*tables.methods["engine"]} == {"toy"}
+    assert {case.columns["engine"] for case in tables.cases} == {"toy"}
 
 
 @pytest.mark.usefixtures("toy")
