@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from full_disk import no_file_longer_than
 
+from bodycheck.reference_impl import truth
 from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.seal import sealed
@@ -144,13 +145,13 @@ def test_a_truth_is_solved_once_and_comes_back_to_the_last_bit(
 ) -> None:
     """All its arrays and words are as they were solved; another scene or other times are solved anew."""
     solved: list[float] = []
-    solve = truths.solve_truth
+    solve = truth.solve_truth
 
     def counted(scene: Scene, t_s: np.ndarray) -> Truth:
         solved.append(float(t_s[-1]))
         return solve(scene, t_s)
 
-    monkeypatch.setattr(truths, "solve_truth", counted)
+    monkeypatch.setattr(truth, "solve_truth", counted)
     cache, times = Cache(tmp_path), np.array([0.0, 0.5, 1.0])
     first, again = (known_truth(spinning(0.3), times, cache) for _ in range(2))
     assert len(solved) == 1

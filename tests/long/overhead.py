@@ -1,0 +1,118 @@
+"""What a case costs beside its stepping: asking a worker, building, reading, measuring.
+
+    python tests/long/overhead.py standard
+
+Each case goes through a run's own code with a worker, one at a time and nothing cached; then the same case is
+stepped in this process, and that time alone is taken away. Workers are started, and have loaded their kernels,
+before. Truths, and searches for the largest stable step, are left out. Prints the milliseconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from bodycheck.adapters.contract import Adapter, Engine
+from bodycheck.adapters.drive import Answer, Case, record
+from bodycheck.adapters.host import Hosts
+from bodycheck.adapters.registry import get_adapter
+from bodycheck.reports.case import Subject, run_case
+from bodycheck.reports.storage.answers import Answers
+from bodycheck.selection import select
+
+
+class Stepped:
+    """An adapter, and the seconds that its simulations and solvers spent stepping."""
+
+    def __init__(self, adapter: Adapter) -> None:
+        self._adapter, self.seconds = adapter, 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        """Return the adapter's own attribute."""
+        return getattr(self._adapter, name)
+
+    def build(self, *asked: Any) -> Any:
+        """Return a simulation that is timed."""
+        return self._timed(self._adapter.build(*asked), "apply", "advance")
+
+    def solver(self, *asked: Any) -> Any:
+        """Return a solver that is timed."""
+        return self._timed(self._adapter.solver(*asked), "solve")  # type: ignore[attr-defined]
+
+    def _timed(self, held: Any, *names: str) -> Any:
+        for name in names:
+            setattr(held, name, self._clocked(getattr(held, name)))
+        return held
+
+    def _clocked(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        def clocked(*given: Any) -> Any:
+            begin = time.perf_counter()
+            found = call(*given)
+            self.seconds += time.perf_counter() - begin
+            return found
+
+        return clocked
+
+
+def stepping(adapter: Adapter, case: Case) -> float:
+    """Return the seconds of stepping alone, the lesser of two passes: the first may load kernels."""
+    passes = []
+    for _ in range(2):
+        stepped = Stepped(adapter)
+        record(stepped, case)
+        passes.append(stepped.seconds)
+    return min(passes)
+
+
+def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list[tuple[float, float]]]:
+    """Return, by engine, for each case the milliseconds beside its stepping: all, and asking's part of it."""
+    selection = select(scenarios, engines)
+    hosts, answers = Hosts(), Answers(None, None, 120.0)
+    found: dict[str, list[tuple[float, float]]] = {}
+    asked: list[tuple[Case, float]] = []
+
+    def ask(engine: Engine, case: Case) -> Answer:
+        begin = time.perf_counter()
+        answer = answers.ask(hosts, engine, case)
+        asked.append((case, time.perf_counter() - begin))
+        return answer
+
+    try:
+        for how, scenario in selection.scenarios:
+            subject = Subject.of(scenario, how)
+            for engine, method in selection.methods:
+                for setting in selection.settings(scenario, method):
+                    for _ in range(2):  # the first pass starts the worker and loads its kernels
+                        begin = time.perf_counter()
+                        result = run_case(subject, engine, method, setting, ask)
+                        whole = time.perf_counter() - begin
+                    if not result.ok:
+                        break
+                    case, asking = asked[-1]
+                    alone = stepping(get_adapter(engine.name), case)
+                    found.setdefault(engine.name, []).append((1e3 * (whole - alone), 1e3 * (asking - alone)))
+    finally:
+        hosts.close()
+    return found
+
+
+def main() -> None:
+    """Print a line for each engine, and one for all."""
+    parser = argparse.ArgumentParser(description="What a case costs beside its stepping, in ms.")
+    parser.add_argument("scenarios", nargs="*", default=["standard"])
+    parser.add_argument("--engine", help="separated by commas; all unless told")
+    given = parser.parse_args()
+    found = overheads(given.scenarios, given.engine.split(",") if given.engine else None)
+    print(f"{'engine':12s} {'cases':>5s} {'median':>7s} {'mean':>7s} {'90 %':>7s}   of it asking, median")
+    for name, cases in [*found.items(), ("all", [case for each in found.values() for case in each])]:
+        whole, asking = np.array(cases).T
+        figures = (np.median(whole), np.mean(whole), np.quantile(whole, 0.9), np.median(asking))
+        print(f"{name:12s} {len(cases):5d}" + "".join(f" {figure:7.2f}" for figure in figures))
+
+
+if __name__ == "__main__":
+    main()
