@@ -29,7 +29,7 @@ from bodycheck.adapters.mujoco_model import (
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.loads_at import lasting_wrench_of
-from bodycheck.reference_impl.rotations import conjugate, quaternion_product
+from bodycheck.reference_impl.rotations import conjugate, quaternion_product, right_factor
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
 
@@ -51,6 +51,8 @@ _UNTOUCHED = replace(_KNOWN["euler"], name=f"euler{DEFAULTS}", changed_defaults=
 # With autoreset off, BADQPOS, BADQVEL and BADQACC only say that a number is large or not finite, and the
 # state tells that itself. After these two the engine went on with other numbers than it was given.
 _ALTERING = (mujoco.mjtWarning.mjWARN_INERTIA, mujoco.mjtWarning.mjWARN_BADCTRL)
+_ALTERING_AT = [int(warning) for warning in _ALTERING]  # a member of the enumeration is slow as an index
+_BAD_SPEED_AT = int(mujoco.mjtWarning.mjWARN_BADQVEL)
 
 # The times of a step's evaluations, in steps.
 _NODES = {"rk4": (0.0, 0.5, 0.5, 1.0)}
@@ -91,6 +93,7 @@ class MuJoCoSimulation:
         self._points = loaded_points(scene)
         self._model = compiled(scene, _INTEGRATORS[label], dt_s, self._points, off)
         self._quaternion, self._axes = joint_axes(scene)
+        self._to_body = right_factor(conjugate(self._quaternion))
         self.stepping = "python" if scene.has_black_box else "native"
         nodes = _NODES.get(label, (0.0,))
         self._lasting = self._passive_loads(scene, dt_s, nodes) if scene.lasting_loads else None
@@ -173,7 +176,7 @@ class MuJoCoSimulation:
         return Reading(
             position=position,
             velocity=velocity,
-            quaternion=quaternion_product(qpos[-4:], conjugate(self._quaternion)),
+            quaternion=self._to_body @ qpos[-4:],
             rotation=rotation @ self._axes.T,
             omega_body=self._axes @ qvel[-3:],
         )
@@ -192,11 +195,11 @@ class MuJoCoSimulation:
 
     def _raise_altering_warnings(self) -> None:
         counts = self._data.warning.number
-        if counts[mujoco.mjtWarning.mjWARN_BADQVEL]:
+        if counts[_BAD_SPEED_AT]:
             return  # beyond 1e10 rad/s the body has run away, which the state tells by itself
-        for warning in _ALTERING:
-            if counts[warning]:
-                raise RuntimeError(f"MuJoCo warned of {warning.name} in {counts[warning]} evaluations")
+        for warning, place in zip(_ALTERING, _ALTERING_AT, strict=True):
+            if counts[place]:
+                raise RuntimeError(f"MuJoCo warned of {warning.name} in {counts[place]} evaluations")
 
 
 def _matrix(quaternion: Array) -> Array:

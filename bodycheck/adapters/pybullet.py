@@ -24,7 +24,13 @@ from bodycheck.adapters.pybullet_read_back import read_back
 from bodycheck.adapters.pybullet_substeps import powers_of_two, set_substeps
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.rotations import conjugate, hat, matrix_to_quaternion, quaternion_product
+from bodycheck.reference_impl.rotations import (
+    conjugate,
+    hat,
+    matrix_to_quaternion,
+    quaternion_product,
+    right_factor,
+)
 from bodycheck.reference_impl.scene import PointForce, Scene, Timed
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
@@ -102,6 +108,7 @@ class PyBulletSimulation:
         self._gravity, self._dt_s = scene.gravity, dt_s
         _, self._axes = diagonalised(scene.body.inertia)
         self._axes_quaternion = matrix_to_quaternion(self._axes)
+        self._to_body = right_factor(conjugate(self._axes_quaternion))
         self._initial = scene.initial
         self._lasting = HeldLoads(scene, dt_s)
         self._body = _add_body(client, scene, method)
@@ -167,16 +174,15 @@ class PyBulletSimulation:
         return Reading(
             position=np.array(position),
             velocity=np.array(velocity),
-            quaternion=quaternion_product(np.array([w, x, y, z]), conjugate(self._axes_quaternion)),
+            quaternion=self._to_body @ (w, x, y, z),
             rotation=_matrix((x, y, z, w)) @ self._axes.T,
             omega_world=np.array(omega_world),
         )
 
     def close(self) -> None:
-        """Empty the world and give the client back."""
+        """Give the client back; its next body empties the world."""
         if not self._closed:
             self._closed = True
-            pybullet.resetSimulation(physicsClientId=self._client)
             self._give_back(self._client)
 
     def _step(self) -> None:

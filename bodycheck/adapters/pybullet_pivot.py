@@ -20,7 +20,12 @@ from bodycheck.adapters.pybullet_read_back import read_back
 from bodycheck.adapters.pybullet_substeps import powers_of_two, set_substeps
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.rotations import conjugate, matrix_to_quaternion, quaternion_product
+from bodycheck.reference_impl.rotations import (
+    conjugate,
+    matrix_to_quaternion,
+    quaternion_product,
+    right_factor,
+)
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
@@ -39,6 +44,7 @@ class PivotedPyBulletSimulation:
         self._dt_s, self._initial, self._arm = dt_s, scene.initial, -scene.pivot
         moments, self._axes = diagonalised(scene.body.inertia)
         self._quaternion = matrix_to_quaternion(self._axes)
+        self._to_body = right_factor(conjugate(self._quaternion))
         self._lasting = HeldLoads(scene, dt_s)
         self._body = _add_body(client, scene, moments, self._arm @ self._axes)
         pybullet.setGravity(*scene.gravity, physicsClientId=client)
@@ -85,16 +91,15 @@ class PivotedPyBulletSimulation:
         return Reading(
             position=np.array(place) + arm,
             velocity=np.cross(rotation @ omega_body, arm),
-            quaternion=quaternion_product(np.array([w, x, y, z]), conjugate(self._quaternion)),
+            quaternion=self._to_body @ (w, x, y, z),
             rotation=rotation,
             omega_body=omega_body,
         )
 
     def close(self) -> None:
-        """Empty the world and give the client back."""
+        """Give the client back; its next body empties the world."""
         if not self._closed:
             self._closed = True
-            pybullet.resetSimulation(physicsClientId=self._client)
             self._give_back(self._client)
 
     def _push(self) -> None:

@@ -101,8 +101,8 @@ def quaternion_product(p: Array, q: Array) -> Array:
 
     Shapes: (..., 4), (..., 4) -> (..., 4).
     """
-    pw, px, py, pz = np.moveaxis(np.asarray(p, dtype=np.float64), -1, 0)
-    qw, qx, qy, qz = np.moveaxis(np.asarray(q, dtype=np.float64), -1, 0)
+    pw, px, py, pz = (p[..., i] for i in range(4))
+    qw, qx, qy, qz = (q[..., i] for i in range(4))
     return np.stack(
         [
             pw * qw - px * qx - py * qy - pz * qz,
@@ -112,6 +112,15 @@ def quaternion_product(p: Array, q: Array) -> Array:
         ],
         axis=-1,
     )
+
+
+def right_factor(q: Array) -> Array:
+    """M with p q = M p: a turn that is the same in every reading, made ready once.
+
+    Shapes: (4,) -> (4, 4).
+    """
+    w, x, y, z = q
+    return np.array([[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]])
 
 
 def conjugate(q: Array) -> Array:

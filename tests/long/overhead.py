@@ -3,7 +3,7 @@
     python tests/long/overhead.py standard
 
 Each case goes through a run's own code with a worker, one at a time and nothing cached; then the same case is
-stepped in this process, and that time alone is taken away. Workers are started, and have loaded their kernels,
+stepped in this process, and that time alone is taken away. Workers are started, and their kernels loaded,
 before. Truths, and searches for the largest stable step, are left out. Prints the milliseconds.
 """
 

@@ -28,6 +28,7 @@ from bodycheck.reference_impl.rotations import (
     quaternion_product,
     quaternion_rate,
     quaternion_to_matrix,
+    right_factor,
     rotate,
     rotation_rate,
     vee,
@@ -269,6 +270,14 @@ def test_product_is_associative(p: Array, q: Array, r: Array) -> None:
     """(p q) r = p (q r)."""
     left = quaternion_product(quaternion_product(p, q), r)
     assert np.max(np.abs(left - quaternion_product(p, quaternion_product(q, r)))) <= 8 * EPS
+
+
+@law
+@given(quaternions, quaternions)
+def test_right_factor_is_the_product(p: Array, q: Array) -> None:
+    """M(q) p = p q; and M(1) leaves every digit of p."""
+    assert np.max(np.abs(right_factor(q) @ p - quaternion_product(p, q))) <= 4 * EPS
+    assert np.array_equal(right_factor(np.array([1.0, 0.0, 0.0, 0.0])) @ p, p)
 
 
 @law

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.black_box import stage_by_stage_asking
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.rotations import quaternion_to_matrix
+from bodycheck.reference_impl.registers import matrix_of
 from bodycheck.reference_impl.scene import Wrenching
 
 _FORCE_WORLD, _TORQUE_WORLD = slice(3, 6), slice(9, 12)
@@ -46,7 +48,10 @@ def advance_asking(
 
 def rotation_held(method: Integrator, state: Array) -> Array:
     """R (3, 3) of a state; of a method that carries a matrix that matrix itself, whatever became of it."""
-    return quaternion_to_matrix(state[9:]) if method.attitude == "quaternion" else state[9:].reshape(3, 3)
+    numbers = state[9:]
+    if method.attitude == "quaternion":
+        numbers = np.array(matrix_of(tuple(numbers.tolist())))
+    return numbers.reshape(3, 3)
 
 
 def omega_world(method: Integrator, state: Array, body: Array, rotation: Array) -> Array:
