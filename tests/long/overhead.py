@@ -4,7 +4,8 @@
 
 Each case goes through a run's own code with a worker, one at a time and nothing cached; then the same case is
 stepped in this process, and that time alone is taken away. Workers are started, and their kernels loaded,
-before. Truths, and searches for the largest stable step, are left out. Prints the milliseconds.
+before. Truths, and searches for the largest stable step, are left out. Prints milliseconds
+of processor time, the run's and the worker's, which other work on the machine moves little.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -50,9 +52,9 @@ class Stepped:
 
     def _clocked(self, call: Callable[..., Any]) -> Callable[..., Any]:
         def clocked(*given: Any) -> Any:
-            begin = time.perf_counter()
+            begin = time.process_time()
             found = call(*given)
-            self.seconds += time.perf_counter() - begin
+            self.seconds += time.process_time() - begin
             return found
 
         return clocked
@@ -68,6 +70,12 @@ def stepping(adapter: Adapter, case: Case) -> float:
     return min(passes)
 
 
+def spent(hosts: Hosts, engine: Engine) -> float:
+    """Return the processor time in s of this process and of the engine's worker, as Linux counts it."""
+    worker = Path(f"/proc/{hosts.start(engine.name).pid}/schedstat").read_text(encoding="ascii")
+    return time.process_time() + 1e-9 * int(worker.split()[0])
+
+
 def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list[tuple[float, float]]]:
     """Return, by engine, for each case the milliseconds beside its stepping: all, and asking's part of it."""
     selection = select(scenarios, engines)
@@ -76,9 +84,9 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
     asked: list[tuple[Case, float]] = []
 
     def ask(engine: Engine, case: Case) -> Answer:
-        begin = time.perf_counter()
+        begin = spent(hosts, engine)
         answer = answers.ask(hosts, engine, case)
-        asked.append((case, time.perf_counter() - begin))
+        asked.append((case, spent(hosts, engine) - begin))
         return answer
 
     try:
@@ -87,9 +95,9 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
             for engine, method in selection.methods:
                 for setting in selection.settings(scenario, method):
                     for _ in range(2):  # the first pass starts the worker and loads its kernels
-                        begin = time.perf_counter()
+                        begin = spent(hosts, engine)
                         result = run_case(subject, engine, method, setting, ask)
-                        whole = time.perf_counter() - begin
+                        whole = spent(hosts, engine) - begin
                     if not result.ok:
                         break
                     case, asking = asked[-1]
