@@ -77,6 +77,16 @@ def test_heavy_imports_happen_late(what: str) -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_a_run_starts_without_numba() -> None:
+    """What a run imports before it finds that something is missing has no compiler in it."""
+    code = (
+        "import bodycheck.stored_run, bodycheck.reports.terminal, bodycheck.reports.store, sys\n"
+        "assert 'pydantic' in sys.modules\nprint('numba' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
 def test_public_names_come_from_their_homes() -> None:
     """Every name of the lazy public interface is there and documented; a wrong one is an AttributeError."""
     import bodycheck
