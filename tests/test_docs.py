@@ -49,7 +49,7 @@ FILES = {
     "my_shapes.py": ("docs/scenarios.md", "python", 1),
     "gates.toml": ("docs/gates.md", "toml", 0),
     "plate.toml": ("docs/start.md", "toml", 0),
-    "steady.csv": ("docs/questions.md", "csv", 0),
+    "steady.csv": ("docs/questions.md", "text", 0),
 }
 """The files that pages speak of and show: by the page, the language and the place of the block."""
 
@@ -59,8 +59,7 @@ LANGUAGES = {
     "python": "run as a script, or by pytest where it has tests",
     "yaml": "read as YAML; the bodycheck commands in it are there, with their options",
     "toml": "read by the reader of gates or of scenarios",
-    "csv": "a file that a command of its page reads",
-    "text": "not code",
+    "text": "not code, or a file that a command of its page reads",
 }
 
 MODULE = "bodycheck.pytest_plugin"
