@@ -293,6 +293,24 @@ def test_a_command_within_the_text_names_files_that_there_are(line: str) -> None
     assert all((ROOT / word).exists() for word in named)
 
 
+LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
+
+
+def anchors(page: Path) -> set[str]:
+    """Return what links into a page may name: its headings, as a Markdown viewer makes anchors of them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", pages())
+def test_links_lead_to_files_and_headings_that_there_are(page: str) -> None:
+    """In the repository too, where Sphinx does not look after them."""
+    for name, anchor in LINK.findall(text_of(page)):
+        target = (ROOT / page).parent / name if name else ROOT / page
+        assert target.exists(), name
+        assert not anchor or anchor in anchors(target), f"{name}#{anchor}"
+
+
 CODE = re.compile(r"^\*Code:\*(.*?)(?=\n\n)", flags=re.DOTALL | re.MULTILINE)
 
 
