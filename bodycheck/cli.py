@@ -33,7 +33,7 @@ _INTERRUPTED = 130  # what a shell expects of a command that Ctrl-C ended
 def main() -> None:
     """Run the command line; wrong input ends with status 2 and its message on standard error."""
     try:
-        app()
+        app(prog_name="bodycheck")
     except BodycheckError as error:
         print(error, file=sys.stderr)
         sys.exit(_INTERRUPTED if isinstance(error, StoppedError) else 2)
