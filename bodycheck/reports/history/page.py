@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bodycheck.reports.comparison.words import HEADINGS, change_text, groups
+from bodycheck.reports.comparison.page import ChangesShown
 from bodycheck.reports.history.judgement import Judgement
 from bodycheck.reports.history.trends import trends_of
 from bodycheck.reports.history.words import headline, night_sentences
@@ -13,7 +13,6 @@ _TINTS = {"regression": "bad", "no regression": "good", "past too thin": "open",
 
 def render_night(judged: Judgement) -> str:
     """Return the page of a night; it needs nothing else, and leads to the report beside it."""
-    made = groups(judged.comparison.changes) if judged.comparison is not None else []
     return (
         environment()
         .get_template("night.html")
@@ -22,12 +21,7 @@ def render_night(judged: Judgement) -> str:
             headline=headline(judged),
             tint=_TINTS[judged.status],
             sentences=night_sentences(judged),
-            sections={
-                heading: [group for group in made if group.direction == direction]
-                for direction, heading in HEADINGS.items()
-            },
-            tints=dict(zip(HEADINGS.values(), ("bad", "good", "open"), strict=True)),
-            change_text=change_text,
+            changes=ChangesShown.of(() if judged.comparison is None else judged.comparison.changes),
             nights=len(judged.speeds.series.nights),
             trends=trends_of(judged.speeds, judged.errors),
             earlier=[night.told for night in judged.past.nights],
