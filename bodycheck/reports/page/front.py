@@ -43,23 +43,19 @@ class Cheapest:
 
 def cheapest_cases(subject: Subject, cases: Sequence[CaseResult], error: str) -> list[Cheapest]:
     """Return the cheapest cases of one scenario for each decade above its floor that any case keeps."""
-    floor = floor_of(subject, error)
+    floor, ladders = floor_of(subject, error), ladders_of(cases)
+    engines = [ladder for (_, (engine, _)), ladder in ladders.items() if engine != _REFERENCE]
     found = []
     for target in TARGETS:
-        of_all = _cheapest(cases, error, target)
+        of_all = _cheapest(ladders.values(), error, target)
         if target >= floor and of_all is not None:
-            engines = [case for case in cases if case.columns["engine"] != _REFERENCE]
             found.append(Cheapest(target, of_all, _cheapest(engines, error, target)))
     return found
 
 
-def _cheapest(cases: Iterable[CaseResult], error: str, target: float) -> CaseResult | None:
-    timed = [
-        case
-        for ladder in ladders_of(cases).values()
-        for case in keeping(ladder, target, error)
-        if "cpu_s" in case.columns
-    ]
+def _cheapest(ladders: Iterable[Ladder], error: str, target: float) -> CaseResult | None:
+    kept = (case for ladder in ladders for case in keeping(ladder, target, error))
+    timed = (case for case in kept if "cpu_s" in case.columns)
     return min(timed, key=lambda case: case.columns["cpu_s"], default=None)
 
 
