@@ -15,12 +15,14 @@ from bodycheck.runner import Identity, run_selection
 from bodycheck.stored_run import Asked, Watching
 
 
-def run_night(asked: Asked, history: History, watching: Watching) -> tuple[Judgement, Path]:
-    """Run what is asked, store it, and return what it is beside the past, and the night's folder.
+def run_night(asked: Asked, folder: Path, watching: Watching) -> tuple[Judgement, Path]:
+    """Run what is asked, store it in a history, and return what it is beside the past, and its folder.
 
-    Raises InputError where something is wrong or cannot be written: then the history is what it was.
+    folder: of the history, made if it is not there. Raises InputError where something is wrong or cannot be
+    written: then the history is what it was.
     """
     selection, manner = asked.selection, asked.manner
+    history = History.at(folder)
     with watching(selection.cases_listed()) as progress:
         run = run_selection(selection, manner, Identity.new(), journal=None, progress=progress)
     return store_night(run, history)

@@ -44,7 +44,6 @@ def nightly_(
     The status is 1 on a regression, or where nothing was measured; 3 where there is no past to compare with.
     """
     from bodycheck.night import run_night
-    from bodycheck.reports.history.nights import History
     from bodycheck.reports.history.text import print_night
     from bodycheck.reports.terminal import LiveProgress
     from bodycheck.reports.whole_file import write_whole
@@ -60,7 +59,7 @@ def nightly_(
         allow_code=allow_code,
     )
     try:
-        judged, night = run_night(asked, History.at(history), LiveProgress)
+        judged, night = run_night(asked, history, LiveProgress)
     except KeyboardInterrupt:
         raise StoppedError("stopped; nothing was stored") from None
     if markdown is not None:
