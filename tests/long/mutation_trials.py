@@ -1,0 +1,344 @@
+"""Small faults planted at random in the code that measures and judges: how many of them the tests see.
+
+    python tests/long/mutation_trials.py --mutants 200 --seed 1
+    python tests/long/mutation_trials.py --module reports/gates/verdict.py --mutants 50
+
+A mutant is a copy of the package with one operator, constant, condition, return value or argument changed. It
+is killed when one of the tests that belong to its module fails, or takes several times its usual time. Prints
+the mutants that survive and how many were killed; ends with status 1 where that is less than 85 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import compileall
+import importlib
+import multiprocessing
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from py_compile import PycInvalidationMode
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LEAST_KILLED = 0.85
+SLACK = 5.0
+"""How many times the usual processor time the tests may take, and 5 s beside."""
+
+_GATES = ("gates/test_gate_laws.py", "gates/test_gate_files.py", "gates/test_proposals.py")
+TESTS: dict[str, tuple[str, ...]] = {
+    "reports/measures.py": ("test_measures.py",),
+    "reports/scales.py": ("test_measures.py",),
+    "reports/invariants.py": ("test_measures.py",),
+    "reports/work.py": ("test_measures.py", "test_energy_balance.py"),
+    "reports/case.py": ("test_judge.py",),
+    "reports/convergence.py": ("test_convergence.py",),
+    "reports/growth.py": ("test_growth.py",),
+    "reports/ladder.py": ("test_convergence.py",),
+    "reports/stability.py": ("test_stability.py",),
+    "reports/offenders.py": ("test_offenders.py",),
+    "reports/summary.py": ("test_summary.py", "test_offenders.py"),
+    "adapters/stable_step.py": ("../adapters/test_stable_step.py",),
+    **{
+        f"reports/gates/{name}.py": _GATES
+        for name in ("editing", "files", "gate", "measure", "proposal", "rows", "text", "verdict")
+    },
+    "reports/comparison/bisection.py": ("comparison/test_bisection.py",),
+    **{
+        f"reports/comparison/{name}.py": ("comparison/test_compare.py",)
+        for name in ("accuracy", "change", "circumstances", "compare", "page", "speeds", "stable_steps")
+    },
+    "reports/comparison/one_measure.py": ("comparison/test_compare.py",),
+    "reports/comparison/text.py": ("comparison/test_compare.py",),
+    "reports/comparison/words.py": ("comparison/test_compare.py",),
+    "reports/history/levels.py": ("history/test_levels.py",),
+    "reports/history/series.py": ("history/test_judgement.py",),
+    "reports/history/judgement.py": ("history/test_judgement.py",),
+}
+"""Module -> the files under tests/reports that belong to it, the quickest first."""
+
+ONLY = {
+    "reports/case.py": {"measured_by", "_horizon"},
+    "reports/summary.py": {
+        "faults_of",
+        "common_step",
+        "shown_case",
+        "summary_cell",
+        "summary_cells",
+        "worst_state",
+        "is_lower",
+    },
+}
+"""Of these modules only these functions are meant."""
+
+EQUIVALENT: dict[tuple[str, str, str], str] = {}
+"""Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
+
+_PLACE = Path(tempfile.gettempdir()) / "bodycheck-mutants"  # one and the same: kernels are cached by their path
+_OUTPUT = _PLACE / "output.txt"
+
+_HEAVY = (
+    "hypothesis.stateful",
+    "pandas",
+    "playwright.sync_api",
+    "rich.console",
+    "scipy.interpolate",
+    "scipy.sparse.linalg",
+    "scipy.special",
+    "bodycheck.reference_impl.truth",
+    "bodycheck.scenarios.reader",
+)
+
+_OTHER: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
+    ast.Lt: (ast.LtE, ast.Gt),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.Lt),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.Add: (ast.Sub,),
+    ast.Sub: (ast.Add,),
+    ast.Mult: (ast.Div,),
+    ast.Div: (ast.Mult,),
+    ast.FloorDiv: (ast.Mult,),
+    ast.Mod: (ast.Mult,),
+    ast.Pow: (ast.Mult,),
+    ast.And: (ast.Or,),
+    ast.Or: (ast.And,),
+    ast.BitAnd: (ast.BitOr,),
+    ast.BitOr: (ast.BitAnd,),
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change of one module: what stood at a line of it, what stands there instead, and all of it."""
+
+    module: str
+    line: int
+    text: str
+    before: str
+    after: str
+    source: str
+
+    @property
+    def told(self) -> tuple[str, str, str]:
+        """The key of EQUIVALENT."""
+        return self.module, self.text, f"{self.before} -> {self.after}"
+
+    def __str__(self) -> str:
+        return f"bodycheck/{self.module}:{self.line}: {self.before} -> {self.after}"
+
+
+def main() -> int:
+    """Run the tests on the mutants that are asked for; return the exit status."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--mutants", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--module", action="append", choices=sorted(TESTS), help="all of them, unless told")
+    asked = parser.parse_args()
+    every = [mutant for module in TESTS for mutant in mutants_of(module)]
+    if stale := EQUIVALENT.keys() - {mutant.told for mutant in every}:
+        raise SystemExit("\n".join(f"EQUIVALENT has what is no mutant: {key}" for key in sorted(stale)))
+    chosen = [mutant for mutant in every if mutant.module in (asked.module or TESTS)]
+    random.Random(asked.seed).shuffle(chosen)
+    drawn = chosen[: asked.mutants]
+    judged = [mutant for mutant in drawn if mutant.told not in EQUIVALENT]
+    print(f"{len(chosen)} mutants, {len(drawn)} drawn, {len(drawn) - len(judged)} of them equivalent")
+    try:
+        _PLACE.mkdir()
+    except FileExistsError:
+        raise SystemExit(f"{_PLACE}: is there: of trials that go on, or were killed; then remove it") from None
+    try:
+        survived = tried(copied(_PLACE), sorted(judged, key=lambda mutant: mutant.module))
+    finally:
+        shutil.rmtree(_PLACE)
+    return told(judged, survived)
+
+
+def told(judged: Sequence[Mutant], survived: Sequence[Mutant]) -> int:
+    """Print how many were killed, of each module and in all; return the exit status."""
+    amounts, left = (Counter(mutant.module for mutant in some) for some in (judged, survived))
+    for module, amount in amounts.items():
+        print(f"{amount - left[module]:4} of {amount:4} killed  {module}")
+    killed = len(judged) - len(survived)
+    share = killed / len(judged) if judged else 0.0
+    print(f"{killed:4} of {len(judged):4} killed in all: {100.0 * share:.1f} %")
+    return 0 if share >= LEAST_KILLED else 1
+
+
+def copied(place: Path) -> Path:
+    """Return a copy of the package and its tests, the only one that is imported from now on."""
+    for name in ("bodycheck", "tests"):
+        shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(ROOT / name, place)
+    # by the hash of the source: a mutant may have the size and the second of another
+    compileall.compile_dir(
+        place / "bodycheck", quiet=1, invalidation_mode=PycInvalidationMode.CHECKED_HASH
+    )
+    os.chdir(place)
+    os.environ["PYTHONPATH"] = str(place)
+    sys.path.insert(0, str(place))
+    # what no mutant changes is imported once, and inherited by the processes of the trials
+    for heavy in _HEAVY:
+        importlib.import_module(heavy)
+    assert Path(sys.modules["bodycheck"].__file__ or "").is_relative_to(place)
+    assert not any(name.startswith(("bodycheck.reports", "bodycheck.adapters")) for name in sys.modules)
+    return place
+
+
+def tried(place: Path, mutants: Sequence[Mutant]) -> list[Mutant]:
+    """Run the tests on each mutant, those of one module one after the other; return the survivors."""
+    survived, usual_s = [], {}
+    for mutant in mutants:
+        tests, file = TESTS[mutant.module], place / "bodycheck" / mutant.module
+        if tests not in usual_s:
+            if not passed(tests, 600.0):
+                raise SystemExit(f"without a mutant the tests of {mutant.module} fail:\n{_OUTPUT.read_text()}")
+            start = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+            passed(tests, 600.0)
+            usual_s[tests] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - start[1]
+        sound = file.read_text(encoding="utf-8")
+        file.write_text(mutant.source, encoding="utf-8")
+        if passed(tests, SLACK * (1.0 + usual_s[tests])):
+            survived.append(mutant)
+            print(f"survived  {mutant}", flush=True)
+        file.write_text(sound, encoding="utf-8")
+    return survived
+
+
+def passed(tests: Sequence[str], limit_s: float) -> bool:
+    """Whether tests pass within so much processor time, in a process of their own."""
+    trial = multiprocessing.get_context("fork").Process(target=_test, args=(tests, limit_s))
+    trial.start()
+    trial.join(20.0 * limit_s)  # of a process that waits, and of a machine that is busy
+    with suppress(ProcessLookupError):
+        os.killpg(trial.pid or 0, signal.SIGKILL)  # with all its workers
+    trial.join()
+    return trial.exitcode == 0
+
+
+def _test(tests: Sequence[str], limit_s: float) -> None:
+    os.setsid()
+    resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 1))
+    output = os.open(_OUTPUT, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    options = ["-x", "-q", "-n0", "--tb=short", "--assert=plain", "-p", "no:cacheprovider", "--hypothesis-seed=0"]
+    sys.exit(pytest.main([*options, *(os.path.normpath(f"tests/reports/{test}") for test in tests)]))
+
+
+def mutants_of(module: str) -> Iterator[Mutant]:
+    """Yield every mutant of a module, in the order of its source."""
+    text = (ROOT / "bodycheck" / module).read_text(encoding="utf-8")
+    tree, lines = ast.parse(text), text.splitlines()
+    for parent, field, place, line in _places(tree, 1):
+        if module in ONLY and not any(begin <= line <= end for begin, end in _spans(tree, ONLY[module])):
+            continue
+        held = getattr(parent, field)
+        old = held if place is None else held[place]
+        for new in _instead(old, field):
+            if place is None:
+                setattr(parent, field, new)
+            else:
+                setattr(parent, field, [*held[:place], *filter(None, [new]), *held[place + 1 :]])
+            after = "nothing" if new is None else ast.unparse(new)
+            yield Mutant(module, line, lines[line - 1].strip(), ast.unparse(old), after, ast.unparse(tree))
+        setattr(parent, field, held)
+
+
+def _spans(tree: ast.Module, names: set[str]) -> list[tuple[int, int]]:
+    """Return the first and the last line of functions."""
+    found = [one for one in tree.body if isinstance(one, ast.FunctionDef) and one.name in names]
+    return [(one.lineno, one.end_lineno or one.lineno) for one in found]
+
+
+def _places(node: ast.AST, line: int) -> Iterator[tuple[ast.AST, str, int | None, int]]:
+    """Yield parent, field, place in the field's list and line of all code within a node."""
+    for field, value in ast.iter_fields(node):
+        if field in ("annotation", "returns", "decorator_list", "format_spec"):
+            continue
+        for place, child in enumerate(value) if isinstance(value, list) else ((None, value),):
+            if not isinstance(child, ast.AST) or _says_only(node, child):
+                continue
+            # before Python 3.12 what stands within an f-string has no line of its own
+            at = line if isinstance(node, ast.JoinedStr | ast.FormattedValue) else getattr(child, "lineno", line)
+            yield node, field, place, at
+            yield from _places(child, at)
+
+
+def _says_only(parent: ast.AST, child: ast.AST) -> bool:
+    """Whether something is for readers, or for the type checker, and changes nothing that is measured."""
+    match child:
+        case ast.Expr(value=ast.Constant()) | ast.Raise() | ast.Assert() | ast.Import() | ast.ImportFrom():
+            return True
+        case ast.If(test=ast.Name(id="TYPE_CHECKING")) | ast.AnnAssign(annotation=ast.Name(id="TypeAlias")):
+            return True
+        case ast.Constant():
+            return isinstance(parent, ast.JoinedStr)
+        case ast.keyword(arg="strict"):
+            return True
+    return False
+
+
+def _instead(old: ast.AST, field: str) -> Iterator[ast.AST | None]:
+    """Yield what may stand instead of a piece of code; None: it is left out."""
+    if field in ("test", "ifs") and not _has_an_opposite(old):
+        yield ast.UnaryOp(ast.Not(), old)
+    match old:
+        case ast.Compare(left, ops, comparators):
+            for place, operator in enumerate(ops):
+                for other in _OTHER[type(operator)]:
+                    yield ast.Compare(left, [*ops[:place], other(), *ops[place + 1 :]], comparators)
+        case ast.BoolOp(op, values):
+            yield from (ast.BoolOp(other(), values) for other in _OTHER[type(op)])
+        case ast.BinOp(left, op, right):
+            yield from (ast.BinOp(left, other(), right) for other in _OTHER.get(type(op), ()))
+        case ast.AugAssign(target, op, value):
+            yield from (ast.AugAssign(target, other(), value) for other in _OTHER.get(type(op), ()))
+        case ast.UnaryOp(ast.Not() | ast.USub(), operand):
+            yield operand
+        case ast.Return(ast.expr() as value) if ast.unparse(value) not in ("None", "False"):
+            yield ast.Return(ast.Constant(None))
+        case ast.Constant(bool(value)):
+            yield ast.Constant(not value)
+        case ast.Constant(int(value)):
+            yield ast.Constant(value + 1)
+        case ast.Constant(float(value)):
+            yield ast.Constant(2.0 * value or 1.0)
+        case ast.Constant(str(value)) if re.fullmatch(r"\w[\w.-]*", value):
+            yield ast.Constant(f"{value}_")
+        case ast.keyword(str()):
+            yield None
+
+
+def _has_an_opposite(test: ast.AST) -> bool:
+    """Whether a condition is negated by another operator already."""
+    match test:
+        case ast.UnaryOp(ast.Not()):
+            return True
+        case ast.Compare(ops=[ast.Eq() | ast.NotEq() | ast.In() | ast.NotIn() | ast.Is() | ast.IsNot()]):
+            return True
+    return False
+
+
+if __name__ == "__main__":
+    sys.exit(main())
