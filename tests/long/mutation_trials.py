@@ -58,12 +58,13 @@ TESTS: dict[str, tuple[str, ...]] = {
     },
     "reports/comparison/bisection.py": ("comparison/test_bisection.py",),
     **{
-        f"reports/comparison/{name}.py": ("comparison/test_compare.py",)
-        for name in ("accuracy", "change", "circumstances", "compare", "page", "speeds", "stable_steps")
+        f"reports/comparison/{name}.py": ("comparison/test_change_laws.py",)
+        for name in ("accuracy", "change", "circumstances", "compare", "speeds", "stable_steps", "words")
     },
-    "reports/comparison/one_measure.py": ("comparison/test_compare.py",),
-    "reports/comparison/text.py": ("comparison/test_compare.py",),
-    "reports/comparison/words.py": ("comparison/test_compare.py",),
+    **{
+        f"reports/comparison/{name}.py": ("comparison/test_compare.py",)
+        for name in ("one_measure", "page", "text")
+    },
     "reports/history/levels.py": ("history/test_levels.py",),
     "reports/history/series.py": ("history/test_judgement.py",),
     "reports/history/judgement.py": ("history/test_judgement.py",),
@@ -87,7 +88,9 @@ ONLY = {
 EQUIVALENT: dict[tuple[str, str, str], str] = {}
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 
-_PLACE = Path(tempfile.gettempdir()) / "bodycheck-mutants"  # one and the same: kernels are cached by their path
+_PLACE = (
+    Path(tempfile.gettempdir()) / "bodycheck-mutants"
+)  # one and the same: kernels are cached by their path
 _OUTPUT = _PLACE / "output.txt"
 
 _HEAVY = (
@@ -165,7 +168,9 @@ def main() -> int:
     try:
         _PLACE.mkdir()
     except FileExistsError:
-        raise SystemExit(f"{_PLACE}: is there: of trials that go on, or were killed; then remove it") from None
+        raise SystemExit(
+            f"{_PLACE}: is there: of trials that go on, or were killed; then remove it"
+        ) from None
     try:
         survived = tried(copied(_PLACE), sorted(judged, key=lambda mutant: mutant.module))
     finally:
@@ -191,9 +196,7 @@ def copied(place: Path) -> Path:
     for name in ("pyproject.toml", "README.md"):
         shutil.copy(ROOT / name, place)
     # by the hash of the source: a mutant may have the size and the second of another
-    compileall.compile_dir(
-        place / "bodycheck", quiet=1, invalidation_mode=PycInvalidationMode.CHECKED_HASH
-    )
+    compileall.compile_dir(place / "bodycheck", quiet=1, invalidation_mode=PycInvalidationMode.CHECKED_HASH)
     os.chdir(place)
     os.environ["PYTHONPATH"] = str(place)
     sys.path.insert(0, str(place))
@@ -212,7 +215,9 @@ def tried(place: Path, mutants: Sequence[Mutant]) -> list[Mutant]:
         tests, file = TESTS[mutant.module], place / "bodycheck" / mutant.module
         if tests not in usual_s:
             if not passed(tests, 600.0):
-                raise SystemExit(f"without a mutant the tests of {mutant.module} fail:\n{_OUTPUT.read_text()}")
+                raise SystemExit(
+                    f"without a mutant the tests of {mutant.module} fail:\n{_OUTPUT.read_text()}"
+                )
             start = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
             passed(tests, 600.0)
             usual_s[tests] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - start[1]
@@ -242,7 +247,16 @@ def _test(tests: Sequence[str], limit_s: float) -> None:
     output = os.open(_OUTPUT, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
-    options = ["-x", "-q", "-n0", "--tb=short", "--assert=plain", "-p", "no:cacheprovider", "--hypothesis-seed=0"]
+    options = [
+        "-x",
+        "-q",
+        "-n0",
+        "--tb=short",
+        "--assert=plain",
+        "-p",
+        "no:cacheprovider",
+        "--hypothesis-seed=0",
+    ]
     sys.exit(pytest.main([*options, *(os.path.normpath(f"tests/reports/{test}") for test in tests)]))
 
 
@@ -280,7 +294,11 @@ def _places(node: ast.AST, line: int) -> Iterator[tuple[ast.AST, str, int | None
             if not isinstance(child, ast.AST) or _says_only(node, child):
                 continue
             # before Python 3.12 what stands within an f-string has no line of its own
-            at = line if isinstance(node, ast.JoinedStr | ast.FormattedValue) else getattr(child, "lineno", line)
+            at = (
+                line
+                if isinstance(node, ast.JoinedStr | ast.FormattedValue)
+                else getattr(child, "lineno", line)
+            )
             yield node, field, place, at
             yield from _places(child, at)
 

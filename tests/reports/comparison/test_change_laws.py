@@ -1,0 +1,482 @@
+"""Each rule of a comparison at its very edge, on rows and runs made of a few cells."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from gated import a_run
+
+from bodycheck.reports.comparison.accuracy import accuracy_changes, noise
+from bodycheck.reports.comparison.change import Change, by_rank
+from bodycheck.reports.comparison.circumstances import circumstances, redefined
+from bodycheck.reports.comparison.compare import compare, ended_well_anew
+from bodycheck.reports.comparison.speeds import Ratio, ratio, speed_changes
+from bodycheck.reports.comparison.stable_steps import stability_change
+from bodycheck.reports.comparison.words import change_text, groups, identity, sentences
+from bodycheck.reports.stored import Tables
+
+EPS = float(np.finfo(np.float64).eps)
+WHO = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "control": "dt", "dt_s": 0.01}
+LEAST = 2.0**-30
+ERROR = "orientation_error_rad"
+
+
+def run(*cases: dict[str, Any], **parts: Any) -> Tables:
+    """Return a run of these cases, by default of two scenarios on one machine."""
+    scenarios = {"brick": {"duration_s": 1.0}, "plate": {"duration_s": 1.0}}
+    return a_run(list(cases), **{"scenarios": scenarios, **parts})
+
+
+def change(**cells: Any) -> Change:
+    """Return a worse error of one case, but for what is told."""
+    usual = {"kind": "accuracy", "scenario": "brick", "engine": "mujoco", "method": "rk4", "what": ERROR}
+    told = {"before": 1e-3, "after": 1e-2, "direction": "worse", "control": "dt", "fineness": 0.01}
+    return Change(**{**usual, **told, "decades": 1.0, **cells})
+
+
+# ----------------------------------------------------------------------------------------------- accuracy
+
+
+@pytest.mark.parametrize(
+    ("measure", "row", "floors", "least"),
+    [
+        ("quaternion_norm_error", {}, {}, 8.0 * EPS),
+        ("quaternion_norm_error", {"steps": 10_000}, {"quaternion_norm_error": 1.0}, 108.0 * EPS),
+        (ERROR, {"steps": 10_000}, {}, 108.0 * EPS),
+        (ERROR, {"truth_bound_rad": 1e-10}, {ERROR: 2e-10}, 3e-10),
+        (ERROR, {"truth_bound_rad": 1e-10}, {ERROR: 4e-10}, 4e-10),
+        (ERROR, {}, {"energy_drift": 1.0}, 8.0 * EPS),
+        ("orientation_error_final_rad", {}, {ERROR: 1e-9}, 1e-9),
+        ("velocity_error", {}, {"omega_error": 1e-9}, 1e-9),
+        ("energy_balance", {}, {"energy_drift": 1e-9}, 1e-9),
+        ("linear_momentum_drift", {}, {"angular_momentum_drift": 1e-9}, 1e-9),
+        ("invariant_drift", {}, {"angular_momentum_drift": 1e-9}, 1e-9),
+        (
+            "rotational_energy_drift",
+            {"energy_scale_j": 6.0, "rotational_energy_scale_j": 2.0},
+            {"energy_drift": 1e-9},
+            3e-9,
+        ),
+    ],
+)
+def test_the_noise_is_the_largest_of_bound_floor_and_round_off(
+    measure: str, row: dict[str, Any], floors: dict[str, float], least: float
+) -> None:
+    """max(3 bound, floor, eps (8 + sqrt(steps))), each of the measure's own."""
+    assert noise(measure, row, floors) == pytest.approx(least, rel=1e-12, abs=0.0)
+
+
+def accuracies(old: dict[str, Any], new: dict[str, Any], *floors: float) -> list[Change]:
+    """Return what changed of one case whose method has these floors before and after."""
+    known = tuple({ERROR: floor} for floor in floors or (LEAST, LEAST))
+    return list(accuracy_changes({**WHO, **old}, {**WHO, **new}, known))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("floors", [(LEAST, LEAST), (1e-3, LEAST), (LEAST, 1e-3)])
+def test_an_error_changes_where_it_moves_by_more_than_the_smaller_noise(floors: tuple[float, float]) -> None:
+    """From nothing to twice the noise is none; one double more is worse, and better from the other side."""
+    beyond = math.nextafter(2.0 * LEAST, 1.0)
+    assert accuracies({ERROR: 0.0}, {ERROR: 2.0 * LEAST}, *floors) == []
+    (worse,) = accuracies({ERROR: 0.0}, {ERROR: beyond}, *floors)
+    assert (worse.direction, worse.before, worse.after) == ("worse", 0.0, beyond)
+    assert worse.decades == pytest.approx(math.log10(2.0))
+    assert accuracies({ERROR: beyond}, {ERROR: 0.0}, *floors) == [worse.mirrored]
+
+
+def test_what_has_no_scale_is_measured_by_its_own_size() -> None:
+    """A change of a few roundings of a large number is none; of a hundred it is one."""
+    large = 1e6
+    for roundings, told in ((4.0, 0), (100.0, 1)):
+        after = {"energy_drift_abs": large * (1.0 + roundings * EPS)}
+        found = accuracies({"energy_drift_abs": large}, after)
+        assert [one.what for one in found] == told * ["energy_drift_abs"]
+
+
+@pytest.mark.parametrize(
+    ("cells", "fineness"),
+    [({}, 0.01), ({"control": "tolerance", "dt_s": None, "tolerance": 1e-6}, 1e-6), ({"dt_s": None}, None)],
+)
+def test_a_change_says_whose_it_is(cells: dict[str, Any], fineness: float | None) -> None:
+    """Scenario, engine, method, control and step or tolerance; what is gone or new has no size."""
+    there = {**cells, ERROR: 1e-3}
+    (gone,) = accuracies(there, cells)
+    control = cells.get("control", "dt")
+    who = ("brick", "mujoco", "rk4", ERROR)
+    assert gone == Change("accuracy", *who, 1e-3, None, "other", control, fineness)
+    assert accuracies(cells, there) == [gone.mirrored]
+
+
+# ------------------------------------------------------------------------------------ changes by themselves
+
+
+def test_a_change_seen_from_the_other_run_is_turned() -> None:
+    """Before and after change places, as worse and better do; seen twice it is itself."""
+    there = change()
+    assert there.mirrored == change(before=1e-2, after=1e-3, direction="better", decades=-1.0)
+    assert there.mirrored.mirrored == there
+    assert change(decades=None).mirrored.decades is None
+    assert (there.size, there.mirrored.size, change(decades=None).size) == (1.0, 1.0, math.inf)
+
+
+def test_the_higher_rank_is_the_better() -> None:
+    """Upward is better, downward worse, neither is neither."""
+    assert [by_rank(*ranks) for ranks in ((0, 1), (1, 0), (1, 1))] == ["better", "worse", "other"]
+
+
+# ------------------------------------------------------------------------------------------ stable steps
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ((0.1, 0.2), (0.2, 0.3), ("better", math.log10(2.0))),
+        ((0.2, 0.3), (0.1, 0.2), ("worse", -math.log10(2.0))),
+        ((0.1, 0.2), (0.19, 0.3), None),
+        ((0.1, None), (0.05, 0.1), ("worse", -math.log10(2.0))),
+        ((None, 0.1), (0.1, 0.2), ("better", None)),
+        ((0.1, 0.2), (None, 0.1), ("worse", None)),
+        ((None, 0.1), (None, 0.2), None),
+    ],
+)
+def test_a_stable_step_moved_by_the_ratio_of_the_stable_ones(
+    old: tuple[float | None, float | None],
+    new: tuple[float | None, float | None],
+    told: tuple[str, float | None] | None,
+) -> None:
+    """Where two spans no more than touch, by log10 of the steps; by no number where one has none."""
+    rows = []
+    for stable, unstable in (old, new):
+        cells = {"outcome": "ok", "dt_stable_s": stable, "dt_unstable_s": unstable}
+        rows.append(WHO | {name: cell for name, cell in cells.items() if cell is not None})
+    found = stability_change(rows[0], rows[1])
+    if told is None:
+        assert found is None
+        return
+    assert found is not None
+    direction, decades = told
+    texts = (old[0] or "none", new[0] or "none")
+    assert (found.kind, found.what, found.before, found.after) == ("stability", "dt_stable_s", *texts)
+    assert found.direction == direction
+    assert found.decades == (None if decades is None else pytest.approx(decades))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "direction"),
+    [("ok", "failed", "worse"), ("timeout", "ok", "better"), ("failed", "timeout", "other")],
+)
+def test_a_search_that_ends_otherwise_is_a_change(old: str, new: str, direction: str) -> None:
+    """Ended well or not decides on better or worse; two that failed alike are no change."""
+    found = stability_change({**WHO, "outcome": old}, {**WHO, "outcome": new})
+    who = ("brick", "mujoco", "rk4", "stable step: search")
+    assert found == Change("stability", *who, old, new, direction)  # type: ignore[arg-type]
+    assert stability_change({**WHO, "outcome": "failed"}, {**WHO, "outcome": "failed"}) is None
+
+
+# ------------------------------------------------------------------------------------------------ speeds
+
+
+def laps(low: float, middle: float, high: float, relative: float | None = None) -> dict[str, Any]:
+    """Return the times of a case."""
+    times = {**WHO, "cpu_s_low": low, "cpu_s": middle, "cpu_s_high": high}
+    return times if relative is None else {**times, "relative_cpu": relative}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "decades", "sure"),
+    [
+        (laps(1.0, 10.0, 100.0), laps(1e3, 1e4, 1e5), 3.0, 1.0),
+        (laps(1e3, 1e4, 1e5), laps(1.0, 10.0, 100.0), -3.0, -1.0),
+        (laps(1.0, 10.0, 100.0), laps(10.0, 100.0, 1e3), 1.0, 0.0),
+        # the yardstick took ten times as long too: nothing changed but the machine
+        (laps(0.5, 1.0, 2.0, relative=2.0), laps(5.0, 10.0, 20.0, relative=2.0), 0.0, 0.0),
+        (laps(0.5, 1.0, 2.0, relative=1.0), laps(0.5, 1.0, 2.0, relative=100.0), 2.0, 2.0 - math.log10(4.0)),
+    ],
+)
+def test_the_quartiles_leave_what_is_sure_of_a_ratio(
+    before: dict[str, Any], after: dict[str, Any], decades: float, sure: float
+) -> None:
+    """log10 of the medians' ratio, and the gap between the nearest quartiles, 0 where these overlap."""
+    found = ratio(before, after, same_machine=True)
+    assert found is not None
+    assert (found.scenario, found.engine, found.method) == ("brick", "mujoco", "rk4")
+    assert found.decades == pytest.approx(decades, abs=1e-12)
+    assert found.sure == pytest.approx(sure, abs=1e-12)
+
+
+def test_times_that_mean_nothing_are_not_compared() -> None:
+    """Seconds of two machines, a case timed in one run, and what is faster than the clock can tell."""
+    plain, relative = laps(1.0, 2.0, 3.0), laps(1.0, 2.0, 3.0, relative=1.0)
+    assert ratio(plain, plain, same_machine=True) is not None
+    assert ratio(plain, plain, same_machine=False) is None
+    assert ratio(relative, relative, same_machine=False) is not None
+    assert ratio(relative, plain, same_machine=False) is None
+    assert ratio(plain, relative, same_machine=False) is None
+    assert ratio(relative, plain, same_machine=True) is not None
+    assert ratio(WHO, plain, same_machine=True) is None
+    assert ratio(plain, WHO, same_machine=True) is None
+    instant = laps(0.0, 1e-9, 1e-8)
+    assert ratio(plain, instant, same_machine=True) is None
+    assert ratio(instant, plain, same_machine=True) is None
+
+
+def moved(*sure: float, scenario: str = "brick", method: str = "rk4") -> list[Ratio]:
+    """Return cases of a method that moved by so many decades at least, and twice that by their medians."""
+    return [Ratio(scenario, "mujoco", method, 2.0 * one, one) for one in sure]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_method_is_slower_where_three_quarters_of_its_cases_are_beyond_the_noise(sign: float) -> None:
+    """The noises of both runs together are the bound; the median of all cases is told."""
+    slack = math.log10(1.0 + 0.1 + 0.2)
+    beyond = math.nextafter(slack, 1.0)
+    assert list(speed_changes(moved(*4 * [sign * slack]), (0.1, 0.2))) == []
+    (found,) = speed_changes(moved(*4 * [sign * beyond]), (0.1, 0.2))
+    assert found.direction == ("worse" if sign > 0.0 else "better")
+    assert (found.kind, found.scenario, found.what) == ("speed", None, "relative_cpu")
+    assert (found.before, found.after, found.decades) == (None, None, pytest.approx(2.0 * sign * slack))
+    assert len(list(speed_changes(moved(*3 * [sign], 0.0), (0.1, 0.2)))) == 1
+    assert list(speed_changes(moved(sign, sign, 0.0, 0.0), (0.1, 0.2))) == []
+
+
+def test_where_a_methods_cases_do_not_agree_each_scenario_is_judged_by_three_noises() -> None:
+    """One scenario of two that slowed down is named, beyond three times the noise; other methods are not."""
+    slack = 3.0 * math.log10(1.1)
+    still = moved(0.0, 0.0, 0.0, 0.0, scenario="plate") + moved(0.0, method="euler")
+    for size, told in ((slack, 0), (math.nextafter(slack, 1.0), 1)):
+        found = list(speed_changes([*still, *moved(size, size)], (0.1, 0.0)))
+        assert [(one.scenario, one.method, one.direction) for one in found] == told * [
+            ("brick", "rk4", "worse")
+        ]
+
+
+# ------------------------------------------------------------------------------------------------- compare
+
+RANKS = {
+    "converges": 2,
+    "at-floor": 2,
+    "pre-asymptotic": 1,
+    "chaotic": 1,
+    "does-not-converge": 0,
+    "unstable": 0,
+}
+
+
+@pytest.mark.parametrize("after", RANKS)
+@pytest.mark.parametrize("before", RANKS)
+def test_a_verdict_is_as_good_as_its_rank(before: str, after: str) -> None:
+    """What converges is better than what is open, and that than what does not converge."""
+    old, new = (run({}, methods=[{"verdict": verdict, "order": None}]) for verdict in (before, after))
+    rise = RANKS[after] - RANKS[before]
+    direction = "better" if rise > 0 else "worse" if rise < 0 else "other"
+    found = [(one.kind, one.what, one.before, one.after, one.direction) for one in compare(old, new).changes]
+    told = ("verdict", f"verdict of {ERROR}", before, after, direction)
+    assert found == ([] if before == after else [told])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "direction"),
+    [
+        ((2.0, 1.9, 2.1), (2.2, 2.15, 2.3), "better"),
+        ((2.2, 2.15, 2.3), (2.0, 1.9, 2.1), "worse"),
+        ((2.0, 1.9, 2.1), (2.2, 2.1, 2.3), None),  # the intervals touch
+        ((2.0, 1.99, 2.01), (2.04, 2.03, 2.05), None),  # sure, and of no size
+        ((2.0, 1.99, 2.01), (2.06, 2.05, 2.07), "better"),
+    ],
+)
+def test_an_order_changed_where_its_interval_left_the_other(
+    old: tuple[float, ...], new: tuple[float, ...], direction: str | None
+) -> None:
+    """And it moved by more than 0.05."""
+    runs = [
+        run({}, methods=[dict(zip(("order", "order_low", "order_high"), cells, strict=True))])
+        for cells in (old, new)
+    ]
+    found = compare(*runs).changes
+    who = ("order", "brick", "mujoco", "rk4", f"order of {ERROR}")
+    assert found == ((Change(*who, old[0], new[0], direction),) if direction else ())  # type: ignore[arg-type]
+
+
+def test_what_another_scenario_of_the_same_name_did_is_no_change() -> None:
+    """Neither its cases nor its verdicts nor its stable steps are compared, and it is named."""
+    row = {"scenario": "brick", "engine": "mujoco", "method": "rk4"}
+
+    def made(duration_s: float, outcome: str, verdict: str) -> Tables:
+        return run(
+            {"outcome": outcome},
+            {"scenario": "plate"},
+            methods=[{"verdict": verdict, "order": None}],
+            stability=[{**row, "outcome": outcome}],
+            scenarios={"brick": {"duration_s": duration_s, "summary": outcome}, "plate": {}},
+        )
+
+    before, after = made(1.0, "ok", "converges"), made(2.0, "failed", "unstable")
+    found = compare(before, after)
+    assert (found.redefined, found.paired, found.changes) == (("brick",), 1, ())
+    kinds = {one.kind for one in compare(before, made(1.0, "failed", "unstable")).changes}
+    assert kinds == {"outcome", "verdict", "stability"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "direction"),
+    [("ok", "failed", "worse"), ("failed", "ok", "better"), ("failed", "invalid", "other")],
+)
+def test_an_outcome_is_good_or_not(old: str, new: str, direction: str) -> None:
+    """Between two ways of failing neither is the better, and no accuracy is compared beside it."""
+    (found,) = compare(run({"outcome": old}), run({"outcome": new, ERROR: 1.0})).changes
+    assert found == change(
+        kind="outcome", what="outcome", before=old, after=new, direction=direction, decades=None
+    )
+
+
+def test_cases_are_told_apart_by_step_and_tolerance() -> None:
+    """A case of another step came, one of a tolerance went; each has its own outcome."""
+    tolerance = {"control": "tolerance", "dt_s": None, "tolerance": 1e-6, "outcome": "timeout"}
+    found = compare(run({}, tolerance), run({}, {"dt_s": 0.02})).changes
+    cells = {"kind": "case", "what": "case", "direction": "other", "decades": None}
+    gone = change(**cells, before="timeout", after=None, control="tolerance", fineness=1e-6)
+    assert set(found) == {gone, change(**cells, before=None, after="ok", fineness=0.02)}
+
+
+def test_changes_come_the_largest_first() -> None:
+    """What has no size before all that has."""
+    sizes = {0.01: 1e-8, 0.02: 1e-6, 0.03: 1e-7}
+    before = run(*({"dt_s": dt_s} for dt_s in sizes))
+    after = run(*({"dt_s": dt_s, ERROR: error} for dt_s, error in sizes.items()), {"dt_s": 0.04})
+    assert [one.fineness for one in compare(before, after).changes] == [0.04, 0.02, 0.03, 0.01]
+
+
+def test_cases_that_end_well_anew_are_those_that_did_not_before() -> None:
+    """A case that failed before, and one that was not there; not one that ended well, nor one that fails."""
+    before = run({}, {"dt_s": 0.02, "outcome": "failed"}, {"dt_s": 0.03, "outcome": "failed"})
+    after = run({}, {"dt_s": 0.02}, {"dt_s": 0.03, "outcome": "failed"}, {"dt_s": 0.04})
+    assert [case.dt_s for case in ended_well_anew(before, after).cases] == [0.02, 0.04]
+
+
+# ------------------------------------------------------------------------------------------ circumstances
+
+
+def test_each_circumstance_that_differs_is_named_once() -> None:
+    """Machine, software, engines, libraries and settings; an engine that is not there is unavailable."""
+    before = {
+        "cpu": "a",
+        "python": "3.11",
+        "engines": {"mujoco": {"version": "3"}, "dart": {"unavailable": "no"}, "odd": {"version": "1"}},
+        "libraries": {"numpy": "2.1", "numba": "0.61"},
+        "timeout_s": 60.0,
+    }
+    after = {
+        "cpu": "b",
+        "cores": 2,
+        "python": "3.11",
+        "engines": {"mujoco": {"version": "4"}, "dart": {"version": "6"}},
+        "libraries": {"numpy": "2.2", "numba": "0.61"},
+        "timeout_s": 30.0,
+        "speed": False,
+    }
+    assert circumstances(before, after) == (
+        "cpu: a -> b",
+        "cores: none -> 2",
+        "mujoco: 3 -> 4",
+        "dart: unavailable -> 6",
+        "odd: 1 -> none",
+        "numpy: 2.1 -> 2.2",
+        "speed: none -> False",
+        "timeout_s: 60.0 -> 30.0",
+    )
+    assert circumstances(before, before) == ()
+
+
+@pytest.mark.parametrize("idle", ["summary", "source", "tags", "steps_s"])
+def test_words_about_a_scenario_make_it_no_other(idle: str) -> None:
+    """Only what is simulated counts, of scenarios that both runs have."""
+    manifests = [
+        {"scenarios": {"brick": {idle: 1, "samples": 11}, "old": {}}},
+        {"scenarios": {"brick": {idle: 2, "samples": 11}, "new": {}}},
+    ]
+    assert redefined(manifests[0], manifests[1]) == ()
+    manifests[1]["scenarios"]["brick"]["samples"] = 12
+    assert redefined(manifests[0], manifests[1]) == ("brick",)
+
+
+# -------------------------------------------------------------------------------------------------- words
+
+
+@pytest.mark.parametrize(
+    ("cells", "text"),
+    [
+        ({}, "orientation_error_rad 0.001 -> 0.01 (+1.00 decades) at dt 0.01 s"),
+        ({"after": None, "decades": None}, "orientation_error_rad 0.001 -> not measured at dt 0.01 s"),
+        (
+            {"after": 1.00002e-3, "decades": 8.7e-6, "fineness": None},
+            "orientation_error_rad 0.001 -> 0.00100002 (+9e-6 decades)",
+        ),
+        ({"decades": 0.01, "fineness": None}, "orientation_error_rad 0.001 -> 0.01 (+0.01 decades)"),
+        ({"kind": "speed", "decades": math.log10(2.0)}, "2 times as slow"),
+        ({"kind": "speed", "decades": -math.log10(2.0)}, "2 times as fast"),
+        ({"kind": "case", "before": None, "after": "ok"}, "only in the run after at dt 0.01 s (ok)"),
+        ({"kind": "case", "before": "failed", "after": None}, "only in the run before at dt 0.01 s (failed)"),
+        (
+            {"what": "outcome", "before": "ok", "after": "failed", "decades": None},
+            "outcome ok -> failed at dt 0.01 s",
+        ),
+    ],
+)
+def test_a_change_is_told_in_its_own_words(cells: dict[str, Any], text: str) -> None:
+    """To as many digits as tell the values apart, with its size and its step."""
+    assert change_text(change(**cells)) == text
+
+
+def test_groups_are_sorted_by_direction_then_kind_then_size() -> None:
+    """The worst first; alike changes of a method on a scenario together, with how many more there are."""
+    small, large = change(scenario="plate", decades=0.5), change(decades=2.0)
+    order = change(kind="order", decades=0.1)
+    better, other = change(direction="better"), change(direction="other", kind="outcome")
+    slow = change(kind="speed", scenario=None)
+    finer = change(fineness=0.005, decades=0.2)
+    made = groups([other, better, slow, small, large, finer, order])
+    assert [group.changes for group in made] == [
+        (order,),
+        (large, finer),
+        (small,),
+        (slow,),
+        (better,),
+        (other,),
+    ]
+    assert [group.where for group in made[2:4]] == ["plate", "all scenarios"]
+    assert made[0].method == "mujoco:rk4"
+    assert made[1].text == f"{change_text(large)}; 1 more change, in 2 cases"
+    cases = [change(kind="case", before=None, after="ok", fineness=k, direction="other") for k in (1.0, 2.0)]
+    assert groups(cases)[0].text == f"{change_text(cases[0])}; 1 more case"
+
+
+def test_the_sentences_say_how_much_was_compared_and_what_changed() -> None:
+    """Circumstances, scenarios left out, the numbers of cases, and who changed; each where it is so."""
+    same = run({}, {"dt_s": 0.02})
+    assert sentences(compare(same, same)) == [
+        "The same machine, versions and settings.",
+        "2 cases compared, 0 of them by their speed too; 0 only in the run after, 0 only in the run before.",
+        "Nothing changed beyond round-off and the noise of the machines.",
+    ]
+    after = run({ERROR: 1e-6}, {"method": "euler"}, {"method": "implicit"}, cpu="other")
+    assert sentences(compare(same, after)) == [
+        "Different circumstances: cpu: none -> other.",
+        "1 case compared, 0 of them by their speed too; 2 only in the run after, 1 only in the run before.",
+        "Worse: mujoco:rk4.",
+    ]
+    assert sentences(compare(run({}), run({}, {"dt_s": 0.02})))[-1] == (
+        "The cases that both runs have did not change."
+    )
+    other = run({}, scenarios={"brick": {"duration_s": 2.0}})
+    assert sentences(compare(run({}), other))[1:] == [
+        "Not compared, as the name means another scenario: brick.",
+        "0 cases compared, 0 of them by their speed too; 0 only in the run after, 0 only in the run before.",
+        "There is nothing that could be compared.",
+    ]
+
+
+def test_a_run_is_named_by_its_id_its_time_and_its_version() -> None:
+    """In this order."""
+    assert identity(run({}, created="today", bodycheck="0.1")) == "made-up, today, bodycheck 0.1"
