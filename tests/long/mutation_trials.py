@@ -38,13 +38,12 @@ LEAST_KILLED = 0.85
 SLACK = 5.0
 """How many times the usual processor time the tests may take, and 5 s beside."""
 
+_MEASURES = ("measures", "scales", "invariants", "case")
+_SPLINES = "test_energy_balance.py::test_the_integral_of_a_spline_is_that_of_every_polynomial_it_contains"
 _GATES = ("gates/test_gate_laws.py", "gates/test_gate_files.py", "gates/test_proposals.py")
 TESTS: dict[str, tuple[str, ...]] = {
-    "reports/measures.py": ("test_measures.py",),
-    "reports/scales.py": ("test_measures.py",),
-    "reports/invariants.py": ("test_measures.py",),
-    "reports/work.py": ("test_measures.py", "test_energy_balance.py"),
-    "reports/case.py": ("test_judge.py",),
+    **{f"reports/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
+    "reports/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),
     "reports/convergence.py": ("test_convergence.py",),
     "reports/growth.py": ("test_growth.py",),
     "reports/ladder.py": ("test_convergence.py",),

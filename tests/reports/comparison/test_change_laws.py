@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -222,6 +223,24 @@ def test_times_that_mean_nothing_are_not_compared() -> None:
     assert ratio(instant, plain, same_machine=True) is None
 
 
+def test_a_comparison_says_how_many_cases_it_compared_by_their_times() -> None:
+    """Those timed in seconds on one machine, and none of them on another."""
+    timed = {"cpu_s_low": 1.0, "cpu_s": 2.0, "cpu_s_high": 3.0}
+    here, there = (run(timed, {"dt_s": 0.02}, cpu=cpu) for cpu in ("a", "b"))
+    assert (compare(here, here).timed, compare(here, there).timed) == (1, 0)
+
+
+@pytest.mark.parametrize(("noise_of_either", "told"), [(None, 1), (0.4, 0)])
+def test_a_slower_method_is_told_beyond_the_noise_of_either_run(
+    noise_of_either: float | None, told: int
+) -> None:
+    """Half as long again is beyond what runs without a noise leave open, not beyond 0.4 of either."""
+    before, after = (run(laps(k, k, k), cpu="a") for k in (1.0, 1.5))
+    noisy = replace(after, manifest={**after.manifest, "speed_noise": noise_of_either})
+    assert [one.kind for one in compare(before, noisy).changes] == told * ["speed"]
+    assert [one.kind for one in compare(noisy, before).changes] == told * ["speed"]
+
+
 def moved(*sure: float, scenario: str = "brick", method: str = "rk4") -> list[Ratio]:
     """Return cases of a method that moved by so many decades at least, and twice that by their medians."""
     return [Ratio(scenario, "mujoco", method, 2.0 * one, one) for one in sure]
@@ -238,6 +257,7 @@ def test_a_method_is_slower_where_three_quarters_of_its_cases_are_beyond_the_noi
     assert (found.kind, found.scenario, found.what) == ("speed", None, "relative_cpu")
     assert (found.before, found.after, found.decades) == (None, None, pytest.approx(2.0 * sign * slack))
     assert len(list(speed_changes(moved(*3 * [sign], 0.0), (0.1, 0.2)))) == 1
+    assert len(list(speed_changes(moved(sign), (0.1, 0.2)))) == 1
     assert list(speed_changes(moved(sign, sign, 0.0, 0.0), (0.1, 0.2))) == []
 
 
@@ -283,6 +303,7 @@ def test_a_verdict_is_as_good_as_its_rank(before: str, after: str) -> None:
         ((2.2, 2.15, 2.3), (2.0, 1.9, 2.1), "worse"),
         ((2.0, 1.9, 2.1), (2.2, 2.1, 2.3), None),  # the intervals touch
         ((2.0, 1.99, 2.01), (2.04, 2.03, 2.05), None),  # sure, and of no size
+        ((0.0, -0.01, 0.01), (0.05, 0.04, 0.06), None),
         ((2.0, 1.99, 2.01), (2.06, 2.05, 2.07), "better"),
     ],
 )
