@@ -157,7 +157,7 @@ ONES = Scales(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
 
 def test_a_matrix_is_measured_as_the_engine_gives_it() -> None:
-    """Of 2 R: ||R^T R - 1|| = 3 sqrt(3), det - 1 = 7; there is no quaternion to be measured, and else no matrix."""
+    """Of 2 R: ||R^T R - 1|| = 3 sqrt(3), det - 1 = 7; a quaternion, or a matrix, that is not there is not."""
     twice = np.tile(np.eye(3), (4, 1, 1))
     twice[1] *= 2.0
     found = series_of(still(quaternion=None, rotation=twice), still())
