@@ -44,12 +44,12 @@ _GATES = ("gates/test_gate_laws.py", "gates/test_gate_files.py", "gates/test_pro
 TESTS: dict[str, tuple[str, ...]] = {
     **{f"reports/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
     "reports/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),
-    "reports/convergence.py": ("test_convergence.py",),
-    "reports/growth.py": ("test_growth.py",),
-    "reports/ladder.py": ("test_convergence.py",),
-    "reports/stability.py": ("test_stability.py",),
-    "reports/offenders.py": ("test_offenders.py",),
-    "reports/summary.py": ("test_summary.py", "test_offenders.py"),
+    "reports/convergence.py": ("test_convergence_laws.py", "test_convergence.py"),
+    "reports/growth.py": ("test_growth_laws.py",),
+    "reports/ladder.py": ("test_convergence_laws.py", "test_convergence.py"),
+    "reports/stability.py": ("test_state_laws.py",),
+    "reports/offenders.py": ("test_state_laws.py",),
+    "reports/summary.py": ("test_state_laws.py",),
     "adapters/stable_step.py": ("../adapters/test_stable_step.py",),
     **{
         f"reports/gates/{name}.py": _GATES
@@ -64,9 +64,9 @@ TESTS: dict[str, tuple[str, ...]] = {
         f"reports/comparison/{name}.py": ("comparison/test_compare.py",)
         for name in ("one_measure", "page", "text")
     },
-    "reports/history/levels.py": ("history/test_levels.py",),
-    "reports/history/series.py": ("history/test_judgement.py",),
-    "reports/history/judgement.py": ("history/test_judgement.py",),
+    "reports/history/levels.py": ("history/test_level_laws.py",),
+    "reports/history/series.py": ("history/test_level_laws.py",),
+    "reports/history/judgement.py": ("history/test_judgement_laws.py", "history/test_level_laws.py"),
 }
 """Module -> the files under tests/reports that belong to it, the quickest first."""
 
@@ -92,6 +92,10 @@ _PLACE = (
 )  # one and the same: kernels are cached by their path
 _OUTPUT = _PLACE / "output.txt"
 
+_OPTIONS = (
+    *("-x", "-q", "-n0", "-m", "not slow", "-p", "no:cacheprovider", "--hypothesis-seed=0"),
+    *("--tb=short", "--assert=plain"),  # pytest's own asserts would have to be made before the packages below
+)
 _HEAVY = (
     "hypothesis.stateful",
     "pandas",

@@ -147,9 +147,9 @@ def test_a_tighter_interval_goes_before_a_longer_run(inner: float, edge: float) 
     for wider, count in ((False, 5), (True, 4)):
         coarsest, step = power_law(2.0)[0], 1e-4
         off = 0.0
-        while (half := half_width([Point(coarsest.dt_s, (coarsest.error or 0.0) * math.exp(off)), *finest])) < (
-            edge if wider else 0.98 * edge
-        ):
+        while (
+            half := half_width([Point(coarsest.dt_s, (coarsest.error or 0.0) * math.exp(off)), *finest])
+        ) < (edge if wider else 0.98 * edge):
             off += step
         some = [Point(coarsest.dt_s, (coarsest.error or 0.0) * math.exp(off)), *finest]
         assert half < 1.02 * edge

@@ -37,7 +37,9 @@ def test_a_power_of_t_has_the_kind_of_its_band_and_no_interval(power: float, kin
     """The exponent is the power."""
     found = growth_of(T, T**power, 1e-12)
     assert found.growth == kind
-    assert (found.growth_exponent, found.growth_low, found.growth_high) == pytest.approx(3 * (power,), abs=1e-9)
+    assert (found.growth_exponent, found.growth_low, found.growth_high) == pytest.approx(
+        3 * (power,), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize(("rate", "told"), [(2.0, False), (3.0, True), (20.0, True)])

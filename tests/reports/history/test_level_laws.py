@@ -124,7 +124,9 @@ def test_methods_are_columns_in_the_order_of_their_names_and_nights_rows_in_thei
     ]
     found = series_of(["b", "a"], cases(*rows), "x", lambda decades: float(decades.max()))
     assert found.methods == (("e", "m"), ("e", "n"), ("z", "m"))
-    assert found.decades == pytest.approx(np.array([[1.0, math.nan, 0.0], [-1.0, 0.0, math.nan]]), nan_ok=True)
+    assert found.decades == pytest.approx(
+        np.array([[1.0, math.nan, 0.0], [-1.0, 0.0, math.nan]]), nan_ok=True
+    )
 
 
 def test_of_nothing_there_is_a_series_of_no_methods() -> None:
