@@ -40,7 +40,7 @@ SLACK = 5.0
 
 _MEASURES = ("measures", "scales", "invariants", "case")
 _SPLINES = "test_energy_balance.py::test_the_integral_of_a_spline_is_that_of_every_polynomial_it_contains"
-_GATES = ("gates/test_gate_laws.py", "gates/test_gate_files.py", "gates/test_proposals.py")
+_GATES = ("gates/test_gate_words.py", "gates/test_gate_laws.py", "gates/test_gate_files.py", "gates/test_proposals.py")
 TESTS: dict[str, tuple[str, ...]] = {
     **{f"reports/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
     "reports/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),

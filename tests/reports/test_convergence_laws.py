@@ -35,7 +35,7 @@ def power_law(order: float, *, at_1: float = 1e-3, steps: list[float] | None = N
 
 
 def bent(order: float, half_width: float) -> list[Point]:
-    """Return four errors c dt^p exp(+-r) whose slope has this half-width by Student's t, and no other order."""
+    """Return four errors c dt^p exp(+-r): r gives the slope p this half-width by Student's t."""
     r = half_width * math.log(2.0) / (STUDENT[2] * math.sqrt(0.4))
     signs = (1.0, -1.0, -1.0, 1.0)
     law = power_law(order, steps=HALVED[1:])
@@ -142,18 +142,18 @@ def test_an_order_settles_from_four_points_within_a_quarter_from_a_half_on(
 
 @pytest.mark.parametrize(("inner", "edge"), [(0.0, 0.05), (0.06, 0.1), (0.11, 0.25)])
 def test_a_tighter_interval_goes_before_a_longer_run(inner: float, edge: float) -> None:
-    """Five points whose interval is just within a level are taken; just beyond it, four that are within it."""
-    finest = bent(2.0, inner)
-    for wider, count in ((False, 5), (True, 4)):
-        coarsest, step = power_law(2.0)[0], 1e-4
-        off = 0.0
-        while (
-            half := half_width([Point(coarsest.dt_s, (coarsest.error or 0.0) * math.exp(off)), *finest])
-        ) < (edge if wider else 0.98 * edge):
-            off += step
-        some = [Point(coarsest.dt_s, (coarsest.error or 0.0) * math.exp(off)), *finest]
-        assert half < 1.02 * edge
-        assert convergence_of(some, LIMIT).points == count
+    """Five points whose interval is just within a level are taken; just beyond it, the four within it."""
+    first, *finest = power_law(2.0)[0], *bent(2.0, inner)
+
+    def five(off: float) -> list[Point]:
+        return [Point(first.dt_s, (first.error or 0.0) * math.exp(off)), *finest]
+
+    for wanted, count in ((0.99 * edge, 5), (1.01 * edge, 4)):
+        low, high = 0.0, 1.0
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if half_width(five(middle)) < wanted else (low, middle)
+        assert convergence_of(five(low), LIMIT).points == count
 
 
 def test_of_runs_of_one_length_the_finer_is_taken() -> None:

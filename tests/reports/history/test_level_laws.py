@@ -56,7 +56,7 @@ def test_one_night_of_the_new_level_that_does_not_share_the_step_ends_it() -> No
 
 
 def test_the_usual_spread_is_the_median_over_the_methods_of_the_last_twenty_nights() -> None:
-    """MAD / sqrt(2) of the moves from night to night; older nights and what was never measured do not count."""
+    """MAD / sqrt(2) of the moves night by night; not of older nights, nor of what was never measured."""
     quiet = np.outer((-1.0) ** np.arange(25), [0.01, 0.03, 0.02])  # each moves by twice its height
     quiet[:5] *= 1000.0
     expected = MAD / math.sqrt(2.0) * 0.04
@@ -79,9 +79,8 @@ def test_a_step_is_told_beyond_five_sigma_of_its_error() -> None:
     """sigma of nights that go to and fro by h: by their own spread, 1 + 2/n of it, beside what is usual."""
     height, before, after = 0.02, 20, 3
     to_and_fro = height * (-1.0) ** np.arange(before)
-    usual = MAD / math.sqrt(2.0) * 0.0  # of most methods, which never move
     spread = MAD * height * (1.0 + 2.0 / before)
-    sigma = max(usual, math.sqrt((before * spread**2 + 5.0 * usual**2) / (before + 5.0)))
+    sigma = spread * math.sqrt(before / (before + 5.0))  # the usual one is 0, and counts as five nights
     edge = 5.0 * sigma * math.sqrt(1.0 / after + 1.0 / before)
     for factor, told in ((0.999, 0), (1.001, 1)):
         series = np.zeros((before + after, 4))

@@ -1,0 +1,272 @@
+"""Gates word by word, for readers and for other programs; what each measure stands for; new bounds."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from gated import a_run
+
+from bodycheck.reports.gates.files import as_json, as_junit
+from bodycheck.reports.gates.gate import Gate, gate_of
+from bodycheck.reports.gates.measure import Measure, measure_of
+from bodycheck.reports.gates.proposal import Change, proposals
+from bodycheck.reports.gates.text import failure_rows, line_of, print_changes, print_results
+from bodycheck.reports.gates.verdict import GateResult, held
+
+ERROR = "orientation_error_rad"
+VERDICTS = ("converges", "at-floor", "pre-asymptotic", "lower-order", "too-few-points", "chaotic")
+COMMAND = "bodycheck run brick --engine mujoco:rk4 --dt 0.01"
+
+
+def gate(**table: Any) -> Gate:
+    """Return a gate on the orientation error, but for what is told."""
+    return gate_of({"measure": ERROR, "reason": "because", **table}, "here")
+
+
+def results() -> tuple[GateResult, ...]:
+    """Return one gate that passed, two that failed, and one that measured nothing."""
+    run = a_run([{}, {"dt_s": 0.02, ERROR: 1e-2}, {"dt_s": 0.03, "outcome": "failed", "message": "no\x00"}])
+    gates = [
+        gate(upper=1e-8, dt_s=0.01),
+        gate(upper=1e-3),
+        gate(measure="outcome", equals="ok"),
+        gate(upper=1.0, engine="dart"),
+    ]
+    return held(gates, run)
+
+
+TITLES = (
+    f"* *:* at 0.01 s: {ERROR} <= 1e-8",
+    f"* *:*: {ERROR} <= 0.001",
+    "* *:*: outcome = ok",
+    f"* dart:*: {ERROR} <= 1",
+)
+LINES = (
+    f"{TITLES[0]}: 1 case; worst 1e-9, 1 decades within",
+    f"{TITLES[1]}: 2 of 3 cases failed; worst 0.01, 1 decades beyond",
+    f"{TITLES[2]}: 1 of 3 cases failed; worst failed",
+    f"{TITLES[3]}: measured nothing: no engine of the run is dart; it has mujoco",
+)
+
+
+def test_each_gate_is_one_line() -> None:
+    """Its title, how many cases, how many failed, the worst and how far it is, or why there is none."""
+    assert tuple(line_of(result) for result in results()) == LINES
+
+
+def test_each_row_that_failed_is_told_with_its_command() -> None:
+    """Gate, scenario, method, step, value or why there is none, bound, distance and command."""
+    assert failure_rows(results()) == [
+        ("1", "brick", "mujoco:rk4", "dt 0.02 s", "0.01", f"{ERROR} <= 0.001", "1 decades beyond", COMMAND),
+        ("1", "brick", "mujoco:rk4", "dt 0.03 s", "failed: no\x00", f"{ERROR} <= 0.001", "", COMMAND),
+        ("2", "brick", "mujoco:rk4", "dt 0.03 s", "failed", "outcome = ok", "", COMMAND),
+    ]
+
+
+def test_the_terminal_has_lines_then_failures_then_reasons_then_the_count(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The reason stands for each gate that did not pass, the numbers of each end in the last line."""
+    print_results(results())
+    shown = capsys.readouterr().out.splitlines()
+    places = zip(("passed ", "failed ", "failed ", "nothing"), LINES, strict=True)
+    assert shown[:4] == [f"{status}  [{place}] {line}" for place, (status, line) in enumerate(places)]
+    assert shown[4] == ""
+    assert shown[5].split() == [
+        "gate",
+        "scenario",
+        "method",
+        "at",
+        "obtained",
+        "bound",
+        "distance",
+        "command",
+    ]
+    assert shown[6].endswith(COMMAND)
+    assert shown[-4:] == [
+        "[1] because",
+        "[2] because",
+        "[3] because",
+        "4 gates: 1 passed, 2 failed, 1 measured nothing",
+    ]
+    print_results(results()[:1])
+    assert capsys.readouterr().out.splitlines() == [f"passed   [0] {LINES[0]}", "1 gate: 1 passed"]
+
+
+def test_changes_are_told_with_what_was_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    """And how many gates are left as they are although they did not pass."""
+    changes = [
+        Change(0, "upper", 1e-8, 2e-9, 1e-9, loosens=False),
+        Change(1, "near", 1e-3, 1e-2, 1e-2, loosens=True),
+    ]
+    print_changes(changes, results(), 0.3)
+    about = f"* *:* {ERROR}:"
+    assert capsys.readouterr().out.splitlines() == [
+        f"[0] {about} upper 1e-8 -> 2e-9; measured 1e-9, margin 0.3 decades",
+        f"[1] {about} near 0.001 -> 0.01; measured 0.01; loosened",
+        "2 gates that did not pass left as they are: loosen with --loosen REASON",
+        "2 bounds replaced",
+    ]
+    print_changes(changes[:1], results()[:1], 0.3)
+    assert capsys.readouterr().out.splitlines()[1:] == ["1 bound replaced"]
+
+
+def test_junit_has_a_test_case_a_gate_and_a_failure_for_all_that_did_not_pass() -> None:
+    """With counts on both levels; characters that XML cannot hold are replaced."""
+    text = as_junit(results(), "gates.toml")
+    assert text.startswith(b"<?xml version='1.0' encoding='utf-8'?>\n<testsuites")
+    assert text.endswith(b"</testsuites>\n")
+    root = ElementTree.fromstring(text)
+    (suite,) = root
+    counts = {"tests": "4", "failures": "3", "errors": "0", "skipped": "0"}
+    assert (root.tag, root.attrib) == ("testsuites", counts)
+    assert (suite.tag, suite.attrib) == ("testsuite", {"name": "bodycheck gate", **counts})
+    names = [f"gate[{place}] {title}" for place, title in enumerate(TITLES)]
+    assert [(case.tag, case.attrib) for case in suite] == [
+        ("testcase", {"classname": "gates.toml", "name": name}) for name in names
+    ]
+    assert [[failure.tag for failure in case] for case in suite] == [[], *3 * [["failure"]]]
+    told = [case[0].attrib for case in suite if len(case)]
+    kinds = ("failed", "failed", "nothing")
+    assert told == [{"type": kind, "message": line} for kind, line in zip(kinds, LINES[1:], strict=True)]
+    replaced = f"brick | mujoco:rk4 | dt 0.03 s | failed: no\ufffd | {ERROR} <= 0.001 | {COMMAND}"
+    assert (suite[1][0].text or "").splitlines()[0] == "because"
+    assert (suite[1][0].text or "").splitlines()[2] == replaced
+
+
+def test_json_has_every_number_in_full() -> None:
+    """The file, the run, whether all passed, and each gate with its rows; what is infinite is null."""
+    found = json.loads(as_json(results(), "gates.toml", "the-run"))
+    assert {key: found[key] for key in ("tolerances", "run_id", "passed")} == {
+        "tolerances": "gates.toml",
+        "run_id": "the-run",
+        "passed": False,
+    }
+    first, second, third, fourth = found["gates"]
+    assert first["gate"]["upper"] == 1e-8
+    assert "lower" not in first["gate"]
+    assert [one["status"] for one in found["gates"]] == ["passed", "failed", "failed", "nothing"]
+    assert fourth["why"] == "no engine of the run is dart; it has mujoco"
+    assert first["rows"] == [
+        {
+            "scenario": "brick",
+            "engine": "mujoco",
+            "method": "rk4",
+            "at": "dt 0.01 s",
+            "obtained": 1e-9,
+            "why": "",
+            "reproduce": COMMAND,
+            "passed": True,
+            "beyond_decades": pytest.approx(-1.0),
+        }
+    ]
+    assert second["rows"][2]["beyond_decades"] is None
+    assert third["rows"][2]["passed"] is False
+    assert json.loads(as_json(results()[:1], "", ""))["passed"] is True
+    order = held([gate(measure=f"order.{ERROR}", lower=3.5)], a_run([{}], [{}]))
+    assert json.loads(as_json(order, "", ""))["gates"][0]["rows"][0]["beyond"] == -0.5
+    zero = held([gate(upper=0.0)], a_run([{}]))
+    assert json.loads(as_json(zero, "", ""))["gates"][0]["rows"][0]["beyond_decades"] is None
+
+
+@pytest.mark.parametrize(
+    ("name", "measure"),
+    [
+        ("energy_drift", Measure("results", "energy_drift")),
+        ("energy_drift_abs", Measure("results", "energy_drift_abs")),
+        ("step_change_rad", Measure("results", "step_change_rad")),
+        ("steps", Measure("results", "steps", in_decades=False)),
+        ("rhs_evaluations", Measure("results", "rhs_evaluations", in_decades=False)),
+        ("cpu_s", Measure("results", "cpu_s", is_speed=True)),
+        ("ns_per_step", Measure("results", "ns_per_step", is_speed=True)),
+        ("relative_cpu", Measure("results", "relative_cpu", is_speed=True)),
+        ("stability.dt_stable_s", Measure("stability", "dt_stable_s")),
+        (f"order.{ERROR}", Measure("methods", "order", ERROR, in_decades=False)),
+        (
+            "growth.energy_drift",
+            Measure(
+                *("methods", "growth", "energy_drift"),
+                words=("bounded", "sqrt", "linear", "quadratic", "exponential"),
+            ),
+        ),
+        (
+            "outcome",
+            Measure(
+                *("results", "outcome"),
+                words=("ok", "unstable", "failed", "timeout", "unsupported", "invalid"),
+            ),
+        ),
+    ],
+)
+def test_a_measure_stands_for_one_column(name: str, measure: Measure) -> None:
+    """With its table, its quantity, its words, and how two of its values are compared."""
+    assert measure_of(name) == measure
+
+
+@pytest.mark.parametrize(("name", "quantity"), [("verdict", ERROR), ("verdict.energy_drift", "energy_drift")])
+def test_a_verdict_is_of_the_orientation_unless_told_otherwise(name: str, quantity: str) -> None:
+    """Its words are the verdicts, and none of the outcomes."""
+    found = measure_of(name)
+    assert (found.source, found.column, found.quantity, found.in_decades) == (
+        "methods",
+        "verdict",
+        quantity,
+        True,
+    )
+    assert set(found.words) == {*VERDICTS, "does-not-converge", "unstable"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "order",
+        "growth",
+        "outcome.x",
+        "stability",
+        "stability.x",
+        "order.x",
+        "energy_scale_j",
+        "orthogonality_abs",
+    ],
+)
+def test_what_is_no_measure_is_refused_with_what_there_is(name: str) -> None:
+    """The message names it and lists the others."""
+    with pytest.raises(ValueError, match=f"no measure is named '{name}'; there are the columns of"):
+        measure_of(name)
+
+
+def bounds(table: dict[str, Any], *errors: float) -> list[tuple[str, float, float, float, bool]]:
+    """Return key, old and new bound, the worst measured and whether it loosens, where it may."""
+    run = a_run([{ERROR: error, "dt_s": k + 1.0} for k, error in enumerate(errors)])
+    changes = proposals(held([gate(**table)], run), 0.3, loosen=True)
+    return [(one.key, one.old, one.new, one.measured, one.loosens) for one in changes]
+
+
+@pytest.mark.parametrize(
+    ("table", "errors", "told"),
+    [
+        ({"near": 1e-3, "decades": 0.5}, (4e-3,), [("near", 1e-3, 4e-3, 4e-3, True)]),
+        ({"near": 1e-3, "decades": 0.5}, (1e-3, 9e-3), [("near", 1e-3, 3e-3, 9e-3, True)]),
+        ({"near": 1e-3, "decades": 0.5}, (1e-3, 11e-3), []),  # farther apart than one bound allows
+        ({"near": 1e-3, "decades": 0.5}, (1e-3, 3e-3), []),
+        ({"upper": 1e-3}, (1e-4, 1e-2), [("upper", 1e-3, 2e-2, 1e-2, True)]),
+        ({"lower": 1e-3}, (1e-4, 1e-2), [("lower", 1e-3, 5e-5, 1e-4, True)]),
+        ({"upper": 1e-3, "floor": 1e-2}, (9e-3,), []),  # all that is below the floor is the floor
+        ({"lower": 1e-3, "floor": 1e-2}, (1e-4,), []),
+        ({"lower": 1e-3, "floor": 1e-2}, (1.0,), [("lower", 1e-3, 0.5, 1.0, False)]),
+        (
+            {"lower": 1e-3, "upper": 1e-2},
+            (5e-3,),
+            [("lower", 1e-3, 2.5e-3, 5e-3, False)],
+        ),
+        ({"upper": 1.0}, (0.0,), []),
+    ],
+)
+def test_a_new_bound_is_the_margin_from_the_worst(
+    table: dict[str, Any], errors: tuple[float, ...], told: list[tuple[str, float, float, float, bool]]
+) -> None:
+    """Upward of the largest, downward of the least, to two digits; the middle of both where it is near."""
+    assert bounds(table, *errors) == [(*one[:2], pytest.approx(one[2], rel=1e-12), *one[3:]) for one in told]
