@@ -40,7 +40,12 @@ SLACK = 5.0
 
 _MEASURES = ("measures", "scales", "invariants", "case")
 _SPLINES = "test_energy_balance.py::test_the_integral_of_a_spline_is_that_of_every_polynomial_it_contains"
-_GATES = ("gates/test_gate_words.py", "gates/test_gate_laws.py", "gates/test_gate_files.py", "gates/test_proposals.py")
+_GATES = (
+    "gates/test_gate_words.py",
+    "gates/test_gate_laws.py",
+    "gates/test_gate_files.py",
+    "gates/test_proposals.py",
+)
 TESTS: dict[str, tuple[str, ...]] = {
     **{f"reports/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
     "reports/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),
@@ -50,7 +55,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/stability.py": ("test_state_laws.py",),
     "reports/offenders.py": ("test_state_laws.py",),
     "reports/summary.py": ("test_state_laws.py",),
-    "adapters/stable_step.py": ("../adapters/test_stable_step.py",),
+    "adapters/stable_step.py": ("../adapters/test_stable_step_laws.py",),
     **{
         f"reports/gates/{name}.py": _GATES
         for name in ("editing", "files", "gate", "measure", "proposal", "rows", "text", "verdict")
@@ -61,7 +66,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         for name in ("accuracy", "change", "circumstances", "compare", "speeds", "stable_steps", "words")
     },
     **{
-        f"reports/comparison/{name}.py": ("comparison/test_compare.py",)
+        f"reports/comparison/{name}.py": ("comparison/test_one_measure_laws.py",)
         for name in ("one_measure", "page", "text")
     },
     "reports/history/levels.py": ("history/test_level_laws.py",),
