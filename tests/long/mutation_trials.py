@@ -23,7 +23,6 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -40,12 +39,7 @@ SLACK = 5.0
 
 _MEASURES = ("measures", "scales", "invariants", "case")
 _SPLINES = "test_energy_balance.py::test_the_integral_of_a_spline_is_that_of_every_polynomial_it_contains"
-_GATES = (
-    "gates/test_gate_words.py",
-    "gates/test_gate_laws.py",
-    "gates/test_gate_files.py",
-    "gates/test_proposals.py",
-)
+_GATES = tuple(f"gates/test_{name}.py" for name in ("gate_words", "gate_laws", "gate_files", "proposals"))
 TESTS: dict[str, tuple[str, ...]] = {
     **{f"reports/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
     "reports/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),
@@ -92,14 +86,14 @@ ONLY = {
 EQUIVALENT: dict[tuple[str, str, str], str] = {}
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 
-_PLACE = (
-    Path(tempfile.gettempdir()) / "bodycheck-mutants"
-)  # one and the same: kernels are cached by their path
+# one and the same each time, as kernels are cached by their path
+_PLACE = Path(tempfile.gettempdir()) / "bodycheck-mutants"
 _OUTPUT = _PLACE / "output.txt"
+_MOST_MEMORY = 8 * 2**30  # bytes of a mutant that never ends
 
 _OPTIONS = (
     *("-x", "-q", "-n0", "-m", "not slow", "-p", "no:cacheprovider", "--hypothesis-seed=0"),
-    *("--tb=short", "--assert=plain"),  # pytest's own asserts would have to be made before the packages below
+    *("--tb=short", "--assert=plain"),  # asserts of pytest's own making would precede all imports
 )
 _HEAVY = (
     "hypothesis.stateful",
@@ -150,8 +144,8 @@ class Mutant:
     source: str
 
     @property
-    def told(self) -> tuple[str, str, str]:
-        """The key of EQUIVALENT."""
+    def key(self) -> tuple[str, str, str]:
+        """What EQUIVALENT names it by."""
         return self.module, self.text, f"{self.before} -> {self.after}"
 
     def __str__(self) -> str:
@@ -166,12 +160,12 @@ def main() -> int:
     parser.add_argument("--module", action="append", choices=sorted(TESTS), help="all of them, unless told")
     asked = parser.parse_args()
     every = [mutant for module in TESTS for mutant in mutants_of(module)]
-    if stale := EQUIVALENT.keys() - {mutant.told for mutant in every}:
+    if stale := EQUIVALENT.keys() - {mutant.key for mutant in every}:
         raise SystemExit("\n".join(f"EQUIVALENT has what is no mutant: {key}" for key in sorted(stale)))
     chosen = [mutant for mutant in every if mutant.module in (asked.module or TESTS)]
     random.Random(asked.seed).shuffle(chosen)
     drawn = chosen[: asked.mutants]
-    judged = [mutant for mutant in drawn if mutant.told not in EQUIVALENT]
+    judged = [mutant for mutant in drawn if mutant.key not in EQUIVALENT]
     print(f"{len(chosen)} mutants, {len(drawn)} drawn, {len(drawn) - len(judged)} of them equivalent")
     try:
         _PLACE.mkdir()
@@ -183,10 +177,10 @@ def main() -> int:
         survived = tried(copied(_PLACE), sorted(judged, key=lambda mutant: mutant.module))
     finally:
         shutil.rmtree(_PLACE)
-    return told(judged, survived)
+    return summed_up(judged, survived)
 
 
-def told(judged: Sequence[Mutant], survived: Sequence[Mutant]) -> int:
+def summed_up(judged: Sequence[Mutant], survived: Sequence[Mutant]) -> int:
     """Print how many were killed, of each module and in all; return the exit status."""
     amounts, left = (Counter(mutant.module for mutant in some) for some in (judged, survived))
     for module, amount in amounts.items():
@@ -218,17 +212,11 @@ def copied(place: Path) -> Path:
 
 def tried(place: Path, mutants: Sequence[Mutant]) -> list[Mutant]:
     """Run the tests on each mutant, those of one module one after the other; return the survivors."""
-    survived, usual_s = [], {}
+    survived, usual_s = list[Mutant](), dict[tuple[str, ...], float]()
     for mutant in mutants:
         tests, file = TESTS[mutant.module], place / "bodycheck" / mutant.module
         if tests not in usual_s:
-            if not passed(tests, 600.0):
-                raise SystemExit(
-                    f"without a mutant the tests of {mutant.module} fail:\n{_OUTPUT.read_text()}"
-                )
-            start = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-            passed(tests, 600.0)
-            usual_s[tests] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - start[1]
+            usual_s[tests] = usual(tests)
         sound = file.read_text(encoding="utf-8")
         file.write_text(mutant.source, encoding="utf-8")
         if passed(tests, SLACK * (1.0 + usual_s[tests])):
@@ -236,6 +224,15 @@ def tried(place: Path, mutants: Sequence[Mutant]) -> list[Mutant]:
             print(f"survived  {mutant}", flush=True)
         file.write_text(sound, encoding="utf-8")
     return survived
+
+
+def usual(tests: Sequence[str]) -> float:
+    """Return the processor time in s that tests take without a mutant; they have to pass."""
+    for _ in range(2):  # the first compiles what the second does not
+        start = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        if not passed(tests, 600.0):
+            raise SystemExit(f"without a mutant they fail: {', '.join(tests)}\n{_OUTPUT.read_text()}")
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - start
 
 
 def passed(tests: Sequence[str], limit_s: float) -> bool:
@@ -252,20 +249,11 @@ def passed(tests: Sequence[str], limit_s: float) -> bool:
 def _test(tests: Sequence[str], limit_s: float) -> None:
     os.setsid()
     resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 1))
+    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
     output = os.open(_OUTPUT, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
-    options = [
-        "-x",
-        "-q",
-        "-n0",
-        "--tb=short",
-        "--assert=plain",
-        "-p",
-        "no:cacheprovider",
-        "--hypothesis-seed=0",
-    ]
-    sys.exit(pytest.main([*options, *(os.path.normpath(f"tests/reports/{test}") for test in tests)]))
+    sys.exit(pytest.main([*_OPTIONS, *(os.path.normpath(f"tests/reports/{test}") for test in tests)]))
 
 
 def mutants_of(module: str) -> Iterator[Mutant]:
