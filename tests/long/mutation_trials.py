@@ -83,7 +83,18 @@ ONLY = {
 }
 """Of these modules only these functions are meant."""
 
-EQUIVALENT: dict[tuple[str, str, str], str] = {}
+EQUIVALENT: dict[tuple[str, str, str], str] = {
+    (
+        "reports/comparison/change.py",
+        'return "other" if before == after else "better" if after > before else "worse"',
+        "after > before -> after >= before",
+    ): "there the two are not equal",
+    (
+        "reports/convergence.py",
+        "decades(ended) >= _PLATEAU_DECADES - 1e-6",
+        "decades(ended) >= _PLATEAU_DECADES - 1e-06 -> decades(ended) > _PLATEAU_DECADES - 1e-06",
+    ): "the millionth is slack for round-off: no ratio of steps asked for has this very logarithm",
+}
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 
 # one and the same each time, as kernels are cached by their path

@@ -487,6 +487,9 @@ def test_the_sentences_say_how_much_was_compared_and_what_changed() -> None:
         "1 case compared, 0 of them by their speed too; 2 only in the run after, 1 only in the run before.",
         "Worse: mujoco:rk4.",
     ]
+    euler, gone = {"method": "euler", "omega_error": 1e-3}, {"method": "euler"}
+    mixed = compare(run({ERROR: 1e-6}, euler), run({}, gone))
+    assert sentences(mixed)[-1] == "Better: mujoco:rk4. Otherwise different: mujoco:euler."
     assert sentences(compare(run({}), run({}, {"dt_s": 0.02})))[-1] == (
         "The cases that both runs have did not change."
     )
