@@ -94,6 +94,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "decades(ended) >= _PLATEAU_DECADES - 1e-6",
         "decades(ended) >= _PLATEAU_DECADES - 1e-06 -> decades(ended) > _PLATEAU_DECADES - 1e-06",
     ): "the millionth is slack for round-off: no ratio of steps asked for has this very logarithm",
+    (
+        "reports/convergence.py",
+        "if found[2] <= widest and found[1] >= max(_LEAST_ORDER, found[2]):",
+        "found[2] <= widest -> found[2] < widest",
+    ): "a half-width that is fitted is never the very double of a level",
 }
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 

@@ -185,6 +185,8 @@ def test_of_runs_of_one_length_the_finer_is_taken() -> None:
         (points((1e-2, 1e-3), (1e-4, 1e-3), settling=0.11), LIMIT, ("too-few-points", 2, LIMIT)),
         (points((1e-2, 1e-3), (1e-4, 1e-3), settling=None), LIMIT, ("too-few-points", 2, LIMIT)),
         (points((1e-2, 1e-3), (1.1e-4, 1e-3), settling=0.1), LIMIT, ("too-few-points", 2, LIMIT)),
+        (points((100.0, 1e-3), (10.0**0.5e-6, 1e-3), settling=0.1), LIMIT, ("does-not-converge", 2, LIMIT)),
+        (points((100.0, 1e-3), (10.0**1.5e-6, 1e-3), settling=0.1), LIMIT, ("too-few-points", 2, LIMIT)),
         (points((1e-2, 2.1e-3), (1e-4, 1e-3), settling=0.1), LIMIT, ("too-few-points", 2, LIMIT)),
     ],
 )
