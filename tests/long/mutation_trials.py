@@ -99,6 +99,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "if found[2] <= widest and found[1] >= max(_LEAST_ORDER, found[2]):",
         "found[2] <= widest -> found[2] < widest",
     ): "a half-width that is fitted is never the very double of a level",
+    (
+        "reports/gates/rows.py",
+        'return "no case of the run matched"',
+        "return 'no case of the run matched' -> return None",
+    ): "it is asked only of what matched nothing, where some key has left no case before this line",
 }
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 

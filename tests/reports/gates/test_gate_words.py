@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from io import StringIO
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 from gated import a_run
+from rich.console import Console
 
+from bodycheck.errors import InputError
+from bodycheck.reports.gates import text
+from bodycheck.reports.gates.editing import edited
 from bodycheck.reports.gates.files import as_json, as_junit
 from bodycheck.reports.gates.gate import Gate, gate_of
 from bodycheck.reports.gates.measure import Measure, measure_of
@@ -96,6 +102,26 @@ def test_the_terminal_has_lines_then_failures_then_reasons_then_the_count(
     assert capsys.readouterr().out.splitlines() == [f"passed   [0] {LINES[0]}", "1 gate: 1 passed"]
 
 
+def test_on_a_terminal_the_status_alone_is_coloured_and_no_line_is_broken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Green where it passed, red else; a line that is longer than the terminal is left to that."""
+    shown = StringIO()
+    narrow = Console(file=shown, width=30, force_terminal=True, color_system="standard", highlight=False)
+    monkeypatch.setattr(text, "console", lambda: narrow)
+    print_results(results())
+    lines = shown.getvalue().splitlines()
+    colours = ("\x1b[32mpassed ", "\x1b[31mfailed ", "\x1b[31mfailed ", "\x1b[31mnothing")
+    for place, (line, colour) in enumerate(zip(lines[:4], colours, strict=True)):
+        assert line.startswith(f"{colour}\x1b[0m\x1b[39m")
+        assert f"[{place}] {LINES[place]}" in line
+    reasoned = replace(results()[1], gate=gate(upper=1e-3, reason=20 * "because "))
+    print_results([reasoned])
+    assert f"[0] {20 * 'because '}".rstrip() in shown.getvalue()
+    print_changes([Change(1, "near", 1e-3, 1e-2, 1e-2, loosens=True)], results(), 0.3)
+    assert "near 0.001 -> 0.01; measured 0.01; loosened" in shown.getvalue()
+
+
 def test_changes_are_told_with_what_was_measured(capsys: pytest.CaptureFixture[str]) -> None:
     """And how many gates are left as they are although they did not pass."""
     changes = [
@@ -116,10 +142,10 @@ def test_changes_are_told_with_what_was_measured(capsys: pytest.CaptureFixture[s
 
 def test_junit_has_a_test_case_a_gate_and_a_failure_for_all_that_did_not_pass() -> None:
     """With counts on both levels; characters that XML cannot hold are replaced."""
-    text = as_junit(results(), "gates.toml")
-    assert text.startswith(b"<?xml version='1.0' encoding='utf-8'?>\n<testsuites")
-    assert text.endswith(b"</testsuites>\n")
-    root = ElementTree.fromstring(text)
+    written = as_junit(results(), "gates.toml")
+    assert written.startswith(b"<?xml version='1.0' encoding='utf-8'?>\n<testsuites")
+    assert written.endswith(b"</testsuites>\n")
+    root = ElementTree.fromstring(written)
     (suite,) = root
     counts = {"tests": "4", "failures": "3", "errors": "0", "skipped": "0"}
     assert (root.tag, root.attrib) == ("testsuites", counts)
@@ -270,3 +296,10 @@ def test_a_new_bound_is_the_margin_from_the_worst(
 ) -> None:
     """Upward of the largest, downward of the least, to two digits; the middle of both where it is near."""
     assert bounds(table, *errors) == [(*one[:2], pytest.approx(one[2], rel=1e-12), *one[3:]) for one in told]
+
+
+def test_an_edit_after_which_a_file_could_not_be_read_is_refused() -> None:
+    """A new upper bound below the lower one is never written."""
+    told = '[[gate]]\nmeasure = "energy_drift"\nlower = 1e-4\nupper = 1e-3\nreason = "r"\n'
+    with pytest.raises(InputError, match="here: cannot be edited"):
+        edited(told, "here", [Change(0, "upper", 1e-3, 1e-5, 5e-6, loosens=False)], None)
