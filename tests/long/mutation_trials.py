@@ -104,6 +104,21 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         'return "no case of the run matched"',
         "return 'no case of the run matched' -> return None",
     ): "it is asked only of what matched nothing, where some key has left no case before this line",
+    (
+        "reports/growth.py",
+        'return "exponential" if unfit_in_time * _EXPONENTIAL_GAIN < unfit else None',
+        "unfit_in_time * _EXPONENTIAL_GAIN < unfit -> unfit_in_time * _EXPONENTIAL_GAIN <= unfit",
+    ): "of two fits' residuals neither is this very multiple of the other",
+    (
+        "reports/growth.py",
+        'return "sqrt" if low <= exponent <= high and late > _ROOT_LATE and wavers else None',
+        "low <= exponent <= high -> low <= exponent < high",
+    ): "an exponent that is fitted is never the very double of an edge",
+    (
+        "reports/growth.py",
+        "wavers = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
+        "slopes[-1] > _FLAT -> slopes[-1] >= _FLAT",
+    ): "a slope between logarithms is never the very double of an edge",
 }
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 

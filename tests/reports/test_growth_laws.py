@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.growth import Growth, growth_of
 
 T = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 601)])
@@ -46,6 +47,30 @@ def test_a_power_of_t_has_the_kind_of_its_band_and_no_interval(power: float, kin
 def test_an_exponential_is_told_where_it_has_come_far_enough(rate: float, told: bool) -> None:
     """Its slope against log t has to be above 1.5 at the end."""
     assert (growth_of(T, np.exp(rate * T), 1e-12).growth == "exponential") == told
+
+
+def misfit(argument: Array, values: Array) -> float:
+    """Return the root of the mean squared residual of a straight line, by numpy's fit."""
+    fitted = np.polyval(np.polyfit(argument, values, 1), argument)
+    return float(np.sqrt(np.mean((values - fitted) ** 2)))
+
+
+@pytest.mark.parametrize(("gain", "told"), [(1.55, True), (1.45, False)])
+def test_an_exponential_follows_t_half_as_well_again_as_it_follows_log_t(gain: float, told: bool) -> None:
+    """Between exp(t) and a power that grows with log t, by how much straighter log M is in t."""
+    x = np.linspace(math.log(1e-2), 0.0, 40)
+
+    def log_drift(at: Array, share: float) -> Array:
+        return 40.0 * ((1.0 - share) * np.exp(at) + share * (at - x[0]) ** 2 / 20.0)
+
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        share = 0.5 * (low + high)
+        values = log_drift(x, share)
+        better = misfit(x, values) > gain * misfit(np.exp(x), values)
+        low, high = (share, high) if better else (low, share)
+    drift = np.exp(log_drift(np.log(np.maximum(T, 1e-2)), low))
+    assert (growth_of(T, drift, 1e-12).growth == "exponential") == told
 
 
 def test_the_interval_is_that_of_the_slopes_of_four_pieces() -> None:

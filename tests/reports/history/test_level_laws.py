@@ -59,6 +59,7 @@ def test_the_usual_spread_is_the_median_over_the_methods_of_the_last_twenty_nigh
     """MAD / sqrt(2) of the moves night by night; not of older nights, nor of what was never measured."""
     quiet = np.outer((-1.0) ** np.arange(25), [0.01, 0.03, 0.02])  # each moves by twice its height
     quiet[:5] *= 1000.0
+    quiet[19:] *= 2.0  # fewer than half of those nights
     expected = MAD / math.sqrt(2.0) * 0.04
     assert usual_spread(quiet) == pytest.approx(expected)
     assert usual_spread(np.insert(quiet, 1, math.nan, axis=1)) == pytest.approx(expected)
