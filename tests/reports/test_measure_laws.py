@@ -364,6 +364,20 @@ def test_the_jacobi_integral_is_that_of_the_formula() -> None:
     assert jacobi.needs == {"attitude", "omega"}
 
 
+def test_the_jacobi_integral_knows_on_which_side_the_planet_lies() -> None:
+    """Of a brick tipped about the orbit's normal the field differs between u and its mirror image."""
+    rate, tip, t = 0.4, 0.3, WHIRL.t_s
+    (jacobi,) = invariants_of(scene(GravityGradient(rate)))
+    half = np.tile([math.cos(0.5 * tip), 0.0, math.sin(0.5 * tip), 0.0], (4, 1))
+    tipped = still(quaternion=half, omega_body_rad_s=WHIRL.omega_body)
+    # u stands at the angle n t in the world, about y, and the body at its tip
+    first, third = -np.sin(rate * t - tip), -np.cos(rate * t - tip)
+    field = 1.5 * rate**2 * (1.0 * first**2 + 3.0 * third**2)
+    kinetic = 0.5 * (1.0 * 0.25 + 2.0 * 0.0625 + 3.0 * 4.0)
+    along_y = 2.0 * -0.25
+    assert jacobi.of(tipped) == pytest.approx(kinetic - rate * along_y + field, rel=1e-12)
+
+
 @pytest.mark.parametrize(("off", "there"), [(0.0, True), (1e-11, False), (-1e-11, False)])
 def test_kovalevskayas_invariant_is_that_of_her_top(off: float, there: bool) -> None:
     """I1 = I2 = 2 I3 about the pivot, the arm across the axis; |(p + iq)^2 - c (a + ib)|^2, by hand."""
