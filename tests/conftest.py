@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from tiers import pytest_collection_modifyitems as pytest_collection_modifyitems
 
 import bodycheck
 from bodycheck.adapters.contract import Method, Simulation

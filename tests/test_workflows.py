@@ -69,3 +69,9 @@ def test_tests_run_on_three_pythons() -> None:
     """Those that the package says it supports."""
     tests = jobs(_FOLDER / "tests.yml")["tests"]
     assert tests["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
+
+
+def test_a_night_runs_the_tests_that_a_push_leaves_out() -> None:
+    """By the mark that the project's settings explain."""
+    steps = jobs(_FOLDER / "nightly.yml")["tests"]["steps"]
+    assert steps[-1]["run"] == "python -m pytest -m nightly"
