@@ -26,6 +26,11 @@ HANGING = ["run", "mine.toml", "--engine", "misbehaving:c-loop,reference:m1", *S
 Command = Callable[..., "subprocess.Popen[str]"]
 
 
+def heed_interrupts() -> None:
+    """Let Ctrl-C end the process: a shell that puts these tests in the background has it ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.fixture
 def command(tmp_path: Path) -> Iterator[Command]:
     """Return a way to start a command in a folder with a scenario, where another package offers an engine."""
@@ -48,6 +53,7 @@ def command(tmp_path: Path) -> Iterator[Command]:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            preexec_fn=heed_interrupts,
         )
         started.append(process)
         return process
