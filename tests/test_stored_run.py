@@ -91,7 +91,13 @@ ALL_BUT_THE_HANGING_CASE = 5
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("blow", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, -15), (signal.SIGKILL, -9)], ids=str
+    ("blow", "status"),
+    [
+        (signal.SIGINT, 130),
+        pytest.param(signal.SIGTERM, -15, marks=pytest.mark.nightly),
+        (signal.SIGKILL, -9),
+    ],
+    ids=str,
 )
 def test_a_stopped_run_leaves_no_worker_and_goes_on_to_the_same_tables(
     blow: signal.Signals, status: int, command: Command, tmp_path: Path
@@ -212,7 +218,7 @@ def test_engines_of_other_packages_are_asked_once(command: Command, tmp_path: Pa
             pd.testing.assert_frame_equal(tables(tmp_path / out)[name], table)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_trials_of_faults_find_none(tmp_path: Path) -> None:
     """Three of the trials of tests/long, each of another kind, end as they must."""
     script = Path(__file__).parent / "long/fault_trials.py"
