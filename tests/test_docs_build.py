@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_docs_build_without_a_warning(tmp_path: Path) -> None:
     """Every page is in a contents list, every link and every name of the interface is found."""
     (command,) = (line for line in (ROOT / ".ci/run").read_text().splitlines() if "sphinx-build" in line)

@@ -148,7 +148,7 @@ def test_arrays_of_the_documented_interface_have_their_shapes(module: str) -> No
             assert told or not re.search(r"\bArray\b", annotations), f"{path.name}: {node.name}"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_distribution_holds_the_package_and_nothing_else(tmp_path: Path) -> None:
     """The files of the wheel, built from the sdist, are the tree's: no links, no tests; meshes are found."""
     # built from a copy: setuptools leaves build/ behind, and would put stale files of it into the next wheel

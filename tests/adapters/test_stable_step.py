@@ -121,7 +121,10 @@ SCANNERS = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", SCANNED)
+@pytest.mark.parametrize(
+    "scenario",
+    ["stiff-spring", "stiff-drag", pytest.param("spring-pendulum", marks=pytest.mark.nightly)],
+)
 @pytest.mark.parametrize(("engine", "method"), SCANNERS)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # what runs away overflows
 def test_the_limit_is_that_of_a_scan_of_every_step(scenario: str, engine: str, method: str) -> None:

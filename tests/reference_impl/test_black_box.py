@@ -55,6 +55,7 @@ def of_everything(
     return force, torque
 
 
+@pytest.mark.slow
 def test_it_makes_the_kernels_steps() -> None:
     """Under torques and forces that are held, the states are those of the dop853 kernel to round-off."""
     samples = np.linspace(0.0, 1.25, 6)
@@ -70,6 +71,7 @@ def test_it_makes_the_kernels_steps() -> None:
         INTEGRATORS["dop853"].advance(state, packed_body(BODY), load, 0.05, 5)
 
 
+@pytest.mark.slow
 def test_a_compiled_function_serves_as_well() -> None:
     """numba's own function gives the same motion as the Python that it was compiled from."""
     compiled = numba.njit(of_everything)

@@ -396,8 +396,13 @@ def random_stretched(seed: int) -> Scene:
 OWN_KERNEL = pytest.mark.nightly  # a certified solver for loads that no other test has takes 13 s to compile
 
 
-@pytest.mark.parametrize("make", [random_scene, random_stretched])
-@pytest.mark.parametrize("seed", [pytest.param(n, marks=[OWN_KERNEL] * (n % 2)) for n in range(8)])
+@pytest.mark.parametrize(
+    ("make", "seed"),
+    [
+        *((random_stretched, seed) for seed in range(8)),
+        *(pytest.param(random_scene, seed, marks=[OWN_KERNEL] * (seed % 2)) for seed in range(8)),
+    ],
+)
 def test_truth_lies_within_its_bounds_of_the_certified_solver(
     make: Callable[[int], Scene], seed: int
 ) -> None:

@@ -356,6 +356,7 @@ def test_truth_in_every_corner(name: str) -> None:
     assert_right(rotation, truth(name), (-0.7 * turn_s,))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LONG_CASES)
 def test_truth_after_the_flips(name: str) -> None:
     """Beside the separatrix it is still so after a flip or more, where a stepper has lost every digit."""
@@ -375,6 +376,7 @@ def test_nearly_symmetric(gap: float, order: tuple[int, int, int]) -> None:
 FAR = ["general", "general, other side", "oblate", "needle, not symmetric", "1000 rad/s", "tensor"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAR)
 def test_truth_far_away(name: str) -> None:
     """Nothing is lost at 1e6 s and 1e9 s, forwards or backwards."""
@@ -384,6 +386,7 @@ def test_truth_far_away(name: str) -> None:
         assert_close(rotation, t_s, truth(name).far(t_s, *once))
 
 
+@pytest.mark.slow
 def test_truths_agree() -> None:
     """Steps all the way, whole periods and the textbook give the same to 1e-45."""
     inertia, omega = CASES["general"]
@@ -461,6 +464,7 @@ def test_flips_of_full_tensors_far_away(offset: float, seed: int) -> None:
     assert_close(rotation, flip_s, textbook_of_tensor(tensor, omega, flip_s))
 
 
+@pytest.mark.slow
 def test_offset_of_1e_160() -> None:
     """A spin that leaves the middle axis by 1e-160 flips 640 s later, on time."""
     inertia, omega = [1, 2, 3], [1e-160, 1, -3e-160]

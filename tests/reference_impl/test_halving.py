@@ -23,12 +23,13 @@ def hidden(scene: Scene) -> Scene:
 
 
 NAMES = [
-    "spring-pendulum",
     "heavy-top",
-    "satellite-libration",
-    "torsion-spring",
     "damped-fall",
     "sine-torque",
+    *(
+        pytest.param(n, marks=pytest.mark.slow)
+        for n in ("spring-pendulum", "satellite-libration", "torsion-spring")
+    ),
 ]
 
 
@@ -46,6 +47,7 @@ def test_a_function_gives_the_motion_of_the_loads_that_it_hides(name: str) -> No
     assert np.max(apart) <= 1e-12
 
 
+@pytest.mark.slow
 def test_switches_of_other_loads_are_met_exactly() -> None:
     """Beside a function, a load that comes and goes between samples acts from its first moment on."""
     pulses = (
@@ -61,6 +63,7 @@ def test_switches_of_other_loads_are_met_exactly() -> None:
     assert truth.bound_rad[-1] <= 1e-12
 
 
+@pytest.mark.slow
 def test_a_function_that_jumps_is_only_estimated() -> None:
     """Where halved steps do not come together as order 8 must, the truth does not call itself certified."""
 

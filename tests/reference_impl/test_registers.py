@@ -133,6 +133,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.slow
 def test_compiled_kernels_are_the_python_that_is_read() -> None:
     """Every integrator gives the same numbers compiled and interpreted."""
     compiled, interpreted = (printed_json(SHORT_MOTIONS, interpreted=plain) for plain in (False, True))

@@ -51,6 +51,7 @@ def test_a_method_told_a_tolerance_has_a_verdict_and_no_order(obedient: bodychec
     assert obedient.methods["order"].isna().all()
 
 
+@pytest.mark.slow
 def test_tolerances_asked_for_take_the_place_of_its_own() -> None:
     """--tolerance says which; the reproducing command repeats it."""
     run = bodycheck.run(["full-tensor"], engines=["reference:taylor"], tolerances=[1e-9], speed=False)
@@ -100,6 +101,7 @@ def test_nothing_is_said_of_a_tolerance_where_the_motion_is_lost() -> None:
     assert obedience_of(points(0.1, 0.2), 0.01).verdict == "chaotic"
 
 
+@pytest.mark.slow
 def test_a_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> None:
     """Beyond it nothing is measured, the row says until when, and the verdict is chaotic."""
     path = tmp_path / "chaotic.toml"
@@ -118,6 +120,7 @@ def test_a_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> No
     assert verdicts["orientation_error_rad"] == "chaotic"
 
 
+@pytest.mark.slow
 def test_the_horizon_of_a_chaotic_motion_is_where_a_case_leaves_the_truth(tmp_path: Path) -> None:
     """Up to it no error is above 0.3 rad, the next one is; finer steps get farther; else there is none."""
     path = tmp_path / "chaotic.toml"
@@ -138,6 +141,7 @@ def test_the_horizon_of_a_chaotic_motion_is_where_a_case_leaves_the_truth(tmp_pa
     )
 
 
+@pytest.mark.slow
 def test_speed_is_told_beside_a_yardstick() -> None:
     """A case's time has quartiles in order and a ratio to the yardstick; the machine's noise is known."""
     run = bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01, 0.005])

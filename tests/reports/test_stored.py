@@ -118,6 +118,7 @@ def test_a_damaged_or_foreign_folder_is_refused_in_one_line(
     assert "run" in str(refused.value)
 
 
+@pytest.mark.slow
 def test_a_scenario_with_a_function_needs_leave_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

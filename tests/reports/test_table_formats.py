@@ -5,13 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from bodycheck.errors import UnavailableError
 from bodycheck.reports.stored import read_tables
 from bodycheck.reports.table_formats import as_csv, as_json, as_markdown, as_parquet
 
@@ -57,15 +55,6 @@ def test_parquet_reads_back_as_the_same_table(results: pd.DataFrame, tmp_path: P
     with duckdb.connect() as database:
         again = database.execute(f"SELECT * FROM '{tmp_path / 'results.parquet'}'").df()
     pd.testing.assert_frame_equal(again, results, check_exact=True)
-
-
-def test_parquet_without_its_library_names_the_extra(
-    results: pd.DataFrame, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One line that says what to install."""
-    monkeypatch.setitem(sys.modules, "duckdb", None)
-    with pytest.raises(UnavailableError, match=r"^parquet needs DuckDB: pip install 'bodycheck\[parquet\]'$"):
-        as_parquet(results)
 
 
 def test_a_table_of_none_has_its_head(results: pd.DataFrame) -> None:

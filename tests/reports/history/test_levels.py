@@ -52,6 +52,7 @@ def test_a_fifth_is_told_within_five_nights_and_once(seed: int, factor: float, n
         assert step.size == pytest.approx(math.log10(factor), abs=4.0 * SIGMA)
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None)
 @given(
     seed=st.integers(0, 10_000), height=st.floats(-0.5, 0.5), at=st.integers(0, 29), cut=st.integers(1, 30)
