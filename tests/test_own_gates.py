@@ -16,7 +16,7 @@ from bodycheck.scenarios.library import suites
 ROOT = Path(__file__).parents[1]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # .ci/run holds all gates
 def test_the_projects_own_gates_hold_where_the_racket_flips() -> None:
     """All gates that look at the intermediate axis hold there, and were measured."""
     gates = [
