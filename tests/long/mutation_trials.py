@@ -119,6 +119,26 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "wavers = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
         "slopes[-1] > _FLAT -> slopes[-1] >= _FLAT",
     ): "a slope between logarithms is never the very double of an edge",
+    (
+        "reports/ladder.py",
+        "while decade <= limit:",
+        "decade <= limit -> decade < limit",
+    ): "of the round numbers only those below the limit are used",
+    (
+        "reports/ladder.py",
+        "numbers += [digit * decade for digit in _LEADING if digit * decade <= limit]",
+        "digit * decade <= limit -> digit * decade < limit",
+    ): "of the round numbers only those below the limit are used",
+    (
+        "reports/offenders.py",
+        "return min(ended, key=lambda case: case.setting.fineness or 0.0, default=None)",
+        "0.0 -> 1.0",
+    ): "a method that is told neither a step nor a tolerance has one case",
+    (
+        "reports/scales.py",
+        "return float(np.max(np.linalg.norm(vectors, axis=-1)))",
+        "-1 -> 1",
+    ): "all vectors that come here are (n, 3)",
 }
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 

@@ -75,6 +75,7 @@ def test_a_method_is_shown_at_the_common_step_or_at_its_finest_tolerance() -> No
     none = [case(dt_s=None)]
     assert shown_case(none, 0.01) is none[0]
     assert common_step([case(dt_s=0.1), case(dt_s=0.1), case(dt_s=0.2), case(dt_s=None)]) == 0.1
+    assert common_step([case(dt_s=0.1), case(dt_s=0.2)]) == 0.1
     unsupported = [case(dt_s=0.2, outcome="unsupported") for _ in range(3)]
     assert common_step([case(dt_s=0.1), *unsupported]) == 0.1
 
