@@ -29,6 +29,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from py_compile import PycInvalidationMode
+from typing import Any
 
 import pytest
 
@@ -163,7 +164,7 @@ _HEAVY = (
     "bodycheck.scenarios.reader",
 )
 
-_OTHER: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
+_OTHER: dict[type[ast.AST], tuple[Any, ...]] = {
     ast.Lt: (ast.LtE, ast.Gt),
     ast.LtE: (ast.Lt, ast.Gt),
     ast.Gt: (ast.GtE, ast.Lt),
@@ -226,9 +227,7 @@ def main() -> int:
     try:
         _PLACE.mkdir()
     except FileExistsError:
-        raise SystemExit(
-            f"{_PLACE}: is there: of trials that go on, or were killed; then remove it"
-        ) from None
+        raise SystemExit(f"{_PLACE}: is there: trials go on, or were killed: then remove it") from None
     try:
         survived = tried(copied(_PLACE), sorted(judged, key=lambda mutant: mutant.module))
     finally:
@@ -346,11 +345,8 @@ def _places(node: ast.AST, line: int) -> Iterator[tuple[ast.AST, str, int | None
             if not isinstance(child, ast.AST) or _says_only(node, child):
                 continue
             # before Python 3.12 what stands within an f-string has no line of its own
-            at = (
-                line
-                if isinstance(node, ast.JoinedStr | ast.FormattedValue)
-                else getattr(child, "lineno", line)
-            )
+            quoted = isinstance(node, ast.JoinedStr | ast.FormattedValue)
+            at = line if quoted else getattr(child, "lineno", line)
             yield node, field, place, at
             yield from _places(child, at)
 
@@ -369,7 +365,7 @@ def _says_only(parent: ast.AST, child: ast.AST) -> bool:
     return False
 
 
-def _instead(old: ast.AST, field: str) -> Iterator[ast.AST | None]:
+def _instead(old: Any, field: str) -> Iterator[ast.AST | None]:
     """Yield what may stand instead of a piece of code; None: it is left out."""
     if field in ("test", "ifs") and not _has_an_opposite(old):
         yield ast.UnaryOp(ast.Not(), old)
