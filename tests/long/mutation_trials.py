@@ -140,6 +140,16 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "return float(np.max(np.linalg.norm(vectors, axis=-1)))",
         "-1 -> 1",
     ): "all vectors that come here are (n, 3)",
+    (
+        "reports/comparison/words.py",
+        'how = "slow" if change.decades > 0.0 else "fast"',
+        "change.decades > 0.0 -> change.decades >= 0.0",
+    ): "a speed that is the same is no change",
+    (
+        "reports/gates/files.py",
+        'return (json.dumps(told, indent=1, allow_nan=False) + "\\n").encode()',
+        "allow_nan=False -> nothing",
+    ): "it guards what the rows already hold: no number there is infinite or none",
 }
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 

@@ -205,6 +205,7 @@ def test_a_verdict_without_an_order_has_its_reason(
         (points((0.1, 1e-3)), 0.003, ("at-floor", 0, 0.003)),
         (points((0.1, None)), LIMIT, ("unstable", 0, LIMIT)),
         (points((0.1, 10.0 * LIMIT), (0.2, LIMIT)), LIMIT, ("at-floor", 0, LIMIT)),
+        (points((0.1, LIMIT), (0.2, 10.0 * LIMIT)), LIMIT, ("at-floor", 0, LIMIT)),
         (points((0.1, 10.0 * LIMIT), (0.2, 0.2)), LIMIT, ("converges", 1, LIMIT)),
         (points((1e-4, 0.99e-3), (1e-2, 1e-2)), LIMIT, ("converges", 2, LIMIT)),
         (points((1e-4, 1.01e-3), (1e-2, 1e-2)), LIMIT, ("does-not-converge", 2, LIMIT)),

@@ -384,6 +384,8 @@ def test_each_circumstance_that_differs_is_named_once() -> None:
     """Machine, software, engines, libraries and settings; an engine that is not there is unavailable."""
     before = {
         "cpu": "a",
+        "platform": "x",
+        "bodycheck": "0.1",
         "python": "3.11",
         "engines": {"mujoco": {"version": "3"}, "dart": {"unavailable": "no"}, "odd": {"version": "1"}},
         "libraries": {"numpy": "2.1", "numba": "0.61"},
@@ -392,7 +394,9 @@ def test_each_circumstance_that_differs_is_named_once() -> None:
     after = {
         "cpu": "b",
         "cores": 2,
-        "python": "3.11",
+        "platform": "y",
+        "bodycheck": "0.2",
+        "python": "3.12",
         "engines": {"mujoco": {"version": "4"}, "dart": {"version": "6"}},
         "libraries": {"numpy": "2.2", "numba": "0.61"},
         "timeout_s": 30.0,
@@ -401,6 +405,9 @@ def test_each_circumstance_that_differs_is_named_once() -> None:
     assert circumstances(before, after) == (
         "cpu: a -> b",
         "cores: none -> 2",
+        "platform: x -> y",
+        "bodycheck: 0.1 -> 0.2",
+        "python: 3.11 -> 3.12",
         "mujoco: 3 -> 4",
         "dart: unavailable -> 6",
         "odd: 1 -> none",

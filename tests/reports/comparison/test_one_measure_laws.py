@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from io import StringIO
 from typing import Any
 
 import pytest
 from gated import a_run
+from rich.console import Console
 
 from bodycheck.errors import InputError
+from bodycheck.reports.comparison import text
 from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.one_measure import Finding, OneMeasure, comparable, under_one_name
 from bodycheck.reports.comparison.page import render_comparison
 from bodycheck.reports.comparison.text import print_changes, print_comparison
-from bodycheck.reports.comparison.words import sentences
+from bodycheck.reports.comparison.words import HEADINGS, sentences
 from bodycheck.reports.run import Run
 from bodycheck.reports.stored import Tables
 
@@ -210,15 +213,27 @@ def test_of_a_long_list_twenty_lines_are_shown(
     ]
 
 
+@pytest.mark.parametrize(("direction", "colour"), [("worse", 31), ("better", 32), ("other", 33)])
+def test_on_a_terminal_each_heading_has_its_colour(
+    direction: Any, colour: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red, green or yellow, and bold."""
+    shown = StringIO()
+    console = Console(file=shown, width=100, force_terminal=True, color_system="standard", highlight=False)
+    monkeypatch.setattr(text, "console", lambda: console)
+    print_changes([Change("case", "brick", "mujoco", "rk4", "case", None, "ok", direction)], "there")
+    assert f"\x1b[1;{colour}m{HEADINGS[direction]}" in shown.getvalue()
+
+
 def test_the_page_has_all_of_it_under_the_tints_of_a_report() -> None:
     """Who, the sentences, and each heading once, bad, good and open in this order."""
     before = run({ERROR: 1e-3}, {"dt_s": 0.02, ERROR: 1e-3}, {"dt_s": 0.03})
     after = replace(run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-4}, {"dt_s": 0.04}), run_id="other")
     found = compare(before, after)
     page = render_comparison(found)
-    for text in ("made-up, today, bodycheck 1", "other, today, bodycheck 1", *sentences(found)):
-        assert text in page
-    places = [page.index(text) for text in ("Worse</h2>", "Better</h2>", "Otherwise different</h2>")]
+    for words in ("made-up, today, bodycheck 1", "other, today, bodycheck 1", *sentences(found)):
+        assert words in page
+    places = [page.index(head) for head in ("Worse</h2>", "Better</h2>", "Otherwise different</h2>")]
     assert places == sorted(places)
     assert math.isclose(page.count("0.001 -&gt; 0.01"), 1)
     assert "only in the run after at dt 0.04 s (ok)" in page

@@ -303,3 +303,13 @@ def test_an_edit_after_which_a_file_could_not_be_read_is_refused() -> None:
     told = '[[gate]]\nmeasure = "energy_drift"\nlower = 1e-4\nupper = 1e-3\nreason = "r"\n'
     with pytest.raises(InputError, match="here: cannot be edited"):
         edited(told, "here", [Change(0, "upper", 1e-3, 1e-5, 5e-6, loosens=False)], None)
+
+
+def test_an_edit_leaves_texts_alone_and_writes_reasons_as_they_are_spoken() -> None:
+    """What looks like a bound within a later text stays; a reason in another script is no row of escapes."""
+    told = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "r"\n'
+    after = told.replace('"r"', '"""\nupper = 3\n"""')
+    change = Change(0, "upper", 1e-3, 1e-2, 5e-3, loosens=True)
+    assert edited(after, "here", [change], None) == after.replace("1e-3", "0.01")
+    expected = told.replace("1e-3", "0.01").replace('"r"', '"r; loosened: größer"')
+    assert edited(told, "here", [change], "größer") == expected
