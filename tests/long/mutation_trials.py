@@ -146,6 +146,21 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "change.decades > 0.0 -> change.decades >= 0.0",
     ): "a speed that is the same is no change",
     (
+        "reports/gates/proposal.py",
+        'yield Change(place, "upper", gate.upper, new, most, loosens=new > gate.upper)',
+        "new > gate.upper -> new >= gate.upper",
+    ): "a bound that stays the same is not proposed",
+    (
+        "reports/growth.py",
+        "wavers = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
+        "float(np.max(slopes)) < _STEEPEST -> float(np.max(slopes)) <= _STEEPEST",
+    ): "a slope between logarithms is never the very double of an edge",
+    (
+        "reports/growth.py",
+        "if slopes[-1] < _LEAST_EXPONENTIAL or not np.all(np.diff(slopes[1:]) > 0.0):",
+        "np.diff(slopes[1:]) > 0.0 -> np.diff(slopes[1:]) >= 0.0",
+    ): "two slopes between logarithms that are not 0 are never the very same double",
+    (
         "reports/gates/files.py",
         'return (json.dumps(told, indent=1, allow_nan=False) + "\\n").encode()',
         "allow_nan=False -> nothing",

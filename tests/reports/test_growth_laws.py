@@ -96,8 +96,8 @@ def test_a_decade_and_a_half_above_the_floor_is_the_least(decades: float, told: 
 
 @pytest.mark.parametrize(("samples", "told"), [(100, True), (99, False)])
 def test_a_hundred_samples_within_two_decades_are_the_least(samples: int, told: bool) -> None:
-    """Those before the last two decades do not count."""
-    t = np.concatenate([[0.0], np.geomspace(1e-5, 0.9e-2, 500), np.geomspace(1.01e-2, 1.0, samples)])
+    """The one at their beginning counts, those before it do not."""
+    t = np.concatenate([[0.0], np.geomspace(1e-5, 0.9e-2, 500), np.geomspace(1e-2, 1.0, samples)])
     assert (growth_of(t, t, 1e-12) != Growth()) == told
     assert growth_of(np.concatenate([t, [1.0001]])[: len(t)], 2.0 * t, 3.0) == Growth()
 
