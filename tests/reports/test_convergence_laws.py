@@ -237,6 +237,8 @@ def test_a_tolerance_is_obeyed_where_errors_fall_with_its_root(
         (points((0.1, None), (0.02, 1e-16)), 10.0, None),
         (points((0.1, None), (0.02, None)), 10.0, 100),
         (points((0.1, 1e-14), (0.02, 1e-16)), 10.0, 5),  # too good: coarser
+        # four that can be used, and no order: finer
+        (points((0.1, 0.2), (0.05, 0.01), (0.02, 0.1), (0.01, 0.01)), 10.0, 200),
         (points((1.0, 1e-14)), 10.0, None),  # nothing is coarser than the interval
         (power_law(2.0, steps=[0.1, 0.05, 0.02, 0.01]), 10.0, None),
     ],

@@ -47,8 +47,8 @@ def test_the_first_night_that_can_tell_is_the_eighth() -> None:
 
 
 def test_one_night_of_the_new_level_that_does_not_share_the_step_ends_it() -> None:
-    """Each of them has to share a quarter: 0.13 of 0.5 does, 0.12 does not."""
-    for share, told in ((0.13, 1), (0.12, 0)):
+    """Each of them has to share more than a quarter: 0.13 of 0.5 does, 0.125 does not."""
+    for share, told in ((0.13, 1), (0.125, 0)):
         series = column((0.0, 8), (0.5, 5))
         series[8:13, 0] = [0.5, 0.5, share, 0.5, 0.5]
         (found,) = level_steps(series[:11])
