@@ -50,6 +50,7 @@ def command(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_a_run_leaves_the_files_of_the_contract(tmp_path: Path) -> None:
     """The tables, the manifest, the report and the trajectories are there, and fit together."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
@@ -69,6 +70,7 @@ def test_a_run_leaves_the_files_of_the_contract(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out"]
 
 
+@pytest.mark.slow
 def test_the_reproducing_command_reproduces_the_case(tmp_path: Path) -> None:
     """The command of a row gives that row again, digit for digit, but for the time it took."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
@@ -209,6 +211,7 @@ def test_a_body_is_printed_as_toml_at_full_precision(tmp_path: Path) -> None:
     assert found["solid"]["principal_moments_kg_m2"] == pytest.approx([1.0, 1.0, 1.0], rel=1e-15)
 
 
+@pytest.mark.slow
 def test_a_shape_and_a_users_function_are_bodies_too(tmp_path: Path) -> None:
     """A ball by its radius, and as a user's level set: the same mass, the estimate with its error."""
     (tmp_path / "mine.py").write_text(
@@ -225,6 +228,7 @@ def test_a_shape_and_a_users_function_are_bodies_too(tmp_path: Path) -> None:
     assert 0.0 < off < 4.0 * found["solid"]["mass_standard_error_kg"] < 0.01
 
 
+@pytest.mark.slow
 def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
     """Drag behind a function is the same motion as drag, in truth and engines; a run says who cannot."""
     (tmp_path / "called.toml").write_text(CALLED)
@@ -267,6 +271,7 @@ def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
     assert errors["rk4", 0.01] < 1e-8 < errors["m1", 0.01] < 0.6 * errors["m1", 0.02]
 
 
+@pytest.mark.slow
 def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
     """A run ends well where a function only works in the run's own process: its cases say why they failed."""
     (tmp_path / "called.toml").write_text(CALLED)
@@ -285,6 +290,7 @@ def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
     assert "loads:f: failed at t = 0.0 s: ZeroDivisionError" in results["message"][0]
 
 
+@pytest.mark.slow
 def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:
     """Each child has its row, and the command beside it runs that child alone."""
     (tmp_path / "family.toml").write_text(FAMILY)
@@ -301,6 +307,7 @@ def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:
     assert pd.read_csv(tmp_path / "again/results.csv")["scenario"].tolist() == ["mine/2.0"]
 
 
+@pytest.mark.slow
 def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
     """The note on an inside-out mesh stands on the terminal, in the report and in the manifest."""
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"

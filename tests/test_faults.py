@@ -242,6 +242,7 @@ print(run.results["outcome"].tolist(), run.results["message"].tolist())
 """
 
 
+@pytest.mark.slow
 def test_a_script_that_defines_an_engine_is_shielded_from_it(tmp_path: Path) -> None:
     """A worker defines what the script defines, and does not start a run of its own."""
     (tmp_path / "mine.toml").write_text(SCENARIO)

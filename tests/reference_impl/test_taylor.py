@@ -345,7 +345,14 @@ def test_specialised_kernels_are_the_general_one() -> None:
         assert np.max(gap) <= (1e-14 if resolution is FINE else 1e-29)
 
 
-@pytest.mark.parametrize("omega", [(0.1, 2.0, 0.1), (0.7, -0.4, 0.9), (1.0, 0.2, -0.5)])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "omega",
+    [
+        (0.1, 2.0, 0.1),
+        *(pytest.param(omega, marks=pytest.mark.nightly) for omega in ((0.7, -0.4, 0.9), (1.0, 0.2, -0.5))),
+    ],
+)
 def test_a_million_steps_lose_next_to_nothing(omega: tuple[float, float, float]) -> None:
     """With four orders in double-doubles |dE/E|, |dL|/|L| and ||q| - 1| stay below 4e-15."""
     body = RigidBody(1.0, np.diag([1.0, 2.0, 3.0]))
@@ -439,6 +446,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.nightly  # of test_registers.py and test_taylor_motion.py: at each push
 def test_compiled_kernels_are_the_python_that_is_read() -> None:
     """Compiled and interpreted, doubles agree to 1e-14 and double-doubles to 1e-29."""
     compiled, interpreted = (

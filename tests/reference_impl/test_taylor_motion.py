@@ -273,6 +273,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.slow
 def test_compiled_kernels_are_the_python_that_is_read() -> None:
     """Compiled and interpreted, states agree to 1e-14, free and under every load that the frame knows."""
     compiled, interpreted = (
