@@ -442,6 +442,10 @@ def test_words_about_a_scenario_make_it_no_other(idle: str) -> None:
             {"after": 1.00002e-3, "decades": 8.7e-6, "fineness": None},
             "orientation_error_rad 0.001 -> 0.00100002 (+9e-6 decades)",
         ),
+        (
+            {"before": 1.23456e-3, "after": 2.34567e-3, "decades": None, "fineness": None},
+            "orientation_error_rad 0.001235 -> 0.002346",
+        ),
         ({"decades": 0.01, "fineness": None}, "orientation_error_rad 0.001 -> 0.01 (+0.01 decades)"),
         ({"kind": "speed", "decades": math.log10(2.0)}, "2 times as slow"),
         ({"kind": "speed", "decades": -math.log10(2.0)}, "2 times as fast"),

@@ -186,7 +186,9 @@ def test_junit_has_a_test_case_a_gate_and_a_failure_for_all_that_did_not_pass() 
 
 def test_json_has_every_number_in_full() -> None:
     """The file, the run, whether all passed, and each gate with its rows; what is infinite is null."""
-    found = json.loads(as_json(results(), "gates.toml", "the-run"))
+    written = as_json(results(), "gates.toml", "the-run")
+    assert written.startswith(b'{\n "tolerances": "gates.toml",\n')
+    found = json.loads(written)
     assert {key: found[key] for key in ("tolerances", "run_id", "passed")} == {
         "tolerances": "gates.toml",
         "run_id": "the-run",
