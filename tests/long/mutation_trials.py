@@ -161,16 +161,18 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "np.diff(slopes[1:]) > 0.0 -> np.diff(slopes[1:]) >= 0.0",
     ): "two slopes between logarithms that are not 0 are never the very same double",
     (
-        "reports/history/levels.py",
-        "for night in range(LEAST_BEFORE + LEAST_AFTER - 1, len(series)):",
-        "1 -> 2",
-    ): "a night earlier there are too few for both levels",
-    (
         "reports/ladder.py",
         "too_fine = max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-9)",
         "max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-09) -> "
         "max(listed) * finer / interval_s >= _SPAN * (1.0 + 1e-09)",
     ): "the billionth is slack for round-off: no ratio of steps asked for is this very double",
+    (
+        "reports/work.py",
+        "if any(abs(t[k] - end) > 1e-9 * scene.sample_interval_s "
+        "for k, end in zip(places, ends, strict=True)):",
+        "abs(t[k] - end) > 1e-09 * scene.sample_interval_s -> "
+        "abs(t[k] - end) >= 1e-09 * scene.sample_interval_s",
+    ): "the billionth is slack for round-off: no switch is this very double beside a sample",
     (
         "reports/gates/files.py",
         'return (json.dumps(told, indent=1, allow_nan=False) + "\\n").encode()',

@@ -55,6 +55,16 @@ def test_one_night_of_the_new_level_that_does_not_share_the_step_ends_it() -> No
         assert len(found) == told
 
 
+def test_the_night_after_has_no_say_in_what_is_usual() -> None:
+    """Steps near the edge are told on the same nights, whether the later nights are there or not."""
+    rng = np.random.default_rng(5)
+    series = 0.01 * rng.normal(size=(24, 30))
+    series[12:] += rng.uniform(0.02, 0.08, 30)
+    late = level_steps(series)
+    for cut in range(8, 24):
+        assert level_steps(series[:cut]) == [[one for one in steps if one.told < cut] for steps in late]
+
+
 def test_the_usual_spread_is_the_median_over_the_methods_of_the_last_twenty_nights() -> None:
     """MAD / sqrt(2) of the moves night by night; not of older nights, nor of what was never measured."""
     quiet = np.outer((-1.0) ** np.arange(25), [0.01, 0.03, 0.02])  # each moves by twice its height
