@@ -310,6 +310,7 @@ def solved(scene: Scene) -> Motion:
     return *seen(scene, y[:3], r, y[3:6], y[10:]), r, y[10:]
 
 
+@pytest.mark.slow
 @every_method
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])
 @every_load

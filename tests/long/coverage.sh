@@ -9,12 +9,13 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
-plain=(batch closed_forms double_double dynamics elliptic free_rotation integrators lasting rotations taylor wrench)
-export COVERAGE_FILE="${TMPDIR:-/tmp}/bodycheck-coverage/of"
-rm -rf "${COVERAGE_FILE%/*}" && mkdir -p "${COVERAGE_FILE%/*}"
+plain=(double_double dynamics elliptic free_rotation integrators rotations wrench)
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+export COVERAGE_FILE=$folder/of
 
 python -m coverage run -m pytest "$@"
 NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -m "not slow" \
-    "${plain[@]/#/tests/reference_impl/test_}"
+    $(printf 'tests/reference_impl/test_%s.py ' "${plain[@]}")
 python -m coverage combine --quiet
 python -m coverage report --show-missing --skip-covered --fail-under=95
