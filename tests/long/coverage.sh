@@ -15,7 +15,8 @@ trap 'rm -rf "$folder"' EXIT
 export COVERAGE_FILE=$folder/of
 
 python -m coverage run -m pytest "$@"
+python -m coverage run -m pytest -m nightly tests/reference_impl/test_taylor.py # starts plain Python itself
 NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -m "not slow" \
-    $(printf 'tests/reference_impl/test_%s.py ' "${plain[@]}")
+    $(printf 'tests/reference_impl/test_%s.py ' "${plain[@]}") tests/reference_impl/mass_properties
 python -m coverage combine --quiet
 python -m coverage report --show-missing --skip-covered --fail-under=95
