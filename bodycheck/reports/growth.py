@@ -29,7 +29,7 @@ _LARGEST_BOUNDED = 0.25  # over all: the first swing lies within it
 _RAMP = 0.85  # a first slope above it is a swing that has not yet turned back, not the root of t
 _STEEPEST = 1.5  # of a random walk; a slope above it is a jump
 _LEAST_EXPONENTIAL = 1.5  # slope at the end
-_EXPONENTIAL_GAIN = 1.5  # how much better log M must follow t than log t
+_EXPONENTIAL_GAIN = 3.0  # how much better log M must follow t than log t: a random walk may end steeply too
 
 
 @dataclass(frozen=True)

@@ -128,11 +128,17 @@ def test_the_finest_case_that_is_no_round_off_tells_the_growth(tmp_path: Path) -
 
 
 def test_round_off_walks() -> None:
-    """The energy of a million symplectic steps, their own error far below eps, strays as the root of t."""
-    start = State(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.array([1.0, 1.5, -1.2]))
-    scene = Scene(RigidBody(2.0, np.diag([2.0, 3.0, 4.0])), start, (), np.zeros(3), 10000.0, 2001)
-    motion = record(Reference(), Case(scene, "splitting6", Setting(dt_s=0.01))).trajectory
-    assert motion is not None
-    energy = rotational_energy(scene.body.inertia, motion.omega_body)
-    found = growth_of(scene.sample_times, np.abs(energy / energy[0] - 1.0), 1e-15)
-    assert found.growth == "sqrt"
+    """The energy of a million symplectic steps, their own error far below eps, strays as the root of t.
+
+    One walk may go anywhere: of five starts the exponents' median is near a half, and none is called steady.
+    """
+    grown = []
+    for omega in ([1.0, 1.5, -1.2], [1.1, 1.4, -1.2], [0.9, 1.5, -1.1], [1.0, 1.3, -1.5], [0.8, 1.2, 1.2]):
+        start = State(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.array(omega))
+        scene = Scene(RigidBody(2.0, np.diag([2.0, 3.0, 4.0])), start, (), np.zeros(3), 10000.0, 2001)
+        motion = record(Reference(), Case(scene, "splitting6", Setting(dt_s=0.01))).trajectory
+        assert motion is not None
+        energy = rotational_energy(scene.body.inertia, motion.omega_body)
+        grown.append(growth_of(scene.sample_times, np.abs(energy / energy[0] - 1.0), 1e-15))
+    assert {found.growth for found in grown} <= {"sqrt", None}
+    assert 0.3 < np.median([found.growth_exponent or 0.0 for found in grown]) < 0.7
