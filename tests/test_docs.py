@@ -132,6 +132,8 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "docs").mkdir()
     for name in ("small-body.toml", "report_picture.py"):
         shutil.copy(ROOT / "docs" / name, tmp_path / "docs")
+    (tmp_path / "tests" / "long").mkdir(parents=True)
+    shutil.copy(ROOT / "tests" / "long" / "overhead.py", tmp_path / "tests" / "long")
     programs = tmp_path / "bin"
     programs.mkdir()
     for name, told in PROGRAMS.items():
