@@ -78,7 +78,8 @@ class Manner:
 
     speed: whether processor time is measured. jobs: how many cases run side by side, None for as many as
     there are cores. timeout_s: what one case may take. fresh: whether answers of earlier runs are not used.
-    stable_steps: whether the largest stable step of each method is looked for.
+    stable_steps: whether the largest stable step of each method is looked for. speed_passes: how often all
+    cases are timed.
     """
 
     speed: bool = True
@@ -86,6 +87,7 @@ class Manner:
     timeout_s: float = TIMEOUT_S
     fresh: bool = False
     stable_steps: bool = True
+    speed_passes: int = 1
 
     def __post_init__(self) -> None:
         if self.jobs is not None and self.jobs < 1:
@@ -174,7 +176,13 @@ def run_selection(
         progress.phase("speeds, one case at a time")
         engines = {engine.name: engine for engine, _ in selection.methods}
         cases, quietness = measure_speeds(
-            subjects, cases, engines, answers, manner.timeout_s, progress.speed_measured
+            subjects,
+            cases,
+            engines,
+            answers,
+            manner.timeout_s,
+            progress.speed_measured,
+            manner.speed_passes,
         )
     ended = time.perf_counter()
     run_id = identity.run_id

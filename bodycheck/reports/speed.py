@@ -40,37 +40,52 @@ def measure_speeds(
     answers: Answers,
     timeout_s: float,
     case_done: Callable[[], None],
+    passes: int = 1,
 ) -> tuple[tuple[CaseResult, ...], Quietness]:
     """Return the cases with their speed, those that ended well; nothing else runs meanwhile.
+
+    passes: how often all of them are timed, one pass after the other: what disturbs the machine for a minute
+    does not disturb the quickest lap of several passes.
 
     The yardstick is the reference's rk4 on the same scenario, at its finest listed step: relative_cpu is a
     case's quickest lap over the yardstick's, both measured in turn. What disturbs a lap makes it longer: on a
     busy machine the quickest laps of two runs differ by half as much as the medians do.
     """
     by_name = {subject.scenario.name: subject for subject in subjects}
-    timed: list[CaseResult] = []
-    spreads: list[float] = []
+    found: dict[int, Message] = {}
     core = _last_core()
     hosts, yardstick = Hosts(core), _Yardstick(core, timeout_s)
     try:
-        for result in cases:
-            if result.ok:
-                subject, engine = by_name[result.columns["scenario"]], engines[result.columns["engine"]]
-                case = Case(subject.scenario.scene, result.columns["method"], result.setting)
-                laps = answers.laps(engine, case)
-                if laps is None:
-                    yardstick.prepare(subject)
-                    laps = _laps(hosts, engine, case, yardstick, timeout_s)
-                    answers.keep_laps(engine, case, laps)
-                result = _with_speed(result, laps)
-                if laps.get("yardstick_s"):
-                    spreads.append(_spread(laps["yardstick_s"]))
-            case_done()
-            timed.append(result)
+        for this in range(passes):
+            for place, result in enumerate(cases):
+                if result.ok:
+                    subject, engine = by_name[result.columns["scenario"]], engines[result.columns["engine"]]
+                    case = Case(subject.scenario.scene, result.columns["method"], result.setting)
+                    laps = answers.laps(engine, case) if this == 0 else None
+                    if laps is None:
+                        yardstick.prepare(subject)
+                        laps = _laps(hosts, engine, case, yardstick, timeout_s)
+                        answers.keep_laps(engine, case, laps)
+                    found[place] = _together(found.get(place), laps)
+                if this == passes - 1:
+                    case_done()
     finally:
         hosts.close()
         yardstick.close()
+    timed = [
+        _with_speed(result, found[place]) if place in found else result for place, result in enumerate(cases)
+    ]
+    spreads = [_spread(laps["yardstick_s"]) for laps in found.values() if laps.get("yardstick_s")]
     return tuple(timed), Quietness(core, float(np.median(spreads)) if spreads else None)
+
+
+def _together(before: Message | None, laps: Message) -> Message:
+    """Return the laps of a case in all passes so far; one pass without any does not spoil the others."""
+    if before is None or "lost" in before:
+        return laps
+    if "lost" in laps:
+        return before
+    return {name: [*before[name], *laps[name]] for name in ("own_s", "yardstick_s")}
 
 
 class _Yardstick:

@@ -4,10 +4,10 @@
 
 Kills: `bodycheck nightly` is killed with all its workers at random moments; afterwards the history must be
 readable, what was stored before unchanged, and the next night succeed. Unchanged: so many nights of a real
-engine, none of which may tell anything of accuracy. Measured: so many nights of the smoke suite with speeds;
-from what they measured, sequences of 30 nights are drawn at random, which may tell no speed, and sequences in
-which one engine takes a fifth longer from some night on, which have to tell it within five nights. Prints the
-figures; ends with status 1 where a trial failed.
+engine, none of which may tell anything of accuracy. Measured: so many runs of the smoke suite with speeds; a
+simulated night takes for each case, as a night does, the quickest of three of them, drawn at random. Of
+sequences of 30 such nights none may tell a speed; of those in which one engine takes a fifth longer from some
+night on, each has to tell it within five nights. Prints the figures; status 1 where a trial failed.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bodycheck.night import SPEED_PASSES
 from bodycheck.reports.history.levels import LEAST_AFTER, usual_spread
 from bodycheck.reports.history.nights import History
-from bodycheck.reports.history.queries import nights_table, query, recorded_cases
+from bodycheck.reports.history.queries import nights_table, query
 from bodycheck.reports.history.speeds import Speeds, speeds_of
 
 _QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
@@ -43,6 +44,7 @@ inertia_kg_m2 = [1.0, 2.0, 2.5]
 [initial]
 omega_body_rad_s = [0.3, 1.0, -0.2]
 """
+_CASE = ["engine", "method", "scenario", "control", "dt_s", "tolerance"]
 _WITHIN = 5
 _SLOWER = 1.2
 
@@ -55,7 +57,7 @@ def main() -> int:
     parser.add_argument("--measured", type=int, default=20)
     parser.add_argument("--sequences", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path, help="a history of measured nights, made or gone on with")
+    parser.add_argument("--keep", type=Path, help="a folder of measured runs, made or gone on with")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -141,58 +143,52 @@ def unchanged(folder: Path, nights: int) -> int:
     return told + found
 
 
-def measure(folder: Path, history: Path, nights: int) -> None:
-    """Store nights of the smoke suite, with their speeds, until there are so many."""
-    while len(History(history).nights()) < nights:
-        process = begin(folder, history, ["smoke"])
-        text, _ = process.communicate()
-        if process.returncode not in (0, 1, 3):
-            raise SystemExit(text)
+def measure(folder: Path, kept: Path, runs: int) -> None:
+    """Store runs of the smoke suite, with their speeds, until there are so many."""
+    while len(list(kept.glob("*/results.csv"))) < runs:
+        words = ["run", "smoke", "--out", str(kept / f"{time.time_ns()}")]
+        subprocess.run(
+            [sys.executable, "-m", "bodycheck", *words], cwd=folder, stdout=subprocess.DEVNULL, check=True
+        )
 
 
-def simulated(history: Path, sequences: int, seed: int) -> int:
-    """Draw sequences of nights from those that were measured; return how many were judged wrongly."""
-    folders = History(history).nights()
-    cases = recorded_cases(folders)
-    by_night = {str(name): rows for name, rows in cases.groupby("night")}
-    real = speeds_of([folder.name for folder in folders], cases)
-    percent = 100.0 * (10.0 ** usual_spread(real.series.decades) - 1.0)
-    print(f"{len(folders)} nights measured; a method's time changes by chance by {percent:.1f} % (sigma)")
+def simulated(kept: Path, sequences: int, seed: int) -> int:
+    """Draw sequences of nights from the runs that were measured; return how many were judged wrongly."""
+    tables = [
+        pd.read_csv(path).set_index(_CASE)["relative_cpu"] for path in sorted(kept.glob("*/results.csv"))
+    ]
+    passes = pd.concat(tables, axis=1).dropna()
     chance = np.random.default_rng(seed)
-    false = sum(bool(alarms(drawn(by_night, chance, 30))) for _ in range(sequences))
+    usual = usual_spread(drawn(passes, chance, 30).series.decades)
+    print(
+        f"{len(tables)} runs measured; chance changes a night by {100.0 * (10.0**usual - 1.0):.1f} % (sigma)"
+    )
+    false = sum(bool(alarms(drawn(passes, chance, 30))) for _ in range(sequences))
     print(f"unchanged sequences of 30 nights: {sequences}, with a speed told: {false}", flush=True)
-    engines = sorted({engine for engine, _ in real.series.methods} - {"reference"})
-    missed, trials, delays = 0, 0, []
+    engines = sorted(set(passes.index.get_level_values("engine")) - {"reference"})
+    delays: list[int] = []
     for _ in range(sequences):
-        engine, first = str(chance.choice(engines)), int(chance.integers(8, 25))
-        speeds = drawn(by_night, chance, first + _WITHIN, slower=engine, first=first)
+        engine, first = str(chance.choice(engines)), int(chance.integers(10, 25))
+        speeds = drawn(passes, chance, first + _WITHIN, slower=engine, first=first)
         told = [at for (who, _), at, size in alarms(speeds) if who == engine and size > 0.0 and at >= first]
-        trials += 1
-        if told:
-            delays.append(min(told) - first + 1)
-        else:
-            missed += 1
-    print(f"one engine {_SLOWER} times as slow: {trials}, told within {_WITHIN} nights: {trials - missed}")
+        delays += [min(told) - first + 1] if told else []
+    print(f"one engine {_SLOWER} times as slow: {sequences}, told within {_WITHIN} nights: {len(delays)}")
     if delays:
         middle, latest = np.median(delays), max(delays)
         print(f"told on night {middle:.0f} (median), {latest} (latest); at the earliest {LEAST_AFTER}")
-    return false + missed
+    return false + sequences - len(delays)
 
 
 def drawn(
-    by_night: dict[str, pd.DataFrame],
-    chance: np.random.Generator,
-    nights: int,
-    slower: str = "",
-    first: int = 0,
+    passes: pd.DataFrame, chance: np.random.Generator, nights: int, slower: str = "", first: int = 0
 ) -> Speeds:
     """Return the speeds of nights drawn at random; from `first` on, an engine is slower."""
+    picked = chance.integers(0, passes.shape[1], (nights, SPEED_PASSES))
+    quickest = passes.to_numpy()[:, picked].min(axis=2)
+    quickest[np.ix_(passes.index.get_level_values("engine") == slower, np.arange(nights) >= first)] *= _SLOWER
     names = [f"night {number:03d}" for number in range(nights)]
-    picked = chance.choice(list(by_night), nights)
-    frames = [by_night[pick].assign(night=name) for name, pick in zip(names, picked, strict=True)]
-    cases = pd.concat(frames)
-    late = (cases["engine"] == slower) & cases["night"].isin(names[first:])
-    cases.loc[late, "relative_cpu"] *= _SLOWER
+    table = pd.DataFrame(quickest, index=passes.index, columns=names)
+    cases = table.melt(var_name="night", value_name="relative_cpu", ignore_index=False).reset_index()
     return speeds_of(names, cases)
 
 

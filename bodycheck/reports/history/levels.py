@@ -9,13 +9,13 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 
-LEAST_BEFORE = 5
+LEAST_BEFORE = 8
 """How many nights a level needs before a departure from it can be told."""
-LEAST_AFTER = 3
-"""How many nights the new level needs: one or two may be the machine's doing."""
+LEAST_AFTER = 4
+"""How many nights the new level needs: a few may be the machine's doing."""
 _MOST_BEFORE = 20
 _MOST_AFTER = 5
-_SIGMAS = 5.0
+_SIGMAS = 8.0
 _USUAL_COUNTS_AS = 5  # nights
 _LEAST_SHARE = 0.25
 _LEAST_STEP = math.log10(1.05)
@@ -34,7 +34,7 @@ class Step:
 def level_steps(series: Array) -> list[list[Step]]:
     """Return where each column of series (nights, methods) moved to another level; NaN: not measured.
 
-    A step is told as soon as |shift| > max(least, 5 sigma sqrt(1/k + 1/m)): the shift from the m nights
+    A step is told as soon as |shift| > max(least, 8 sigma sqrt(1/k + 1/m)): the shift from the m nights
     before to the last k is the median of all differences between the two (Hodges and Lehmann, 1963), a
     quarter of which each of the k has to share; sigma is at least that of most columns. From then on the
     nights before the step count no more. No night is judged by what came after it.
@@ -89,8 +89,11 @@ def _step_told(column: Array, usual: float) -> Step | None:
 
 
 def _sigma(values: Array, usual: float) -> float:
-    """Return what one night adds by chance: by the values' own spread, which few of them tell but poorly."""
+    """Return what one night adds by chance: by the values' own spread, which few of them tell but poorly.
+
+    Their standard deviation, as nights that were disturbed are part of what chance does.
+    """
     nights = len(values)
-    spread = _MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values)))) * (1.0 + 2.0 / nights)
+    spread = float(np.std(values, ddof=1)) * (1.0 + 1.0 / nights)
     blended = (nights * spread**2 + _USUAL_COUNTS_AS * usual**2) / (nights + _USUAL_COUNTS_AS)
     return max(usual, math.sqrt(blended))
