@@ -12,6 +12,7 @@ from bodycheck.errors import BodycheckError, InputError, StoppedError
 from bodycheck.gating import gating
 from bodycheck.nightly import nightly
 from bodycheck.number_list import numbers
+from bodycheck.options import AllowCode, Fresh, Jobs, NoSpeed, TimeoutS
 from bodycheck.questions import questions
 from bodycheck.versions import versioning
 
@@ -39,11 +40,6 @@ def main() -> None:
         sys.exit(_INTERRUPTED if isinstance(error, StoppedError) else 2)
 
 
-_AllowCode = Annotated[
-    bool, typer.Option("--allow-code", help="Let functions that a file names be imported.")
-]
-
-
 @app.command(short_help="Measure scenarios through engines.")
 def run(
     scenarios: Annotated[
@@ -64,15 +60,11 @@ def run(
     out: Annotated[
         Path | None, typer.Option(help="A new folder for the results.", show_default="bodycheck-runs/RUN_ID")
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(help="How many cases run side by side.", show_default="one a core")
-    ] = None,
-    timeout_s: Annotated[float, typer.Option(help="Seconds that one case may take.")] = 120.0,
-    no_speed: Annotated[bool, typer.Option("--no-speed", help="Do not measure processor time.")] = False,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Ask every engine anew, whatever it answered before.")
-    ] = False,
-    allow_code: _AllowCode = False,
+    jobs: Jobs = None,
+    timeout_s: TimeoutS = 120.0,
+    no_speed: NoSpeed = False,
+    fresh: Fresh = False,
+    allow_code: AllowCode = False,
     resume: Annotated[
         Path | None, typer.Option(help="The --out of a run that was stopped: go on with it, as it was asked.")
     ] = None,
@@ -107,7 +99,7 @@ def run(
 def truth(
     scenario: Annotated[str, typer.Argument(help="A built-in name or a .toml file.")],
     at: Annotated[str, typer.Option(help="Times in s, like 0,1,10.")],
-    allow_code: _AllowCode = False,
+    allow_code: AllowCode = False,
 ) -> None:
     """Print the truth at the times given as CSV; the last column bounds the orientation's error."""
     from bodycheck import runner
@@ -123,7 +115,7 @@ def truth(
 def judge(
     trajectory: Annotated[Path, typer.Argument(help="A trajectory that any program wrote: .csv or .npz.")],
     scenario: Annotated[str, typer.Option(help="A built-in name or a .toml file.")],
-    allow_code: _AllowCode = False,
+    allow_code: AllowCode = False,
 ) -> None:
     """Measure a trajectory against the truth of a scenario; prints one measure a line."""
     from bodycheck import runner

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from bodycheck.errors import InputError, StoppedError
+from bodycheck.options import AllowCode, Fresh, Jobs, TimeoutS
 
 gating = typer.Typer()
 
@@ -35,16 +36,10 @@ def gate(
     loosen: Annotated[
         str | None, typer.Option(metavar="REASON", help="With --update: loosen what fails too, and say why.")
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(help="How many cases run side by side.", show_default="one a core")
-    ] = None,
-    timeout_s: Annotated[float, typer.Option(help="Seconds that one case may take.")] = 120.0,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Ask every engine anew, whatever it answered before.")
-    ] = False,
-    allow_code: Annotated[
-        bool, typer.Option("--allow-code", help="Let functions that a file names be imported.")
-    ] = False,
+    jobs: Jobs = None,
+    timeout_s: TimeoutS = 120.0,
+    fresh: Fresh = False,
+    allow_code: AllowCode = False,
 ) -> None:
     """Hold engines to the bounds of a file; the status is 1 where one fails or measured nothing."""
     if not update and (margin is not None or loosen is not None):

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from bodycheck.errors import InputError, StoppedError
+from bodycheck.options import AllowCode, Jobs, NoSpeed, TimeoutS
 
 nightly = typer.Typer()
 history = typer.Typer(help="Ask and prune a history of nights.", no_args_is_help=True)
@@ -30,14 +31,10 @@ def nightly_(
         str | None, typer.Option(help="NAME[:METHOD],...; every engine that is installed, unless told.")
     ] = None,
     markdown: Annotated[Path | None, typer.Option(help="Write what is told to this file too.")] = None,
-    jobs: Annotated[
-        int | None, typer.Option(help="How many cases run side by side.", show_default="one a core")
-    ] = None,
-    timeout_s: Annotated[float, typer.Option(help="Seconds that one case may take.")] = 120.0,
-    no_speed: Annotated[bool, typer.Option("--no-speed", help="Do not measure processor time.")] = False,
-    allow_code: Annotated[
-        bool, typer.Option("--allow-code", help="Let functions that a file names be imported.")
-    ] = False,
+    jobs: Jobs = None,
+    timeout_s: TimeoutS = 120.0,
+    no_speed: NoSpeed = False,
+    allow_code: AllowCode = False,
 ) -> None:
     """Run, append the night to a history, and compare it with its past.
 

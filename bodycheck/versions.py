@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from bodycheck.number_list import numbers
+from bodycheck.options import Fresh, Jobs, TimeoutS
 
 versioning = typer.Typer()
 
@@ -29,13 +30,9 @@ def versions(
     dt: Annotated[
         str | None, typer.Option(help="Steps in s, like 1e-2,1e-3; the scenario's own, unless told.")
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(help="How many cases run side by side.", show_default="one a core")
-    ] = None,
-    timeout_s: Annotated[float, typer.Option(help="Seconds that one case may take.")] = 120.0,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Ask every engine anew, whatever it answered before.")
-    ] = False,
+    jobs: Jobs = None,
+    timeout_s: TimeoutS = 120.0,
+    fresh: Fresh = False,
 ) -> None:
     """Run releases of an engine, each in an environment of its own; name those in which a measure changed.
 

@@ -12,6 +12,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from scenario_file import SCENARIO
 from typer.testing import CliRunner, Result
 
 from bodycheck import cli
@@ -22,17 +23,7 @@ from bodycheck.errors import InputError, StoppedError
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
 
-_SCENARIO = """
-name = "tumble"
-duration_s = 1.0
-samples = 11
-steps_s = [0.05, 0.02]
-[body]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.5]
-[initial]
-omega_body_rad_s = [0.3, 1.0, -0.2]
-"""
+_SCENARIO = SCENARIO.replace("mine", "tumble")
 
 
 class TurnedSimulation:

@@ -29,22 +29,14 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 
 import pandas as pd
+import scenario_file
 from processes import all_gone, workers_of
 from unprivileged import heed_modes
 
 from bodycheck.reference_impl.seal import opened
 from bodycheck.stored_run import partial_of
 
-SCENARIO = """
-name = "mine"
-duration_s = 1.0
-samples = 101
-[body]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.5]
-[initial]
-omega_body_rad_s = [0.3, 1.0, -0.2]
-"""
+SCENARIO = scenario_file.SCENARIO.replace("samples = 11", "samples = 101")
 WORDS = ["run", "mine.toml", "--engine", "reference:m1,reference:rk4,mujoco:euler", "--no-speed"]
 PATIENCE_S = 120.0
 

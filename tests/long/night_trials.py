@@ -24,8 +24,11 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
+
 import numpy as np
 import pandas as pd
+from scenario_file import SCENARIO
 
 from bodycheck.night import SPEED_PASSES
 from bodycheck.reports.history.levels import LEAST_AFTER, usual_spread
@@ -34,16 +37,7 @@ from bodycheck.reports.history.queries import nights_table, query
 from bodycheck.reports.history.speeds import Speeds, speeds_of
 
 _QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
-_SCENARIO = """
-name = "tumble"
-duration_s = 1.0
-samples = 101
-[body]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.5]
-[initial]
-omega_body_rad_s = [0.3, 1.0, -0.2]
-"""
+_SCENARIO = SCENARIO.replace("mine", "tumble").replace("samples = 11", "samples = 101")
 _CASE = ["engine", "method", "scenario", "control", "dt_s", "tolerance"]
 _WITHIN = 5
 _SLOWER = 1.2

@@ -1,0 +1,19 @@
+"""The options that several commands share: how a run is made, whatever it is for."""
+
+from __future__ import annotations
+
+from typing import Annotated, TypeAlias
+
+import typer
+
+Jobs: TypeAlias = Annotated[
+    int | None, typer.Option(help="How many cases run side by side.", show_default="one a core")
+]
+TimeoutS: TypeAlias = Annotated[float, typer.Option(help="Seconds that one case may take.")]
+Fresh: TypeAlias = Annotated[
+    bool, typer.Option("--fresh", help="Ask every engine anew, whatever it answered before.")
+]
+NoSpeed: TypeAlias = Annotated[bool, typer.Option("--no-speed", help="Do not measure processor time.")]
+AllowCode: TypeAlias = Annotated[
+    bool, typer.Option("--allow-code", help="Let functions that a file names be imported.")
+]
