@@ -180,9 +180,9 @@ def run_selection(
             cases,
             engines,
             answers,
-            manner.timeout_s,
-            progress.speed_measured,
-            manner.speed_passes,
+            timeout_s=manner.timeout_s,
+            passes=manner.speed_passes,
+            case_done=progress.speed_measured,
         )
     ended = time.perf_counter()
     run_id = identity.run_id

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -38,14 +40,15 @@ def measure_speeds(
     cases: Sequence[CaseResult],
     engines: Mapping[str, Engine],
     answers: Answers,
+    *,
     timeout_s: float,
+    passes: int,
     case_done: Callable[[], None],
-    passes: int = 1,
 ) -> tuple[tuple[CaseResult, ...], Quietness]:
     """Return the cases with their speed, those that ended well; nothing else runs meanwhile.
 
     passes: how often all of them are timed, one pass after the other: what disturbs the machine for a minute
-    does not disturb the quickest lap of several passes.
+    does not disturb the quickest lap of several passes. case_done: told of each case in the last pass.
 
     The yardstick is the reference's rk4 on the same scenario, at its finest listed step: relative_cpu is a
     case's quickest lap over the yardstick's, both measured in turn. What disturbs a lap makes it longer: on a
@@ -54,29 +57,31 @@ def measure_speeds(
     by_name = {subject.scenario.name: subject for subject in subjects}
     found: dict[int, Message] = {}
     core = _last_core()
-    hosts, yardstick = Hosts(core), _Yardstick(core, timeout_s)
-    try:
-        for this in range(passes):
-            for place, result in enumerate(cases):
-                if result.ok:
-                    subject, engine = by_name[result.columns["scenario"]], engines[result.columns["engine"]]
-                    case = Case(subject.scenario.scene, result.columns["method"], result.setting)
-                    laps = answers.laps(engine, case) if this == 0 else None
-                    if laps is None:
-                        yardstick.prepare(subject)
-                        laps = _laps(hosts, engine, case, yardstick, timeout_s)
-                        answers.keep_laps(engine, case, laps)
-                    found[place] = _together(found.get(place), laps)
-                if this == passes - 1:
-                    case_done()
-    finally:
-        hosts.close()
-        yardstick.close()
+    with closing(_Clock(core, timeout_s)) as clock:
+        for number, (place, result) in product(range(passes), enumerate(cases)):
+            if result.ok:
+                subject, engine = by_name[result.columns["scenario"]], engines[result.columns["engine"]]
+                laps = _laps(subject, engine, result, answers, clock, again=number > 0)
+                found[place] = _together(found.get(place), laps)
+            if number == passes - 1:
+                case_done()
     timed = [
         _with_speed(result, found[place]) if place in found else result for place, result in enumerate(cases)
     ]
     spreads = [_spread(laps["yardstick_s"]) for laps in found.values() if laps.get("yardstick_s")]
     return tuple(timed), Quietness(core, float(np.median(spreads)) if spreads else None)
+
+
+def _laps(
+    subject: Subject, engine: Engine, result: CaseResult, answers: Answers, clock: _Clock, *, again: bool
+) -> Message:
+    """Return the laps of a case, measured now, or before this run was stopped; `again`: in any case now."""
+    case = Case(subject.scenario.scene, result.columns["method"], result.setting)
+    laps = None if again else answers.laps(engine, case)
+    if laps is None:
+        laps = clock.laps(subject, engine, case)
+        answers.keep_laps(engine, case, laps)
+    return laps
 
 
 def _together(before: Message | None, laps: Message) -> Message:
@@ -86,6 +91,52 @@ def _together(before: Message | None, laps: Message) -> Message:
     if "lost" in laps:
         return before
     return {name: [*before[name], *laps[name]] for name in ("own_s", "yardstick_s")}
+
+
+_LAP: Message = {"do": "lap"}
+
+
+def _preparation(case: Case) -> Message:
+    return {"do": "prepare", "case": protocol.case_message(case)}
+
+
+class _Clock:
+    """Engines on one core, timed lap by lap, in turn with the yardstick."""
+
+    def __init__(self, core: int | None, timeout_s: float) -> None:
+        self._hosts, self._timeout_s = Hosts(core), timeout_s
+        self._yardstick = _Yardstick(core, timeout_s)
+
+    def laps(self, subject: Subject, engine: Engine, case: Case) -> Message:
+        """Return the times of the case's laps and of the yardstick's between them, or why there are none.
+
+        What fails is tried once more: a worker that somebody killed was not at fault.
+        """
+        self._yardstick.prepare(subject)
+        laps, failed = self._tried(engine, case)
+        return self._tried(engine, case)[0] if failed else laps
+
+    def _tried(self, engine: Engine, case: Case) -> tuple[Message, bool]:
+        answer = self._hosts.ask(engine.name, _preparation(case), self._timeout_s)
+        own: list[float] = []
+        others: list[float] = []
+        while answer.get("outcome") == "ok" and len(own) < _LAPS:
+            if (other := self._yardstick.lap()) is not None:
+                others.append(other)
+            answer = self._hosts.ask(engine.name, _LAP, self._timeout_s)
+            if answer.get("outcome") == "ok":
+                try:
+                    own.append(protocol.lap_of(answer))
+                except protocol.ProtocolError as error:
+                    answer = {"outcome": "failed", "message": str(error)}
+        if answer.get("outcome") != "ok":
+            return {"lost": protocol.shown(str(answer.get("message", "")))}, answer.get("outcome") == "failed"
+        return {"own_s": own, "yardstick_s": others}, False
+
+    def close(self) -> None:
+        """End the workers."""
+        self._hosts.close()
+        self._yardstick.close()
 
 
 class _Yardstick:
@@ -116,42 +167,6 @@ class _Yardstick:
     def close(self) -> None:
         """End its worker."""
         self._hosts.close()
-
-
-_LAP: Message = {"do": "lap"}
-
-
-def _preparation(case: Case) -> Message:
-    return {"do": "prepare", "case": protocol.case_message(case)}
-
-
-def _laps(hosts: Hosts, engine: Engine, case: Case, yardstick: _Yardstick, timeout_s: float) -> Message:
-    """Return the times of the case's laps and of the yardstick's between them, or why there are none.
-
-    What fails is tried once more: a worker that somebody killed was not at fault.
-    """
-    laps, failed = _timed(hosts, engine, case, yardstick, timeout_s)
-    return _timed(hosts, engine, case, yardstick, timeout_s)[0] if failed else laps
-
-
-def _timed(
-    hosts: Hosts, engine: Engine, case: Case, yardstick: _Yardstick, timeout_s: float
-) -> tuple[Message, bool]:
-    answer = hosts.ask(engine.name, _preparation(case), timeout_s)
-    own: list[float] = []
-    others: list[float] = []
-    while answer.get("outcome") == "ok" and len(own) < _LAPS:
-        if (other := yardstick.lap()) is not None:
-            others.append(other)
-        answer = hosts.ask(engine.name, _LAP, timeout_s)
-        if answer.get("outcome") == "ok":
-            try:
-                own.append(protocol.lap_of(answer))
-            except protocol.ProtocolError as error:
-                answer = {"outcome": "failed", "message": str(error)}
-    if answer.get("outcome") != "ok":
-        return {"lost": protocol.shown(str(answer.get("message", "")))}, answer.get("outcome") == "failed"
-    return {"own_s": own, "yardstick_s": others}, False
 
 
 def _with_speed(result: CaseResult, laps: Message) -> CaseResult:
