@@ -15,8 +15,8 @@ from bodycheck.reports.stored import read_tables
 from bodycheck.runner import Identity, run_selection
 from bodycheck.stored_run import Asked, Watching
 
-SPEED_PASSES = 3
-"""How often a night times all cases: what disturbs a shared machine rarely does so in all three passes."""
+SPEED_PASSES = 10
+"""How often a night times all cases: what disturbs a shared machine rarely does so in all the passes."""
 
 
 def run_night(asked: Asked, folder: Path, watching: Watching) -> tuple[Judgement, Path]:

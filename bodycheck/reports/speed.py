@@ -20,6 +20,7 @@ from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.storage.answers import Answers
 
 _LAPS = 5
+_LAPS_OF_ONE_OF_MANY = 2
 _YARDSTICK = ("reference", "rk4")
 
 
@@ -47,8 +48,10 @@ def measure_speeds(
 ) -> tuple[tuple[CaseResult, ...], Quietness]:
     """Return the cases with their speed, those that ended well; nothing else runs meanwhile.
 
-    passes: how often all of them are timed, one pass after the other: what disturbs the machine for a minute
-    does not disturb the quickest lap of several passes. case_done: told of each case in the last pass.
+    passes: how often all of them are timed, one pass after the other. Where another machine's load shares the
+    core, everything takes half as long again, or twice as long, for a second or for minutes, and then again
+    does not: the quickest lap is as good as undisturbed if one of the passes was. case_done: told of each
+    case in the last pass.
 
     The yardstick is the reference's rk4 on the same scenario, at its finest listed step: relative_cpu is a
     case's quickest lap over the yardstick's, both measured in turn. What disturbs a lap makes it longer: on a
@@ -57,7 +60,8 @@ def measure_speeds(
     by_name = {subject.scenario.name: subject for subject in subjects}
     found: dict[int, Message] = {}
     core = _last_core()
-    with closing(_Clock(core, timeout_s)) as clock:
+    laps_each = _LAPS if passes == 1 else _LAPS_OF_ONE_OF_MANY
+    with closing(_Clock(core, laps_each, timeout_s)) as clock:
         for number, (place, result) in product(range(passes), enumerate(cases)):
             if result.ok:
                 subject, engine = by_name[result.columns["scenario"]], engines[result.columns["engine"]]
@@ -103,8 +107,8 @@ def _preparation(case: Case) -> Message:
 class _Clock:
     """Engines on one core, timed lap by lap, in turn with the yardstick."""
 
-    def __init__(self, core: int | None, timeout_s: float) -> None:
-        self._hosts, self._timeout_s = Hosts(core), timeout_s
+    def __init__(self, core: int | None, laps: int, timeout_s: float) -> None:
+        self._hosts, self._laps, self._timeout_s = Hosts(core), laps, timeout_s
         self._yardstick = _Yardstick(core, timeout_s)
 
     def laps(self, subject: Subject, engine: Engine, case: Case) -> Message:
@@ -120,7 +124,7 @@ class _Clock:
         answer = self._hosts.ask(engine.name, _preparation(case), self._timeout_s)
         own: list[float] = []
         others: list[float] = []
-        while answer.get("outcome") == "ok" and len(own) < _LAPS:
+        while answer.get("outcome") == "ok" and len(own) < self._laps:
             if (other := self._yardstick.lap()) is not None:
                 others.append(other)
             answer = self._hosts.ask(engine.name, _LAP, self._timeout_s)

@@ -1,0 +1,117 @@
+"""A case's speed is its quickest lap over the yardstick's, however a shared machine disturbs the others."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters.contract import Engine
+from bodycheck.adapters.protocol import Message
+from bodycheck.reports import speed
+from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.storage.answers import Answers
+from bodycheck.scenarios.library import load_scenario
+
+ENGINE, YARDSTICK = "quick", "reference"
+LAP_S = {ENGINE: 3e-3, YARDSTICK: 1e-3}
+STEPS_S = (1e-2, 5e-3)
+Lap = Callable[[str, int], Message]
+"""What an engine answers, by its name, to the lap of its which has this number."""
+
+
+def timed(monkeypatch: pytest.MonkeyPatch, lap: Lap, passes: int) -> tuple[list[dict[str, object]], int]:
+    """Return the columns of two cases whose laps are as given, and of how many cases it was told."""
+    laps: Counter[str] = Counter()
+
+    class Clockwork:
+        """Engines whose laps take what they are told to."""
+
+        def __init__(self, core: int | None) -> None:
+            del core
+
+        def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
+            del timeout_s
+            if request["do"] == "prepare":
+                return {"outcome": "ok"}
+            laps[engine] += 1
+            return lap(engine, laps[engine] - 1)
+
+        def close(self) -> None:
+            """Nothing to do."""
+
+    monkeypatch.setattr(speed, "Hosts", Clockwork)
+    subject = Subject.of(load_scenario("intermediate-axis"), "intermediate-axis")
+    about = {"scenario": "intermediate-axis", "engine": ENGINE, "method": "m", "outcome": "ok", "message": ""}
+    cases = [CaseResult({**about, "dt_s": dt_s, "steps": round(10.0 / dt_s)}) for dt_s in STEPS_S]
+    told: list[None] = []
+    found, quietness = speed.measure_speeds(
+        [subject],
+        cases,
+        {ENGINE: Engine(ENGINE, "1", {}, "")},
+        Answers(None, None, 1.0),
+        timeout_s=1.0,
+        passes=passes,
+        case_done=lambda: told.append(None),
+    )
+    assert quietness.spread is None or quietness.spread >= 0.0
+    return [result.columns for result in found], len(told)
+
+
+@pytest.mark.parametrize("passes", [1, 2, 10])
+@pytest.mark.parametrize("quiet", [0, -1])
+def test_one_quiet_pass_is_enough(passes: int, quiet: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a machine is twice as slow in all passes but one, be it the first or the last, nothing moves."""
+    of_a_case = (5 if passes == 1 else 2) * len(STEPS_S)
+    undisturbed = range(passes * of_a_case)[quiet * of_a_case :][:of_a_case]
+
+    def lap(engine: str, number: int) -> Message:
+        # the yardstick, which waits for no memory, is slowed down by less
+        slower = 1.0 if number in undisturbed else 2.0 if engine == ENGINE else 1.2
+        return {"outcome": "ok", "cpu_s": slower * LAP_S[engine]}
+
+    rows, told = timed(monkeypatch, lap, passes)
+    assert [row["relative_cpu"] for row in rows] == pytest.approx([3.0, 3.0], rel=1e-15)
+    assert told == len(STEPS_S)
+
+
+def test_the_median_of_all_laps_stands_beside_their_quartiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """cpu_s and ns_per_step are of all laps of all passes, as numpy has their quantiles."""
+
+    def lap(engine: str, number: int) -> Message:
+        return {"outcome": "ok", "cpu_s": LAP_S[engine] * (1.0 + number)}
+
+    rows, _ = timed(monkeypatch, lap, passes=2)
+    for place, (row, dt_s) in enumerate(zip(rows, STEPS_S, strict=True)):
+        laps = LAP_S[ENGINE] * (1.0 + np.array([0, 1, 4, 5]) + 2 * place)
+        shown = [row[name] for name in ("cpu_s_low", "cpu_s", "cpu_s_high")]
+        assert shown == pytest.approx(np.quantile(laps, [0.25, 0.5, 0.75]).tolist(), rel=1e-14)
+        assert row["ns_per_step"] == pytest.approx(1e9 * np.median(laps) * dt_s / 10.0, rel=1e-14)
+
+
+@pytest.mark.parametrize("lost", [range(2), range(4, 6)], ids=["first", "last"])
+def test_a_pass_that_is_lost_does_not_spoil_the_others(lost: range, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The case has the speed of the passes that it has; nothing is said, for it is as good as any."""
+
+    def lap(engine: str, number: int) -> Message:
+        if engine == ENGINE and number in lost:
+            return {"outcome": "timeout", "message": "no answer within 1 s"}
+        return {"outcome": "ok", "cpu_s": LAP_S[engine]}
+
+    rows, _ = timed(monkeypatch, lap, passes=2)
+    assert [(row["relative_cpu"], row["message"]) for row in rows] == [(pytest.approx(3.0), "")] * 2
+
+
+def test_a_case_without_a_single_pass_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its measures stay, it has no speed, and the message has the reason once."""
+
+    def lap(engine: str, number: int) -> Message:
+        del number
+        return {"outcome": "timeout", "message": f"{engine} gave no answer within 1 s"}
+
+    rows, told = timed(monkeypatch, lap, passes=3)
+    assert all("cpu_s" not in row and "relative_cpu" not in row for row in rows)
+    assert [row["message"] for row in rows] == ["speed not measured: quick gave no answer within 1 s"] * 2
+    assert told == len(STEPS_S)
