@@ -1,13 +1,14 @@
-"""Nights that are killed, that change nothing, and that are simulated from measured noise.
+"""Nights that are killed, that change nothing, and whose speeds are what this machine made of them.
 
-    python tests/long/night_trials.py --kills 50 --unchanged 20 --measured 20 --sequences 100 --seed 1
+    python tests/long/night_trials.py --kills 50 --unchanged 20 --measured 31 --sequences 100 --seed 1
 
 Kills: `bodycheck nightly` is killed with all its workers at random moments; afterwards the history must be
 readable, what was stored before unchanged, and the next night succeed. Unchanged: so many nights of a real
-engine, none of which may tell anything of accuracy. Measured: so many runs of the smoke suite with speeds; a
-simulated night takes for each case, as a night does, the quickest of three of them, drawn at random. Of
-sequences of 30 such nights none may tell a speed; of those in which one engine takes a fifth longer from some
-night on, each has to tell it within five nights. Prints the figures; status 1 where a trial failed.
+engine, none of which may tell anything of accuracy. Measured: so many nights with speeds, of the smoke suite
+in all engines and the reference's rk4, one after the other. Neither as they came, nor in any of the sequences
+of 30 nights that are drawn from them at random, may a speed be told; where one engine takes a fifth longer
+from some night on, be it in the nights as they came or in those drawn, that has to be told within five
+nights. Prints the figures; status 1 where a trial failed.
 """
 
 from __future__ import annotations
@@ -30,15 +31,15 @@ import numpy as np
 import pandas as pd
 from scenario_file import SCENARIO
 
-from bodycheck.night import SPEED_PASSES
-from bodycheck.reports.history.levels import LEAST_AFTER, usual_spread
+from bodycheck.reports.history.levels import LEAST_AFTER, LEAST_BEFORE, usual_spread
 from bodycheck.reports.history.nights import History
-from bodycheck.reports.history.queries import nights_table, query
+from bodycheck.reports.history.queries import nights_table, query, recorded_cases
 from bodycheck.reports.history.speeds import Speeds, speeds_of
 
 _QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
 _SCENARIO = SCENARIO.replace("mine", "tumble").replace("samples = 11", "samples = 101")
 _CASE = ["engine", "method", "scenario", "control", "dt_s", "tolerance"]
+_TIMED = "mujoco,pybullet,dart,reference:rk4"
 _WITHIN = 5
 _SLOWER = 1.2
 
@@ -51,7 +52,9 @@ def main() -> int:
     parser.add_argument("--measured", type=int, default=20)
     parser.add_argument("--sequences", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path, help="a folder of measured runs, made or gone on with")
+    parser.add_argument(
+        "--keep", type=Path, help="the history of the nights that are measured, made or gone on with"
+    )
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -61,7 +64,7 @@ def main() -> int:
         if asked.measured:
             kept = (asked.keep or folder / "measured").absolute()
             measure(folder, kept, asked.measured)
-            failed += simulated(kept, asked.sequences, asked.seed)
+            failed += as_they_came(kept) + simulated(kept, asked.sequences, asked.seed)
     return 1 if failed else 0
 
 
@@ -137,53 +140,97 @@ def unchanged(folder: Path, nights: int) -> int:
     return told + found
 
 
-def measure(folder: Path, kept: Path, runs: int) -> None:
-    """Store runs of the smoke suite, with their speeds, until there are so many."""
-    while len(list(kept.glob("*/results.csv"))) < runs:
-        words = ["run", "smoke", "--out", str(kept / f"{time.time_ns()}")]
-        subprocess.run(
-            [sys.executable, "-m", "bodycheck", *words], cwd=folder, stdout=subprocess.DEVNULL, check=True
-        )
+def measure(folder: Path, kept: Path, nights: int) -> None:
+    """Store nights of the smoke suite, with their speeds, until there are so many."""
+    words = [
+        sys.executable,
+        "-m",
+        "bodycheck",
+        "nightly",
+        "smoke",
+        "--engine",
+        _TIMED,
+        "--history",
+        str(kept),
+    ]
+    while len(History(kept).nights()) < nights:
+        process = subprocess.run(words, cwd=folder, capture_output=True, text=True)
+        if process.returncode not in (0, 3):
+            sys.exit(f"a night that ended with status {process.returncode}\n{process.stdout}{process.stderr}")
+
+
+def measured_nights(kept: Path) -> pd.DataFrame:
+    """Return relative_cpu, a row for each case that every night has, a column for each night."""
+    cases = recorded_cases(History(kept).nights())
+    return cases.set_index([*_CASE, "night"])["relative_cpu"].unstack("night").dropna()
+
+
+def as_they_came(kept: Path) -> int:
+    """Judge the nights in their order, then with each engine slower from each night on; count the faults."""
+    nights = measured_nights(kept)
+    engines = sorted(set(nights.index.get_level_values("engine")) - {"reference"})
+    count = nights.shape[1]
+    told = alarms(judged(nights))
+    print(f"{count} nights as they came, speeds told: {told or 'none'}", flush=True)
+    first_nights = range(LEAST_BEFORE, count - _WITHIN + 1)
+    planted = [(engine, first) for engine in engines for first in first_nights]
+    delays = [delay(slowed(nights, engine, first), engine, first) for engine, first in planted]
+    return len(told) + report(delays)
 
 
 def simulated(kept: Path, sequences: int, seed: int) -> int:
-    """Draw sequences of nights from the runs that were measured; return how many were judged wrongly."""
-    tables = [
-        pd.read_csv(path).set_index(_CASE)["relative_cpu"] for path in sorted(kept.glob("*/results.csv"))
-    ]
-    passes = pd.concat(tables, axis=1).dropna()
+    """Draw sequences from the nights that were measured; return how many were judged wrongly."""
+    nights = measured_nights(kept)
     chance = np.random.default_rng(seed)
-    usual = usual_spread(drawn(passes, chance, 30).series.decades)
-    print(
-        f"{len(tables)} runs measured; chance changes a night by {100.0 * (10.0**usual - 1.0):.1f} % (sigma)"
-    )
-    false = sum(bool(alarms(drawn(passes, chance, 30))) for _ in range(sequences))
-    print(f"unchanged sequences of 30 nights: {sequences}, with a speed told: {false}", flush=True)
-    engines = sorted(set(passes.index.get_level_values("engine")) - {"reference"})
-    delays: list[int] = []
+    usual = usual_spread(judged(drawn(nights, chance, 30)).series.decades)
+    print(f"chance changes a night by {100.0 * (10.0**usual - 1.0):.1f} % (sigma)")
+    false = sum(bool(alarms(judged(drawn(nights, chance, 30)))) for _ in range(sequences))
+    print(f"unchanged sequences of 30 nights drawn: {sequences}, with a speed told: {false}", flush=True)
+    engines = sorted(set(nights.index.get_level_values("engine")) - {"reference"})
+    delays: list[int | None] = []
     for _ in range(sequences):
         engine, first = str(chance.choice(engines)), int(chance.integers(10, 25))
-        speeds = drawn(passes, chance, first + _WITHIN, slower=engine, first=first)
-        told = [at for (who, _), at, size in alarms(speeds) if who == engine and size > 0.0 and at >= first]
-        delays += [min(told) - first + 1] if told else []
-    print(f"one engine {_SLOWER} times as slow: {sequences}, told within {_WITHIN} nights: {len(delays)}")
-    if delays:
-        middle, latest = np.median(delays), max(delays)
-        print(f"told on night {middle:.0f} (median), {latest} (latest); at the earliest {LEAST_AFTER}")
-    return false + sequences - len(delays)
+        slower = slowed(drawn(nights, chance, first + _WITHIN), engine, first)
+        delays.append(delay(slower, engine, first))
+    return false + report(delays)
 
 
-def drawn(
-    passes: pd.DataFrame, chance: np.random.Generator, nights: int, slower: str = "", first: int = 0
-) -> Speeds:
-    """Return the speeds of nights drawn at random; from `first` on, an engine is slower."""
-    picked = chance.integers(0, passes.shape[1], (nights, SPEED_PASSES))
-    quickest = passes.to_numpy()[:, picked].min(axis=2)
-    quickest[np.ix_(passes.index.get_level_values("engine") == slower, np.arange(nights) >= first)] *= _SLOWER
-    names = [f"night {number:03d}" for number in range(nights)]
-    table = pd.DataFrame(quickest, index=passes.index, columns=names)
-    cases = table.melt(var_name="night", value_name="relative_cpu", ignore_index=False).reset_index()
-    return speeds_of(names, cases)
+def report(delays: list[int | None]) -> int:
+    """Print on which of its nights an engine that became slower was told; return how often not in time."""
+    late = sum(each is None or each > _WITHIN for each in delays)
+    print(f"one engine {_SLOWER} times as slow: {len(delays)}, not told within {_WITHIN} nights: {late}")
+    if told := [each for each in delays if each is not None]:
+        print(f"told on night {np.median(told):.0f} (median), {max(told)} (latest); earliest {LEAST_AFTER}")
+    return late
+
+
+def drawn(nights: pd.DataFrame, chance: np.random.Generator, count: int) -> pd.DataFrame:
+    """Return so many of the nights, each drawn at random from all."""
+    picked = nights.iloc[:, chance.integers(0, nights.shape[1], count)]
+    return picked.set_axis([f"night {number:03d}" for number in range(count)], axis=1)
+
+
+def slowed(nights: pd.DataFrame, engine: str, first: int) -> pd.DataFrame:
+    """Return the nights with an engine slower from the first on."""
+    factor = np.ones(nights.shape)
+    factor[np.ix_(nights.index.get_level_values("engine") == engine, np.arange(nights.shape[1]) >= first)] = (
+        _SLOWER
+    )
+    return nights * factor
+
+
+def judged(nights: pd.DataFrame) -> Speeds:
+    """Return the speeds of nights, judged as a night judges them."""
+    cases = nights.melt(var_name="night", value_name="relative_cpu", ignore_index=False).reset_index()
+    return speeds_of(list(nights.columns), cases)
+
+
+def delay(nights: pd.DataFrame, engine: str, first: int) -> int | None:
+    """Return on which night of an engine's being slower that was told, 1 the first; None: not at all."""
+    told = [
+        at for (who, _), at, size in alarms(judged(nights)) if who == engine and size > 0.0 and at >= first
+    ]
+    return min(told) - first + 1 if told else None
 
 
 def alarms(speeds: Speeds) -> list[tuple[tuple[str, str], int, float]]:
