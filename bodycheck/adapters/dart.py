@@ -151,7 +151,7 @@ class DartSimulation:
         It is NaN where the joint's rotation vector is: there DART shows the identity instead.
         """
         position, rotation, velocity, omega_world = self._state()
-        self._is_lost = not np.all(np.isfinite(self._joint.getPositions()))
+        self._is_lost = not np.isfinite(self._joint.getPositions()).all()
         if self._is_lost:
             rotation = np.full((3, 3), np.nan)
         return Reading(position=position, velocity=velocity, rotation=rotation, omega_world=omega_world)

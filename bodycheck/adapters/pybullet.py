@@ -95,7 +95,7 @@ class PyBullet:
 
 
 class PyBulletSimulation:
-    """One client's world with one body; the client goes back to the adapter on close."""
+    """One client's world with one body, which on close leaves it; the client goes back to the adapter."""
 
     stepping: Stepping
 
@@ -180,9 +180,10 @@ class PyBulletSimulation:
         )
 
     def close(self) -> None:
-        """Give the client back; its next body empties the world."""
+        """Take the body out of its world, and give the client back."""
         if not self._closed:
             self._closed = True
+            pybullet.removeBody(self._body, self._client)  # resetSimulation takes five times as long
             self._give_back(self._client)
 
     def _step(self) -> None:
@@ -220,8 +221,7 @@ class PyBulletSimulation:
 
 
 def _add_body(client: int, scene: Scene, method: str) -> int:
-    """Empty the world and put one body into it, its inertial frame where it is seen from the link."""
-    pybullet.resetSimulation(physicsClientId=client)
+    """Put one body into an empty world, its inertial frame where it is seen from the link."""
     moments, axes = diagonalised(scene.body.inertia)
     frame = {}
     if scene.link is not None:
@@ -258,4 +258,4 @@ def _is_uniform(load: Timed) -> bool:
 
 def _matrix(quaternion: tuple[float, ...]) -> Array:
     """Return getMatrixFromQuaternion of it: (x, y, z, w) -> (3, 3)."""
-    return np.reshape(pybullet.getMatrixFromQuaternion(quaternion), (3, 3))
+    return np.array(pybullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)

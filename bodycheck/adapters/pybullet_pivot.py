@@ -33,7 +33,7 @@ _LINK = 0
 
 
 class PivotedPyBulletSimulation:
-    """One client's world with one pivoted body; the client goes back to the adapter on close."""
+    """One client's world with one pivoted body, which on close leaves it; the client goes back then."""
 
     stepping: Stepping
 
@@ -84,7 +84,7 @@ class PivotedPyBulletSimulation:
     def read(self) -> Reading:
         """Copy the joint's state; the matrix is getMatrixFromQuaternion of the engine's own quaternion."""
         (x, y, z, w), omega, *_ = pybullet.getJointStateMultiDof(self._body, _LINK, self._client)
-        matrix = np.reshape(pybullet.getMatrixFromQuaternion((x, y, z, w)), (3, 3))
+        matrix = np.array(pybullet.getMatrixFromQuaternion((x, y, z, w))).reshape(3, 3)
         rotation, omega_body = matrix @ self._axes.T, self._axes @ np.array(omega)
         arm = rotation @ self._arm
         place, _ = pybullet.getBasePositionAndOrientation(self._body, self._client)
@@ -97,9 +97,10 @@ class PivotedPyBulletSimulation:
         )
 
     def close(self) -> None:
-        """Give the client back; its next body empties the world."""
+        """Take the body out of its world, and give the client back."""
         if not self._closed:
             self._closed = True
+            pybullet.removeBody(self._body, self._client)
             self._give_back(self._client)
 
     def _push(self) -> None:
@@ -131,8 +132,7 @@ class PivotedPyBulletSimulation:
 
 
 def _add_body(client: int, scene: Scene, moments: Array, centre: Array) -> int:
-    """Empty the world and put a base without mass into it, and the body on that."""
-    pybullet.resetSimulation(physicsClientId=client)
+    """Put a base without mass into an empty world, and the body on that."""
     unturned = (0.0, 0.0, 0.0, 1.0)
     body: int = pybullet.createMultiBody(
         baseMass=0.0,
