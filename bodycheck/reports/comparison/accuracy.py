@@ -40,8 +40,8 @@ def noise(measure: str, row: Mapping[str, Any], floors: Floors) -> float:
         return least
     bound, floor = row.get(TRUTH_BOUNDS[measure], 0.0), floors.get(_FLOORS.get(measure, measure), 0.0)
     limited = max(_BOUNDS * bound, floor)
-    if measure == "rotational_energy_drift":  # over its own scale, where bound and floor are over the whole
-        limited *= row["energy_scale_j"] / row["rotational_energy_scale_j"]
+    if measure == "rotational_energy_drift" and (own := row["rotational_energy_scale_j"]):
+        limited *= row["energy_scale_j"] / own  # over its own scale, where bound and floor are over the whole
     return max(least, limited)
 
 

@@ -96,6 +96,15 @@ def test_what_has_no_scale_is_measured_by_its_own_size() -> None:
         assert [one.what for one in found] == told * ["energy_drift_abs"]
 
 
+def test_a_body_that_does_not_turn_can_be_compared() -> None:
+    """Its rotational energy has no scale: the same is no change, ten times as much is one."""
+    still = {"energy_scale_j": 6.0, "rotational_energy_scale_j": 0.0}
+    before = {**still, "rotational_energy_drift_abs": 1e-20}
+    assert accuracies(before, before) == []
+    (worse,) = accuracies(before, {**still, "rotational_energy_drift_abs": 1e-19})
+    assert (worse.what, worse.direction) == ("rotational_energy_drift_abs", "worse")
+
+
 @pytest.mark.parametrize(
     ("cells", "fineness"),
     [({}, 0.01), ({"control": "tolerance", "dt_s": None, "tolerance": 1e-6}, 1e-6), ({"dt_s": None}, None)],
