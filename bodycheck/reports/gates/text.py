@@ -92,7 +92,8 @@ def print_changes(changes: Sequence[Change], results: Sequence[GateResult], marg
             soft_wrap=True,
             markup=False,
         )
-    kept = sum(result.status != "passed" for result in results) - sum(change.loosens for change in changes)
-    if kept > 0:
+    loosened = {change.place for change in changes if change.loosens}
+    kept = sum(result.status != "passed" and place not in loosened for place, result in enumerate(results))
+    if kept:
         out.print(f"{count(kept, 'gate')} that did not pass left as they are: loosen with --loosen REASON")
     out.print(f"{count(len(changes), 'bound')} replaced")

@@ -157,6 +157,9 @@ def test_changes_are_told_with_what_was_measured(capsys: pytest.CaptureFixture[s
         "2 gates that did not pass left as they are: loosen with --loosen REASON",
         "2 bounds replaced",
     ]
+    both = [Change(1, key, 1e-3, 1e-2, 1e-2, loosens=True) for key in ("lower", "upper")]
+    print_changes(both, results(), 0.3)
+    assert "2 gates that did not pass left as they are" in capsys.readouterr().out
     print_changes(changes[:1], results()[:1], 0.3)
     assert capsys.readouterr().out.splitlines()[1:] == ["1 bound replaced"]
 
