@@ -18,8 +18,8 @@ _STRING = r'"(?:[^"\\\n]|\\.)*"|' + r"'[^'\n]*'"
 def edited(text: str, where: str, changes: Sequence[Change], why: str | None) -> str:
     """Return the text of a tolerance file with the changes made, and read again to be sure of them.
 
-    why: what is added to the reason of a gate that is loosened. Raises InputError where a bound does not
-    stand on a line of its own under its [[gate]].
+    why: what is added, once, to the reason of a gate that is loosened. Raises InputError where a bound does
+    not stand on a line of its own under its [[gate]].
     """
     before = parse_gates(text, where)
     starts = [found.start() for found in _HEADER.finditer(text)]
@@ -29,8 +29,8 @@ def edited(text: str, where: str, changes: Sequence[Change], why: str | None) ->
         gate = wanted[change.place]
         told: dict[str, object] = {change.key: change.new}
         lines: dict[str, tuple[str, str]] = {change.key: (r"[^\s#]+", step(change.new))}
-        if change.loosens and why is not None:
-            told["reason"] = f"{gate.reason}; loosened: {why}"
+        if change.loosens and why is not None and not gate.reason.endswith(added := f"; loosened: {why}"):
+            told["reason"] = gate.reason + added
             lines["reason"] = (_STRING, json.dumps(told["reason"], ensure_ascii=False))
         wanted[change.place] = gate.model_copy(update=told)
         if change.place + 1 < len(parts):

@@ -101,6 +101,16 @@ def test_all_but_the_bounds_of_a_file_stays_as_it_was() -> None:
     assert edited(TEXT, "t", [], None) == TEXT
 
 
+def test_a_reason_is_added_once_though_both_bounds_are_loosened() -> None:
+    """And not again, when the same is said once more."""
+    text = '[[gate]]\nmeasure = "energy_drift"\nlower = 2.0\nupper = 3.0\nreason = "r"\n'
+    both = [Change(0, "lower", 2.0, 1.0, 1.5, loosens=True), Change(0, "upper", 3.0, 4.0, 3.5, loosens=True)]
+    once = edited(text, "t", both, "wider")
+    assert [gate.reason for gate in parse_gates(once, "t")] == ["r; loosened: wider"]
+    again = edited(once, "t", [Change(0, "upper", 4.0, 5.0, 4.5, loosens=True)], "wider")
+    assert again == once.replace("4.0", "5.0")
+
+
 @pytest.mark.parametrize(
     "text",
     [
