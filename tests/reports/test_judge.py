@@ -138,10 +138,18 @@ def test_a_wrong_file_is_refused_by_a_line_that_names_it(what: str, tmp_path: Pa
 
 
 def test_an_npz_that_is_none_is_refused(tmp_path: Path) -> None:
-    """Neither text nor pickled objects are read as arrays."""
-    text, pickled = tmp_path / "text.npz", tmp_path / "pickled.npz"
+    """Neither text nor pickled objects are read as arrays, nor one array alone, nor damaged ones."""
+    text, pickled, alone, damaged = (
+        tmp_path / f"{name}.npz" for name in ("text", "pickled", "npy", "damaged")
+    )
     text.write_text("hello")
     np.savez(pickled, t_s=np.array([object()]), allow_pickle=True)
-    for path in (text, pickled):
+    with alone.open("wb") as file:
+        np.save(file, np.arange(3.0))
+    np.savez_compressed(damaged, t_s=np.arange(100.0))
+    content = bytearray(damaged.read_bytes())
+    content[len(content) // 2 - 40 : len(content) // 2] = bytes(range(40))
+    damaged.write_bytes(content)
+    for path in (text, pickled, alone, damaged):
         with pytest.raises(bodycheck.InputError, match="is not an npz of numbers"):
             bodycheck.judge(path, "boxes")
