@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bodycheck.errors import InputError
-from bodycheck.reports.case import CaseResult
+from bodycheck.reports.case import ALLOW_CODE, CaseResult, asked_as
 from bodycheck.reports.keeping import keeping, ladders_of, largest_error
 from bodycheck.reports.study import QUANTITIES
 from bodycheck.reports.summary import MethodKey
@@ -123,13 +123,19 @@ def _on_all(found: Mapping[str, Mapping[MethodKey, Option]]) -> dict[MethodKey, 
         if len(each) < len(found):
             continue
         times = [option.cpu_s for option in each]
-        asked = [shlex.split(option.reproduce)[2] for option in each]
         together[key] = Option(
             *key,
             control=each[0].control,
             settings=tuple(option.settings[0] for option in each),
             error=max(option.error for option in each),
             cpu_s=None if None in times else sum(time for time in times if time is not None),
-            reproduce=shlex.join(["bodycheck", "run", *asked, "--engine", ":".join(key)]),
+            reproduce=_command(key, [option.reproduce for option in each]),
         )
     return together
+
+
+def _command(key: MethodKey, each: Sequence[str]) -> str:
+    """Return the one command that runs a method on the scenarios of several commands."""
+    asked = [name for command in each if (name := asked_as(command)) is not None]
+    code = [ALLOW_CODE] if any(ALLOW_CODE in shlex.split(command) for command in each) else []
+    return shlex.join(["bodycheck", "run", *asked, "--engine", ":".join(key), *code])

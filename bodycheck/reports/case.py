@@ -32,7 +32,10 @@ Asking: TypeAlias = Callable[[Engine, Case], Answer]
 """How a case comes to its answer: from the engine, or from what it answered before."""
 
 SWITCH_NOTE = "load switches inside a step"
-"""How the message begins of a case whose order is lowered by that."""
+"""What stands in the message of a case whose order is lowered by that."""
+
+ALLOW_CODE = "--allow-code"
+"""What stands in the command of a case whose scenario names a function."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,11 +220,11 @@ def _who(subject: Subject, engine: Engine, method: Method, setting: Setting) -> 
         "control": method.control,
         "dt_s": setting.dt_s,
         "tolerance": setting.tolerance,
-        "reproduce": reproducing_command(subject, engine.name, method.name, setting),
+        "reproduce": _reproducing_command(subject, engine.name, method.name, setting),
     }
 
 
-def reproducing_command(subject: Subject, engine: str, method: str, setting: Setting) -> str:
+def _reproducing_command(subject: Subject, engine: str, method: str, setting: Setting) -> str:
     """Return the command line that runs this one case again."""
     words = ["bodycheck", "run", subject.asked_as, "--engine", f"{engine}:{method}"]
     if setting.dt_s is not None:
@@ -229,8 +232,14 @@ def reproducing_command(subject: Subject, engine: str, method: str, setting: Set
     if setting.tolerance is not None:
         words += ["--tolerance", repr(setting.tolerance)]
     if subject.scenario.scene.has_black_box:
-        words.append("--allow-code")
+        words.append(ALLOW_CODE)
     return shlex.join(words)
+
+
+def asked_as(reproduce: str) -> str | None:
+    """Return what names the scenario in the command of a case: the word after `bodycheck run`."""
+    words = shlex.split(reproduce)
+    return words[2] if len(words) > 2 else None
 
 
 def _note(subject: Subject, plan: StepPlan | None, said: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -17,7 +16,7 @@ from bodycheck.adapters.protocol import read_back_of
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.case import CaseResult, Subject, measured_by
+from bodycheck.reports.case import CaseResult, Subject, asked_as, measured_by
 from bodycheck.reports.measures import Motion
 from bodycheck.reports.run import Run
 from bodycheck.reports.storage.cache import Cache
@@ -126,11 +125,11 @@ def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = No
 
 
 def _subjects(folder: Path, tables: Tables, allow_code: bool, cache: Cache | None) -> Iterator[Subject]:
-    names = _asked_as(tables.cases)
+    commands = {case.columns["scenario"]: case.columns["reproduce"] for case in tables.cases}
     for name, told in tables.manifest["scenarios"].items():
         where = f"{folder / 'manifest.json'}: scenarios.{name}"
         scenario = as_written(told, where, allow_code=allow_code)
-        subject = Subject.of(scenario, names.get(name, name), cache)
+        subject = Subject.of(scenario, asked_as(commands.get(name, "")) or name, cache)
         path = folder / "trajectories" / file_name(name) / "truth.npz"
         stored = read_arrays(path)
         if "quaternion" not in stored or len(stored["t_s"]) != len(subject.truth.trajectory.t_s):
@@ -139,12 +138,6 @@ def _subjects(folder: Path, tables: Tables, allow_code: bool, cache: Cache | Non
         if not np.all(gap <= 2.0 * subject.truth.bound_rad[: subject.compared]):
             raise InputError(f"{path}: is not the truth that is solved for {name} now")
         yield subject
-
-
-def _asked_as(cases: Iterable[CaseResult]) -> dict[str, str]:
-    """Return what names each scenario on the command line: the word after `bodycheck run`."""
-    words = {case.columns["scenario"]: shlex.split(case.columns["reproduce"]) for case in cases}
-    return {name: line[2] for name, line in words.items() if len(line) > 2}
 
 
 def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[CaseResult]:

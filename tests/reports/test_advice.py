@@ -92,17 +92,20 @@ def test_the_best_of_each_engine_is_shown_cheapest_first() -> None:
 
 
 def test_all_scenarios_together_need_a_method_that_keeps_it_in_each() -> None:
-    """The finest and the coarsest of its steps are told, times add up, the largest error counts."""
+    """The finest and the coarsest of its steps are told, times add up, the largest error counts.
+
+    The one command runs them all: with --allow-code where one of them needs it.
+    """
     cases = [
         *ladder("euler", [9e-4, 4e-4]),
-        *ladder("euler", [9e-2, 8e-4], scenario="forced", reproduce="bodycheck run my.toml"),
+        *ladder("euler", [9e-2, 8e-4], scenario="forced", reproduce="bodycheck run my.toml --allow-code"),
         *ladder("rk4", [1e-9], cost=0.1),
     ]
     together, *each = advise(cases, 1e-3, ERROR, ["free", "forced"])
     assert together.scenario is None
     assert steps(together) == [("mujoco", "euler", (0.1, 0.05), 3.0)]
     assert together.options[0].error == 9e-4 + BOUND
-    assert together.options[0].reproduce == "bodycheck run free my.toml --engine mujoco:euler"
+    assert together.options[0].reproduce == "bodycheck run free my.toml --engine mujoco:euler --allow-code"
     assert [answer.scenario for answer in each] == ["free", "forced"]
     assert steps(each[0]) == [("mujoco", "rk4", (0.1,), 0.1)]
 
