@@ -8,7 +8,7 @@ import secrets
 import threading
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -119,8 +119,8 @@ def run(
     scenarios: Sequence[str | Path] = ("standard",),
     *,
     engines: Sequence[str] | None = None,
-    dt_s: Sequence[float] | None = None,
-    tolerances: Sequence[float] | None = None,
+    dt_s: Iterable[float] | None = None,
+    tolerances: Iterable[float] | None = None,
     speed: bool = True,
     jobs: int | None = None,
     timeout_s: float = TIMEOUT_S,
@@ -136,6 +136,8 @@ def run(
     may take. fresh: whether to ask every engine anew, where else what it answered before is taken.
     allow_code: whether scenarios may name functions, whose code runs. Raises InputError for wrong input.
     """
+    if not scenarios:
+        raise InputError("scenarios: name one at least")
     manner = Manner(speed, jobs, timeout_s, fresh)
     selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
     return run_selection(selection, manner, Identity.new(), journal=None, progress=SILENCE)

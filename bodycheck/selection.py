@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -53,8 +53,8 @@ class Selection:
 def select(
     scenarios: Sequence[str | Path] = ("standard",),
     engines: Sequence[str] | None = None,
-    dt_s: Sequence[float] | None = None,
-    tolerances: Sequence[float] | None = None,
+    dt_s: Iterable[float] | None = None,
+    tolerances: Iterable[float] | None = None,
     *,
     allow_code: bool = False,
     wanted: Wanted | None = None,
@@ -68,21 +68,24 @@ def select(
     """
     if os.environ.get(RUN_PID):
         raise InsideWorkerError("a run cannot be started from within a worker of another run")
+    for what, listed in (("scenarios", scenarios), ("engines", engines)):
+        if isinstance(listed, str):
+            raise InputError(f"{what} must be a list of names, like [{listed!r}], not one text")
+    steps, asked_tolerances = _doubles(dt_s), _doubles(tolerances)
     names = [_parted(name) for name in engines or engine_names()]
     asked = [name for name in dict.fromkeys(engine for engine, _, _ in names) if not engine_fault(name)]
     with announcing(asked) as announcement:
-        loaded = checked_scenarios(scenarios, dt_s, tolerances, allow_code=allow_code)
+        loaded = checked_scenarios(scenarios, steps, asked_tolerances, allow_code=allow_code)
         if wanted is None:
             methods, unavailable = _methods(names, announcement, by_name=bool(engines))
         else:
             methods, unavailable = _wanted_methods(wanted, announcement())
-    return Selection(
-        tuple(loaded),
-        methods,
-        unavailable,
-        tuple(dt_s) if dt_s else None,
-        tuple(tolerances) if tolerances else None,
-    )
+    return Selection(tuple(loaded), methods, unavailable, steps or None, asked_tolerances or None)
+
+
+def _doubles(numbers: Iterable[float] | None) -> tuple[float, ...]:
+    """Return numbers, of an array too, as doubles of Python: their repr goes into commands."""
+    return () if numbers is None else tuple(float(number) for number in numbers)
 
 
 def checked_scenarios(

@@ -1,0 +1,38 @@
+"""What a caller from Python may hand over for scenarios, engines and steps, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bodycheck
+from bodycheck.selection import select
+
+
+def test_steps_and_tolerances_may_be_an_array() -> None:
+    """They become doubles of Python, whose repr the reproducing commands have."""
+    made = select(
+        ["intermediate-axis"],
+        ["reference:rk4", "reference:taylor"],
+        np.array([0.02, 0.01]),
+        np.float64([1e-6]),
+    )
+    assert repr(made.dt_s) == "(0.02, 0.01)"
+    assert repr(made.tolerances) == "(1e-06,)"
+    assert select(["intermediate-axis"], ["reference:rk4"], np.array([])).dt_s is None
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"scenarios": "smoke"}, r"scenarios must be a list of names, like \['smoke'\], not one text"),
+        ({"engines": "dart"}, r"engines must be a list of names, like \['dart'\], not one text"),
+        ({"scenarios": []}, "scenarios: name one at least"),
+    ],
+)
+def test_one_text_is_no_list_and_no_scenario_is_no_run(asked: dict[str, Any], message: str) -> None:
+    """One line says what would be right, not one for each letter."""
+    with pytest.raises(bodycheck.InputError, match=f"^{message}$"):
+        bodycheck.run(**asked)
