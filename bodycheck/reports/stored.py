@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 _OF_EVERY_CASE = ("run_id", "scenario", "engine", "method", "control", "outcome", "reproduce")
 _OF_EVERY_METHOD = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
 _OF_EVERY_SEARCH = ("run_id", "scenario", "engine", "method", "outcome")
-_IN_THE_MANIFEST = ("run_id", "created", "bodycheck", "cpu", "engines", "outcomes", "scenarios")
+_MANIFEST_TABLES = ("engines", "outcomes", "scenarios")
+_IN_THE_MANIFEST = ("run_id", "created", "bodycheck", "cpu", "cores", "system", *_MANIFEST_TABLES)
 _SAME = 1e-6  # relative: how well a motion that is measured anew gives the error that stands in the table
 
 
@@ -96,6 +97,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     path, manifest = folder / "manifest.json", _json(folder, "manifest.json")
     if not isinstance(manifest, dict) or any(key not in manifest for key in _IN_THE_MANIFEST):
         raise InputError(f"{path}: is no manifest of a run: it must have {', '.join(_IN_THE_MANIFEST)}")
+    if wrong := [key for key in _MANIFEST_TABLES if not isinstance(manifest[key], dict)]:
+        raise InputError(f"{path}: is no manifest of a run: {', '.join(wrong)} must be an object")
     return manifest
 
 

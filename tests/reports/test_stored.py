@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -77,6 +78,14 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
     "no manifest": (lambda folder: (folder / "manifest.json").unlink(), "is no folder of a run"),
     "half a manifest": (_text("manifest.json", lambda text: text[:500]), "manifest.json: is not JSON"),
     "a foreign manifest": (_text("manifest.json", lambda _: "{}"), "is no manifest of a run"),
+    "no machine": (
+        _text("manifest.json", lambda text: text.replace('"system"', '"sistem"')),
+        "is no manifest of a run: it must have run_id, ",
+    ),
+    "a list for a table": (
+        _text("manifest.json", lambda text: re.sub(r'"outcomes": {[^}]*}', '"outcomes": []', text)),
+        "is no manifest of a run: outcomes must be an object",
+    ),
     "a row lost": (_text("results.csv", lambda text: text[: text[:-1].rindex("\n") + 1]), "is damaged"),
     "half a row": (_text("results.csv", lambda text: text[:-200]), "cells, not"),
     "a word for a number": (
