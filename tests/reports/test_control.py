@@ -10,6 +10,8 @@ import pytest
 
 import bodycheck
 from bodycheck.reports.convergence import Point, obedience_of
+from bodycheck.reports.page.facts import scenario_facts
+from bodycheck.reports.wording import number
 
 CHAOTIC = """
 name = "long torque"
@@ -114,7 +116,9 @@ def test_a_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> No
     assert last < until <= subject.truth.trajectory.t_s[subject.compared]
     assert (run.results["compared_until_s"] == last).all()
     assert run.results["message"].str.contains(f"chaotic: compared until t = {last:.6g} s").all()
-    assert (run.results["truth_bound_rad"] < 1e-10).all()
+    (bound,) = run.results["truth_bound_rad"].unique()
+    assert bound < 1e-10
+    assert f"bound {number(bound, 2)} rad, " in dict(scenario_facts(subject))["Truth"]
     assert all(len(values) == subject.compared for case in run.cases for values in case.series.values())
     verdicts = run.methods.set_index("quantity")["verdict"]
     assert verdicts["orientation_error_rad"] == "chaotic"

@@ -22,7 +22,7 @@ def scenario_facts(subject: Subject) -> list[tuple[str, str]]:
         "of the energy": truth.bound_energy,
         "of the angular momentum": truth.bound_momentum,
     }
-    bound = ", ".join(f"{wording.number(float(b.max()), 2)} {unit}" for unit, b in bounds.items())
+    bound = ", ".join(f"{wording.number(subject.largest(b), 2)} {unit}" for unit, b in bounds.items())
     facts = [
         ("Source", scenario.source),
         ("Tags", ", ".join(scenario.tags)),
