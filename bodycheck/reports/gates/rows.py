@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any
 
 from bodycheck.reports.gates.gate import Gate
@@ -37,9 +38,7 @@ def rows_of(gate: Gate, run: Findings) -> list[Row]:
     measure = gate.looks_at
     if measure.source == "results":
         return [_row_of_case(gate, case.columns) for case in run.cases if _wanted(gate, case.columns)]
-    table: pd.DataFrame | None = getattr(run, measure.source, None)
-    if table is None:
-        return []
+    table: pd.DataFrame = run.methods if measure.source == "methods" else run.stability
     found: dict[tuple[str, str, str], Mapping[str, Any]] = {
         (row["scenario"], row["engine"], row["method"]): _present(row)
         for row in table.to_dict("records")
@@ -107,19 +106,17 @@ def _whole_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> s
 
 
 def why_none(gate: Gate, run: Findings) -> str:
-    """Say which key of the gate is the first that leaves no case, and what there is instead."""
-    source = gate.looks_at.source
-    if source != "results" and getattr(run, source, None) is None:
-        return f"the run has no {source}.csv"
-    left: list[Mapping[str, Any]] = [case.columns for case in run.cases]
-    for key, wanted in _KEYS.items():
-        there = left
-        left = [columns for columns in left if wanted(gate, columns)]
-        if not left:
-            has = names(list(dict.fromkeys(_shown(columns, key) for columns in there)))
-            lost = [told["unavailable"] for told in run.manifest["engines"].values() if "unavailable" in told]
-            return "; ".join([f"no {key} of the run is {_asked(gate, key)}; it has {has or 'none'}", *lost])
-    return "no case of the run matched"
+    """Say of a gate without rows which key is the first that leaves no case, and what there is instead."""
+    cases: list[Mapping[str, Any]] = [case.columns for case in run.cases]
+    left_by_each = accumulate(
+        _KEYS.values(), lambda left, wanted: [one for one in left if wanted(gate, one)], initial=cases
+    )
+    key, there = next(
+        (key, there) for key, (there, left) in zip(_KEYS, pairwise(left_by_each), strict=True) if not left
+    )
+    has = names(list(dict.fromkeys(_shown(columns, key) for columns in there)))
+    lost = [told["unavailable"] for told in run.manifest["engines"].values() if "unavailable" in told]
+    return "; ".join([f"no {key} of the run is {_asked(gate, key)}; it has {has or 'none'}", *lost])
 
 
 _KEYS: dict[str, Callable[[Gate, Mapping[str, Any]], bool]] = {

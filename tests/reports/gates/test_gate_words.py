@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from io import StringIO
-from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -75,13 +74,6 @@ def test_each_gate_is_one_line() -> None:
 def test_a_bound_is_told_in_words(table: dict[str, Any], bound: str) -> None:
     """A reach, two sides, or a word."""
     assert gate(**table).bound == bound
-
-
-def test_a_run_without_a_table_says_so() -> None:
-    """Whatever the gate's patterns are."""
-    bare: Any = SimpleNamespace(**{**vars(a_run([{}])), "stability": None})
-    (found,) = held([gate(measure="stability.dt_stable_s", lower=0.1)], bare)
-    assert (found.status, found.why) == ("nothing", "the run has no stability.csv")
 
 
 def test_each_row_that_failed_is_told_with_its_command() -> None:
