@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.measures import SERIES_SCALES
-from bodycheck.reports.page.front import ERRORS, Cost, floor_of
+from bodycheck.reports.page.front import ERRORS, Cost
 from bodycheck.reports.summary import MethodKey, key_of, shown_case
 from bodycheck.reports.tables import ABSOLUTE
 from bodycheck.reports.wording import number
@@ -94,7 +95,7 @@ def plot_data(
         "errors": [
             {
                 "name": error,
-                "floor": _rounded(floor_of(subject, error)),
+                "floor": _rounded(floor_of(subject.columns, error)),
                 "fits": _fits(method_rows, error, index),
             }
             for error in ERRORS

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from bodycheck.errors import InputError, UnavailableError
-from bodycheck.reports.bounds import TRUTH_BOUNDS
+from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.figures import Style, styles
 from bodycheck.reports.measures import SERIES_SCALES
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 _SUFFIXES = (".svg", ".png")
 _INCHES = (3.5, 2.6)
 _DOTS_PER_INCH = 300
-_FLOORS = 3.0  # times the truth's bound: errors below that are neither better nor worse
 _COLOURS = (  # one an engine, as in the report: after Okabe and Ito
     *("#0072b2", "#c44e00", "#00805c", "#1a1a1a"),
     *("#a8487f", "#8a6d00", "#2f86b5", "#7a5cc0"),
@@ -173,7 +172,7 @@ def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style])
 
 def _drawn_error(case: CaseResult, quantity: str) -> float:
     """Return max(error, 3 bound): what is below cannot be told from it."""
-    return max(float(case.columns[quantity]), _FLOORS * case.columns[TRUTH_BOUNDS[quantity]])
+    return max(float(case.columns[quantity]), floor_of(case.columns, quantity))
 
 
 def _draw(

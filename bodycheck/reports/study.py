@@ -11,6 +11,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reports.bounds import BOUND_KINDS, floor_of
 from bodycheck.reports.case import Asking, CaseResult, Subject, run_case
 from bodycheck.reports.convergence import ABOVE_FLOOR, LARGEST_ERROR, Point, convergence_of, obedience_of
 from bodycheck.reports.growth import Growth, growth_of
@@ -20,14 +21,8 @@ from bodycheck.reports.stability import Searching, stability_row
 
 _ORIENTATION = "orientation_error_rad"
 _EPS = float(np.finfo(np.float64).eps)
-QUANTITIES = {
-    _ORIENTATION: "rad",
-    "omega_error": "momentum",
-    "energy_drift": "energy",
-    "angular_momentum_drift": "momentum",
-    "position_error": "rad",
-}
-"""The measures of which an order is fitted, each with the bound and round-off of the truth that limit it."""
+QUANTITIES = (_ORIENTATION, "omega_error", "energy_drift", "angular_momentum_drift", "position_error")
+"""The measures of which an order is fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +87,9 @@ def study(
 
 def limit(subject: Subject, quantity: str) -> float:
     """max(3 bound, eps sensitivity): an error below it is at the floor, in rad or of the scale."""
-    truth, kind = subject.truth, QUANTITIES[quantity]
-    bound, round_off = getattr(truth, f"bound_{kind}"), getattr(truth, f"round_off_{kind}")
-    least = max(3.0 * subject.largest(bound), subject.largest(round_off))
+    truth = subject.truth
+    round_off = subject.largest(getattr(truth, f"round_off_{BOUND_KINDS[quantity]}"))
+    least = max(floor_of(subject.columns, quantity), round_off)
     if quantity == "position_error":
         # far from the origin a position is no better than its own last digit
         farthest = float(np.max(np.abs(truth.trajectory.position_m)))
@@ -155,5 +150,4 @@ def _growth(cases: Sequence[CaseResult], subject: Subject, quantity: str, floor:
     telling = [case for case in sound if case.columns[quantity] > ABOVE_FLOOR * floor]
     case = (telling or sound)[-1]
     scale = getattr(subject.scales, SERIES_SCALES[quantity]) if quantity in SERIES_SCALES else 1.0
-    bound = subject.largest(getattr(subject.truth, f"bound_{QUANTITIES[quantity]}"))
-    return growth_of(subject.times, case.series[quantity] / scale, 3.0 * bound)
+    return growth_of(subject.times, case.series[quantity] / scale, floor_of(subject.columns, quantity))

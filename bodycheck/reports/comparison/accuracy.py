@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.reports.bounds import TRUTH_BOUNDS
+from bodycheck.reports.bounds import FLOOR_BOUNDS, TRUTH_BOUNDS
 from bodycheck.reports.comparison.change import Change, Direction
 from bodycheck.reports.tables import ABSOLUTE, MEASURES
 
 _EPS = float(np.finfo(np.float64).eps)
 _ROUND_OFFS = 8.0
-_BOUNDS = 3.0
 
 _FLOORS = {
     "orientation_error_final_rad": "orientation_error_rad",
@@ -39,7 +38,7 @@ def noise(measure: str, row: Mapping[str, Any], floors: Floors) -> float:
     if measure not in TRUTH_BOUNDS:
         return least
     bound, floor = row.get(TRUTH_BOUNDS[measure], 0.0), floors.get(_FLOORS.get(measure, measure), 0.0)
-    limited = max(_BOUNDS * bound, floor)
+    limited = max(FLOOR_BOUNDS * bound, floor)
     if measure == "rotational_energy_drift" and (own := row["rotational_energy_scale_j"]):
         limited *= row["energy_scale_j"] / own  # over its own scale, where bound and floor are over the whole
     return max(least, limited)

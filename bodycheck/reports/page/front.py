@@ -8,28 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.keeping import Ladder, keeping, ladders_of
 from bodycheck.reports.summary import MethodKey
 from bodycheck.reports.wording import number
 
-ERRORS = {
-    "orientation_error_rad": "bound_rad",
-    "energy_drift": "bound_energy",
-    "angular_momentum_drift": "bound_momentum",
-    "omega_error": "bound_momentum",
-}
-"""The errors that speed is held against, each with the truth's bound on it."""
+ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")
+"""The errors that speed is held against."""
 
 TARGETS = tuple(float(f"1e-{k}") for k in range(1, 14))
 """One error a decade; a coarser one is no accuracy, a finer one is round-off."""
 
 _REFERENCE = "reference"
-
-
-def floor_of(subject: Subject, error: str) -> float:
-    """3 bound: an error below it is neither better nor worse than another."""
-    return 3.0 * subject.largest(getattr(subject.truth, ERRORS[error]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +34,7 @@ class Cheapest:
 
 def cheapest_cases(subject: Subject, cases: Sequence[CaseResult], error: str) -> list[Cheapest]:
     """Return the cheapest cases of one scenario for each decade above its floor that any case keeps."""
-    floor, ladders = floor_of(subject, error), ladders_of(cases)
+    floor, ladders = floor_of(subject.columns, error), ladders_of(cases)
     engines = [ladder for (_, (engine, _)), ladder in ladders.items() if engine != _REFERENCE]
     found = []
     for target in TARGETS:
@@ -84,7 +75,7 @@ def costs(
     for (scenario, key), ladder in ladders_of(cases).items():
         if any(case.columns["outcome"] != "unsupported" for case in ladder):
             by_method.setdefault(key, {})[scenario] = ladder
-    floors = {subject.scenario.name: floor_of(subject, error) for subject in subjects}
+    floors = {subject.scenario.name: floor_of(subject.columns, error) for subject in subjects}
     found = {}
     for key, ladders in by_method.items():
         if any("cpu_s" in case.columns for ladder in ladders.values() for case in ladder):
