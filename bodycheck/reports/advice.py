@@ -10,9 +10,9 @@ from typing import Any
 
 from bodycheck.errors import InputError
 from bodycheck.reports.case import ALLOW_CODE, CaseResult, asked_as
+from bodycheck.reports.findings import MethodKey
 from bodycheck.reports.keeping import keeping, ladders_of, largest_error
 from bodycheck.reports.study import QUANTITIES
-from bodycheck.reports.summary import MethodKey
 
 
 @dataclass(frozen=True)

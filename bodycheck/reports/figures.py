@@ -13,9 +13,9 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.findings import MethodKey, cases_by_method, key_of, shown_case
 from bodycheck.reports.measures import SERIES_SCALES
 from bodycheck.reports.page.front import ERRORS, Cost
-from bodycheck.reports.summary import MethodKey, key_of, shown_case
 from bodycheck.reports.tables import ABSOLUTE
 from bodycheck.reports.wording import number
 
@@ -86,9 +86,7 @@ def plot_data(
     at which drifts are shown over time. Values have 4 digits or more: they are drawn, not read.
     """
     index = {key: style.number for key, style in drawn.items()}
-    by_method: dict[MethodKey, list[CaseResult]] = {}
-    for case in cases:
-        by_method.setdefault(key_of(case.columns), []).append(case)
+    by_method = cases_by_method(cases).get(subject.scenario.name, {})
     standing = ((index[key], shown_case(own, at_s)) for key, own in by_method.items())
     shown = {m: case for m, case in standing if case is not None}
     return {

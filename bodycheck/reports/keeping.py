@@ -9,7 +9,7 @@ from typing import TypeAlias
 from bodycheck.reports.bounds import TRUTH_BOUNDS
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.convergence import LARGEST_ROUND_OFF
-from bodycheck.reports.summary import MethodKey, key_of
+from bodycheck.reports.findings import MethodKey, cases_by_method
 
 Ladder: TypeAlias = Sequence[CaseResult]
 """The cases of one method on one scenario, the finest first."""
@@ -17,12 +17,11 @@ Ladder: TypeAlias = Sequence[CaseResult]
 
 def ladders_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], Ladder]:
     """Return the cases of each method on each scenario."""
-    ladders: dict[tuple[str, MethodKey], list[CaseResult]] = {}
-    for case in cases:
-        ladders.setdefault((case.columns["scenario"], key_of(case.columns)), []).append(case)
-    for ladder in ladders.values():
-        ladder.sort(key=lambda case: case.setting.fineness or 0.0)
-    return ladders
+    return {
+        (scenario, key): sorted(own, key=lambda case: case.setting.fineness or 0.0)
+        for scenario, methods in cases_by_method(cases).items()
+        for key, own in methods.items()
+    }
 
 
 def largest_error(case: CaseResult, quantity: str) -> float:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from bodycheck.reports.findings import Findings, MethodKey
 from bodycheck.reports.offenders import offenders
 from bodycheck.reports.overview import overviews
-from bodycheck.reports.summary import STATES, Cell, Findings, MethodKey, summary_cells, verdict_sentences
+from bodycheck.reports.states import STATES
+from bodycheck.reports.summary import Cell, summary_cells
+from bodycheck.reports.summary_words import verdict_sentences
 from bodycheck.reports.wording import count
 
 _MOST_OFFENDERS = 8

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.summary import Findings, MethodKey, faults_of, is_lower, key_of, summary_cells, theory
+from bodycheck.reports.findings import Findings, key_of
+from bodycheck.reports.keeping import ladders_of
+from bodycheck.reports.summary import faults_of, is_lower, summary_cells, theory
 from bodycheck.reports.wording import count, names, number, setting
 
 _WORST_FIRST = (
@@ -38,10 +39,7 @@ class Offender:
 
 def offenders(run: Findings) -> list[Offender]:
     """Return all that is wrong, the worst first: what broke, then what does not converge, by its error."""
-    cases: dict[tuple[str, MethodKey], list[CaseResult]] = {}
-    for case in run.cases:
-        cases.setdefault((case.columns["scenario"], key_of(case.columns)), []).append(case)
-    found = [*_broken(run), *_wrong(run, cases)]
+    found = [*_broken(run), *_wrong(run)]
     return sorted(found, key=lambda one: (_WORST_FIRST.index(one.kind), -(one.error or 0.0)))
 
 
@@ -57,10 +55,11 @@ def _broken(run: Findings) -> Iterator[Offender]:
         yield Offender(fault.outcome, fault.scenario, ":".join(fault.key), text, first.columns["reproduce"])
 
 
-def _wrong(run: Findings, cases: dict[tuple[str, MethodKey], list[CaseResult]]) -> Iterator[Offender]:
+def _wrong(run: Findings) -> Iterator[Offender]:
+    ladders = ladders_of(run.cases)
     for scenario, methods in summary_cells(run).items():
         for key, cell in methods.items():
-            finest = _finest(cases[scenario, key])
+            finest = next((case for case in ladders[scenario, key] if case.ok), None)
             if finest is None:
                 continue
             about = scenario, ":".join(key)
@@ -75,9 +74,3 @@ def _wrong(run: Findings, cases: dict[tuple[str, MethodKey], list[CaseResult]]) 
             elif is_lower(run, key, cell):
                 text = f"order {number(cell.order, 3)}, in theory {theory(run, key)}"
                 yield Offender("lower-order", *about, text, reproduce)
-
-
-def _finest(cases: Sequence[CaseResult]) -> CaseResult | None:
-    """Return the case with the finest step or tolerance that ended well."""
-    ended = [case for case in cases if case.ok]
-    return min(ended, key=lambda case: case.setting.fineness or 0.0, default=None)

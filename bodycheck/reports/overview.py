@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from statistics import median
 
-from bodycheck.reports.summary import Cell, MethodKey
+from bodycheck.reports.findings import MethodKey
+from bodycheck.reports.summary import Cell
 from bodycheck.reports.wording import number
 
 

@@ -14,8 +14,8 @@ from bodycheck.errors import InputError, UnavailableError
 from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.figures import Style, styles
+from bodycheck.reports.findings import Findings, MethodKey, cases_by_method, common_step, key_of, shown_case
 from bodycheck.reports.measures import SERIES_SCALES
-from bodycheck.reports.summary import Findings, MethodKey, common_step, key_of, shown_case
 from bodycheck.reports.wording import setting
 
 if TYPE_CHECKING:
@@ -76,10 +76,7 @@ def drawn_figure(run: Findings, figure: str, scenario: str, quantity: str) -> Fi
     """Return a figure of one scenario, one line a method, before it is written; as picture does."""
     from matplotlib.figure import Figure
 
-    lines: dict[MethodKey, list[CaseResult]] = {}
-    for case in run.cases:
-        if case.columns["scenario"] == scenario:
-            lines.setdefault(key_of(case.columns), []).append(case)
+    lines = cases_by_method(run.cases).get(scenario, {})
     page = Figure(figsize=_INCHES)
     axes = page.add_subplot()
     drawn = styles(key_of(case.columns) for case in run.cases)

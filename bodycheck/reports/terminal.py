@@ -24,7 +24,8 @@ from bodycheck.adapters.registry import engine_names
 from bodycheck.reports.console import console, print_columns
 from bodycheck.reports.offenders import offenders
 from bodycheck.reports.overview import Overview, overviews
-from bodycheck.reports.summary import STATES, summary_cells
+from bodycheck.reports.states import STATES
+from bodycheck.reports.summary import summary_cells
 from bodycheck.reports.tables import ABSOLUTE, MEASURES
 from bodycheck.scenarios.library import scenario_summaries, suites
 

@@ -49,6 +49,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/ladder.py": ("test_convergence_laws.py", "test_convergence.py"),
     "reports/stability.py": ("test_state_laws.py",),
     "reports/offenders.py": ("test_state_laws.py",),
+    "reports/findings.py": ("test_state_laws.py",),
     "reports/summary.py": ("test_state_laws.py",),
     "adapters/stable_step.py": ("../adapters/test_stable_step_laws.py",),
     **{
@@ -74,8 +75,6 @@ ONLY = {
     "reports/case.py": {"measured_by", "_horizon"},
     "reports/summary.py": {
         "faults_of",
-        "common_step",
-        "shown_case",
         "summary_cell",
         "summary_cells",
         "worst_state",
@@ -101,11 +100,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "found[2] <= widest -> found[2] < widest",
     ): "a half-width that is fitted is never the very double of a level",
     (
-        "reports/gates/rows.py",
-        'return "no case of the run matched"',
-        "return 'no case of the run matched' -> return None",
-    ): "it is asked only of what matched nothing, where some key has left no case before this line",
-    (
         "reports/growth.py",
         'return "exponential" if unfit_in_time * _EXPONENTIAL_GAIN < unfit else None',
         "unfit_in_time * _EXPONENTIAL_GAIN < unfit -> unfit_in_time * _EXPONENTIAL_GAIN <= unfit",
@@ -130,11 +124,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "numbers += [digit * decade for digit in _LEADING if digit * decade <= limit]",
         "digit * decade <= limit -> digit * decade < limit",
     ): "of the round numbers only those below the limit are used",
-    (
-        "reports/offenders.py",
-        "return min(ended, key=lambda case: case.setting.fineness or 0.0, default=None)",
-        "0.0 -> 1.0",
-    ): "a method that is told neither a step nor a tolerance has one case",
     (
         "reports/scales.py",
         "return float(np.max(np.linalg.norm(vectors, axis=-1)))",

@@ -17,7 +17,9 @@ from bodycheck.reports.page.front import ERRORS, TARGETS
 from bodycheck.reports.page.limits import limit_of
 from bodycheck.reports.page.section import anchor_of
 from bodycheck.reports.run import Run
-from bodycheck.reports.summary import STATES, summary_cells, verdict_sentences, worst_state
+from bodycheck.reports.states import STATES
+from bodycheck.reports.summary import summary_cells, worst_state
+from bodycheck.reports.summary_words import verdict_sentences
 from bodycheck.reports.tables import RESULT_COLUMNS, as_table
 
 

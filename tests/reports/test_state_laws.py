@@ -13,16 +13,15 @@ from gated import CASE, METHOD, a_run
 from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reports.case import CaseResult
+from bodycheck.reports.findings import common_step, shown_case
 from bodycheck.reports.offenders import Offender, offenders
 from bodycheck.reports.stability import stability_row
 from bodycheck.reports.stored import Tables
 from bodycheck.reports.summary import (
     Cell,
     Fault,
-    common_step,
     faults_of,
     is_lower,
-    shown_case,
     summary_cell,
     summary_cells,
     worst_state,

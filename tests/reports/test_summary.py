@@ -7,8 +7,11 @@ from dataclasses import replace
 import pytest
 
 from bodycheck.reports.case import CaseResult
+from bodycheck.reports.findings import common_step
 from bodycheck.reports.run import Run
-from bodycheck.reports.summary import STATES, Cell, common_step, summary_cells, verdict_sentences, worst_state
+from bodycheck.reports.states import STATES
+from bodycheck.reports.summary import Cell, summary_cells, worst_state
+from bodycheck.reports.summary_words import verdict_sentences
 from bodycheck.reports.wording import names, number, scientific, step
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from bodycheck.reports.states import STATES
 from bodycheck.reports.study import QUANTITIES
-from bodycheck.reports.summary import STATES
 from bodycheck.reports.tables import ABSOLUTE, MEASURES
 
 Source: TypeAlias = Literal["results", "methods", "stability"]

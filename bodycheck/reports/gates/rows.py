@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any
 
+from bodycheck.reports.findings import Findings
 from bodycheck.reports.gates.gate import Gate
-from bodycheck.reports.summary import Findings
 from bodycheck.reports.wording import names, setting, step
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from bodycheck.reports.findings import Findings
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.gates.rows import Row, rows_of, why_none
-from bodycheck.reports.summary import Findings
 from bodycheck.reports.wording import number
 
 

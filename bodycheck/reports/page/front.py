@@ -10,8 +10,8 @@ import numpy as np
 
 from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.findings import MethodKey
 from bodycheck.reports.keeping import Ladder, keeping, ladders_of
-from bodycheck.reports.summary import MethodKey
 from bodycheck.reports.wording import number
 
 ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")

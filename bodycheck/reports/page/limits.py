@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bodycheck.reports.summary import STATES
+from bodycheck.reports.states import STATES
 from bodycheck.reports.wording import number
 
 

@@ -10,12 +10,13 @@ from urllib.parse import quote
 
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.figures import Style, coinciding, growth_words, plot_data
+from bodycheck.reports.findings import MethodKey, cases_by_method, common_step, key_of, shown_case
 from bodycheck.reports.page.facts import read_back_facts, scenario_facts
 from bodycheck.reports.page.front import ERRORS, Cheapest, cheapest_cases
 from bodycheck.reports.page.limits import Limit, limit_of
 from bodycheck.reports.page.motion import motion_view
 from bodycheck.reports.run import Run
-from bodycheck.reports.summary import Cell, MethodKey, common_step, key_of, shown_case
+from bodycheck.reports.summary import Cell
 
 _CASE_MEASURES = (
     "orientation_error_rad",
@@ -162,8 +163,7 @@ def sections_of(
 ) -> list[Section]:
     """Return the sections of a run, in its order; drawn: how each method is drawn."""
     cases: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.subjects}
-    for case in run.cases:
-        cases[case.columns["scenario"]].setdefault(key_of(case.columns), []).append(case)
+    cases |= cases_by_method(run.cases)
     rows: dict[str, list[Mapping[str, Any]]] = {name: [] for name in cases}
     told: list[Any] = run.methods.to_dict("records")
     for row in told:

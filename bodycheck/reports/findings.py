@@ -1,0 +1,62 @@
+"""What a run found, made now or stored: its tables, and its cases by scenario and method."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+from bodycheck.reports.case import CaseResult
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MethodKey: TypeAlias = tuple[str, str]
+"""Engine and method."""
+
+
+class Findings(Protocol):
+    """A run, or the tables of one."""
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """Versions, machine, settings, scenarios."""
+
+    @property
+    def methods(self) -> pd.DataFrame:
+        """One row a scenario, method and quantity."""
+
+    @property
+    def stability(self) -> pd.DataFrame:
+        """One row a scenario and method that is told a step."""
+
+    @property
+    def cases(self) -> tuple[CaseResult, ...]:
+        """Every case, in the order of the run."""
+
+
+def key_of(row: Mapping[str, Any]) -> MethodKey:
+    """Return engine and method of a row of either table."""
+    return row["engine"], row["method"]
+
+
+def cases_by_method(cases: Iterable[CaseResult]) -> dict[str, dict[MethodKey, list[CaseResult]]]:
+    """Return the cases by scenario, then by engine and method, all in the order of the run."""
+    found: dict[str, dict[MethodKey, list[CaseResult]]] = {}
+    for case in cases:
+        found.setdefault(case.columns["scenario"], {}).setdefault(key_of(case.columns), []).append(case)
+    return found
+
+
+def common_step(cases: Iterable[CaseResult]) -> float | None:
+    """Return the step that most methods were run at, the finest of several; None where there are no steps."""
+    shared = Counter(
+        case.dt_s for case in cases if case.dt_s is not None and case.columns["outcome"] != "unsupported"
+    )
+    return max(shared, key=lambda dt_s: (shared[dt_s], -dt_s), default=None)
+
+
+def shown_case(cases: Iterable[CaseResult], at_s: float | None) -> CaseResult | None:
+    """Return the case of a method that stands for it: at the common step, else at its finest tolerance."""
+    fitting = [case for case in cases if case.dt_s in (None, at_s)]
+    return min(fitting, key=lambda case: case.setting.fineness or 0.0, default=None)

@@ -1,0 +1,45 @@
+"""What a method can come to on a scenario: every verdict, and every outcome of a case but ok, in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class State:
+    """What a cell can say: its symbol, its word, what it means, and the tint that it shares with others."""
+
+    symbol: str
+    word: str
+    meaning: str
+    tint: str
+
+
+STATES = {
+    "converges": State("✓", "converges", "the error shrinks with the step at a steady order", "good"),
+    "at-floor": State("≈", "at floor", "all errors lie at round-off or at the truth's own bound", "floor"),
+    "exact": State("=", "exact", "a method without steps, at the truth's own bound", "floor"),
+    "pre-asymptotic": State(
+        "…", "pre-asymptotic", "errors too large or too irregular for an order to show", "open"
+    ),
+    "lower-order": State(
+        "↓", "lower order", "the error shrinks, at a lower order than the method has in theory", "open"
+    ),
+    "too-few-points": State("?", "too few points", "fewer than four steps with a usable error", "open"),
+    "chaotic": State("≋", "chaotic", "nearby motions part too fast for an error to mean much", "open"),
+    "does-not-converge": State(
+        "✗", "does not converge", "the error stays flat over two decades of step, well above the floor", "bad"
+    ),
+    "off": State("✗", "no steps, off", "a method without steps, above the truth's own bound", "bad"),
+    "unstable": State(
+        "▲", "unstable", "not finite, not a rotation, or 100 times the true kinetic energy", "fault"
+    ),
+    "failed": State("!", "failed", "the engine raised an error", "fault"),
+    "timeout": State("!", "timeout", "the case took longer than it was given", "fault"),
+    "invalid": State("≠", "invalid", "the engine held other parameters than it was given", "fault"),
+    "unsupported": State("○", "unsupported", "the method cannot represent the scenario", "none"),
+}
+"""Every verdict of methods.csv and every outcome but ok, with words for what neither of them says."""
+
+FAULTS = ("invalid", "failed", "timeout", "unstable")
+"""The outcomes of cases that did not end well, the gravest first."""
