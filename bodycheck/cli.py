@@ -70,7 +70,8 @@ def run(
     ] = None,
 ) -> None:
     """Measure scenarios through engines: results.csv, methods.csv, trajectories/, report.html."""
-    from bodycheck.reports.terminal import LiveProgress, print_summary
+    from bodycheck.reports.live_progress import LiveProgress
+    from bodycheck.reports.terminal import print_summary
     from bodycheck.stored_run import Asked, run_to_folder
     from bodycheck.stored_run import resume as go_on
 
@@ -160,7 +161,7 @@ def list_(
     ],
 ) -> None:
     """List what there is to choose from."""
-    from bodycheck.reports.terminal import print_catalogue
+    from bodycheck.reports.catalogue import print_catalogue
 
     print_catalogue(what)
 

@@ -57,9 +57,9 @@ def gate(
     from bodycheck.reports.gates.proposal import MARGIN_DECADES, proposals
     from bodycheck.reports.gates.text import print_changes, print_results
     from bodycheck.reports.gates.verdict import held
+    from bodycheck.reports.live_progress import LiveProgress
     from bodycheck.reports.run import Run
     from bodycheck.reports.stored import Tables, read_tables
-    from bodycheck.reports.terminal import LiveProgress
     from bodycheck.reports.whole_file import write_whole
     from bodycheck.runner import Manner
 

@@ -42,7 +42,7 @@ def nightly_(
     """
     from bodycheck.night import run_night
     from bodycheck.reports.history.text import print_night
-    from bodycheck.reports.terminal import LiveProgress
+    from bodycheck.reports.live_progress import LiveProgress
     from bodycheck.reports.whole_file import write_whole
     from bodycheck.stored_run import Asked
 

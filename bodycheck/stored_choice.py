@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bodycheck.errors import InputError
+from bodycheck.reports.live_progress import LiveProgress
 from bodycheck.reports.stored import Tables, read_tables
-from bodycheck.reports.terminal import LiveProgress
 from bodycheck.scenarios.library import load_scenarios
 from bodycheck.scenarios.written import written
 from bodycheck.stored_run import RUNS, Asked, run_to_folder

@@ -80,7 +80,7 @@ def test_heavy_imports_happen_late(what: str) -> None:
 def test_a_run_starts_without_numba() -> None:
     """What a run imports before it finds that something is missing has no compiler in it."""
     code = (
-        "import bodycheck.stored_run, bodycheck.reports.terminal, bodycheck.reports.store, sys\n"
+        "import bodycheck.stored_run, bodycheck.reports.live_progress, bodycheck.reports.terminal, sys\n"
         "assert 'pydantic' in sys.modules\nprint('numba' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

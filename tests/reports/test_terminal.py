@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from bodycheck.reports.live_progress import LiveProgress
 from bodycheck.reports.run import Run
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.stored import read_run
-from bodycheck.reports.terminal import LiveProgress, print_summary
+from bodycheck.reports.terminal import print_summary
 
 
 class Terminal(io.StringIO):

@@ -1,0 +1,68 @@
+"""How far a run has come, as it is told on the terminal while it goes on."""
+
+from __future__ import annotations
+
+import threading
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+
+class LiveProgress:
+    """A bar on standard error where that is a terminal, else one line a scenario."""
+
+    def __init__(self, cases_listed: int) -> None:
+        self._console = Console(stderr=True, highlight=False)
+        self._bar = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("cases"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal,
+        )
+        self._task = self._bar.add_task("starting", total=cases_listed)
+        self._lock = threading.Lock()
+        self._listed, self._done, self._timed = cases_listed, 0, 0
+
+    def __enter__(self) -> LiveProgress:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    def speed_measured(self) -> None:
+        """Count one more speed; as many are due as there were motions."""
+        if self._timed == 0:
+            self._bar.reset(self._task, total=self._done)
+        self._timed += 1
+        self._bar.update(self._task, completed=self._timed)
+
+    def phase(self, what: str) -> None:
+        """Name the phase that has begun."""
+        self._bar.update(self._task, description=what)
+        if not self._console.is_terminal:
+            self._console.print(Text(what))
+
+    def case_done(self) -> None:
+        """Count one more case, from any thread; steps that were added on the way raise the total."""
+        with self._lock:
+            self._done += 1
+            self._listed = max(self._listed, self._done)
+            self._bar.update(self._task, completed=self._done, total=self._listed)
