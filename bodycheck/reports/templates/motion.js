@@ -60,7 +60,7 @@ function drawTrack(canvas, motion, track, t) {
 
   const widest = Math.max(...semiaxes);
   const world = new View(context, motion.world, size, 0, 1.05);
-    const trace = points => points.map(w => scaled(w, 0.75 / widest));
+  const trace = points => points.map(w => scaled(w, 0.75 / widest));
   world.line(trace(truth.herpolhode), faint, 1);
   const paint = { face: colour("--none"), marked: ink, edge: colour("--faint") };
   world.box(motion.corners.map(corner => turned(state.q, corner)), paint);
