@@ -37,10 +37,10 @@ def _name(answer: Answer, scenarios: int) -> str:
 def _row(option: Option) -> tuple[str, ...]:
     time = "not measured" if option.cpu_s is None else number(option.cpu_s, 3)
     method = f"{option.engine}:{option.method}"
-    return method, setting_text(option), number(option.error, 3), time, option.reproduce
+    return method, _setting_text(option), number(option.error, 3), time, option.reproduce
 
 
-def setting_text(option: Option) -> str:
+def _setting_text(option: Option) -> str:
     """Return the step or tolerance, from the finest to the coarsest where scenarios need different ones."""
     known = sorted({setting for setting in option.settings if setting is not None})
     if not known:
@@ -55,7 +55,7 @@ def _nothing(answer: Answer) -> Iterator[str]:
         yield "nothing was measured" if answer.scenario else "no method was measured on all of them"
         return
     yield (
-        f"nothing that was measured keeps it; nearest is {one.engine}:{one.method}, {setting_text(one)}: "
+        f"nothing that was measured keeps it; nearest is {one.engine}:{one.method}, {_setting_text(one)}: "
         f"{number(one.error, 3)}"
     )
     yield f"    {one.reproduce}"

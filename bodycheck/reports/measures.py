@@ -56,7 +56,7 @@ SERIES_SCALES = {
 }
 """The measures that have a scale: each stands twice, over its scale and as `_abs` in SI units."""
 
-PURE_SERIES = ("orientation_error_rad", "orthogonality", "determinant_error", "quaternion_norm_error")
+_PURE_SERIES = ("orientation_error_rad", "orthogonality", "determinant_error", "quaternion_norm_error")
 """The measures that need no scale."""
 
 
@@ -96,7 +96,7 @@ def reduced(series: dict[str, Array], scales: Scales) -> dict[str, float]:
     columns: dict[str, float] = {}
     for name, values in series.items():
         largest = float(np.max(values))
-        if name in PURE_SERIES:
+        if name in _PURE_SERIES:
             columns[name] = largest
             continue
         columns[f"{name}_abs"] = largest

@@ -20,7 +20,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 if TYPE_CHECKING:
     import pandas as pd
 
-ARRAYS = {
+_ARRAYS = {
     "position_m": ("x_m", "y_m", "z_m"),
     "quaternion": ("qw", "qx", "qy", "qz"),
     "velocity_m_s": ("vx_m_s", "vy_m_s", "vz_m_s"),
@@ -46,13 +46,13 @@ def trajectory_table(trajectory: Trajectory) -> pd.DataFrame:
     }
     columns = {"t_s": trajectory.t_s}
     for array, value in values.items():
-        columns |= {name: value[:, i] for i, name in enumerate(ARRAYS[array])}
+        columns |= {name: value[:, i] for i, name in enumerate(_ARRAYS[array])}
     return pd.DataFrame(columns)
 
 
 def stored_arrays(trajectory: Trajectory) -> dict[str, Array]:
     """Return the arrays that the npz of a trajectory holds."""
-    values = {name: getattr(trajectory, name) for name in ("t_s", *ARRAYS)}
+    values = {name: getattr(trajectory, name) for name in ("t_s", *_ARRAYS)}
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -92,9 +92,9 @@ def read_arrays(path: Path) -> dict[str, Array]:
     if t_s.ndim != 1 or not len(t_s) or not np.all(np.isfinite(t_s)) or np.any(np.diff(t_s) <= 0.0):
         raise InputError(f"{path}: t_s must be finite times in ascending order")
     if len(arrays) == 1:
-        raise InputError(f"{path}: has no quantity beside t_s; known are {', '.join(ARRAYS)}")
+        raise InputError(f"{path}: has no quantity beside t_s; known are {', '.join(_ARRAYS)}")
     for name, value in arrays.items():
-        shape = {"t_s": (), "rotation": (3, 3)}.get(name, (len(ARRAYS.get(name, ())),))
+        shape = {"t_s": (), "rotation": (3, 3)}.get(name, (len(_ARRAYS.get(name, ())),))
         if value.shape != (len(t_s), *shape):
             raise InputError(f"{path}: {name} has the shape {value.shape}, not {(len(t_s), *shape)}")
     return arrays
@@ -111,7 +111,7 @@ def _read_csv(path: Path) -> dict[str, Array]:
             )
     except (ValueError, pd.errors.ParserWarning) as error:
         raise InputError(f"{path}: is not CSV: {' '.join(str(error).split())}") from None
-    known = {"t_s", *_IGNORED, *(column for columns in ARRAYS.values() for column in columns)}
+    known = {"t_s", *_IGNORED, *(column for columns in _ARRAYS.values() for column in columns)}
     if unknown := [str(column) for column in table.columns if column not in known]:
         raise InputError(f"{path}: no column of a trajectory is named {', '.join(unknown)}")
     if table.empty:
@@ -122,7 +122,7 @@ def _read_csv(path: Path) -> dict[str, Array]:
             found = table[column].iloc[row]
             raise InputError(f"{path}: line {row + 2}: {column} is {found!r}, not a number")
     arrays: dict[str, Array] = {"t_s": table["t_s"].to_numpy(np.float64)} if "t_s" in table else {}
-    for array, columns in ARRAYS.items():
+    for array, columns in _ARRAYS.items():
         there = [column for column in columns if column in table]
         if there and len(there) < len(columns):
             missing = ", ".join(column for column in columns if column not in table)
@@ -139,7 +139,7 @@ def _read_npz(path: Path) -> dict[str, Array]:
         with path.open("rb") as file, np.lib.npyio.NpzFile(file, allow_pickle=False) as stored:
             return {
                 name: np.asarray(stored[name], dtype=np.float64)
-                for name in ("t_s", *ARRAYS)
+                for name in ("t_s", *_ARRAYS)
                 if name in stored.files
             }
     except (ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:

@@ -10,15 +10,15 @@ _SOFTWARE = ("bodycheck", "python")
 _SETTINGS = ("dt_s", "tolerances", "speed", "timeout_s")
 _IDLE = ("summary", "source", "tags", "steps_s")  # keys of a scenario that do not change what is simulated
 
-Manifest = Mapping[str, Any]
+_Manifest = Mapping[str, Any]
 
 
-def same_machine(before: Manifest, after: Manifest) -> bool:
+def same_machine(before: _Manifest, after: _Manifest) -> bool:
     """Whether times in seconds can be compared."""
     return all(before.get(key) == after.get(key) for key in _MACHINE)
 
 
-def circumstances(before: Manifest, after: Manifest) -> tuple[str, ...]:
+def circumstances(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
     """Return each circumstance that differs, as `name: before -> after`."""
     pairs = [(key, before.get(key), after.get(key)) for key in (*_MACHINE, *_SOFTWARE)]
     for table, words in (("engines", _version), ("libraries", str)):
@@ -38,7 +38,7 @@ def _shown(value: Any) -> str:
     return "none" if value is None else str(value)
 
 
-def redefined(before: Manifest, after: Manifest) -> tuple[str, ...]:
+def redefined(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
     """Return the scenarios of both runs that are the same by their names alone."""
     both = before["scenarios"].keys() & after["scenarios"].keys()
     return tuple(

@@ -18,7 +18,7 @@ from bodycheck.reports.wording import number, step
 from bodycheck.scenarios.fields import NotNegative, Number, Positive, Table
 from bodycheck.scenarios.reader import fault_lines
 
-Pattern = Annotated[StrictStr, Field(min_length=1)]
+_Pattern = Annotated[StrictStr, Field(min_length=1)]
 """A name, with * for any letters, ? for any one, [ab] for one of these."""
 
 _BOUNDS = ("upper", "lower", "near", "equals")
@@ -32,9 +32,9 @@ class Gate(Table):
     near x 10^decades; equals is a word. Values and bounds below floor count as floor.
     """
 
-    scenario: Pattern = "*"
-    engine: Pattern = "*"
-    method: Pattern = "*"
+    scenario: _Pattern = "*"
+    engine: _Pattern = "*"
+    method: _Pattern = "*"
     dt_s: Positive | None = None
     tolerance: Positive | None = None
     measure: StrictStr

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import duckdb
     import pandas as pd
 
-TABLES = ("results", "methods", "stability", "changes")
+_TABLES = ("results", "methods", "stability", "changes")
 """Of each night, as Parquet and as CSV; the views of a query, beside `nights`."""
 
 _CASE = (
@@ -52,7 +52,7 @@ def query(history: History, sql: str) -> pd.DataFrame:
     folders = history.nights()
     with _asking() as database:
         database.register("nights", nights_table(folders))
-        for table in TABLES:
+        for table in _TABLES:
             database.read_parquet(_files(folders, table), union_by_name=True).create_view(table)
         found = database.sql(sql)
         if found is None:
