@@ -6,12 +6,13 @@ from dataclasses import asdict
 
 from markupsafe import Markup
 
-from bodycheck.reports.figures import overall_data, styles
 from bodycheck.reports.findings import key_of
 from bodycheck.reports.page.front import ERRORS, cost_sentences, costs, fronts
+from bodycheck.reports.page.plots import overall_data
 from bodycheck.reports.page.section import anchor_of, sections_of
 from bodycheck.reports.run import Run
 from bodycheck.reports.states import STATES
+from bodycheck.reports.styles import styles
 from bodycheck.reports.summary import faults_of, summary_cells, worst_state
 from bodycheck.reports.summary_words import verdict_sentences
 from bodycheck.reports.templating import asset, environment

@@ -13,9 +13,9 @@ import numpy as np
 from bodycheck.errors import InputError, UnavailableError
 from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult
-from bodycheck.reports.figures import Style, styles
 from bodycheck.reports.findings import Findings, MethodKey, cases_by_method, common_step, key_of, shown_case
 from bodycheck.reports.measures import SERIES_SCALES
+from bodycheck.reports.styles import Style, styles
 from bodycheck.reports.wording import setting
 
 if TYPE_CHECKING:

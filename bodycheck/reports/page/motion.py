@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,6 +15,7 @@ from bodycheck.reference_impl.scene import RigidBody
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.findings import MethodKey, key_of
+from bodycheck.reports.page.packing import packed, rounded
 
 FRAMES = 201
 """At most so many states of a motion go into the page: they are what the view weighs."""
@@ -104,13 +104,8 @@ def _track(
     """Return quaternions (n, 4) of the principal axes and omega (n, 3) along them, as packed float32."""
     q = matrix_to_quaternion(trajectory.rotation_matrices[frames] @ axes)
     omega = trajectory.omega_body[frames] @ axes
-    return {"q": _packed(q), "omega": _packed(omega)}
-
-
-def _packed(values: Array) -> str:
-    """Return the base64 of float32, low byte first."""
-    return b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
+    return {"q": packed(q), "omega": packed(omega)}
 
 
 def _rounded(values: Array) -> list[list[float]]:
-    return [[float(f"{x:.4g}") for x in row] for row in values]
+    return [[rounded(x) for x in row] for row in values]

@@ -9,13 +9,15 @@ from typing import Any
 from urllib.parse import quote
 
 from bodycheck.reports.case import CaseResult, Subject
-from bodycheck.reports.figures import Style, coinciding, growth_words, plot_data
 from bodycheck.reports.findings import MethodKey, cases_by_method, common_step, key_of, shown_case
+from bodycheck.reports.page.coinciding import coinciding
 from bodycheck.reports.page.facts import read_back_facts, scenario_facts
 from bodycheck.reports.page.front import ERRORS, Cheapest, cheapest_cases
 from bodycheck.reports.page.limits import Limit, limit_of
 from bodycheck.reports.page.motion import motion_view
+from bodycheck.reports.page.plots import growth_words, plot_data
 from bodycheck.reports.run import Run
+from bodycheck.reports.styles import Style
 from bodycheck.reports.summary import Cell
 
 _CASE_MEASURES = (
