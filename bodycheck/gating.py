@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bodycheck.errors import InputError, StoppedError
 from bodycheck.options import AllowCode, Fresh, Jobs, TimeoutS
+
+if TYPE_CHECKING:
+    from bodycheck.reports.gates.gate import Gate
+    from bodycheck.reports.gates.verdict import GateResult
+    from bodycheck.reports.run import Run
+    from bodycheck.reports.stored import Tables
+    from bodycheck.runner import Manner
 
 gating = typer.Typer()
 
@@ -42,24 +50,14 @@ def gate(
     allow_code: AllowCode = False,
 ) -> None:
     """Hold engines to the bounds of a file; the status is 1 where one fails or measured nothing."""
-    if not update and (margin is not None or loosen is not None):
-        raise InputError("--margin and --loosen belong to --update")
-    if margin is not None and not 0.0 <= margin < float("inf"):
-        raise InputError(f"--margin {margin}: must be 0 or more decades; 0.3 is a factor of 2")
-    if loosen is not None and not loosen.strip():
-        raise InputError("--loosen: must say why the bounds are loosened")
+    _check(update=update, margin=margin, loosen=loosen)
     if run is not None and scenarios:
         raise InputError(f"--run {run}: has its own scenarios; name none beside it")
-    from bodycheck.gate_run import run_for_gates
-    from bodycheck.reports.gates.editing import edited
     from bodycheck.reports.gates.files import as_json, as_junit
     from bodycheck.reports.gates.gate import read_gates
-    from bodycheck.reports.gates.proposal import MARGIN_DECADES, proposals
-    from bodycheck.reports.gates.text import print_changes, print_results
+    from bodycheck.reports.gates.text import print_results
     from bodycheck.reports.gates.verdict import held
-    from bodycheck.reports.live_progress import LiveProgress
-    from bodycheck.reports.run import Run
-    from bodycheck.reports.stored import Tables, read_tables
+    from bodycheck.reports.stored import read_tables
     from bodycheck.reports.whole_file import write_whole
     from bodycheck.runner import Manner
 
@@ -67,12 +65,7 @@ def gate(
     measured: Run | Tables
     if run is None:
         manner = Manner(jobs=jobs, timeout_s=timeout_s, fresh=fresh)
-        try:
-            measured = run_for_gates(
-                gates, scenarios or ["standard"], manner, LiveProgress, allow_code=allow_code
-            )
-        except KeyboardInterrupt:
-            raise StoppedError("stopped, before any gate was held") from None
+        measured = _new_run(gates, scenarios or ["standard"], manner, allow_code=allow_code)
     else:
         measured = read_tables(run)
     results = held(gates, measured)
@@ -82,11 +75,41 @@ def gate(
     if json is not None:
         write_whole(json, as_json(results, str(tolerances), measured.run_id))
     if update:
-        margin = MARGIN_DECADES if margin is None else margin
-        changes = proposals(results, margin, loosen=loosen is not None)
-        before = tolerances.read_bytes().decode("utf-8-sig")
-        write_whole(tolerances, edited(before, str(tolerances), changes, loosen).encode())
-        print_changes(changes, results, margin)
+        _update(tolerances, results, margin, loosen)
         results = held(read_gates(tolerances), measured)
     if any(result.status != "passed" for result in results):
         raise typer.Exit(_FAILED)
+
+
+def _check(*, update: bool, margin: float | None, loosen: str | None) -> None:
+    """Raise InputError where the options of --update are wrong, or stand without it."""
+    if not update and (margin is not None or loosen is not None):
+        raise InputError("--margin and --loosen belong to --update")
+    if margin is not None and not 0.0 <= margin < float("inf"):
+        raise InputError(f"--margin {margin}: must be 0 or more decades; 0.3 is a factor of 2")
+    if loosen is not None and not loosen.strip():
+        raise InputError("--loosen: must say why the bounds are loosened")
+
+
+def _new_run(gates: Sequence[Gate], scenarios: Sequence[str], manner: Manner, *, allow_code: bool) -> Run:
+    from bodycheck.gate_run import run_for_gates
+    from bodycheck.reports.live_progress import LiveProgress
+
+    try:
+        return run_for_gates(gates, scenarios, manner, LiveProgress, allow_code=allow_code)
+    except KeyboardInterrupt:
+        raise StoppedError("stopped, before any gate was held") from None
+
+
+def _update(file: Path, results: Sequence[GateResult], margin: float | None, loosen: str | None) -> None:
+    """Replace bounds in a file by what a run keeps, and print which; loosen: the reason to loosen some."""
+    from bodycheck.reports.gates.editing import edited
+    from bodycheck.reports.gates.proposal import MARGIN_DECADES, proposals
+    from bodycheck.reports.gates.text import print_changes
+    from bodycheck.reports.whole_file import write_whole
+
+    margin = MARGIN_DECADES if margin is None else margin
+    changes = proposals(results, margin, loosen=loosen is not None)
+    before = file.read_bytes().decode("utf-8-sig")
+    write_whole(file, edited(before, str(file), changes, loosen).encode())
+    print_changes(changes, results, margin)
