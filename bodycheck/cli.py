@@ -10,6 +10,7 @@ import typer
 
 from bodycheck.errors import BodycheckError, InputError, StoppedError
 from bodycheck.gating import gating
+from bodycheck.manner import TIMEOUT_S
 from bodycheck.nightly import nightly
 from bodycheck.number_list import numbers
 from bodycheck.options import AllowCode, Fresh, Jobs, NoSpeed, TimeoutS
@@ -61,7 +62,7 @@ def run(
         Path | None, typer.Option(help="A new folder for the results.", show_default="bodycheck-runs/RUN_ID")
     ] = None,
     jobs: Jobs = None,
-    timeout_s: TimeoutS = 120.0,
+    timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,
     fresh: Fresh = False,
     allow_code: AllowCode = False,

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from bodycheck.manifest import Identity
+from bodycheck.manner import Manner
+from bodycheck.progress import Watching
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.run import Run
-from bodycheck.runner import Identity, Manner, run_selection
+from bodycheck.runner import run_selection
 from bodycheck.selection import select
-from bodycheck.stored_run import Watching
 
 
 def run_for_gates(

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bodycheck.errors import InputError, StoppedError
+from bodycheck.manner import TIMEOUT_S
 from bodycheck.options import AllowCode, Fresh, Jobs, TimeoutS
 
 if TYPE_CHECKING:
+    from bodycheck.manner import Manner
     from bodycheck.reports.gates.gate import Gate
     from bodycheck.reports.gates.verdict import GateResult
     from bodycheck.reports.run import Run
     from bodycheck.reports.stored import Tables
-    from bodycheck.runner import Manner
 
 gating = typer.Typer()
 
@@ -45,7 +46,7 @@ def gate(
         str | None, typer.Option(metavar="REASON", help="With --update: loosen what fails too, and say why.")
     ] = None,
     jobs: Jobs = None,
-    timeout_s: TimeoutS = 120.0,
+    timeout_s: TimeoutS = TIMEOUT_S,
     fresh: Fresh = False,
     allow_code: AllowCode = False,
 ) -> None:
@@ -53,13 +54,13 @@ def gate(
     _check(update=update, margin=margin, loosen=loosen)
     if run is not None and scenarios:
         raise InputError(f"--run {run}: has its own scenarios; name none beside it")
+    from bodycheck.manner import Manner
     from bodycheck.reports.gates.files import as_json, as_junit
     from bodycheck.reports.gates.gate import read_gates
     from bodycheck.reports.gates.text import print_results
     from bodycheck.reports.gates.verdict import held
     from bodycheck.reports.stored import read_tables
     from bodycheck.reports.whole_file import write_whole
-    from bodycheck.runner import Manner
 
     gates = read_gates(tolerances)
     measured: Run | Tables

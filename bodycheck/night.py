@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from bodycheck.manifest import Identity
+from bodycheck.progress import Watching
 from bodycheck.reports.history.judgement import Judgement, judge_night
 from bodycheck.reports.history.markdown import night_markdown
 from bodycheck.reports.history.night_files import write_judgement, write_run_of_night
@@ -12,8 +14,8 @@ from bodycheck.reports.history.nights import History
 from bodycheck.reports.history.page import render_night
 from bodycheck.reports.run import Run
 from bodycheck.reports.stored import read_tables
-from bodycheck.runner import Identity, run_selection
-from bodycheck.stored_run import Asked, Watching
+from bodycheck.runner import run_selection
+from bodycheck.stored_run import Asked
 
 SPEED_PASSES = 10
 """How often a night times all cases: what disturbs a shared machine rarely does so in all the passes."""

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from bodycheck.errors import InputError, StoppedError
+from bodycheck.manner import TIMEOUT_S
 from bodycheck.options import AllowCode, Jobs, NoSpeed, TimeoutS
 
 nightly = typer.Typer()
@@ -32,7 +33,7 @@ def nightly_(
     ] = None,
     markdown: Annotated[Path | None, typer.Option(help="Write what is told to this file too.")] = None,
     jobs: Jobs = None,
-    timeout_s: TimeoutS = 120.0,
+    timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,
     allow_code: AllowCode = False,
 ) -> None:

@@ -18,13 +18,14 @@ from bodycheck.adapters.registry import registered
 from bodycheck.adapters.step_function import Step, StepFunction
 from bodycheck.errors import InputError
 from bodycheck.gate_run import run_for_gates
+from bodycheck.manner import Manner
+from bodycheck.progress import SILENCE
 from bodycheck.reports.gates.gate import Gate, gate_of, read_gates
 from bodycheck.reports.gates.measure import measure_of
 from bodycheck.reports.gates.rows import Row, rows_of
 from bodycheck.reports.gates.text import failure_rows, line_of, obtained
 from bodycheck.reports.gates.verdict import Check, GateResult, held
 from bodycheck.reports.run import Run
-from bodycheck.runner import Manner
 from bodycheck.scenarios.library import load_scenarios
 from bodycheck.selection import select
 
@@ -270,7 +271,7 @@ class HeldGate:
 
 @cache
 def _run_of(gates: tuple[Gate, ...], scenarios: tuple[str, ...]) -> Run:
-    return run_for_gates(gates, scenarios, Manner(), lambda _: nullcontext(runner.SILENCE))
+    return run_for_gates(gates, scenarios, Manner(), lambda _: nullcontext(SILENCE))
 
 
 def parametrize_gates(metafunc: pytest.Metafunc) -> None:

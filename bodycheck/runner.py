@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import platform
-import secrets
 import threading
 import time
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -22,14 +16,16 @@ from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.host import Hosts
 from bodycheck.adapters.protocol import Message
 from bodycheck.errors import InputError
+from bodycheck.manifest import Identity, manifest_of
+from bodycheck.manner import TIMEOUT_S, Manner
+from bodycheck.progress import SILENCE, Progress
 from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.warm_up import compile_kernels
-from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.case import Subject
 from bodycheck.reports.crew import Task, share_out
 from bodycheck.reports.judge import judge_file
-from bodycheck.reports.machine import cpu_model
 from bodycheck.reports.run import Run
-from bodycheck.reports.speed import Quietness, measure_speeds
+from bodycheck.reports.speed import measure_speeds
 from bodycheck.reports.storage.answers import Answers
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
@@ -37,82 +33,7 @@ from bodycheck.reports.storage.truths import is_known, known_truth
 from bodycheck.reports.study import Study, study
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table
 from bodycheck.scenarios.library import load_scenario
-from bodycheck.scenarios.written import written
 from bodycheck.selection import Selection, select
-
-TIMEOUT_S = 120.0
-"""What one case may take unless told otherwise."""
-
-
-class Progress(Protocol):
-    """What is told of a run while it goes on."""
-
-    def phase(self, what: str) -> None:
-        """Something has begun: compiling, or the next scenario."""
-
-    def case_done(self) -> None:
-        """One more case has ended."""
-
-    def speed_measured(self) -> None:
-        """One more case was timed."""
-
-
-class _Silence:
-    def phase(self, what: str) -> None:
-        pass
-
-    def case_done(self) -> None:
-        pass
-
-    def speed_measured(self) -> None:
-        pass
-
-
-SILENCE: Progress = _Silence()
-"""For a run of which nothing is told."""
-
-
-@dataclass(frozen=True)
-class Manner:
-    """How a run is made, whatever it measures.
-
-    speed: whether processor time is measured. jobs: how many cases run side by side, None for as many as
-    there are cores. timeout_s: what one case may take. fresh: whether answers of earlier runs are not used.
-    stable_steps: whether the largest stable step of each method is looked for. speed_passes: how often all
-    cases are timed.
-    """
-
-    speed: bool = True
-    jobs: int | None = None
-    timeout_s: float = TIMEOUT_S
-    fresh: bool = False
-    stable_steps: bool = True
-    speed_passes: int = 1
-
-    def __post_init__(self) -> None:
-        if self.jobs is not None and self.jobs < 1:
-            raise InputError(f"jobs must be 1 or more, not {self.jobs}")
-        if not 0.0 < self.timeout_s < float("inf"):
-            raise InputError(f"timeout_s must be a positive number of seconds, not {self.timeout_s!r}")
-
-    @property
-    def strands(self) -> int:
-        """How many cases run side by side."""
-        return self.jobs or len(os.sched_getaffinity(0))
-
-
-@dataclass(frozen=True)
-class Identity:
-    """The name of a run and the moment at which it began, which a run that is resumed keeps."""
-
-    run_id: str
-    created: datetime
-
-    @classmethod
-    def new(cls) -> Identity:
-        """Return a name that no other run has."""
-        created = datetime.now(UTC)
-        return cls(f"{created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}", created)
 
 
 def run(
@@ -152,18 +73,10 @@ def run_selection(
     """
     begin = time.perf_counter()
     progress.phase("compiling the reference's kernels (once on a machine)")
-    scenes = [scenario.scene for _, scenario in selection.scenarios]
-    # a user's function is asked first where its truth is solved: what goes wrong with it is told there
-    scenes = [scene for scene in scenes if not scene.has_black_box]
-    integrators = [
-        method.name
-        for engine, method in selection.methods
-        if engine.name == "reference" and method.control == "dt"
-    ]
     cache = Cache.default()
     cache.prune()
     cache = cache.write_only() if manner.fresh else cache
-    compile_kernels(scenes, integrators, lambda scene: is_known(scene, scene.sample_times, cache))
+    _compile(selection, cache)
     compiled = time.perf_counter()
     answers = Answers(journal, cache, manner.timeout_s)
     progress.phase("solving the truths")
@@ -176,11 +89,10 @@ def run_selection(
     quietness = None
     if manner.speed:
         progress.phase("speeds, one case at a time")
-        engines = {engine.name: engine for engine, _ in selection.methods}
         cases, quietness = measure_speeds(
             subjects,
             cases,
-            engines,
+            {engine.name: engine for engine, _ in selection.methods},
             answers,
             timeout_s=manner.timeout_s,
             passes=manner.speed_passes,
@@ -202,10 +114,23 @@ def run_selection(
         results=as_table(({"run_id": run_id, **case.columns} for case in cases), RESULT_COLUMNS),
         methods=as_table(({"run_id": run_id, **row} for row in method_rows), METHOD_COLUMNS),
         stability=as_table(({"run_id": run_id, **row} for row in stability_rows), STABILITY_COLUMNS),
-        manifest=_manifest(identity, selection, manner, cases, seconds, quietness),
+        manifest=manifest_of(identity, selection, manner, cases, seconds, quietness),
         subjects=tuple(subjects),
         cases=cases,
     )
+
+
+def _compile(selection: Selection, cache: Cache) -> None:
+    """Compile what the truths that are not known yet, and the reference's methods, are to call."""
+    scenes = [scenario.scene for _, scenario in selection.scenarios]
+    # a user's function is asked first where its truth is solved: what goes wrong with it is told there
+    scenes = [scene for scene in scenes if not scene.has_black_box]
+    integrators = [
+        method.name
+        for engine, method in selection.methods
+        if engine.name == "reference" and method.control == "dt"
+    ]
+    compile_kernels(scenes, integrators, lambda scene: is_known(scene, scene.sample_times, cache))
 
 
 def _studies(
@@ -286,40 +211,3 @@ def judge(trajectory: str | Path, scenario: str | Path, *, allow_code: bool = Fa
     """
     loaded = load_scenario(scenario, allow_code=allow_code)
     return judge_file(Path(trajectory), loaded, str(scenario), Cache.default())
-
-
-def _manifest(
-    identity: Identity,
-    selection: Selection,
-    manner: Manner,
-    cases: Sequence[CaseResult],
-    seconds: Mapping[str, float],
-    quietness: Quietness | None,
-) -> dict[str, Any]:
-    """Return versions, machine and settings, as plain data."""
-    engines: dict[str, Any] = {name: {"unavailable": why} for name, why in selection.unavailable.items()}
-    for engine, method in selection.methods:
-        entry = engines.setdefault(engine.name, {"version": engine.version, "methods": {}})
-        entry["methods"][method.name] = asdict(method)
-    return {
-        "run_id": identity.run_id,
-        "created": identity.created.isoformat(timespec="seconds"),
-        "bodycheck": version("bodycheck"),
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "system": f"{platform.system()} {platform.machine()}",
-        "cpu": cpu_model(),
-        "cores": os.cpu_count(),
-        "libraries": {name: version(name) for name in ("numpy", "numba", "scipy", "pandas")},
-        "engines": engines,
-        "dt_s": selection.dt_s,
-        "tolerances": selection.tolerances,
-        "speed": manner.speed,
-        "jobs": manner.strands,
-        "timeout_s": manner.timeout_s,
-        "speed_core": quietness.core if quietness else None,
-        "speed_noise": quietness.spread if quietness else None,
-        "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),
-        "scenarios": {s.name: written(s) for _, s in selection.scenarios},
-        **seconds,
-    }

@@ -5,27 +5,25 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from bodycheck.errors import InputError, StoppedError
+from bodycheck.manifest import Identity
+from bodycheck.manner import TIMEOUT_S, Manner
+from bodycheck.progress import Watching
 from bodycheck.reports.run import Run
 from bodycheck.reports.storage.journal import Journal
 from bodycheck.reports.store import check_output, write_run
-from bodycheck.runner import TIMEOUT_S, Identity, Manner, Progress, run_selection
+from bodycheck.runner import run_selection
 from bodycheck.selection import Selection, select
 
 RUNS = Path("bodycheck-runs")
 """Where runs go for which no other folder is named."""
 
 _ASKED = "asked.json"
-
-Watching = Callable[[int], AbstractContextManager[Progress]]
-"""How a run is watched, given the number of cases that are listed."""
 
 
 @dataclass(frozen=True)

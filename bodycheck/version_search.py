@@ -11,11 +11,14 @@ from bodycheck.adapters.host import announced
 from bodycheck.adapters.pins import Pin
 from bodycheck.adapters.releases import releases
 from bodycheck.errors import InputError
+from bodycheck.manifest import Identity
+from bodycheck.manner import Manner
+from bodycheck.progress import SILENCE
 from bodycheck.reports.comparison.bisection import changes
 from bodycheck.reports.comparison.one_measure import Finding, OneMeasure, comparable, under_one_name
 from bodycheck.reports.stored import Tables
 from bodycheck.reports.version_text import Found, Track
-from bodycheck.runner import SILENCE, Identity, Manner, run_selection
+from bodycheck.runner import run_selection
 from bodycheck.scenarios.model import Scenario
 from bodycheck.selection import Selection, checked_scenarios
 

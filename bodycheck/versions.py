@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from bodycheck.manner import TIMEOUT_S
 from bodycheck.number_list import numbers
 from bodycheck.options import Fresh, Jobs, TimeoutS
 
@@ -31,15 +32,15 @@ def versions(
         str | None, typer.Option(help="Steps in s, like 1e-2,1e-3; the scenario's own, unless told.")
     ] = None,
     jobs: Jobs = None,
-    timeout_s: TimeoutS = 120.0,
+    timeout_s: TimeoutS = TIMEOUT_S,
     fresh: Fresh = False,
 ) -> None:
     """Run releases of an engine, each in an environment of its own; name those in which a measure changed.
 
     The status is 0 whatever changed: this informs, it does not judge.
     """
+    from bodycheck.manner import Manner
     from bodycheck.reports.version_text import print_found
-    from bodycheck.runner import Manner
     from bodycheck.version_search import Search, search
 
     asked = Search(engine, since, until, scenario, method, measure, numbers(dt, "--dt"))

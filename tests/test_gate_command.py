@@ -15,10 +15,11 @@ from typer.testing import CliRunner, Result
 
 from bodycheck import cli, gate_run
 from bodycheck.errors import InputError
+from bodycheck.manner import Manner
+from bodycheck.progress import SILENCE
 from bodycheck.reports.gates.files import as_json, as_junit
 from bodycheck.reports.gates.gate import parse_gates
 from bodycheck.reports.gates.verdict import held
-from bodycheck.runner import SILENCE, Manner
 from bodycheck.selection import Selection
 
 SCENARIO = """

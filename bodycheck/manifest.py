@@ -1,0 +1,71 @@
+"""What a run says of itself, manifest.json: its name, versions, machine, settings, scenarios."""
+
+from __future__ import annotations
+
+import os
+import platform
+import secrets
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+from bodycheck.manner import Manner
+from bodycheck.reports.case import CaseResult
+from bodycheck.reports.machine import cpu_model
+from bodycheck.reports.speed import Quietness
+from bodycheck.scenarios.written import written
+from bodycheck.selection import Selection
+
+
+@dataclass(frozen=True)
+class Identity:
+    """The name of a run and the moment at which it began, which a run that is resumed keeps."""
+
+    run_id: str
+    created: datetime
+
+    @classmethod
+    def new(cls) -> Identity:
+        """Return a name that no other run has."""
+        created = datetime.now(UTC)
+        return cls(f"{created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}", created)
+
+
+def manifest_of(
+    identity: Identity,
+    selection: Selection,
+    manner: Manner,
+    cases: Sequence[CaseResult],
+    seconds: Mapping[str, float],
+    quietness: Quietness | None,
+) -> dict[str, Any]:
+    """Return versions, machine and settings, as plain data."""
+    engines: dict[str, Any] = {name: {"unavailable": why} for name, why in selection.unavailable.items()}
+    for engine, method in selection.methods:
+        entry = engines.setdefault(engine.name, {"version": engine.version, "methods": {}})
+        entry["methods"][method.name] = asdict(method)
+    return {
+        "run_id": identity.run_id,
+        "created": identity.created.isoformat(timespec="seconds"),
+        "bodycheck": version("bodycheck"),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "cpu": cpu_model(),
+        "cores": os.cpu_count(),
+        "libraries": {name: version(name) for name in ("numpy", "numba", "scipy", "pandas")},
+        "engines": engines,
+        "dt_s": selection.dt_s,
+        "tolerances": selection.tolerances,
+        "speed": manner.speed,
+        "jobs": manner.strands,
+        "timeout_s": manner.timeout_s,
+        "speed_core": quietness.core if quietness else None,
+        "speed_noise": quietness.spread if quietness else None,
+        "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),
+        "scenarios": {s.name: written(s) for _, s in selection.scenarios},
+        **seconds,
+    }
