@@ -57,7 +57,7 @@ def search(asked: Search, manner: Manner, told: Callable[[str], None]) -> Found:
     around. Raises InputError where the input is wrong, or no release can be run.
     """
     comparable(asked.measure)
-    ((asked_as, scenario),) = _one_scenario(asked)
+    asked_as, scenario = _one_scenario(asked)
     versions = releases(asked.engine, asked.since, asked.until)
     runs: dict[str, _Release | str] = {}
 
@@ -84,11 +84,12 @@ def search(asked: Search, manner: Manner, told: Callable[[str], None]) -> Found:
     return Found(asked.engine, scenario.name, asked.measure, versions, tuple(tracks), failed)
 
 
-def _one_scenario(asked: Search) -> list[tuple[str, Scenario]]:
-    found = checked_scenarios([asked.scenario], asked.dt_s)
-    if len(found) != 1:
-        raise InputError(f"--scenario {asked.scenario}: is {len(found)} scenarios; give one of them")
-    return found
+def _one_scenario(asked: Search) -> tuple[str, Scenario]:
+    """Return the scenario that is asked for, with what names it; InputError where it is several."""
+    first, *others = checked_scenarios([asked.scenario], asked.dt_s)
+    if others:
+        raise InputError(f"--scenario {asked.scenario}: is {len(others) + 1} scenarios; give one of them")
+    return first
 
 
 def _measure_of(asked: Search, scenario: Scenario, method: Method) -> OneMeasure:
