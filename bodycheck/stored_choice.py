@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from bodycheck.errors import InputError
 from bodycheck.reports.live_progress import LiveProgress
-from bodycheck.reports.stored import Tables, read_tables
+from bodycheck.reports.stored import Tables, read_manifest, read_tables
 from bodycheck.scenarios.library import load_scenarios
 from bodycheck.scenarios.written import written
 from bodycheck.stored_run import RUNS, Asked, run_to_folder
@@ -24,10 +24,9 @@ def chosen_run(folder: Path | None, asked: Sequence[str]) -> tuple[Path, Tables,
     if folder is not None:
         return _named(folder, asked)
     wanted = {scenario.name: written(scenario) for _, scenario in load_scenarios(asked)}
-    for newest in _newest_first():
-        tables = read_tables(newest)
-        if wanted.items() <= tables.manifest["scenarios"].items():
-            return newest, tables, list(wanted or tables.manifest["scenarios"])
+    for newest, manifest in _newest_first():
+        if wanted.items() <= manifest["scenarios"].items():
+            return newest, read_tables(newest), list(wanted or manifest["scenarios"])
     scenarios = list(asked) or ["standard"]
     print(f"no run in {RUNS}/ can tell: running {' '.join(scenarios)}", file=sys.stderr)
     _, report = run_to_folder(Asked(scenarios=scenarios), None, LiveProgress)
@@ -45,12 +44,12 @@ def _named(folder: Path, asked: Sequence[str]) -> tuple[Path, Tables, list[str]]
     return folder, tables, list(dict.fromkeys(names)) or known
 
 
-def _newest_first() -> list[Path]:
-    """Return the folders of complete runs that --out was not given for."""
+def _newest_first() -> list[tuple[Path, dict[str, Any]]]:
+    """Return the folders of complete runs that --out was not given for, with their manifests."""
     found = []
-    for manifest in RUNS.glob("*/manifest.json"):
+    for path in RUNS.glob("*/manifest.json"):
         try:
-            found.append((json.loads(manifest.read_text(encoding="utf-8"))["created"], manifest.parent))
-        except (OSError, ValueError, KeyError, TypeError):
-            raise InputError(f"{manifest}: cannot be read; name another run with --run") from None
-    return [folder for _, folder in sorted(found, reverse=True)]
+            found.append((path.parent, read_manifest(path.parent)))
+        except InputError as error:
+            raise InputError(f"{error}; name another run with --run") from None
+    return sorted(found, key=lambda run: (run[1]["created"], run[0]), reverse=True)

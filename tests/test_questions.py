@@ -115,6 +115,12 @@ def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Com
     manifest["scenarios"]["shape/1"]["duration_s"] = 2.0
     (runs / "new/manifest.json").write_text(json.dumps(manifest))
     assert "measured in bodycheck-runs/old" in command("advise", "--error", "1e-2", "shape.toml")[1]
+    (runs / "odd").mkdir()
+    (runs / "odd/manifest.json").write_text("{}")
+    status, out, err = command("advise", "--error", "1e-2")
+    assert (status, out) == (2, "")
+    assert err.startswith("bodycheck-runs/odd/manifest.json: is no manifest of a run")
+    assert err.endswith("; name another run with --run\n")
 
 
 def test_a_table_is_printed_or_written(command: Command) -> None:
