@@ -87,11 +87,12 @@ class Cache:
         """Remove what was not used for a month, and then the longest unused, down to two gigabytes."""
         now_s = time.time() if now_s is None else now_s
         files = []
-        for folder in self._folder.iterdir() if self._folder.is_dir() else ():
-            with suppress(OSError), os.scandir(folder) as entries:  # another process may prune it too
-                for entry in entries:
-                    facts = entry.stat()
-                    files.append((facts.st_mtime, facts.st_size, entry.path))
+        with suppress(OSError):  # it may not be there, or not be readable
+            for folder in self._folder.iterdir():
+                with suppress(OSError), os.scandir(folder) as entries:  # another process may prune it too
+                    for entry in entries:
+                        facts = entry.stat()
+                        files.append((facts.st_mtime, facts.st_size, entry.path))
         total = sum(size for _, size, _ in files)
         for used, size, path in sorted(files):
             if now_s - used < _UNUSED_S and total <= _MOST_BYTES:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -106,6 +106,20 @@ def test_pruning_removes_what_was_not_used_for_a_month(tmp_path: Path) -> None:
     assert cache.get(KEY) == MESSAGE
     cache.prune(now_s=place_of(tmp_path, KEY).stat().st_mtime + 29 * DAY_S)
     assert (cache.get(KEY), cache.get(OTHER)) == (MESSAGE, None)
+
+
+def test_a_folder_that_cannot_be_listed_is_not_pruned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may be somebody else's, or be gone at this very moment: no run ends for that."""
+    Cache(tmp_path).put(KEY, MESSAGE)
+
+    def refused(folder: Path) -> Iterator[Path]:
+        raise PermissionError(folder)
+
+    monkeypatch.setattr(Path, "iterdir", refused)
+    Cache(tmp_path).prune(now_s=1e12)
+    assert Cache(tmp_path).get(KEY) == MESSAGE
 
 
 def test_a_file_that_was_used_today_is_not_marked_again(tmp_path: Path) -> None:
