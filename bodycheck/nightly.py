@@ -60,10 +60,10 @@ def nightly_(
         judged, night = run_night(asked, history, LiveProgress)
     except KeyboardInterrupt:
         raise StoppedError("stopped; nothing was stored") from None
-    if markdown is not None:
-        write_whole(markdown, (night / "night.md").read_bytes())
     print_night(judged)
     print(night / "night.html")
+    if markdown is not None:
+        write_whole(markdown, (night / "night.md").read_bytes())
     raise typer.Exit(_EXITS[judged.status])
 
 
