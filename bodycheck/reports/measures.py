@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +57,15 @@ SERIES_SCALES = {
     "velocity_error": "speed_scale_m_s",
 }
 """The measures that have a scale: each stands twice, over its scale and as `_abs` in SI units."""
+
+
+def scale_of(columns: Mapping[str, Any], measure: str) -> float:
+    """Return what a measure over time is divided by: 1 where it needs no scale, 0 where nothing moves.
+
+    columns: of results.csv, those of a case or those that all cases of a scenario share.
+    """
+    return float(columns[SERIES_SCALES[measure]]) if measure in SERIES_SCALES else 1.0
+
 
 _PURE_SERIES = ("orientation_error_rad", "orthogonality", "determinant_error", "quaternion_norm_error")
 """The measures that need no scale."""

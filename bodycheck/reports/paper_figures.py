@@ -14,8 +14,9 @@ from bodycheck.errors import InputError, UnavailableError
 from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.findings import Findings, MethodKey, cases_by_method, common_step, key_of, shown_case
-from bodycheck.reports.measures import SERIES_SCALES
+from bodycheck.reports.measures import scale_of
 from bodycheck.reports.styles import Style, styles
+from bodycheck.reports.tables import ABSOLUTE
 from bodycheck.reports.wording import setting
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def drawn_figure(run: Findings, figure: str, scenario: str, quantity: str) -> Fi
     drawn = styles(key_of(case.columns) for case in run.cases)
     if figure == STABILITY:
         _stability(axes, run.stability[run.stability["scenario"] == scenario], drawn)
-    else:
+    elif lines:
         FIGURES[figure](axes, lines, drawn, quantity)
     if not axes.lines:
         raise InputError(f"--figure {figure}: nothing was measured of it in {scenario}")
@@ -118,16 +119,18 @@ def _order(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity
 
 def _drift(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
     """Draw a measure over time, of each method at the step that most were run at."""
-    at_s = common_step(case for cases in lines.values() for case in cases)
-    axes.set(yscale="log", xlabel=f"time, s ({setting('dt', at_s)})", ylabel=_words(quantity))
+    every = [case for cases in lines.values() for case in cases]
+    at_s = common_step(every)
+    scale = scale_of(every[0].columns, quantity)
+    what = _words(quantity) if scale > 0.0 else f"{_words(quantity)}, {ABSOLUTE[quantity]}"
+    axes.set(yscale="log", xlabel=f"time, s ({setting('dt', at_s)})", ylabel=what)
     for key, cases in lines.items():
         case = shown_case(cases, at_s)
         if case is None:
             continue
         points: list[tuple[float, float]] = []
         if quantity in case.series and case.trajectory is not None:
-            scale = case.columns.get(SERIES_SCALES.get(quantity, ""), 1.0) or 1.0
-            values = case.series[quantity] / scale
+            values = case.series[quantity] / (scale or 1.0)
             times = case.trajectory.t_s[: len(values)]
             points = [(t, value) for t, value in zip(times, values, strict=True) if value > 0.0]
         _draw(axes, drawn[key], [case], points, markers=False)
@@ -201,5 +204,5 @@ def _draw(
 
 
 def _words(quantity: str) -> str:
-    name, _, unit = quantity.partition("_rad")
-    return name.replace("_", " ") + (", rad" if quantity != name else "") + unit
+    name = quantity.removesuffix("_rad")
+    return name.replace("_", " ") + (", rad" if quantity != name else "")

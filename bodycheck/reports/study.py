@@ -16,7 +16,7 @@ from bodycheck.reports.case import Asking, CaseResult, Subject, run_case
 from bodycheck.reports.convergence import ABOVE_FLOOR, LARGEST_ERROR, Point, convergence_of, obedience_of
 from bodycheck.reports.growth import Growth, growth_of
 from bodycheck.reports.ladder import next_step
-from bodycheck.reports.measures import SERIES_SCALES
+from bodycheck.reports.measures import scale_of
 from bodycheck.reports.stability import Searching, stability_row
 
 _ORIENTATION = "orientation_error_rad"
@@ -149,5 +149,5 @@ def _growth(cases: Sequence[CaseResult], subject: Subject, quantity: str, floor:
         return Growth()
     telling = [case for case in sound if case.columns[quantity] > ABOVE_FLOOR * floor]
     case = (telling or sound)[-1]
-    scale = getattr(subject.scales, SERIES_SCALES[quantity]) if quantity in SERIES_SCALES else 1.0
-    return growth_of(subject.times, case.series[quantity] / scale, floor_of(subject.columns, quantity))
+    relative = case.series[quantity] / scale_of(subject.columns, quantity)
+    return growth_of(subject.times, relative, floor_of(subject.columns, quantity))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,10 +67,21 @@ def test_a_picture_for_a_page_is_png(run: Run) -> None:
     assert picture(run, "order", "free", "energy_drift", ".png")[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_what_has_no_points_is_no_figure(run: Run) -> None:
+def test_a_drift_that_has_no_scale_is_drawn_in_its_unit(run: Run) -> None:
+    """A label without a unit is that of a number over its scale."""
+    still = {"omega_scale_rad_s": 0.0}
+    at_rest = replace(run, cases=tuple(replace(c, columns={**c.columns, **still}) for c in run.cases))
+    labels = [
+        drawn_figure(one, "drift", "free", "omega_error").axes[0].get_ylabel() for one in (run, at_rest)
+    ]
+    assert labels == ["omega error", "omega error, rad/s"]
+
+
+@pytest.mark.parametrize("figure", FIGURES)
+def test_what_has_no_points_is_no_figure(figure: str, run: Run) -> None:
     """An empty picture would say that all is well."""
     with pytest.raises(InputError, match="nothing was measured of it in nowhere"):
-        picture(run, "order", "nowhere", "orientation_error_rad", ".svg")
+        picture(run, figure, "nowhere", "orientation_error_rad", ".svg")
 
 
 def test_a_picture_is_asked_for_rightly(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult, Subject
 from bodycheck.reports.findings import MethodKey, cases_by_method, key_of, shown_case
-from bodycheck.reports.measures import SERIES_SCALES
+from bodycheck.reports.measures import scale_of
 from bodycheck.reports.page.coinciding import ranks
 from bodycheck.reports.page.front import ERRORS, Cost
 from bodycheck.reports.page.packing import packed_line, rounded, thinned_times
@@ -61,7 +61,7 @@ def _drifts(
     measures = dict.fromkeys((*_FIRST_MEASURES, *(name for case in shown.values() for name in case.series)))
     drifts = []
     for measure in measures:
-        scale = getattr(subject.scales, SERIES_SCALES[measure]) if measure in SERIES_SCALES else 1.0
+        scale = scale_of(subject.columns, measure)
         name = measure if scale > 0.0 else f"{measure}_abs, {ABSOLUTE[measure]}"
         lines = {
             m: packed_line(case.series[measure] / (scale or 1.0))
