@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
@@ -78,7 +79,7 @@ class Bench:
                 tolerances=None if tolerance is None else [tolerance],
                 speed=False,
             )
-        return Measured(found, self.record, f"pytest '{self.nodeid}'" if own else None)
+        return Measured(found, self.record, shlex.join(["pytest", self.nodeid]) if own else None)
 
     def step(
         self,

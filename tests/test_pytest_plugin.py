@@ -185,7 +185,7 @@ def test_lost(bodycheck):
     done.stdout.fnmatch_lines(
         [
             "E*mine step:lost: angular_momentum_drift <= 0.01: 4 of 4 cases failed*",
-            "E*pytest 'test_a_step_function_is_judged_like_an_engine.py::test_lost'",
+            "E*pytest test_a_step_function_is_judged_like_an_engine.py::test_lost",
         ]
     )
 
