@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from scenario_file import tumbling
 from typer.testing import CliRunner, Result
 
 from bodycheck import cli, gate_run
@@ -22,17 +23,7 @@ from bodycheck.reports.gates.gate import parse_gates
 from bodycheck.reports.gates.verdict import held
 from bodycheck.selection import Selection
 
-SCENARIO = """
-name = "mine"
-duration_s = 1.0
-samples = 11
-steps_s = [0.05, 0.02]
-[body]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.5]
-[initial]
-omega_body_rad_s = [0.3, 1.0, -0.2]
-"""
+SCENARIO = tumbling(steps_s=[0.05, 0.02])
 KEPT = """
 [[gate]]
 scenario = "free"

@@ -9,6 +9,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
+from scenario_file import tumbling
 
 pytest_plugins = ["pytester"]
 
@@ -19,17 +20,7 @@ INSTALLED = any(point.value == MODULE for point in entry_points(group="pytest11"
 PLUGIN = () if INSTALLED else ("-p", MODULE)
 PLUGINS = () if INSTALLED else (importlib.import_module(MODULE),)
 
-SCENARIO = """
-name = "mine"
-duration_s = 1.0
-samples = 11
-steps_s = [0.05, 0.025]
-[body]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.5]
-[initial]
-omega_body_rad_s = [0.3, 1.0, -0.2]
-"""
+SCENARIO = tumbling(steps_s=[0.05, 0.025])
 
 RK4 = """
 from dataclasses import replace

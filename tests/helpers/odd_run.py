@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scenario_file import tumbling
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation
 from bodycheck.adapters.reference import Reference
@@ -17,18 +18,9 @@ from bodycheck.reports.run import Run
 from bodycheck.runner import run as measure
 
 HOSTILE = "<script>alert(1)</script>"
-FREE = f"""
-name = "{HOSTILE}"
-summary = "</script><!-- %{{x}} $x$ \\u2028 <b>bold</b> & {{{{ 7 * 7 }}}}"
-duration_s = 1.0
-samples = 11
-steps_s = [0.05, 0.02, 0.01, 0.005]
-[body]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.5]
-[initial]
-omega_body_rad_s = [0.3, 1.0, -0.2]
-"""
+FREE = 'summary = "</script><!-- %{x} $x$ \\u2028 <b>bold</b> & {{ 7 * 7 }}"' + tumbling(
+    HOSTILE, steps_s=[0.05, 0.02, 0.01, 0.005]
+)
 FORCED = (
     FREE.replace(HOSTILE, "forced").replace(
         "[1.0, 2.0, 2.5]", "[[1.0, 0.2, 0], [0.2, 2.0, 0.1], [0, 0.1, 2.5]]"

@@ -1,23 +1,10 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
+from scenario_file import tumbling
 
 import bodycheck
 from bodycheck.reports.run import Run
-
-_TUMBLE = """
-name = "{name}"
-duration_s = 1.0
-samples = 11
-steps_s = [0.05, 0.02, 0.01, 0.005]
-[body]
-mass_kg = 1.0
-inertia_kg_m2 = [1.0, 2.0, 2.5]
-[initial]
-omega_body_rad_s = {omega}
-"""
 
 
 @pytest.fixture(scope="session")
@@ -27,5 +14,5 @@ def night_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     files = []
     for name, omega in (("slow", [0.3, 1.0, -0.2]), ("quick", [0.6, 2.0, -0.4])):
         files.append(folder / f"{name}.toml")
-        Path(files[-1]).write_text(_TUMBLE.format(name=name, omega=omega))
+        files[-1].write_text(tumbling(name, omega_body_rad_s=omega, steps_s=[0.05, 0.02, 0.01, 0.005]))
     return bodycheck.run(files, engines=["reference:m1", "reference:m2", "reference:rk4"], jobs=1)
