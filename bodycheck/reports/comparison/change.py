@@ -9,17 +9,15 @@ from typing import Literal, TypeAlias
 Kind: TypeAlias = Literal["case", "outcome", "verdict", "order", "stability", "accuracy", "speed"]
 Direction: TypeAlias = Literal["worse", "better", "other"]
 
-_TURNED: dict[Direction, Direction] = {"worse": "better", "better": "worse", "other": "other"}
-
 
 @dataclass(frozen=True)
 class Change:
     """What a case, or a method on a scenario, was before, and what it is after.
 
-    what: the measure, or `outcome`, `verdict of <quantity>`, `order of <quantity>`, `relative_cpu`; of a case
-    that only one run has, `case`. control, fineness: the step or the tolerance; None where all of a method's
-    are meant. scenario: None where all of them are meant. before, after: None where there is nothing.
-    decades: log10 of after over before, of what has a size.
+    what: the measure, or `outcome`, `verdict of <quantity>`, `order of <quantity>`, `dt_stable_s`, `stable
+    step: search`, `relative_cpu`; of a case that only one run has, `case`. control, fineness: the step or the
+    tolerance; None where all of a method's are meant. scenario: None where all of them are meant. before,
+    after: None where there is nothing. decades: log10 of after over before, of what has a size.
     """
 
     kind: Kind
@@ -33,23 +31,6 @@ class Change:
     control: str | None = None
     fineness: float | None = None
     decades: float | None = None
-
-    @property
-    def mirrored(self) -> Change:
-        """The same change as seen from the other run."""
-        return Change(
-            self.kind,
-            self.scenario,
-            self.engine,
-            self.method,
-            self.what,
-            self.after,
-            self.before,
-            _TURNED[self.direction],
-            self.control,
-            self.fineness,
-            None if self.decades is None else -self.decades,
-        )
 
     @property
     def size(self) -> float:
