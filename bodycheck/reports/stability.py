@@ -11,6 +11,7 @@ from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.drive import Case
 from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.tables import WHO
 
 Searching: TypeAlias = Callable[[Engine, Search], StableStep]
 """How a search comes to its answer: from the engine, or from what it answered before."""
@@ -29,8 +30,7 @@ def stability_row(
     cases: what was run of this method on this scenario, in any order; the search begins at the coarsest step
     at which all cases were stable that are no coarser.
     """
-    who = ("scenario", "family", "engine", "engine_version", "method")
-    row = {name: cases[0].columns[name] for name in who}
+    row = {name: cases[0].columns[name] for name in WHO}
     for case in cases:
         if case.columns["outcome"] not in _SEARCHED:
             return {**row, "outcome": case.columns["outcome"], "message": case.columns["message"]}
@@ -49,7 +49,7 @@ def _search(subject: Subject, method: Method, cases: Sequence[CaseResult]) -> Se
     """From the coarsest step known to be stable up to a turn, or a quarter of the duration, in one step."""
     scene = subject.scenario.scene
     finest_first = sorted((case.dt_s or 0.0, case.ok) for case in cases)
-    finest, start = finest_first[0][0], finest_first[0][0]
+    finest = start = finest_first[0][0]
     for step, stable in finest_first:
         if not stable:
             break

@@ -18,6 +18,7 @@ from bodycheck.reports.growth import Growth, growth_of
 from bodycheck.reports.ladder import next_step
 from bodycheck.reports.measures import scale_of
 from bodycheck.reports.stability import Searching, stability_row
+from bodycheck.reports.tables import WHO
 
 _ORIENTATION = "orientation_error_rad"
 _EPS = float(np.finfo(np.float64).eps)
@@ -131,15 +132,14 @@ def _points(cases: Sequence[CaseResult], quantity: str) -> list[Point]:
 
 
 def _method_rows(cases: Sequence[CaseResult], subject: Subject, method: Method) -> Iterator[dict[str, Any]]:
-    who = ("scenario", "family", "engine", "engine_version", "method")
-    first = cases[0].columns
+    who = {name: cases[0].columns[name] for name in WHO}
     judged = convergence_of if method.control == "dt" else obedience_of
     for quantity in QUANTITIES:
         measured = any(quantity in case.columns for case in cases)
         if measured or any(case.columns["outcome"] == "unstable" for case in cases):
             found = judged(_points(cases, quantity), limit(subject, quantity))
             growth = _growth(cases, subject, quantity, found.floor)
-            yield {**{name: first[name] for name in who}, "quantity": quantity, **vars(found), **vars(growth)}
+            yield {**who, "quantity": quantity, **vars(found), **vars(growth)}
 
 
 def _growth(cases: Sequence[CaseResult], subject: Subject, quantity: str, floor: float) -> Growth:

@@ -12,13 +12,12 @@ from bodycheck.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-_WHO = (
+WHO = ("scenario", "family", "engine", "engine_version", "method")
+"""Whose a row is, in each of the three tables."""
+
+_CASE = (
     "run_id",
-    "scenario",
-    "family",
-    "engine",
-    "engine_version",
-    "method",
+    *WHO,
     "control",
     "dt_s",
     "tolerance",
@@ -85,7 +84,7 @@ _SPEED = (
 )
 
 RESULT_COLUMNS = (
-    *_WHO,
+    *_CASE,
     *_SCALES,
     *(c for name in MEASURES for c in ((name, f"{name}_abs") if name in ABSOLUTE else (name,))),
     "invariant",
@@ -95,11 +94,7 @@ RESULT_COLUMNS = (
 )
 METHOD_COLUMNS = (
     "run_id",
-    "scenario",
-    "family",
-    "engine",
-    "engine_version",
-    "method",
+    *WHO,
     "quantity",
     "order",
     "order_low",
@@ -114,11 +109,7 @@ METHOD_COLUMNS = (
 )
 STABILITY_COLUMNS = (
     "run_id",
-    "scenario",
-    "family",
-    "engine",
-    "engine_version",
-    "method",
+    *WHO,
     "dt_stable_s",
     "dt_unstable_s",
     "reason",
@@ -128,7 +119,7 @@ STABILITY_COLUMNS = (
 _WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
 _TEXTS = frozenset(
     (
-        *("run_id", "scenario", "family", "engine", "engine_version", "method", "control", "outcome"),
+        *("run_id", *WHO, "control", "outcome"),
         *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
         *("growth", "reason"),
     )
