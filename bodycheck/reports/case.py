@@ -18,6 +18,7 @@ from bodycheck.adapters.drive import Answer, Case
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.bounded_motion import Truth
+from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
 from bodycheck.reports.convergence import LARGEST_ERROR, LARGEST_LIMIT
@@ -159,16 +160,22 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
         return ended(answer.outcome, answer.message)
     if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, held):
         return ended("invalid", fault)
-    with np.errstate(over="ignore", invalid="ignore"):  # of what has run away
-        if reason := defect(trajectory):
-            return ended("unstable", reason)
-        motion = Motion.of(scene, trajectory)
-    if reason := runaway(motion.kinetic, kinetic_limit(subject.motion.kinetic), trajectory.t_s):
-        return ended("unstable", reason)
+    motion = stable_motion(scene, trajectory, subject.motion)
+    if isinstance(motion, str):
+        return ended("unstable", motion)
     measured, series = measured_by(subject, trajectory, motion)
     columns |= measured
     columns |= {"outcome": "ok", "message": _note(subject, plan, answer.message)}
     return CaseResult(columns, trajectory, series, held)
+
+
+def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion | str:
+    """Return energy and momentum along a trajectory; or, where it is unstable beside the true ones, why."""
+    with np.errstate(over="ignore", invalid="ignore"):  # of what has run away
+        if reason := defect(trajectory):
+            return reason
+        motion = Motion.of(scene, trajectory)
+    return runaway(motion.kinetic, kinetic_limit(true.kinetic), trajectory.t_s) or motion
 
 
 def measured_by(

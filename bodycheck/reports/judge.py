@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from bodycheck.adapters.breakdown import defect, kinetic_limit, runaway
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene, Spring, TorsionSpring
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.case import Subject
+from bodycheck.reports.case import Subject, stable_motion
 from bodycheck.reports.invariants import invariants_of, worst_drift
 from bodycheck.reports.measures import Motion, error_series, reduced
 from bodycheck.reports.storage.cache import Cache
@@ -41,42 +40,39 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | Non
     Raises InputError where the file is wrong, or its times are none of the scenario's.
     """
     arrays = read_arrays(path)
-    if arrays["t_s"][0] < 0.0 or arrays["t_s"][-1] > scenario.duration_s * (1.0 + 1e-12):
+    scene, t_s = scenario.scene, arrays["t_s"]
+    if t_s[0] < 0.0 or t_s[-1] > scenario.duration_s * (1.0 + 1e-12):
         raise InputError(f"{path}: t_s must lie within 0 and the duration of {scenario.duration_s!r} s")
-    subject = Subject.of(scenario, asked_as, cache)
-    truth = known_truth(scenario.scene, arrays["t_s"], cache)
-    if not arrays["t_s"][0] < truth.trusted_until_s:
+    scales = Subject.of(scenario, asked_as, cache).scales
+    truth = known_truth(scene, t_s, cache)
+    trusted = t_s < truth.trusted_until_s
+    if not trusted[0]:
         raise InputError(f"{path}: the motion is chaotic, and the truth ends before the first of t_s")
-    had = _quantities(arrays)
-    trajectory = _completed(arrays, truth.trajectory)
     columns: dict[str, Any] = {
         "scenario": scenario.name,
         "outcome": "ok",
         "message": "",
         "truth": truth.kind,
-        "truth_bound_rad": float(truth.bound_rad[arrays["t_s"] < truth.trusted_until_s].max()),
+        "truth_bound_rad": float(truth.bound_rad[trusted].max()),
     }
-    true = Motion.of(scenario.scene, truth.trajectory)
-    if reason := defect(trajectory):
-        return {**columns, "outcome": "unstable", "message": reason}
-    motion = Motion.of(scenario.scene, trajectory)
-    if reason := runaway(motion.kinetic, kinetic_limit(true.kinetic), trajectory.t_s):
-        return {**columns, "outcome": "unstable", "message": reason}
-    whole = error_series(scenario.scene, truth.trajectory, true, trajectory, motion)
-    trusted = arrays["t_s"] < truth.trusted_until_s
+    trajectory = _completed(arrays, truth.trajectory)
+    true = Motion.of(scene, truth.trajectory)
+    motion = stable_motion(scene, trajectory, true)
+    if isinstance(motion, str):
+        return {**columns, "outcome": "unstable", "message": motion}
     if not trusted.all():
-        columns["message"] = (
-            f"chaotic: compared until t = {truth.trusted_until_s:.6g} s, where the truth ends"
-        )
-    series = {name: values[trusted] for name, values in whole.items()}
-    measured = reduced(series, subject.scales)
-    for name in series:
-        if not _needed(name, scenario.scene) <= had:
+        until = f"t = {truth.trusted_until_s:.6g} s"
+        columns["message"] = f"chaotic: compared until {until}, where the truth ends"
+    had = _quantities(arrays)
+    whole = error_series(scene, truth.trajectory, true, trajectory, motion)
+    measured = reduced({name: values[trusted] for name, values in whole.items()}, scales)
+    for name in whole:
+        if not _needed(name, scene) <= had:
             for column in (name, f"{name}_abs"):
                 measured.pop(column, None)
     if "attitude" not in had:
         del measured["orientation_error_final_rad"]
-    kept = [one for one in invariants_of(scenario.scene) if one.needs <= had]
+    kept = [one for one in invariants_of(scene) if one.needs <= had]
     worst = worst_drift(kept, truth.trajectory, trajectory, trusted)
     return columns | measured | (worst.columns if worst else {})
 

@@ -108,6 +108,15 @@ def test_a_trajectory_with_nan_is_unstable(tmp_path: Path) -> None:
     assert "orientation_error_rad" not in judged
 
 
+def test_a_trajectory_whose_energy_overflows_is_unstable(tmp_path: Path) -> None:
+    """It is an outcome, and no warning of numpy's."""
+    table = truth_table()
+    table.loc[4, "wx_body_rad_s"] = 1e200
+    judged = bodycheck.judge(write(table, tmp_path / "wild.csv"), "boxes")
+    assert judged["outcome"] == "unstable"
+    assert judged["message"].endswith("the truth's largest from t = 4 s on")
+
+
 WRONG = {
     "no file": (None, "cannot be read"),
     "empty": ("", "is not CSV"),
