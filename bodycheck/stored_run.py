@@ -17,6 +17,7 @@ from bodycheck.progress import Watching
 from bodycheck.reports.run import Run
 from bodycheck.reports.storage.journal import Journal
 from bodycheck.reports.store import check_output, write_run
+from bodycheck.reports.whole_file import put_whole
 from bodycheck.runner import run_selection
 from bodycheck.selection import Selection, select
 
@@ -82,9 +83,7 @@ def _describe(partial: Path, asked: Asked, identity: Identity, out: Path) -> Non
     try:
         partial.mkdir(parents=True, exist_ok=True)
         try:
-            unfinished = partial / f"{_ASKED}.part"
-            unfinished.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
-            unfinished.replace(partial / _ASKED)
+            put_whole(partial / _ASKED, (json.dumps(description, indent=2) + "\n").encode())
         except OSError:
             shutil.rmtree(partial, ignore_errors=True)
             raise

@@ -166,7 +166,7 @@ def test_what_cannot_be_gone_on_with_is_refused(command: Command, tmp_path: Path
 def test_a_folder_in_which_nothing_was_asked_yet_is_no_obstacle(command: Command, tmp_path: Path) -> None:
     """A run killed before it wrote what it was asked had found nothing: it is simply begun again."""
     (tmp_path / "out.partial").mkdir()
-    (tmp_path / "out.partial/asked.json.part").write_text("{")
+    (tmp_path / "out.partial/.asked.json-killed").write_text("{")
     words = ["run", "mine.toml", "--engine", "reference:m1", "--dt", "0.05", "--no-speed", "--out", "out"]
     assert finished(command(*words))[0] == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out", "package"]

@@ -11,17 +11,22 @@ from bodycheck.errors import InputError
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name and rename it; raises InputError where it cannot be written."""
+    """Write a file whole; raises InputError where it cannot be written."""
     try:
-        descriptor, unfinished = tempfile.mkstemp(dir=path.absolute().parent, prefix=f".{path.name}-")
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(content)
-            Path(unfinished).chmod(0o644)  # mkstemp keeps others out; what is handed over is for everyone
-            Path(unfinished).replace(path)
-        except BaseException:
-            with suppress(OSError):
-                Path(unfinished).unlink()
-            raise
+        put_whole(path, content)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def put_whole(path: Path, content: bytes) -> None:
+    """Write a file under a temporary name, beside it, and rename it; raises OSError."""
+    descriptor, unfinished = tempfile.mkstemp(dir=path.absolute().parent, prefix=f".{path.name}-")
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+        Path(unfinished).chmod(0o644)  # mkstemp keeps others out; what is handed over is for everyone
+        Path(unfinished).replace(path)
+    except BaseException:
+        with suppress(OSError):
+            Path(unfinished).unlink()
+        raise

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 from bodycheck.adapters.protocol import Message
 from bodycheck.reference_impl.cache_home import cache_home
 from bodycheck.reports.storage.sealed import Entry
+from bodycheck.reports.whole_file import put_whole
 
 _MOST_BYTES = 2_000_000_000
 _UNUSED_S = 30 * 86400.0
@@ -71,15 +71,7 @@ class Cache:
         place = self._place(entry.key)
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
-            descriptor, unfinished = tempfile.mkstemp(dir=place.parent, suffix=".part")
-            try:
-                with os.fdopen(descriptor, "wb") as file:
-                    file.write(entry.line)
-                Path(unfinished).replace(place)
-            except BaseException:
-                with suppress(OSError):
-                    Path(unfinished).unlink()
-                raise
+            put_whole(place, entry.line)
         except OSError:
             self._writable = False
 

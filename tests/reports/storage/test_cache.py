@@ -69,7 +69,7 @@ def test_a_damaged_file_counts_as_absent(damage: str, tmp_path: Path) -> None:
     assert cache.get(KEY) is None
     cache.put(KEY, MESSAGE)
     assert cache.get(KEY) == (None if damage == "a folder" else MESSAGE)
-    assert not list(tmp_path.glob("*/*.part"))
+    assert not list(tmp_path.glob("*/.*"))
 
 
 def test_a_full_disk_leaves_no_half_file_and_is_not_tried_again(tmp_path: Path) -> None:
