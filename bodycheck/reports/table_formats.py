@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from bodycheck.reports.markdown import markdown_table
 
 if TYPE_CHECKING:
@@ -55,7 +57,23 @@ FORMATS: dict[str, Callable[[pd.DataFrame], bytes]] = {
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    rows: list[dict[Any, Any]] = table.to_dict("records")
+    return [{name: _plain(cell) for name, cell in row.items()} for row in rows]
+
+
+def _plain(cell: Any) -> Any:
+    """Return a cell as JSON has it: null for what is not there, text for what JSON has no word for."""
     import pandas as pd
 
-    rows: list[dict[Any, Any]] = table.to_dict("records")
-    return [{name: None if pd.isna(cell) else cell for name, cell in row.items()} for row in rows]
+    match cell:
+        case np.ndarray():  # what a query made a list of
+            return _plain(cell.tolist())
+        case list():
+            return [_plain(part) for part in cell]
+        case dict():
+            return {name: _plain(part) for name, part in cell.items()}
+    if pd.isna(cell):
+        return None
+    return (
+        cell if isinstance(cell, str | int) or (isinstance(cell, float) and np.isfinite(cell)) else str(cell)
+    )

@@ -5,8 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -55,6 +58,26 @@ def test_parquet_reads_back_as_the_same_table(results: pd.DataFrame, tmp_path: P
     with duckdb.connect() as database:
         again = database.execute(f"SELECT * FROM '{tmp_path / 'results.parquet'}'").df()
     pd.testing.assert_frame_equal(again, results, check_exact=True)
+
+
+@pytest.mark.parametrize(
+    ("cell", "told", "shown"),
+    [
+        (pd.Timestamp("2026-01-02 03:04:05"), "2026-01-02 03:04:05", "2026-01-02 03:04:05"),
+        (pd.NaT, None, ""),
+        (np.array([1.5, np.nan]), [1.5, None], "\\[1.5, None]"),
+        (np.array([]), [], "\\[]"),
+        ({"a": math.inf}, {"a": "inf"}, "{'a': 'inf'}"),
+        (math.inf, "inf", "inf"),
+        (True, True, "True"),
+    ],
+    ids=str,
+)
+def test_whatever_a_query_finds_can_be_told(cell: Any, told: Any, shown: str) -> None:
+    """JSON has text for what it has no word for; a list is a list, and what is not there null."""
+    table = pd.DataFrame({"found": pd.Series([cell], dtype=object)})
+    assert json.loads(as_json(table)) == [{"found": told}]
+    assert as_markdown(table).decode().splitlines()[-1] == f"| {shown} |"
 
 
 def test_a_table_of_none_has_its_head(results: pd.DataFrame) -> None:
