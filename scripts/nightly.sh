@@ -4,6 +4,7 @@
 set -uo pipefail
 
 history=${1:?"usage: nightly.sh HISTORY [SCENARIO ...]"}
+history=${history%/} # the log stands beside the folder
 shift
 bodycheck=${BODYCHECK:-$(dirname "$0")/../.venv/bin/bodycheck}
 told=$(mktemp)
