@@ -11,7 +11,7 @@ TIMEOUT_S = 120.0
 """What one case may take unless told otherwise."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Manner:
     """How a run is made, whatever it measures.
 

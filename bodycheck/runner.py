@@ -59,7 +59,7 @@ def run(
     """
     if not scenarios:
         raise InputError("scenarios: name one at least")
-    manner = Manner(speed, jobs, timeout_s, fresh)
+    manner = Manner(speed=speed, jobs=jobs, timeout_s=timeout_s, fresh=fresh)
     selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
     return run_selection(selection, manner, Identity.new(), journal=None, progress=SILENCE)
 

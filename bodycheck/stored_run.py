@@ -49,7 +49,7 @@ class Asked:
     @property
     def manner(self) -> Manner:
         """How the run is made; InputError where that is wrong."""
-        return Manner(self.speed, self.jobs, self.timeout_s, self.fresh)
+        return Manner(speed=self.speed, jobs=self.jobs, timeout_s=self.timeout_s, fresh=self.fresh)
 
 
 def run_to_folder(asked: Asked, out: Path | None, watching: Watching) -> tuple[Run, Path]:

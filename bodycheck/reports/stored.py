@@ -115,7 +115,8 @@ def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = No
     """
     tables = read_tables(folder)
     cases = _with_read_backs(folder, tables.cases)
-    subjects = {subject.scenario.name: subject for subject in _subjects(folder, tables, allow_code, cache)}
+    solved = _subjects(folder, tables, cache, allow_code=allow_code)
+    subjects = {subject.scenario.name: subject for subject in solved}
     return Run(
         run_id=tables.run_id,
         results=tables.results,
@@ -127,7 +128,7 @@ def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = No
     )
 
 
-def _subjects(folder: Path, tables: Tables, allow_code: bool, cache: Cache | None) -> Iterator[Subject]:
+def _subjects(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: bool) -> Iterator[Subject]:
     commands = {case.columns["scenario"]: case.columns["reproduce"] for case in tables.cases}
     for name, told in tables.manifest["scenarios"].items():
         where = f"{folder / 'manifest.json'}: scenarios.{name}"

@@ -52,7 +52,7 @@ def compare(before: Tables, after: Tables) -> Comparison:
     apart = redefined(before.manifest, after.manifest)
     old, new = (_cases(tables, apart) for tables in (before, after))
     both = [(old[key], new[key]) for key in new if key in old]
-    ratios = _ratios(both, same_machine(before.manifest, after.manifest))
+    ratios = _ratios(both, same=same_machine(before.manifest, after.manifest))
     noises = (before.manifest.get("speed_noise") or 0.0, after.manifest.get("speed_noise") or 0.0)
     changes = [
         *_came_and_went(old, new),
@@ -123,7 +123,7 @@ def _accuracies(
             yield from accuracy_changes(old, new, (old_floors.get(method, {}), new_floors.get(method, {})))
 
 
-def _ratios(both: Iterable[tuple[_Row, _Row]], same: bool) -> list[Ratio]:
+def _ratios(both: Iterable[tuple[_Row, _Row]], *, same: bool) -> list[Ratio]:
     ratios = (ratio(old, new, same_machine=same) for old, new in both)
     return [found for found in ratios if found is not None]
 
