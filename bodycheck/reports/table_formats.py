@@ -43,8 +43,7 @@ def as_parquet(table: pd.DataFrame) -> bytes:
     texts = {name: "string" for name in table.columns if table[name].dtype == object}
     with tempfile.TemporaryDirectory() as folder, duckdb.connect() as database:
         path = Path(folder, "table.parquet")
-        database.register("run", table.astype(texts))
-        database.execute(f"COPY run TO '{path}' (FORMAT parquet)")
+        database.from_df(table.astype(texts)).write_parquet(str(path))
         return path.read_bytes()
 
 

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -51,8 +52,12 @@ def test_a_markdown_row_cannot_be_broken_by_what_stands_in_it(results: pd.DataFr
     assert any("gave up \\| it said \\<so>" in line for line in lines)
 
 
-def test_parquet_reads_back_as_the_same_table(results: pd.DataFrame, tmp_path: Path) -> None:
-    """Types, nulls and every double."""
+def test_parquet_reads_back_as_the_same_table(
+    results: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Types, nulls and every double; whatever the folder for temporary files is called."""
+    (tmp_path / "o'clock").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "o'clock"))
     duckdb = pytest.importorskip("duckdb")
     (tmp_path / "results.parquet").write_bytes(as_parquet(results))
     with duckdb.connect() as database:
