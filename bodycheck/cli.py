@@ -13,7 +13,7 @@ from bodycheck.gating import gating
 from bodycheck.manner import TIMEOUT_S
 from bodycheck.nightly import nightly
 from bodycheck.number_list import numbers
-from bodycheck.options import AllowCode, Fresh, Jobs, NoSpeed, TimeoutS
+from bodycheck.options import AllowCode, Fresh, Jobs, NoSpeed, Scenarios, TimeoutS
 from bodycheck.questions import questions
 from bodycheck.versions import versioning
 
@@ -43,10 +43,7 @@ def main() -> None:
 
 @app.command(short_help="Measure scenarios through engines.")
 def run(
-    scenarios: Annotated[
-        list[str] | None,
-        typer.Argument(help="Built-in names, suites or .toml files.", show_default="standard"),
-    ] = None,
+    scenarios: Scenarios = None,
     engine: Annotated[
         str | None,
         typer.Option(help="NAME[==VERSION][:METHOD],...; every engine that is installed, unless told."),

@@ -10,7 +10,7 @@ import typer
 
 from bodycheck.errors import InputError, StoppedError
 from bodycheck.manner import TIMEOUT_S
-from bodycheck.options import AllowCode, Fresh, Jobs, TimeoutS
+from bodycheck.options import AllowCode, Fresh, Jobs, Scenarios, TimeoutS
 
 if TYPE_CHECKING:
     from bodycheck.manner import Manner
@@ -27,10 +27,7 @@ _FAILED = 1
 @gating.command()
 def gate(
     tolerances: Annotated[Path, typer.Option(help="A file of gates, see docs/gates.md.")],
-    scenarios: Annotated[
-        list[str] | None,
-        typer.Argument(help="Built-in names, suites or .toml files.", show_default="standard"),
-    ] = None,
+    scenarios: Scenarios = None,
     run: Annotated[
         Path | None, typer.Option(help="The folder of a run to hold to the gates, in place of a new one.")
     ] = None,

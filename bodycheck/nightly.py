@@ -10,7 +10,7 @@ import typer
 
 from bodycheck.errors import InputError, StoppedError
 from bodycheck.manner import TIMEOUT_S
-from bodycheck.options import AllowCode, Jobs, NoSpeed, TimeoutS
+from bodycheck.options import AllowCode, Jobs, NoSpeed, Scenarios, TimeoutS
 
 nightly = typer.Typer()
 history = typer.Typer(help="Ask and prune a history of nights.", no_args_is_help=True)
@@ -24,10 +24,7 @@ _Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="The folder of 
 @nightly.command(name="nightly", short_help="Run, keep, and compare with the past.")
 def nightly_(
     history: Annotated[Path, typer.Option(help="The folder of all nights; made if it is not there.")],
-    scenarios: Annotated[
-        list[str] | None,
-        typer.Argument(help="Built-in names, suites or .toml files.", show_default="standard"),
-    ] = None,
+    scenarios: Scenarios = None,
     engine: Annotated[
         str | None, typer.Option(help="NAME[:METHOD],...; every engine that is installed, unless told.")
     ] = None,

@@ -1,4 +1,4 @@
-"""The options that several commands share: how a run is made, whatever it is for."""
+"""The arguments and options that several commands share: what is run, and how, whatever it is for."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+Scenarios: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Argument(help="Built-in names, suites or .toml files.", show_default="standard"),
+]
 Jobs: TypeAlias = Annotated[
     int | None, typer.Option(help="How many cases run side by side.", show_default="one a core")
 ]

@@ -12,6 +12,9 @@ from bodycheck.errors import InputError
 questions = typer.Typer()
 
 _Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")]
+_AllowCode = Annotated[
+    bool, typer.Option("--allow-code", help="Let functions that its scenarios name be imported.")
+]
 
 
 @questions.command(short_help="Print what changed between two runs.")
@@ -71,9 +74,7 @@ def report(
     markdown: Annotated[
         bool, typer.Option("--markdown", help="Print a summary for a pull request instead.")
     ] = False,
-    allow_code: Annotated[
-        bool, typer.Option("--allow-code", help="Let functions that its scenarios name be imported.")
-    ] = False,
+    allow_code: _AllowCode = False,
 ) -> None:
     """Write a run's report.html anew from what is stored, or print its summary as Markdown."""
     from bodycheck.reports.stored import read_run, read_tables
@@ -144,9 +145,7 @@ def plot(
         str | None,
         typer.Option(help="energy_drift, omega_error, ...", show_default="orientation_error_rad"),
     ] = None,
-    allow_code: Annotated[
-        bool, typer.Option("--allow-code", help="Let functions that its scenarios name be imported.")
-    ] = False,
+    allow_code: _AllowCode = False,
 ) -> None:
     """Draw a figure of one scenario for a paper: error against processor time, against step, over time."""
     from bodycheck.reports.bounds import TRUTH_BOUNDS

@@ -51,11 +51,12 @@ def run(
     """Measure scenarios x methods x steps and return the tables with the motions behind them.
 
     scenarios: built-in names, suites, paths of TOML files. engines: NAME[==VERSION][:METHOD], all that can
-    be imported by default. dt_s: the steps in s; by default each scenario's own, and more where an order
-    needs them. tolerances: of the methods that are told one, instead of their own. speed: whether processor
-    time is measured. jobs: how many cases run side by side, by default one a core. timeout_s: what one case
-    may take. fresh: whether to ask every engine anew, where else what it answered before is taken.
-    allow_code: whether scenarios may name functions, whose code runs. Raises InputError for wrong input.
+    be imported by default. dt_s: the steps in s, a list or an array; by default each scenario's own, and more
+    where an order needs them. tolerances: of the methods that are told one, instead of their own. speed:
+    whether processor time is measured. jobs: how many cases run side by side, by default one a core.
+    timeout_s: what one case may take. fresh: whether to ask every engine anew, where else what it answered
+    before is taken. allow_code: whether scenarios may name functions, whose code runs. Raises InputError for
+    wrong input.
     """
     if not scenarios:
         raise InputError("scenarios: name one at least")
