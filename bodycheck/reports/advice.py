@@ -72,7 +72,7 @@ def advise(
     for (name, key), ladder in ladders.items():
         options = [_option(case, quantity) for case in keeping(ladder, error, quantity)]
         if options:
-            kept[name][key] = min(options, key=_cost)
+            kept[name][key] = min(reversed(options), key=_cost)  # of unknown costs the coarsest step
         if measured := [
             _option(case, quantity) for case in ladder if largest_error(case, quantity) < math.inf
         ]:

@@ -128,6 +128,13 @@ def test_a_time_that_was_not_measured_is_said_so(capsys: pytest.CaptureFixture[s
     assert "not measured" in capsys.readouterr().out
 
 
+def test_of_steps_whose_time_was_not_measured_the_coarsest_is_advised() -> None:
+    """It takes the fewest steps: without times that is all that is known of its cost."""
+    cases = [case("rk4", dt_s, 1e-5, None) for dt_s in (0.1, 0.05, 0.02)]
+    (answer,) = advise(cases, 1e-3, ERROR, ["free"])
+    assert steps(answer) == [("mujoco", "rk4", (0.1,), None)]
+
+
 @pytest.mark.parametrize(
     ("error", "quantity", "message"),
     [
