@@ -21,7 +21,6 @@ from bodycheck.manner import TIMEOUT_S, Manner
 from bodycheck.progress import SILENCE, Progress
 from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.warm_up import compile_kernels
-from bodycheck.reports.case import Subject
 from bodycheck.reports.crew import Task, share_out
 from bodycheck.reports.judge import judge_file
 from bodycheck.reports.run import Run
@@ -31,6 +30,7 @@ from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
 from bodycheck.reports.storage.truths import is_known, known_truth
 from bodycheck.reports.study import Study, study
+from bodycheck.reports.subject import Subject
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table
 from bodycheck.scenarios.library import load_scenario
 from bodycheck.selection import Selection, select

@@ -9,11 +9,12 @@ from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene, Spring, TorsionSpring
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.case import Subject, stable_motion
+from bodycheck.reports.case import stable_motion
 from bodycheck.reports.invariants import invariants_of, worst_drift
 from bodycheck.reports.measures import Motion, error_series, reduced
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.truths import known_truth
+from bodycheck.reports.subject import Subject
 from bodycheck.reports.trajectory_files import read_arrays
 from bodycheck.scenarios.model import Scenario
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.case import CaseResult
+from bodycheck.reports.subject import Subject
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -16,8 +16,9 @@ from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.drive import Case
 from bodycheck.adapters.host import Hosts
 from bodycheck.adapters.protocol import Message
-from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.case import CaseResult
 from bodycheck.reports.storage.answers import Answers
+from bodycheck.reports.subject import Subject
 
 _LAPS = 5
 _LAPS_OF_ONE_OF_MANY = 2

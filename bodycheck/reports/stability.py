@@ -10,7 +10,8 @@ from bodycheck.adapters.breakdown import kinetic_limit
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.drive import Case
 from bodycheck.adapters.stable_step import Search, StableStep
-from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.case import CaseResult
+from bodycheck.reports.subject import Subject
 from bodycheck.reports.tables import WHO
 
 Searching: TypeAlias = Callable[[Engine, Search], StableStep]

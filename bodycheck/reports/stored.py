@@ -16,11 +16,12 @@ from bodycheck.adapters.protocol import read_back_of
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.case import CaseResult, Subject, asked_as, measured_by
+from bodycheck.reports.case import CaseResult, asked_as, measured_by
 from bodycheck.reports.measures import Motion
 from bodycheck.reports.run import Run
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.store import file_name, trajectory_file
+from bodycheck.reports.subject import Subject
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table, read_rows
 from bodycheck.reports.trajectory_files import read_arrays
 from bodycheck.scenarios.written import as_written

@@ -12,12 +12,13 @@ import numpy as np
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reports.bounds import BOUND_KINDS, floor_of
-from bodycheck.reports.case import Asking, CaseResult, Subject, run_case
+from bodycheck.reports.case import Asking, CaseResult, run_case
 from bodycheck.reports.convergence import ABOVE_FLOOR, LARGEST_ERROR, Point, convergence_of, obedience_of
 from bodycheck.reports.growth import Growth, growth_of
 from bodycheck.reports.ladder import next_step
 from bodycheck.reports.measures import scale_of
 from bodycheck.reports.stability import Searching, stability_row
+from bodycheck.reports.subject import Subject
 from bodycheck.reports.tables import WHO
 
 _ORIENTATION = "orientation_error_rad"

@@ -22,8 +22,9 @@ from bodycheck.adapters.contract import Adapter, Engine
 from bodycheck.adapters.drive import Answer, Case, record
 from bodycheck.adapters.host import Hosts
 from bodycheck.adapters.registry import get_adapter
-from bodycheck.reports.case import Subject, run_case
+from bodycheck.reports.case import run_case
 from bodycheck.reports.storage.answers import Answers
+from bodycheck.reports.subject import Subject
 from bodycheck.selection import select
 
 

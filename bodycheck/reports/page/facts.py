@@ -9,7 +9,7 @@ import numpy as np
 from bodycheck.adapters.contract import ReadBack, Reading
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports import wording
-from bodycheck.reports.case import Subject
+from bodycheck.reports.subject import Subject
 from bodycheck.scenarios.body import Body, GivenBody, MeshBody, ShapeBody
 from bodycheck.scenarios.forcings import Forcing
 

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodycheck.reports.bounds import floor_of
-from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.case import CaseResult
 from bodycheck.reports.findings import MethodKey
 from bodycheck.reports.keeping import Ladder, keeping, ladders_of
+from bodycheck.reports.subject import Subject
 from bodycheck.reports.wording import number
 
 ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")

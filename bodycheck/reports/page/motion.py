@@ -13,9 +13,10 @@ from bodycheck.reference_impl.pivot import turning_inertia
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reference_impl.scene import RigidBody
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.case import CaseResult
 from bodycheck.reports.findings import MethodKey, key_of
 from bodycheck.reports.page.packing import packed, rounded
+from bodycheck.reports.subject import Subject
 
 FRAMES = 201
 """At most so many states of a motion go into the page: they are what the view weighs."""

@@ -7,13 +7,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bodycheck.reports.bounds import floor_of
-from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.case import CaseResult
 from bodycheck.reports.findings import MethodKey, cases_by_method, key_of, shown_case
 from bodycheck.reports.measures import scale_of
 from bodycheck.reports.page.coinciding import ranks
 from bodycheck.reports.page.front import ERRORS, Cost
 from bodycheck.reports.page.packing import packed_line, rounded, thinned_times
 from bodycheck.reports.styles import Style
+from bodycheck.reports.subject import Subject
 from bodycheck.reports.tables import ABSOLUTE
 from bodycheck.reports.wording import number
 

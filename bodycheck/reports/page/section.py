@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 from urllib.parse import quote
 
-from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.case import CaseResult
 from bodycheck.reports.findings import MethodKey, cases_by_method, common_step, key_of, shown_case
 from bodycheck.reports.page.coinciding import coinciding
 from bodycheck.reports.page.facts import read_back_facts, scenario_facts
@@ -18,6 +18,7 @@ from bodycheck.reports.page.motion import motion_view
 from bodycheck.reports.page.plots import growth_words, plot_data
 from bodycheck.reports.run import Run
 from bodycheck.reports.styles import Style
+from bodycheck.reports.subject import Subject
 from bodycheck.reports.summary import Cell
 
 _CASE_MEASURES = (
