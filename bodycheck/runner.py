@@ -197,7 +197,10 @@ def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False
     """
     scene = load_scenario(scenario, allow_code=allow_code).scene
     try:
-        return known_truth(scene, np.array(at, dtype=np.float64), Cache.default())
+        times = np.array(at, dtype=np.float64)
+        if times.ndim != 1:
+            raise ValueError(f"at must be a list of times in s, like [0.0, 1.0], not {at!r}")
+        return known_truth(scene, times, Cache.default())
     except ValueError as error:
         raise InputError(str(error)) from None
 

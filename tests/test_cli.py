@@ -442,7 +442,7 @@ def test_a_case_that_goes_wrong_has_its_outcome_and_no_measure(
     assert bad[["orientation_error_rad", "energy_drift", "cpu_s"]].isna().all()
     assert sound["outcome"] == "ok"
     assert 0.0 < sound["orientation_error_rad"] < 0.1
-    report = bodycheck.write_run(measured, tmp_path / "out").read_text()
+    report = bodycheck.write_run(measured, str(tmp_path / "out")).read_text()
     assert message.split(":")[0] in report
 
 

@@ -1,4 +1,4 @@
-"""What a caller from Python may hand over for scenarios, engines and steps, and what is refused."""
+"""What a caller from Python may hand over for scenarios, engines, steps and times, and what is refused."""
 
 from __future__ import annotations
 
@@ -36,3 +36,10 @@ def test_one_text_is_no_list_and_no_scenario_is_no_run(asked: dict[str, Any], me
     """One line says what would be right, not one for each letter."""
     with pytest.raises(bodycheck.InputError, match=f"^{message}$"):
         bodycheck.run(**asked)
+
+
+@pytest.mark.parametrize("at", [5.0, [[0.0, 1.0]], "1", ["soon"]])
+def test_times_are_a_list_of_numbers(at: Any) -> None:
+    """One number, a table or a text is refused in one line."""
+    with pytest.raises(bodycheck.InputError):
+        bodycheck.truth("intermediate-axis", at)

@@ -30,12 +30,13 @@ def check_output(out: Path) -> None:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
 
 
-def write_run(run: Run, out: Path, *, beside: Path | None = None) -> Path:
+def write_run(run: Run, out: str | Path, *, beside: Path | None = None) -> Path:
     """Write the tables, trajectories/, manifest.json and report.html; return the report's path.
 
     Everything is written under a temporary name, in the folder `beside`, by default the one that `out` is
     in, and renamed at the end. Raises InputError where `out` is in use or cannot be written.
     """
+    out = Path(out)
     check_output(out)
     beside = out.absolute().parent if beside is None else beside
     try:
