@@ -187,7 +187,8 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
     """Say which of mass, inertia, step, gravity or initial state the engine holds wrongly, or None.
 
     A quaternion may have changed its sign. What an engine holds of a place or an inertia with reference to
-    a pivot or to a link is compared to a part of that.
+    a pivot or to a link is compared to a part of that. A state without an attitude, or without omega, is a
+    mismatch too: nothing would have been compared.
     """
     body, initial = scene.body, scene.initial
     faults: list[str] = []
@@ -212,6 +213,10 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
     state = found.state
     compare("position", initial.position, state.position, beside=arm)
     compare("velocity", initial.velocity, state.velocity, beside=swing)
+    if state.quaternion is None and state.rotation is None:
+        faults.append("the engine gives back no quaternion and no rotation")
+    if state.omega_body is None and state.omega_world is None:
+        faults.append("the engine gives back no omega")
     if state.quaternion is not None:
         turned = state.quaternion.shape == (4,) and float(state.quaternion @ initial.quaternion) < 0.0
         compare("quaternion", initial.quaternion, -state.quaternion if turned else state.quaternion)

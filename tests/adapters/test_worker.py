@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters import protocol
-from bodycheck.adapters.contract import read_back_mismatch
+from bodycheck.adapters.contract import Reading, read_back_mismatch
 from bodycheck.adapters.drive import Answer, record
 from bodycheck.adapters.host import Hosts, announced
 from bodycheck.adapters.reference import Reference
@@ -231,6 +232,20 @@ def test_what_is_read_back_in_a_wrong_shape_is_a_mismatch(part: str, shape: tupl
     fault = read_back_mismatch(case.scene, case.setting.dt_s, held)
     assert fault is not None
     assert fault.startswith(f"{part} is ")
+
+
+@pytest.mark.parametrize(
+    ("kept", "missing"), [("omega_body", "no quaternion and no rotation"), ("quaternion", "no omega")]
+)
+def test_a_state_that_is_read_back_in_part_is_a_mismatch(kept: str, missing: str) -> None:
+    """What an engine does not tell of its start was not compared, and so the case does not count."""
+    case = protocol.case_of({**CASE, "method": "m1"})
+    held = record(Reference(), case).read_back
+    assert held is not None
+    whole = vars(held.state)
+    part = Reading(**{name: whole[name] for name in ("position", "velocity", kept)})
+    fault = read_back_mismatch(case.scene, case.setting.dt_s, replace(held, state=part))
+    assert fault == f"the engine gives back {missing}"
 
 
 # ---------------------------------------------------------------------------------- workers that do not
