@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeAlias, cast
 
@@ -128,10 +129,22 @@ class Stopwatch(Protocol):
 def stopwatch(adapter: Adapter, case: Case) -> Stopwatch:
     """Make a case ready to be timed: built, and gone through once, for the first pass is never timed."""
     if case.setting.dt_s is None:
-        solving = cast(SolvingAdapter, adapter)
-        return _SolverWatch(solving.solver(case.scene, case.method, case.setting.tolerance))
+        solver = cast(SolvingAdapter, adapter).solver(case.scene, case.method, case.setting.tolerance)
+        with _closed_on_failure(solver):
+            return _SolverWatch(solver)
     plan = plan_steps(case.scene, case.setting.dt_s)
-    return _StepWatch(adapter.build(case.scene, case.method, plan.dt_s), plan)
+    simulation = adapter.build(case.scene, case.method, plan.dt_s)
+    with _closed_on_failure(simulation):
+        return _StepWatch(simulation, plan)
+
+
+@contextmanager
+def _closed_on_failure(built: Simulation | Solver) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        built.close()
+        raise
 
 
 class _SolverWatch:
