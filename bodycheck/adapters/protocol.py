@@ -85,7 +85,7 @@ def message_of(line: bytes) -> Message:
     """
     try:
         message = json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ProtocolError(f"a line that is not JSON: {error}: {line[:80]!r}") from None
     if not isinstance(message, dict):
         raise ProtocolError(f"a line that is no JSON object: {line[:80]!r}")

@@ -308,6 +308,7 @@ def answering(code: str) -> str:
 
 WRONG_ANSWERS = {
     "no JSON": ("print('hm')", "failed", "a line that is not JSON"),
+    "JSON without end": ("print('[' * 3000)", "failed", "a line that is not JSON: maximum recursion"),
     "another id": ("print(json.dumps({'id': i + 1}))", "failed", "the worker answered request 2, not 1"),
     "two answers": ("print(json.dumps({'id': i}) * 2)", "failed", "a line that is not JSON"),
     "no end": ("sys.stdout.write('x' * 5000)", "failed", "an answer of more than 4000 bytes"),
