@@ -105,8 +105,8 @@ class Hosts:
     def start(self, engine: str) -> Host:
         """Return the engine's host, without waiting for its announcement.
 
-        Raises WorkerLostError once this was stopped, UnavailableError where an engine in a version of its own
-        has no environment and none can be made.
+        Raises WorkerLostError once this was stopped and where no process can be started, UnavailableError
+        where an engine in a version of its own has no environment and none can be made.
         """
         if engine in self._open:
             return self._open[engine]

@@ -32,6 +32,7 @@ class WorkerProcess:
     """An engine in a process of its own, spawned, with limits on memory and on the time of each request.
 
     python: that of an environment of its own, which need not have bodycheck; None for the one that runs here.
+    Raises WorkerLostError where the system lets no process be started.
     """
 
     def __init__(self, engine: str, first_line: bytes = b"", *, python: Path | None = None) -> None:
@@ -43,14 +44,17 @@ class WorkerProcess:
         else:
             environment.pop("PYTHONPATH", None)  # it may lead to the engine in another version
             command = [str(python), "-P", str(Path(worker_elsewhere.__file__).resolve())]
-        self._process = subprocess.Popen(
-            [*command, engine, str(_memory_bytes())],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=environment,
-            start_new_session=True,  # a Ctrl-C is for the run alone, which then ends its workers
-        )
+        try:
+            self._process = subprocess.Popen(
+                [*command, engine, str(_memory_bytes())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                env=environment,
+                start_new_session=True,  # a Ctrl-C is for the run alone, which then ends its workers
+            )
+        except OSError as error:  # no more processes, or no more memory
+            raise WorkerLostError(f"no worker can be started: {error.strerror or error}") from None
         self.pid = self._process.pid
         # its end is watched as such: a process that it left behind may hold its pipes open
         self._ending = os.pidfd_open(self.pid) if hasattr(os, "pidfd_open") else None
@@ -96,8 +100,8 @@ class WorkerProcess:
     def close(self) -> None:
         """Kill the process and all that it started; calling it twice does nothing."""
         if self._open:
-            self._open = False
             self.kill()
+            self._open = False
             self._process.wait()
             for pipe in self._pipes:
                 pipe.close()
@@ -106,6 +110,8 @@ class WorkerProcess:
 
     def kill(self) -> None:
         """Kill the process, which leads a group of its own, and all that it started, from any thread."""
+        if not self._open:
+            return  # its number may be another's by now
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
 
@@ -117,7 +123,8 @@ class WorkerProcess:
             for source in (answers, chatter, self._ending):
                 if source is not None:
                     waiting.register(source, selectors.EVENT_READ)
-            if sent:
+            unsent = memoryview(sent)
+            if unsent:
                 waiting.register(to_worker, selectors.EVENT_WRITE)
             while not self._unread.endswith(b"\n"):
                 left = end - time.monotonic()
@@ -126,8 +133,8 @@ class WorkerProcess:
                     raise WorkerLostError(late, timed_out=True)
                 ready = {key.fd for key, _ in waiting.select(min(left, _LONGEST_WAIT_S))}
                 if to_worker in ready:
-                    sent = self._sent(to_worker, sent)
-                    if not sent:
+                    unsent = self._left_of(unsent, to_worker)
+                    if not unsent:
                         waiting.unregister(to_worker)
                 if chatter in ready and not self._heard():
                     waiting.unregister(chatter)
@@ -142,14 +149,14 @@ class WorkerProcess:
         except protocol.ProtocolError as error:
             raise WorkerLostError(self._with_output(str(error))) from None
 
-    def _sent(self, fd: int, data: bytes) -> bytes:
-        """Write what the pipe takes; return what is left."""
+    def _left_of(self, data: memoryview, fd: int) -> memoryview:
+        """Write what the pipe takes; return what is left, as a view: to copy it each time takes a square."""
         try:
             return data[os.write(fd, data[:_PIECE]) :]
         except BlockingIOError:
             return data
         except BrokenPipeError:
-            return b""  # the end of its output will tell how it died
+            return data[:0]  # the end of its output will tell how it died
 
     def _heard(self) -> bool:
         """Keep the end of what the engine prints; False at its end."""

@@ -367,6 +367,32 @@ def test_a_request_that_a_worker_does_not_take_is_not_sent(
     assert re.fullmatch(r"a request of \d+ bytes; it takes 100", answer["message"])
 
 
+def test_a_system_that_starts_no_process_is_the_outcome_of_the_case(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run goes on, and says why this case has no result."""
+    monkeypatch.setattr("bodycheck.adapters.worker_process.sys.executable", str(tmp_path / "none"))
+    hosts = Hosts()
+    try:
+        answer = hosts.ask("drift", {"do": "record", "case": CASE}, PATIENCE_S)
+    finally:
+        hosts.close()
+    assert answer == {"outcome": "failed", "message": "no worker can be started: No such file or directory"}
+
+
+def test_a_worker_that_is_closed_is_not_killed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its process number, free by then, may be that of somebody else's process."""
+    employ(announcing(), tmp_path, monkeypatch)
+    host = WorkerProcess("drift")
+    killed: list[int] = []
+    killpg = os.killpg
+    monkeypatch.setattr(os, "killpg", lambda group, how: (killed.append(group), killpg(group, how)))
+    host.close()
+    host.kill()
+    host.close()
+    assert killed == [host.pid]
+
+
 FORGETFUL = "print(json.dumps({'id': i, 'outcome': 'failed' if i > 1 else 'ok', 'message': 'I forgot'}))"
 
 
