@@ -26,7 +26,17 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.primitives import known_shape, primitive
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.reference_impl.scene import Link
-from bodycheck.scenarios.fields import ALIGNED, ZERO, Matrix, Positive, Table, UnitQuaternion, Vector
+from bodycheck.scenarios.fields import (
+    ALIGNED,
+    ZERO,
+    Matrix,
+    Positive,
+    Table,
+    UnitQuaternion,
+    Vector,
+    finite_numbers,
+    rows,
+)
 from bodycheck.scenarios.shapes import MeshSolid, mesh_solid
 
 _TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
@@ -34,15 +44,7 @@ _TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
 
 def _inertia(value: Any) -> Matrix:
     """Accept three principal moments or a 3x3 tensor: of finite numbers, a possible body's."""
-    try:
-        tensor = np.array(value, dtype=object)
-    except ValueError:
-        tensor = np.empty(0, dtype=object)
-    if tensor.shape not in ((3,), (3, 3)) or not all(type(x) in (int, float) for x in tensor.flat):
-        raise ValueError("needs three principal moments or a 3x3 tensor of numbers")
-    if not all(abs(x) < 1e300 for x in tensor.flat):  # also false for NaN
-        raise ValueError("needs finite numbers")
-    inertia = tensor.astype(np.float64)
+    inertia = finite_numbers(value, "three principal moments or a 3x3 tensor of numbers", (3,), (3, 3))
     return _possible(np.diag(inertia) if inertia.shape == (3,) else inertia)
 
 
@@ -59,7 +61,7 @@ def _possible(inertia: Array) -> Matrix:
             "no body has these moments: the two smaller must together reach the largest (triangle "
             f"inequality), but {moments[0]:.6g} + {moments[1]:.6g} < {moments[2]:.6g}"
         )
-    return tuple(tuple(row) for row in inertia.tolist())  # type: ignore[return-value]
+    return rows(inertia)
 
 
 class _BodyTable(Table):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
 
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import normalised
 
 _UNIT_TOLERANCE = 1e-6  # how far a quaternion's norm may be from 1
@@ -37,6 +38,28 @@ UnitQuaternion: TypeAlias = Annotated[_Four, AfterValidator(_unit)]
 """(w, x, y, z), made unit where it nearly is."""
 
 ALIGNED: UnitQuaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+def finite_numbers(value: Any, what: str, *shapes: tuple[int, ...]) -> Array:
+    """Return numbers, or lists of them, of one of these shapes as doubles.
+
+    Raises ValueError, which says what is needed, for anything else: a text, a truth value, a list that is
+    ragged, a number that is not finite or as good as that.
+    """
+    try:
+        given = np.array(value, dtype=object)
+    except ValueError:
+        given = np.empty(0, dtype=object)
+    if given.shape not in shapes or not all(type(x) in (int, float) for x in given.flat):
+        raise ValueError(f"needs {what}")
+    if not all(abs(x) < 1e300 for x in given.flat):  # also false for NaN
+        raise ValueError("needs finite numbers")
+    return given.astype(np.float64)
+
+
+def rows(matrix: Array) -> Matrix:
+    """Return a matrix (3, 3) as a table holds it."""
+    return tuple(tuple(row) for row in matrix.tolist())  # type: ignore[return-value]
 
 
 class Table(BaseModel):

@@ -27,7 +27,17 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
 )
-from bodycheck.scenarios.fields import ZERO, Matrix, NotNegative, Number, Positive, Table, Vector
+from bodycheck.scenarios.fields import (
+    ZERO,
+    Matrix,
+    NotNegative,
+    Number,
+    Positive,
+    Table,
+    Vector,
+    finite_numbers,
+    rows,
+)
 from bodycheck.scenarios.user_functions import UserWrench, user_function
 
 _Axes: TypeAlias = Literal["body", "world"]
@@ -97,20 +107,12 @@ class SineTorqueTable(Table):
 
 def _damping(value: Any) -> Matrix:
     """Accept a number or a 3x3 matrix that takes energy away."""
-    try:
-        given = np.array(value, dtype=object)
-    except ValueError:
-        given = np.empty(0, dtype=object)
-    if given.shape not in ((), (3, 3)) or not all(type(x) in (int, float) for x in given.flat):
-        raise ValueError("needs a number or a 3x3 matrix of numbers")
-    if not all(abs(x) < 1e300 for x in given.flat):  # also false for NaN
-        raise ValueError("needs finite numbers")
-    matrix = given.astype(np.float64)
+    matrix = finite_numbers(value, "a number or a 3x3 matrix of numbers", (), (3, 3))
     matrix = matrix * np.eye(3) if matrix.shape == () else matrix
     least = float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0])
     if least < -1e-12 * float(np.max(np.abs(matrix))):
         raise ValueError(f"must take energy away: omega . C omega would reach {least:.6g} |omega|^2")
-    return tuple(tuple(row) for row in matrix.tolist())  # type: ignore[return-value]
+    return rows(matrix)
 
 
 class DragTable(Table):
