@@ -16,9 +16,6 @@ from bodycheck.scenarios.forcings import FORCING_KINDS
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.sweeps import Family, children
 
-_HERE = Path()
-
-
 Members: TypeAlias = dict[str | None, Scenario]
 """A file's scenarios: one by None, or the children of a family by the labels of their values."""
 
@@ -38,20 +35,7 @@ def read_members(path: Path, *, allow_code: bool = False) -> Members:
     return parse_members(text, where=str(path), folder=path.parent, allow_code=allow_code)
 
 
-def parse_scenario(
-    text: str, where: str, folder: Traversable = _HERE, *, allow_code: bool = False
-) -> Scenario:
-    """Read the one scenario of TOML text, as parse_members does.
-
-    Raises InputError as that does, and for a family.
-    """
-    members = parse_members(text, where, folder, allow_code=allow_code)
-    if None not in members:
-        raise InputError(f"{where}: is a family of {len(members)}, not one scenario")
-    return members[None]
-
-
-def parse_members(text: str, where: str, folder: Traversable = _HERE, *, allow_code: bool = False) -> Members:
+def parse_members(text: str, where: str, folder: Traversable, *, allow_code: bool = False) -> Members:
     """Read TOML text; `where` names it in messages, its mesh file is sought from `folder`.
 
     Raises InputError as read_members does.

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenario_text import parse_scenario
 
 from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.protocol import line_of, message_of, scene_message, scene_of
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.scene import BlackBox, Scene
 from bodycheck.scenarios.library import load_scenario, load_scenarios
-from bodycheck.scenarios.reader import parse_scenario
 
 LIBRARY = [how for how, _ in load_scenarios(["standard", "forcings"])]
 

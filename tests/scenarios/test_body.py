@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenario_text import parse_scenario
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.scenarios.body import GivenBody
 from bodycheck.scenarios.library import load_scenario, load_scenarios
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.reader import parse_scenario
 
 HEAD = 'name = "x"\nduration_s = 1.0\nsamples = 11\n[body]\n'
 

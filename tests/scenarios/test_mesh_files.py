@@ -14,7 +14,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bodycheck.errors import InputError
-from bodycheck.scenarios.mesh_files import read_mesh
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.scenarios.mesh_files import mesh_bytes, parse_mesh
 from bodycheck.scenarios.shapes import load_mesh, primitive
 
 VERTICES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]])
@@ -110,10 +112,15 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
     return path
 
 
+def meshed(path: Path) -> tuple[Array, Triangles]:
+    """Return the vertices and triangles of a file."""
+    return parse_mesh(path, mesh_bytes(path))
+
+
 @pytest.mark.parametrize("case", GOOD)
 def test_each_format_gives_the_same_triangles(case: str, tmp_path: Path) -> None:
     """All ways to write the corner of a box down give its triangles, corner by corner, to the last bit."""
-    vertices, triangles = read_mesh(written(tmp_path, *GOOD[case]))
+    vertices, triangles = meshed(written(tmp_path, *GOOD[case]))
     assert np.array_equal(vertices[triangles], VERTICES[TRIANGLES])
 
 
@@ -170,7 +177,7 @@ def test_other_elements_of_a_ply_are_skipped(tmp_path: Path) -> None:
     )
     strips = struct.pack("<HfHff", 1, 0.5, 2, 0.5, 0.5)
     body = binary_ply("<").partition(b"end_header\n")[2]
-    vertices, triangles = read_mesh(written(tmp_path, "a.ply", header.encode() + strips + body))
+    vertices, triangles = meshed(written(tmp_path, "a.ply", header.encode() + strips + body))
     assert np.array_equal(vertices[triangles], VERTICES[TRIANGLES])
 
 
@@ -330,7 +337,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     (tmp_path / "folder.stl").mkdir()
     for name in ("missing.stl", "folder.stl"):
         with pytest.raises(InputError, match=f"{name}: cannot be read: "):
-            read_mesh(tmp_path / name)
+            mesh_bytes(tmp_path / name)
 
 
 def test_a_file_of_absurd_size_is_not_read(tmp_path: Path) -> None:
@@ -339,7 +346,7 @@ def test_a_file_of_absurd_size_is_not_read(tmp_path: Path) -> None:
     with path.open("wb") as file:
         file.truncate((1 << 30) + 1)
     with pytest.raises(InputError, match=r"huge.obj: has 1073741825 bytes; at most 1073741824 are read"):
-        read_mesh(path)
+        mesh_bytes(path)
 
 
 def test_an_impossible_density_or_shape_is_refused(tmp_path: Path) -> None:
@@ -412,7 +419,7 @@ def pybullet_file(name: str) -> Path:
 def test_meshes_from_the_wild_match_rational_numbers(name: str) -> None:
     """Closed meshes that come with PyBullet have the volume of exact arithmetic to 1e-15."""
     path = pybullet_file(name)
-    exact = exact_volume(*read_mesh(path))
+    exact = exact_volume(*meshed(path))
     assert load_mesh(path, 1.0).mass == pytest.approx(abs(float(exact)), rel=1e-15)
 
 
@@ -420,7 +427,7 @@ def test_parts_that_share_cutting_planes_are_counted_once_each() -> None:
     """A duck in five convex parts that touch has their volumes together, and a note on the parts."""
     path = pybullet_file("duck_vhacd.obj")
     body = load_mesh(path, 1.0)
-    assert body.mass == pytest.approx(float(exact_volume(*read_mesh(path))), rel=1e-15)
+    assert body.mass == pytest.approx(float(exact_volume(*meshed(path))), rel=1e-15)
     assert body.notes == ("the mesh has 5 closed surfaces; none was found to cross another",)
 
 

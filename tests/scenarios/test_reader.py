@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenario_text import HERE, parse_scenario
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.scene import BlackBox, Drag, GravityGradient, SineTorque, Spring, TorsionSpring
 from bodycheck.scenarios.library import load_scenario, load_scenarios, scenario_names, suites
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.reader import parse_members, parse_scenario
+from bodycheck.scenarios.reader import parse_members
 
 GOOD = """
 name = "good"
@@ -33,7 +34,7 @@ def parsed(addition: str = "", base: str = GOOD) -> Scenario:
 def refusals(text: str) -> list[str]:
     """Return the lines by which this text is refused."""
     with pytest.raises(InputError) as caught:
-        parse_scenario(text, "file.toml")
+        parse_members(text, "file.toml", HERE)
     return str(caught.value).splitlines()
 
 
@@ -508,7 +509,7 @@ def test_what_is_wrong_of_one_child_is_said_of_it() -> None:
 def test_the_value_may_be_a_key_that_the_file_lacks() -> None:
     """A sweep may set a key whose table is there."""
     swept = "[[sweep]]\nkey = 'forcing[0].linear_n_s_m'\nvalues = [1, 2]\n"
-    members = parse_members(GOOD + "[[forcing]]\nkind = 'drag'\n" + swept, "file.toml")
+    members = parse_members(GOOD + "[[forcing]]\nkind = 'drag'\n" + swept, "file.toml", HERE)
     drags = [load for scenario in members.values() for load in scenario.scene.loads]
     assert [load.linear for load in drags if isinstance(load, Drag)] == [1.0, 2.0]
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenario_text import parse_scenario
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.mass_properties.primitives import PRIMITIVES
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.scenarios.quasi_monte_carlo import Estimate
-from bodycheck.scenarios.reader import parse_scenario
 from bodycheck.scenarios.shapes import primitive
 from bodycheck.scenarios.solids import Asked, as_toml, mass_properties
 

@@ -22,11 +22,6 @@ MESH_SUFFIXES = tuple(_PARSERS)
 _MOST_BYTES = 1 << 30
 
 
-def read_mesh(path: Traversable) -> tuple[Array, Triangles]:
-    """Read a mesh file: the bytes of mesh_bytes by the rules of parse_mesh."""
-    return parse_mesh(path, mesh_bytes(path))
-
-
 def mesh_bytes(path: Traversable) -> bytes:
     """Return the bytes of a file that has a mesh's name.
 
