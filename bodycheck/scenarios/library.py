@@ -55,7 +55,7 @@ def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:
 
     Raises InputError where there is no such name or file, or the file is wrong.
     """
-    found = _members(name, allow_code)
+    found = _members(name, allow_code=allow_code)
     if len(found) > 1:
         raise InputError(f"{name}: is a family; name one of it: {', '.join(asked for asked, _ in found)}")
     return found[0][1]
@@ -71,7 +71,7 @@ def load_scenarios(asked: Sequence[str | Path], *, allow_code: bool = False) -> 
     faults: list[str] = []
     for name in (member for one in asked for member in suites().get(str(one), (one,))):
         try:
-            members = _members(name, allow_code)
+            members = _members(name, allow_code=allow_code)
         except InputError as error:
             faults.append(str(error))
             continue
@@ -83,10 +83,10 @@ def load_scenarios(asked: Sequence[str | Path], *, allow_code: bool = False) -> 
     return list(found.values())
 
 
-def _members(name: str | Path, allow_code: bool) -> list[tuple[str, Scenario]]:
+def _members(name: str | Path, *, allow_code: bool) -> list[tuple[str, Scenario]]:
     """Return the scenarios that a name stands for, each with the name that stands for it alone."""
     source, child = _source_and_child(name)
-    members = _read(source, allow_code)
+    members = _read(source, allow_code=allow_code)
     found = [
         (str(source) if label is None else f"{source}/{label}", scenario)
         for label, scenario in members.items()
@@ -103,11 +103,15 @@ def _members(name: str | Path, allow_code: bool) -> list[tuple[str, Scenario]]:
 
 
 def _source_and_child(name: str | Path) -> tuple[str | Path, str | None]:
-    """Cut the value off the name of a child."""
-    head, slash, tail = str(name).rpartition("/")
-    if slash and not str(name).endswith(".toml") and (head.endswith(".toml") or head in scenario_names()):
-        return head, tail
-    return name, None
+    """Cut the value, which may have slashes of its own as the path of a mesh has, off the name of a child."""
+    text = str(name)
+    if text.endswith(".toml"):
+        return name, None
+    file, inside, value = text.rpartition(".toml/")
+    if inside:
+        return f"{file}.toml", value
+    family, slash, value = text.partition("/")
+    return (family, value) if slash and family in scenario_names() else (name, None)
 
 
 def _same(label: str, asked: str) -> bool:
@@ -118,7 +122,7 @@ def _same(label: str, asked: str) -> bool:
         return False
 
 
-def _read(name: str | Path, allow_code: bool) -> Members:
+def _read(name: str | Path, *, allow_code: bool) -> Members:
     if isinstance(name, Path) or name.endswith(".toml") or "/" in name:
         return read_members(Path(name), allow_code=allow_code)
     if name not in scenario_names():

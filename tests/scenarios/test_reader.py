@@ -478,6 +478,25 @@ def test_a_family_has_a_child_for_each_value(tmp_path: Path) -> None:
     assert load_scenario(f"{path}/1e-3") == found[0][1]
 
 
+def test_a_value_with_slashes_names_its_child(tmp_path: Path) -> None:
+    """A family over mesh files in folders has children that are found by the names which they get."""
+    (tmp_path / "parts").mkdir()
+    corners = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
+    faces = ("1 3 2", "1 2 4", "1 4 3", "2 3 4")
+    lines = [*(f"v {corner}" for corner in corners), *(f"f {face}" for face in faces)]
+    for name in ("a.obj", "b.obj"):
+        (tmp_path / "parts" / name).write_text("\n".join([f"# {name}", *lines, ""]))
+    path = tmp_path / "family.toml"
+    path.write_text(
+        'name = "parts"\nduration_s = 1.0\nsamples = 11\n[body]\nmesh = ""\ndensity_kg_m3 = 1.0\n'
+        '[[sweep]]\nkey = "body.mesh"\nvalues = ["parts/a.obj", "parts/b.obj"]\n'
+    )
+    found = load_scenarios([path])
+    assert [how for how, _ in found] == [f"{path}/parts/a.obj", f"{path}/parts/b.obj"]
+    for how, scenario in found:
+        assert load_scenario(how) == scenario
+
+
 @pytest.mark.parametrize(
     ("child", "part"),
     [
