@@ -40,16 +40,11 @@ def parse_members(text: str, where: str, folder: Traversable, *, allow_code: boo
 
     Raises InputError as read_members does.
     """
-    try:
-        data = tomllib.loads(text)
-    except RecursionError:
-        raise InputError(f"{where}: is nested too deeply") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{where}: is not TOML: {error}") from None
     context = {"folder": folder, "allow_code": allow_code}
-    if "sweep" in data:
-        return _family(data, where, context)
     try:
+        data = _toml(text, where)
+        if "sweep" in data:
+            return _family(data, where, context)
         return {None: Scenario.model_validate(data, context=context)}
     except RecursionError:
         raise InputError(f"{where}: is nested too deeply") from None
@@ -57,13 +52,20 @@ def parse_members(text: str, where: str, folder: Traversable, *, allow_code: boo
         raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
 
 
+def _toml(text: str, where: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{where}: is not TOML: {error}") from None
+    except ValueError:  # of int(), which reads no number of any length
+        raise InputError(f"{where}: has a whole number of too many digits") from None
+
+
 def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Members:
     """Return the children; a line that is wrong of all of them is said once, of the file."""
+    (sweep,) = Family.model_validate({"sweep": data.pop("sweep")}).sweep
     try:
-        (sweep,) = Family.model_validate({"sweep": data.pop("sweep")}).sweep
         files = list(children(data, sweep))
-    except ValidationError as error:
-        raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
     except ValueError as error:
         raise InputError(f"{where}: sweep[0].key: {error}") from None
     found: Members = {}

@@ -25,6 +25,17 @@ mass_kg = 2.0
 inertia_kg_m2 = [1.0, 2.0, 2.5]
 """
 
+SWEPT = (
+    GOOD
+    + """
+[initial]
+omega_body_rad_s = [0.1, 2.0, 0.1]
+[[sweep]]
+key = "initial.omega_body_rad_s[0]"
+values = [1e-3, 1e-12]
+"""
+)
+
 
 def parsed(addition: str = "", base: str = GOOD) -> Scenario:
     """Return the scenario that this text holds."""
@@ -325,6 +336,20 @@ def pivoted(initial: str) -> Scenario:
     return parsed(f'[initial]\n{initial}\n[[forcing]]\nkind = "pivot"\nat_m = [0, 0, -0.5]\n')
 
 
+@pytest.mark.parametrize("text", [GOOD, SWEPT], ids=["alone", "family"])
+@pytest.mark.parametrize(
+    ("value", "why"),
+    [
+        ("1" * 5000, "file.toml: has a whole number of too many digits"),
+        ("[" * 5000 + "]" * 5000, "file.toml: is nested too deeply"),
+    ],
+    ids=["digits", "lists"],
+)
+def test_numbers_and_lists_without_end_are_refused(value: str, why: str, text: str) -> None:
+    """What no reader can hold ends in one line, in a family too."""
+    assert refusals(f"foo = {value}\n{text}") == [why]
+
+
 def test_about_a_pivot_the_centre_moves_as_the_rotation_says() -> None:
     """v = omega x (x - pivot) in world axes, whether the file says it, to nine digits, or not."""
     half = math.sqrt(0.5)
@@ -450,18 +475,6 @@ def test_a_function_that_fails_is_named(
     with pytest.raises(InputError, match=part) as caught:
         load.function(0.25, *STILL)
     assert "\n" not in str(caught.value)
-
-
-SWEPT = (
-    GOOD
-    + """
-[initial]
-omega_body_rad_s = [0.1, 2.0, 0.1]
-[[sweep]]
-key = "initial.omega_body_rad_s[0]"
-values = [1e-3, 1e-12]
-"""
-)
 
 
 def test_a_family_has_a_child_for_each_value(tmp_path: Path) -> None:
