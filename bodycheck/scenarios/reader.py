@@ -90,7 +90,15 @@ def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Member
 
 def fault_lines(error: ValidationError) -> list[str]:
     """Return one line a fault: the path of the key within the file, what is wrong and what would be right."""
-    return [_line(fault) for fault in error.errors(include_url=False)]
+    faults = error.errors(include_url=False)
+    places = [fault["loc"] for fault in faults]
+    return [_line(fault) for fault in faults if not _lacks_what_is_wrong(fault, places)]
+
+
+def _lacks_what_is_wrong(fault: Any, places: list[tuple[int | str, ...]]) -> bool:
+    """Whether a list is only too short because of its members that are wrong, which are faults themselves."""
+    own = fault["loc"]
+    return fault["type"] == "too_short" and any(own == place[: len(own)] != place for place in places)
 
 
 def _line(fault: Any) -> str:

@@ -5,20 +5,27 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
-from pydantic import Field, StrictStr, field_validator
+from pydantic import Field, PlainValidator, StrictStr, field_validator
 
-from bodycheck.scenarios.fields import Number, Table
+from bodycheck.scenarios.fields import Table, finite_numbers
 
 _STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(\d+)\]")
+
+
+def _number_or_text(value: Any) -> float | str:
+    return value if isinstance(value, str) else float(finite_numbers(value, "a number or a text", ()))
+
+
+_Value: TypeAlias = Annotated[float | str, PlainValidator(_number_or_text)]
 
 
 class Sweep(Table):
     """The key that differs, as a path within the file, and its values."""
 
     key: StrictStr
-    values: Annotated[tuple[Number | StrictStr, ...], Field(min_length=1)]
+    values: Annotated[tuple[_Value, ...], Field(min_length=1)]
 
     @field_validator("key")
     @classmethod

@@ -538,6 +538,13 @@ def test_what_is_wrong_of_one_child_is_said_of_it() -> None:
     assert own.startswith("file.toml/a: initial.omega_body_rad_s[0]: ")
 
 
+@pytest.mark.parametrize("value", ["true", "nan", "[1.0]", "1979-05-27", "0x1" + "0" * 300])
+def test_a_value_that_is_no_number_or_text_is_one_fault(value: str) -> None:
+    """One line names the value, and none follows from that."""
+    (line,) = refusals(SWEPT.replace("1e-3, 1e-12", value))
+    assert line.startswith("file.toml: sweep[0].values[0]: needs ")
+
+
 def test_the_value_may_be_a_key_that_the_file_lacks() -> None:
     """A sweep may set a key whose table is there."""
     swept = "[[sweep]]\nkey = 'forcing[0].linear_n_s_m'\nvalues = [1, 2]\n"
