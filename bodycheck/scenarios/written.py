@@ -39,7 +39,7 @@ def as_written(told: Mapping[str, Any], where: str, *, allow_code: bool = False)
         same = written(scenario) == told
     except ValidationError as error:
         raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise InputError(f"{where}: is not a scenario as a run writes it: {error!r}") from None
     if not same:
         raise InputError(f"{where}: is not a scenario as this version of bodycheck writes it")

@@ -104,6 +104,10 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
         _text("manifest.json", lambda text: text.replace('"density_kg_m3": 600.0', '"density_kg_m3": "x"')),
         "is not a scenario as a run writes it",
     ),
+    "a mesh of no density": (
+        _text("manifest.json", lambda text: text.replace('"density_kg_m3": 600.0', '"density_kg_m3": 0.0')),
+        "is not a scenario as a run writes it",
+    ),
     "a key more": (
         _text("manifest.json", lambda text: text.replace('"samples": 11', '"sample": 11')),
         "sample: is no key of this table",
