@@ -9,16 +9,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TypeAlias, overload
+from typing import overload
 
 import numpy as np
 
-from bodycheck.reference_impl import double_double as dd
 from bodycheck.reference_impl.arithmetic import Numbers
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.double_double import DoubleDouble
 from bodycheck.reference_impl.dynamics import gyration_radius
-from bodycheck.reference_impl.pivot import inertia_about, rotation_of
+from bodycheck.reference_impl.paired import pair, unit_quaternion
+from bodycheck.reference_impl.pivot import inertia_about
+from bodycheck.reference_impl.rational import Vector, added, cross, fractions, inverse, rotation_of, times
 from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,
@@ -42,8 +43,6 @@ GRADIENT, ORBIT_RATE = 0, 1
 ACCELERATION_BODY, ACCELERATION_WORLD, DECAY, MASS_INVERSE, RADIUS = 0, 3, 6, 7, 8
 # ... and of each row of Forcing.springs, the low parts of anchor and at behind their high parts
 ANCHOR, AT, STIFFNESS, REST_LENGTH, LOW = 0, 3, 6, 7, 8
-
-Vector: TypeAlias = list[Fraction]
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,56 +206,13 @@ def _spring_rows(scene: Scene, springs: Iterable[Spring]) -> Array:
 def pivot_position(scene: Scene) -> Vector:
     """x(0) + R(0) pivot, without rounding: where the pivot stays, in world axes."""
     assert scene.pivot is not None
-    rotation, pivot = rotation_of(fractions(scene.initial.quaternion)), fractions(scene.pivot)
-    turned = [sum((r * p for r, p in zip(row, pivot, strict=True)), Fraction(0)) for row in rotation]
+    turned = times(rotation_of(fractions(scene.initial.quaternion)), fractions(scene.pivot))
     return added(fractions(scene.initial.position), turned)
 
 
 def _torsion(scene: Scene, springs: Iterable[TorsionSpring]) -> Numbers:
     stiffness = pair(sum((Fraction(load.stiffness) for load in springs), Fraction(0)))
     return _columns([stiffness, *unit_quaternion(scene.initial.quaternion)])
-
-
-# ---------------------------------------------------------------------------------- rational arithmetic
-
-
-def fractions(values: Array) -> Vector:
-    """Return doubles as the rational numbers that they are, row by row."""
-    return [Fraction(float(x)) for x in np.ravel(values)]
-
-
-def added(a: Vector, b: Vector) -> Vector:
-    """a + b."""
-    return [x + y for x, y in zip(a, b, strict=True)]
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """a x b."""
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
-def inverse(m: Vector) -> Vector:
-    """m^-1 of the nine numbers of a matrix, by cofactors."""
-    columns = [cross(m[3:6], m[6:9]), cross(m[6:9], m[0:3]), cross(m[0:3], m[3:6])]
-    determinant = sum((x * y for x, y in zip(m[0:3], columns[0], strict=True)), Fraction(0))
-    return [columns[j][i] / determinant for i in range(3) for j in range(3)]
-
-
-def pair(x: Fraction) -> DoubleDouble:
-    """Return the double-double nearest to a rational number."""
-    high = float(x)
-    return high, float(x - Fraction(high))
-
-
-def unit_quaternion(q: Array) -> list[DoubleDouble]:
-    """q / |q| in double-doubles."""
-    return unit(fractions(q))
-
-
-def unit(exact: Vector) -> list[DoubleDouble]:
-    """v / |v| in double-doubles."""
-    norm = dd.square_root(pair(sum((x * x for x in exact), Fraction(0))))
-    return [dd.divide(pair(x), norm) for x in exact]
 
 
 def _pairs(values: Iterable[Fraction]) -> Numbers:

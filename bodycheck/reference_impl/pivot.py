@@ -1,7 +1,4 @@
-"""A body that turns about a point of its own: the numbers that are taken about that point.
-
-The words work on rational numbers, which lose nothing, as on doubles.
-"""
+"""A body that turns about a point of its own: the numbers that are taken about that point."""
 
 from __future__ import annotations
 
@@ -11,16 +8,17 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import rotational_energy, translational_energy
+from bodycheck.reference_impl.rational import Vector, dot, fractions
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
 
-def inertia_about(inertia: list[Fraction], mass: Fraction, point: list[Fraction]) -> list[Fraction]:
-    """I + m (|r|^2 1 - r r^T): a tensor about the centre of mass, nine numbers, as it is about r (3,).
+def inertia_about(inertia: Vector, mass: Fraction, point: Vector) -> Vector:
+    """I + m (|r|^2 1 - r r^T): a tensor about the centre of mass as it is about r, without rounding.
 
     Source: Huygens and Steiner; Goldstein, Poole and Safko (2002), Classical Mechanics, equation 5.21.
     """
-    square = sum((r * r for r in point), Fraction(0))
+    square = dot(point, point)
     return [
         inertia[3 * i + j] + mass * ((square if i == j else 0) - point[i] * point[j])
         for i in range(3)
@@ -28,24 +26,12 @@ def inertia_about(inertia: list[Fraction], mass: Fraction, point: list[Fraction]
     ]
 
 
-def rotation_of(quaternion: list[Fraction]) -> list[list[Fraction]]:
-    """R(q / |q|), row by row, without rounding: the norm enters by its square alone."""
-    w, x, y, z = quaternion
-    s = 2 / (w * w + x * x + y * y + z * z)
-    return [
-        [1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
-        [s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)],
-        [s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)],
-    ]
-
-
 def turning_inertia(scene: Scene) -> Array:
     """Return the tensor (3, 3) in body axes about what the body turns about: its pivot, else its centre."""
     if scene.pivot is None:
         return scene.body.inertia
-    mass = Fraction(scene.body.mass)
-    about_centre = [Fraction(float(x)) for x in scene.body.inertia.flat]
-    about_pivot = inertia_about(about_centre, mass, [Fraction(float(x)) for x in scene.pivot])
+    body = scene.body
+    about_pivot = inertia_about(fractions(body.inertia), Fraction(body.mass), fractions(scene.pivot))
     return np.array(about_pivot, dtype=np.float64).reshape(3, 3)
 
 

@@ -6,7 +6,7 @@ import math
 from fractions import Fraction
 from typing import TypeAlias
 
-from bodycheck.reference_impl.forcing import Vector
+from bodycheck.reference_impl.rational import Vector
 
 IntegerQuaternion: TypeAlias = tuple[int, int, int, int]
 

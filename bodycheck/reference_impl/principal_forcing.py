@@ -12,7 +12,7 @@ from fractions import Fraction
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.forcing import Vector, added, cross, fractions, pair, unit
+from bodycheck.reference_impl.paired import pair, unit
 from bodycheck.reference_impl.principal_axes import (
     IntegerQuaternion,
     axes_of,
@@ -38,6 +38,7 @@ from bodycheck.reference_impl.principal_terms import (
     SINE,
     TORQUE,
 )
+from bodycheck.reference_impl.rational import Vector, added, cross, fractions, times, transposed
 from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,
@@ -70,7 +71,7 @@ class PrincipalFrame:
 
     def components(self, v: Vector) -> Vector:
         """A^T v, of v in body axes."""
-        return [sum((self.axes[3 * k + i] * v[k] for k in range(3)), Fraction(0)) for i in range(3)]
+        return times(transposed(self.axes), v)
 
     def accelerations(self, torque: Vector) -> Vector:
         """diag(J)^-1 torque."""

@@ -39,9 +39,9 @@ from bodycheck.reference_impl.forcing import (
     RADIUS,
     Forcing,
     forcing_between,
-    unit_quaternion,
 )
 from bodycheck.reference_impl.jit import inlined_kernel, kernel
+from bodycheck.reference_impl.paired import unit_quaternion
 from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.taylor_springs import SPRING_ROWS, TORSION_ROWS, springs_share, torsion_torque
 from bodycheck.reference_impl.taylor_terms import (

@@ -15,9 +15,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.forcing import ACCELERATION_WORLD, added, fractions
+from bodycheck.reference_impl.forcing import ACCELERATION_WORLD
 from bodycheck.reference_impl.jit import borrowing_kernel
 from bodycheck.reference_impl.principal_forcing import PrincipalFrame, packed_rotation
+from bodycheck.reference_impl.rational import added, fractions
 from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.taylor import (
     Course,

@@ -7,8 +7,9 @@ import numpy as np
 from bodycheck.reference_impl import double_double as dd
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.double_double import DoubleDouble
-from bodycheck.reference_impl.forcing import pair, pivot_position
+from bodycheck.reference_impl.forcing import pivot_position
 from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.paired import pair
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.taylor import Course, Resolution, Solution, solve_packed
 from bodycheck.reference_impl.taylor_terms import OMEGA, V, X

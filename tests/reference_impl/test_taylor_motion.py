@@ -13,8 +13,8 @@ from interpreted import printed_json
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.closeness import distances
-from bodycheck.reference_impl.forcing import fractions
 from bodycheck.reference_impl.principal_axes import axes_of, in_axes_of, principal_quaternion
+from bodycheck.reference_impl.rational import fractions
 from bodycheck.reference_impl.rotations import normalised, quaternion_to_matrix, rotate
 from bodycheck.reference_impl.scene import (
     Drag,

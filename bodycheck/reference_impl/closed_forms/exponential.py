@@ -9,8 +9,8 @@ import numpy as np
 
 from bodycheck.reference_impl import double_double as dd
 from bodycheck.reference_impl.double_double import DoubleDouble
-from bodycheck.reference_impl.forcing import pair
 from bodycheck.reference_impl.jit import exact_kernel
+from bodycheck.reference_impl.paired import pair
 
 _LN2: DoubleDouble = (0.6931471805599453, 2.3190468138462996e-17)
 _LARGEST, _SMALLEST = 709.0, -745.0  # beyond which e^x leaves the range of doubles

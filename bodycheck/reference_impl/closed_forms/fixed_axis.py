@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
-from operator import mul
 
 import numpy as np
 
 from bodycheck.reference_impl import double_double as dd
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closed_forms.decaying import DecayingMotion
-from bodycheck.reference_impl.closed_forms.loads import Loads, Vector
+from bodycheck.reference_impl.closed_forms.loads import Loads
 from bodycheck.reference_impl.closed_forms.sine_swing import swing
 from bodycheck.reference_impl.double_double import DoubleDouble
-from bodycheck.reference_impl.forcing import added, cross, fractions, pair, unit_quaternion
 from bodycheck.reference_impl.free_rotation.set_up import unit
 from bodycheck.reference_impl.free_rotation.state import turned
 from bodycheck.reference_impl.free_rotation.tumble import FOUR_PI
 from bodycheck.reference_impl.jit import exact_kernel, kernel
+from bodycheck.reference_impl.paired import pair, unit_quaternion
+from bodycheck.reference_impl.rational import (
+    Vector,
+    added,
+    cross,
+    dot,
+    fractions,
+    rotation_of,
+    times,
+    transposed,
+)
 from bodycheck.reference_impl.registers import Quat, Vec, quaternion_times
 from bodycheck.reference_impl.scene import Scene
 
@@ -67,24 +75,25 @@ class FixedAxisRotation:
         """
         if any(any(piece.arms) for piece in loads.pieces) or (loads.sines and any(loads.angular_drag)):
             return None
-        inertia, to_body = fractions(scene.body.inertia), _world_to_body(scene.initial.quaternion)
-        torques = [added(piece.torque_body, _times(to_body, piece.torque_world)) for piece in loads.pieces]
+        inertia = fractions(scene.body.inertia)
+        to_body = transposed(rotation_of(fractions(scene.initial.quaternion)))
+        torques = [added(piece.torque_body, times(to_body, piece.torque_world)) for piece in loads.pieces]
         amplitudes = [
-            fractions(sine.amplitude) if sine.axes == "body" else _times(to_body, fractions(sine.amplitude))
+            fractions(sine.amplitude) if sine.axes == "body" else times(to_body, fractions(sine.amplitude))
             for sine in loads.sines
         ]
         omega = fractions(scene.initial.omega_body)
         axis = next(vector for vector in (omega, *torques, *amplitudes) if any(vector))
-        along = (omega, *torques, *amplitudes, _times(inertia, axis), _times(loads.angular_drag, axis))
+        along = (omega, *torques, *amplitudes, times(inertia, axis), times(loads.angular_drag, axis))
         if any(any(cross(axis, vector)) for vector in along):
             return None
-        square = _dot(axis, axis)
-        moment = _dot(axis, _times(inertia, axis)) / square
+        square = dot(axis, axis)
+        moment = dot(axis, times(inertia, axis)) / square
         length = dd.square_root(pair(square))
 
         def about(vector: Vector) -> DoubleDouble:
             """The component along the axis."""
-            return dd.divide(pair(_dot(axis, vector)), length)
+            return dd.divide(pair(dot(axis, vector)), length)
 
         def acceleration(torque: Vector) -> DoubleDouble:
             return about([component / moment for component in torque])
@@ -93,7 +102,7 @@ class FixedAxisRotation:
             (piece.begin_s, [acceleration(torque)])
             for piece, torque in zip(loads.pieces, torques, strict=True)
         ]
-        drag = _dot(axis, _times(loads.angular_drag, axis)) / square
+        drag = dot(axis, times(loads.angular_drag, axis)) / square
         swings = [
             (*acceleration(amplitude), sine.rate, sine.phase)
             for sine, amplitude in zip(loads.sines, amplitudes, strict=True)
@@ -130,23 +139,3 @@ class FixedAxisRotation:
         with np.errstate(divide="ignore"):
             largest = amplitude * np.minimum(t_s, 2.0 / rate)
         return np.asarray(np.sum(largest, axis=0) + np.max(rate, axis=0, initial=0.0))
-
-
-def _world_to_body(q: Array) -> list[Fraction]:
-    """R(q / |q|)^T (9,) without rounding: the norm enters by its square alone."""
-    w, x, y, z = fractions(q)
-    s = 2 / (w * w + x * x + y * y + z * z)
-    return [
-        *(1 - s * (y * y + z * z), s * (x * y + w * z), s * (x * z - w * y)),
-        *(s * (x * y - w * z), 1 - s * (x * x + z * z), s * (y * z + w * x)),
-        *(s * (x * z + w * y), s * (y * z - w * x), 1 - s * (x * x + y * y)),
-    ]
-
-
-def _times(m: Vector, v: Vector) -> Vector:
-    """m v of a matrix (9,)."""
-    return [_dot(m[3 * i : 3 * i + 3], v) for i in range(3)]
-
-
-def _dot(a: Vector, b: Vector) -> Fraction:
-    return sum(map(mul, a, b), Fraction(0))

@@ -8,7 +8,7 @@ from fractions import Fraction
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closed_forms.decaying import DecayingMotion
 from bodycheck.reference_impl.closed_forms.loads import Loads
-from bodycheck.reference_impl.forcing import pair
+from bodycheck.reference_impl.paired import pair
 from bodycheck.reference_impl.scene import Scene
 
 

@@ -11,10 +11,9 @@ from fractions import Fraction
 from itertools import pairwise
 from math import inf
 
-from bodycheck.reference_impl.forcing import added, cross, fractions
+from bodycheck.reference_impl.rational import Vector, added, cross, fractions
 from bodycheck.reference_impl.scene import Drag, PointForce, Scene, SineTorque, Timed, Torque
-
-Vector = list[Fraction]
+from bodycheck.reference_impl.wrench import held_between
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ def loads_of(scene: Scene) -> Loads | None:
 
 
 def _piece(scene: Scene, begin: float, end: float) -> Piece:
-    acting = [load for load in scene.timed_loads if load.from_s <= begin and end <= load.until_s]
+    acting = held_between(scene, begin, end)
     weight = [Fraction(scene.body.mass) * g for g in fractions(scene.gravity)]
     forces = [load for load in acting if isinstance(load, PointForce)]
     world = [load for load in forces if load.axes == "world"]

@@ -8,8 +8,8 @@ from fractions import Fraction
 from bodycheck.reference_impl import double_double as dd
 from bodycheck.reference_impl.double_double import DoubleDouble
 from bodycheck.reference_impl.double_double_functions import sine_and_cosine
-from bodycheck.reference_impl.forcing import pair
 from bodycheck.reference_impl.jit import exact_kernel
+from bodycheck.reference_impl.paired import pair
 
 _SERIES_BELOW = 0.5
 _TERMS = 13  # 0.5^26 / 28! < 2^-123

@@ -14,9 +14,10 @@ from bodycheck.reference_impl import double_double as dd
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closed_forms.exponential import decay_means
 from bodycheck.reference_impl.double_double import DoubleDouble
-from bodycheck.reference_impl.forcing import fractions, pair
 from bodycheck.reference_impl.free_rotation import FreeRotation
 from bodycheck.reference_impl.jit import exact_kernel
+from bodycheck.reference_impl.paired import pair
+from bodycheck.reference_impl.rational import Vector, fractions
 from bodycheck.reference_impl.scene import Scene
 
 
@@ -30,7 +31,7 @@ def _stretch(decay: DoubleDouble, t_s: Array, high: Array, low: Array, decayed: 
         decayed[i] = rest[0]
 
 
-def decay_rate(inertia: Array, drag: list[Fraction]) -> Fraction | None:
+def decay_rate(inertia: Array, drag: Vector) -> Fraction | None:
     """k with drag = k inertia (9,), exactly in the doubles given; None where there is none."""
     tensor = fractions(inertia)
     k = drag[0] / tensor[0]

@@ -1,0 +1,64 @@
+"""Rational arithmetic: vectors and matrices of the doubles that are given, without any rounding.
+
+A vector is a list of three numbers, a matrix one of nine, row by row.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from operator import mul
+from typing import TypeAlias
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+
+Vector: TypeAlias = list[Fraction]
+
+
+def fractions(values: Array) -> Vector:
+    """Return doubles as the rational numbers that they are, row by row."""
+    return [Fraction(float(x)) for x in np.ravel(values)]
+
+
+def added(a: Vector, b: Vector) -> Vector:
+    """a + b."""
+    return [x + y for x, y in zip(a, b, strict=True)]
+
+
+def dot(a: Vector, b: Vector) -> Fraction:
+    """a . b."""
+    return sum(map(mul, a, b), Fraction(0))
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """a x b."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def times(m: Vector, v: Vector) -> Vector:
+    """m v."""
+    return [dot(m[3 * i : 3 * i + 3], v) for i in range(3)]
+
+
+def transposed(m: Vector) -> Vector:
+    """m^T."""
+    return [m[3 * i + j] for j in range(3) for i in range(3)]
+
+
+def inverse(m: Vector) -> Vector:
+    """m^-1, by cofactors."""
+    columns = [cross(m[3:6], m[6:9]), cross(m[6:9], m[0:3]), cross(m[0:3], m[3:6])]
+    determinant = dot(m[0:3], columns[0])
+    return [columns[j][i] / determinant for i in range(3) for j in range(3)]
+
+
+def rotation_of(q: Vector) -> Vector:
+    """R(q / |q|): the norm enters by its square alone."""
+    w, x, y, z = q
+    s = 2 / (w * w + x * x + y * y + z * z)
+    return [
+        *(1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)),
+        *(s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)),
+        *(s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)),
+    ]
