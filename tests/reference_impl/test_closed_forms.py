@@ -473,6 +473,10 @@ def test_torque_back_to_the_start() -> None:
 
 # ----------------------------------------------------------------------------------------- what is none
 
+BALANCED = scene_of(
+    BRICK, (0, 0, 0), body_torque(0.7, 0, 0), world_torque(-0.7, 0, 0), quaternion=(1, 0, 0, 0)
+)
+
 NO_CLOSED_FORM: dict[str, Scene] = {
     "torque on a tumbling body": scene_of(BRICK, (0, 0.1, 2), body_torque(0, 0, 0.7)),
     "spin one ulp of nothing off the axis": scene_of(BRICK, (0, 5e-324, 2), body_torque(0, 0, 0.7)),
@@ -492,6 +496,7 @@ NO_CLOSED_FORM: dict[str, Scene] = {
     "thruster": scene_of(BRICK, (0, 0, 0), PointForce("body", np.ones(3), np.zeros(3))),
     "world force at a point": scene_of(BRICK, (0, 0, 0), PointForce("world", np.ones(3), np.ones(3))),
     "gravity gradient": scene_of(BRICK, (0, 0, 0), GravityGradient(1e-3)),
+    "torques that cancel": BALANCED,
     "spring": scene_of(BRICK, (0, 0, 0), Spring(np.zeros(3), np.zeros(3), 1.0, 0.0)),
 }
 
@@ -506,6 +511,13 @@ def test_what_has_no_closed_form_is_certified() -> None:
     """Drag of 0.1, 0.2, 0.3 on moments 1, 2, 3 is not 0.1 of them in doubles: its truth is certified."""
     scene = NO_CLOSED_FORM["drag all but proportional"]
     assert solve_truth(scene, TIMES).kind == "certified"
+
+
+def test_torques_that_cancel_leave_a_body_at_rest() -> None:
+    """A body that nothing turns, though torques act on it, has a truth: it stays as it is."""
+    truth = solve_truth(BALANCED, TIMES)
+    assert not truth.trajectory.omega_body.any()
+    assert np.ptp(truth.trajectory.attitude, axis=0).max() == 0.0
 
 
 # --------------------------------------------------------------------------------------- many choices

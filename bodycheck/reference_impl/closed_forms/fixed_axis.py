@@ -70,6 +70,7 @@ class FixedAxisRotation:
     def of(cls, scene: Scene, loads: Loads) -> FixedAxisRotation | None:
         """Set up; None where omega, a torque or the drag leaves one principal axis, and where it is not one.
 
+        None too for a body at rest whose torques cancel, which is about no axis.
         All of that is decided in rational arithmetic: an axis that is principal but for a rounding is none.
         Sine torques and drag together are left to other methods.
         """
@@ -83,9 +84,8 @@ class FixedAxisRotation:
             for sine in loads.sines
         ]
         omega = fractions(scene.initial.omega_body)
-        axis = next(vector for vector in (omega, *torques, *amplitudes) if any(vector))
-        along = (omega, *torques, *amplitudes, times(inertia, axis), times(loads.angular_drag, axis))
-        if any(any(cross(axis, vector)) for vector in along):
+        axis = _principal_axis_of([omega, *torques, *amplitudes], inertia, loads.angular_drag)
+        if axis is None:
             return None
         square = dot(axis, axis)
         moment = dot(axis, times(inertia, axis)) / square
@@ -139,3 +139,12 @@ class FixedAxisRotation:
         with np.errstate(divide="ignore"):
             largest = amplitude * np.minimum(t_s, 2.0 / rate)
         return np.asarray(np.sum(largest, axis=0) + np.max(rate, axis=0, initial=0.0))
+
+
+def _principal_axis_of(vectors: list[Vector], inertia: Vector, drag: Vector) -> Vector | None:
+    """Return the principal axis that all the vectors are along, and that drag does not leave, if any is."""
+    axis = next((vector for vector in vectors if any(vector)), None)
+    if axis is None:
+        return None
+    along = (*vectors, times(inertia, axis), times(drag, axis))
+    return None if any(any(cross(axis, vector)) for vector in along) else axis
