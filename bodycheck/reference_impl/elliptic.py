@@ -21,7 +21,6 @@ from bodycheck.reference_impl.jit import exact_kernel, kernel
 
 _RF_SPREAD = 2.5e-3  # series error spread^6 / 4, below 1e-16
 _RF_SPREAD_DD = 4e-6  # the same, below 1e-32
-_RJ_SPREAD = 1.5e-3  # series error 3 spread^6, below 4e-17
 _AGM_GAP_DD = 1e-16  # the mean is then off by gap^2
 
 
@@ -46,56 +45,6 @@ def carlson_rf(x: float, y: float, z: float) -> float:
         x, y, z = 0.25 * (x + shift), 0.25 * (y + shift), 0.25 * (z + shift)
     e2, e3 = u * v - w * w, u * v * w
     return (1.0 + e2 * (e2 / 24.0 - 0.1 - 3.0 * e3 / 44.0) + e3 / 14.0) / math.sqrt(mean)
-
-
-@kernel
-def _one_rc(y: float, e: float) -> float:
-    """R_C(1, y) for y > 0, given also e = y - 1 (DLMF 19.2.18-19)."""
-    if abs(e) < 1e-3:
-        return 1.0 - e * (1.0 / 3.0 - e * (1.0 / 5.0 - e * (1.0 / 7.0 - e * (1.0 / 9.0 - e / 11.0))))
-    root = math.sqrt(abs(e))
-    return math.atan(root) / root if e > 0.0 else math.log((1.0 + root) / math.sqrt(y)) / root
-
-
-@kernel
-def carlson_rj(x: float, y: float, z: float, p: float) -> float:
-    """R_J(x, y, z, p) = 3/2 int_0^inf dt / ((t + p) sqrt((t + x)(t + y)(t + z))).
-
-    For x, y, z >= 0 with at most one zero, and p > 0; infinite if two are zero. Relative error below 1e-14.
-    Source: Carlson 1979, Computing elliptic integrals by duplication, algorithm 4, whose beta / alpha is
-    free of cancellation; DLMF 19.36.2.
-    """
-    if (x == 0.0 and y == 0.0) or (y == 0.0 and z == 0.0) or (z == 0.0 and x == 0.0):
-        return math.inf
-    product = (p - x) * (p - y) * (p - z)
-    total, weight = 0.0, 1.0
-    while True:
-        mean = (x + y + z + 2.0 * p) / 5.0
-        u, v, w = 1.0 - x / mean, 1.0 - y / mean, 1.0 - z / mean
-        r = -0.5 * (u + v + w)
-        if not max(abs(u), abs(v), abs(w), abs(r)) >= _RJ_SPREAD:
-            break
-        sx, sy, sz, sp = math.sqrt(x), math.sqrt(y), math.sqrt(z), math.sqrt(p)
-        shift = sx * (sy + sz) + sy * sz
-        alpha = p * (sx + sy + sz) + sx * sy * sz
-        beta = sp * (p + shift) / alpha
-        total += 3.0 * weight * _one_rc(beta * beta, product / (alpha * alpha)) / alpha
-        x, y, z, p = 0.25 * (x + shift), 0.25 * (y + shift), 0.25 * (z + shift), 0.25 * (p + shift)
-        weight, product = 0.25 * weight, product / 64.0
-    e2 = u * v + u * w + v * w - 3.0 * r * r
-    e3 = u * v * w + 2.0 * e2 * r + 4.0 * r * r * r
-    e4 = (2.0 * u * v * w + e2 * r + 3.0 * r * r * r) * r
-    e5 = u * v * w * r * r
-    series = (
-        1.0
-        - 3.0 * e2 / 14.0
-        + e3 / 6.0
-        + 9.0 * e2 * e2 / 88.0
-        - 3.0 * e4 / 22.0
-        - 9.0 * e2 * e3 / 52.0
-        + 3.0 * e5 / 26.0
-    )
-    return weight * series / (mean * math.sqrt(mean)) + total
 
 
 @exact_kernel
