@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rotations import log_quaternion, matrix_to_quaternion
+from bodycheck.reference_impl.rotations import log_matrix
 from bodycheck.reference_impl.scene import (
     BlackBox,
     Drag,
@@ -66,7 +66,7 @@ def wrench_at(load: Load, scene: Scene, moment: Moment) -> tuple[Array, Array]:
             return force, np.cross(arm, force)
         case TorsionSpring():
             turned = moment.rotation @ scene.initial.rotation.T
-            return none, -load.stiffness * log_quaternion(matrix_to_quaternion(turned))
+            return none, -load.stiffness * log_matrix(turned)
         case GravityGradient():
             angle = load.rate * moment.t
             u = np.stack([-np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)

@@ -28,6 +28,12 @@ def scaled_add(a: Vec, s: float, b: Vec) -> Vec:
 
 
 @kernel
+def dot(a: Vec, b: Vec) -> float:
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
 def cross(a: Vec, b: Vec) -> Vec:
     """a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

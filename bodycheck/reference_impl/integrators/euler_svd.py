@@ -10,15 +10,10 @@ from bodycheck.reference_impl.integrators.euler import step
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.held import held_over_steps
 from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import Mat, Vec
+from bodycheck.reference_impl.registers import Mat, Vec, dot
 
 _EPS = 2.0**-52
 _MOST_SWEEPS = 30  # three or four are enough; more are made only where the state is not finite
-
-
-@kernel
-def _dot(a: Vec, b: Vec) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
@@ -33,7 +28,7 @@ def _turned(a: Vec, b: Vec, c: float, s: float) -> tuple[Vec, Vec]:
 @kernel
 def _made_orthogonal(a: Vec, b: Vec, v: Vec, w: Vec) -> tuple[Vec, Vec, Vec, Vec, bool]:
     """Turn the columns a, b, and v, w with them, so that a . b = 0; True if they were so already."""
-    aa, bb, ab = _dot(a, a), _dot(b, b), _dot(a, b)
+    aa, bb, ab = dot(a, a), dot(b, b), dot(a, b)
     if abs(ab) <= _EPS * math.sqrt(aa * bb):
         return a, b, v, w, True
     ratio = (bb - aa) / (2.0 * ab)
@@ -55,7 +50,7 @@ def nearest_rotation(m: Mat) -> Mat:
         b, c, v, w, done_bc = _made_orthogonal(b, c, v, w)
         if done_ab and done_ac and done_bc:
             break
-    p, q, r = 1.0 / math.sqrt(_dot(a, a)), 1.0 / math.sqrt(_dot(b, b)), 1.0 / math.sqrt(_dot(c, c))
+    p, q, r = 1.0 / math.sqrt(dot(a, a)), 1.0 / math.sqrt(dot(b, b)), 1.0 / math.sqrt(dot(c, c))
     return (
         p * a[0] * u[0] + q * b[0] * v[0] + r * c[0] * w[0],
         p * a[0] * u[1] + q * b[0] * v[1] + r * c[0] * w[1],

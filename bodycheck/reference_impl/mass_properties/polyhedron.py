@@ -15,7 +15,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.double_double import two_sum
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles
-from bodycheck.reference_impl.registers import Vec, cross
+from bodycheck.reference_impl.registers import Vec, cross, dot
 
 _LANES = 32
 """How many triangles are taken at once: a row for every quantity, so that one instruction serves several."""
@@ -24,12 +24,6 @@ _CORNERS, _TERMS = 9, 10
 _FIRST_TERM = _CORNERS * _LANES
 
 _MULTIPLES = np.array([6.0, 24.0, 24.0, 24.0, 120.0, 120.0, 120.0, 120.0, 120.0, 120.0])
-
-
-@kernel
-def _dot(a: Vec, b: Vec) -> float:
-    """a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
@@ -52,14 +46,14 @@ def _determinant(a: Vec, b: Vec, c: Vec) -> float:
     surface; the edges are nearly exact. Between two long edges of a sliver their cross product would cancel.
     """
     ab, bc, ca = _subtract(b, a), _subtract(c, b), _subtract(a, c)
-    ab2, bc2, ca2 = _dot(ab, ab), _dot(bc, bc), _dot(ca, ca)
+    ab2, bc2, ca2 = dot(ab, ab), dot(bc, bc), dot(ca, ca)
     if ab2 >= bc2 and ab2 >= ca2:
         corner, before, after = c, bc, ca
     elif bc2 >= ca2:
         corner, before, after = a, ca, ab
     else:
         corner, before, after = b, ab, bc
-    return _dot(corner, cross(before, after))
+    return dot(corner, cross(before, after))
 
 
 @kernel
@@ -75,9 +69,9 @@ def volume_area_reach(vertices: Array, triangles: Triangles) -> tuple[float, flo
         b = _corner(vertices, triangles[t, 1], origin)
         c = _corner(vertices, triangles[t, 2], origin)
         normal = cross(_subtract(b, a), _subtract(c, a))
-        volume += _dot(a, normal)
-        area += math.sqrt(_dot(normal, normal))
-        reach2 = max(reach2, _dot(a, a), _dot(b, b), _dot(c, c))
+        volume += dot(a, normal)
+        area += math.sqrt(dot(normal, normal))
+        reach2 = max(reach2, dot(a, a), dot(b, b), dot(c, c))
     return volume / 6.0, area / 2.0, math.sqrt(reach2)
 
 
