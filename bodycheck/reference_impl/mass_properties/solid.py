@@ -85,8 +85,3 @@ class MassProperties:
     def principal(self) -> tuple[Array, Array]:
         """I = A diag(J) A^T, det A = 1: the moments J (3,), ascending, and the axes, A's columns (3, 3)."""
         return principal_axes(self.inertia)
-
-    def in_principal_axes(self) -> MassProperties:
-        """c' = 0, I' = diag(J): the solid with its centre at the origin, its principal axes along x, y, z."""
-        moments, _ = self.principal()
-        return replace(self, centre=np.zeros(3), inertia=np.diag(moments))
