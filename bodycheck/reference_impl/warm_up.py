@@ -56,6 +56,7 @@ def compile_kernels(
     finally:
         if other is not None:
             other.kill()
+            other.wait()
 
 
 def _solve_shortly(scene: Scene) -> None:
