@@ -238,8 +238,8 @@ def integrate(
     state ((13,), (13,)), high and low parts of q, omega_body, v, x; without `moving`, v and x stay. series
     (n, order + 1) is room to work in, of the precision that is wanted; rows says where the world's sines, the
     springs and the torsion spring have theirs. Coefficients beyond the paired orders are computed in doubles:
-    they are small. times (n,) in [begin, end],
-    ascending; out ((n, 13), (n, 13)). NaN from where the motion cannot be followed on.
+    they are small. times (n,) in [begin, end], ascending; out ((n, 13), (n, 13)). NaN from where the motion
+    cannot be followed on.
     """
     high = high_part(series)
     order = high.shape[1] - 1
