@@ -167,11 +167,11 @@ class _StepWatch:
     def __init__(self, simulation: Simulation, plan: StepPlan) -> None:
         self._simulation = simulation
         trial = min(_TRIAL_STEPS, plan.steps)
-        self._legs, self._scale = list(first_steps(plan, trial)), 1.0
+        self._legs, self._scale = list(_first_steps(plan, trial)), 1.0
         self.lap()
         per_step = max(self.lap() / trial, 1e-9)
         timed = int(min(max(_LAP_S / per_step, trial), plan.steps))
-        self._legs, self._scale = list(first_steps(plan, timed)), plan.steps / timed
+        self._legs, self._scale = list(_first_steps(plan, timed)), plan.steps / timed
 
     def lap(self) -> float:
         self._simulation.reset()
@@ -183,7 +183,7 @@ class _StepWatch:
         self._simulation.close()
 
 
-def first_steps(plan: StepPlan, steps: int) -> Iterator[Leg]:
+def _first_steps(plan: StepPlan, steps: int) -> Iterator[Leg]:
     """Yield the legs of a run that stops at no sample, as far as its first steps reach."""
     for leg in plan.uninterrupted():
         if steps <= 0:

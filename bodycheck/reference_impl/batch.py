@@ -9,34 +9,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numba
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dormand_prince import A, B, Turning, combined, plus
-from bodycheck.reference_impl.jit import _compile, inlined_kernel, kernel
+from bodycheck.reference_impl.jit import inlined_kernel, kernel, parallel_kernel
 
 BatchMethod: TypeAlias = Literal["rk4", "dop853"]
-Six: TypeAlias = tuple[float, float, float, float, float, float]
+_Six: TypeAlias = tuple[float, float, float, float, float, float]
 
 WIDTH = 64
 """Bodies in a block, of 7 kB: well within a first-level cache."""
 
 # A block is one array: only of offsets that are constants does the compiler see that its rows do not overlap.
-_Q, _HALF_SPIN, _ABOUT, _ROWS = 0, 4, 7, 13  # rows: q, omega / 2, what `rates` calls about
+_Q, _HALF_SPIN, _ABOUT, _ROWS = 0, 4, 7, 13  # rows: q, omega / 2, what `_rates` calls about
 _LINE = 64  # bytes
 _FLAT = 1e-12  # relative: how far rounding may take a plate's largest moment above the sum of the others
 
 
-def parallel_kernel(function: Callable[..., Any]) -> Any:
-    """Compile as `kernel` does, at the first call, with prange shared by numba's threads."""
-    return _compile(function, fastmath={"contract"}, parallel=True)
-
-
 @inlined_kernel
-def rates(y: Turning, about: Six) -> Turning:
+def _rates(y: Turning, about: _Six) -> Turning:
     """q' = q s; s_1' = 2 (J2 - J3) / J1 s_2 s_3 + tau_1 / (2 J1), and so on in turn, of s = omega / 2.
 
     about: the three factors of the products, then the three accelerations by the torque.
@@ -54,35 +49,35 @@ def rates(y: Turning, about: Six) -> Turning:
 
 
 @inlined_kernel
-def rk4_step(y: Turning, h: float, about: Six) -> Turning:
+def _rk4_step(y: Turning, h: float, about: _Six) -> Turning:
     """y + h/6 (k1 + 2 k2 + 2 k3 + k4)."""
-    k1 = rates(y, about)
-    k2 = rates(plus(y, 0.5 * h, k1), about)
-    k3 = rates(plus(y, 0.5 * h, k2), about)
-    k4 = rates(plus(y, h, k3), about)
+    k1 = _rates(y, about)
+    k2 = _rates(plus(y, 0.5 * h, k1), about)
+    k3 = _rates(plus(y, 0.5 * h, k2), about)
+    k4 = _rates(plus(y, h, k3), about)
     return combined(y, h / 6.0, (1.0, 2.0, 2.0, 1.0), (k1, k2, k3, k4))
 
 
 @inlined_kernel
-def dop853_step(y: Turning, h: float, about: Six) -> Turning:
+def _dop853_step(y: Turning, h: float, about: _Six) -> Turning:
     """y + h sum b_i k_i over the twelve stages."""
-    k1 = rates(y, about)
-    k2 = rates(combined(y, h, A[2], (k1,)), about)
-    k3 = rates(combined(y, h, A[3], (k1, k2)), about)
-    k4 = rates(combined(y, h, A[4], (k1, k3)), about)
-    k5 = rates(combined(y, h, A[5], (k1, k3, k4)), about)
-    k6 = rates(combined(y, h, A[6], (k1, k4, k5)), about)
-    k7 = rates(combined(y, h, A[7], (k1, k4, k5, k6)), about)
-    k8 = rates(combined(y, h, A[8], (k1, k4, k5, k6, k7)), about)
-    k9 = rates(combined(y, h, A[9], (k1, k4, k5, k6, k7, k8)), about)
-    k10 = rates(combined(y, h, A[10], (k1, k4, k5, k6, k7, k8, k9)), about)
-    k11 = rates(combined(y, h, A[11], (k1, k4, k5, k6, k7, k8, k9, k10)), about)
-    k12 = rates(combined(y, h, A[12], (k1, k4, k5, k6, k7, k8, k9, k10, k11)), about)
+    k1 = _rates(y, about)
+    k2 = _rates(combined(y, h, A[2], (k1,)), about)
+    k3 = _rates(combined(y, h, A[3], (k1, k2)), about)
+    k4 = _rates(combined(y, h, A[4], (k1, k3)), about)
+    k5 = _rates(combined(y, h, A[5], (k1, k3, k4)), about)
+    k6 = _rates(combined(y, h, A[6], (k1, k4, k5)), about)
+    k7 = _rates(combined(y, h, A[7], (k1, k4, k5, k6)), about)
+    k8 = _rates(combined(y, h, A[8], (k1, k4, k5, k6, k7)), about)
+    k9 = _rates(combined(y, h, A[9], (k1, k4, k5, k6, k7, k8)), about)
+    k10 = _rates(combined(y, h, A[10], (k1, k4, k5, k6, k7, k8, k9)), about)
+    k11 = _rates(combined(y, h, A[11], (k1, k4, k5, k6, k7, k8, k9, k10)), about)
+    k12 = _rates(combined(y, h, A[12], (k1, k4, k5, k6, k7, k8, k9, k10, k11)), about)
     return combined(y, h, B, (k1, k6, k7, k8, k9, k10, k11, k12))
 
 
 @inlined_kernel
-def lane(block: Array, i: int) -> tuple[Turning, Six]:
+def _lane(block: Array, i: int) -> tuple[Turning, _Six]:
     """Body i of a block: its q and omega / 2, and the six constants of its motion."""
     at = _ABOUT * WIDTH + i
     return (
@@ -107,32 +102,32 @@ def lane(block: Array, i: int) -> tuple[Turning, Six]:
 
 
 @inlined_kernel
-def store_lane(block: Array, i: int, y: Turning) -> None:
+def _store_lane(block: Array, i: int, y: Turning) -> None:
     """Write q and omega / 2 of body i."""
     block[i], block[WIDTH + i], block[2 * WIDTH + i], block[3 * WIDTH + i] = y[0], y[1], y[2], y[3]
     block[4 * WIDTH + i], block[5 * WIDTH + i], block[6 * WIDTH + i] = y[4], y[5], y[6]
 
 
 @kernel
-def rk4_block(block: Array, dt: float, steps: int) -> None:
+def _rk4_block(block: Array, dt: float, steps: int) -> None:
     """Make all steps of a block by Runge-Kutta."""
     for _ in range(steps):
         for i in range(WIDTH):
-            y, about = lane(block, i)
-            store_lane(block, i, rk4_step(y, dt, about))
+            y, about = _lane(block, i)
+            _store_lane(block, i, _rk4_step(y, dt, about))
 
 
 @kernel
-def dop853_block(block: Array, dt: float, steps: int) -> None:
+def _dop853_block(block: Array, dt: float, steps: int) -> None:
     """Make all steps of a block by Dormand and Prince."""
     for _ in range(steps):
         for i in range(WIDTH):
-            y, about = lane(block, i)
-            store_lane(block, i, dop853_step(y, dt, about))
+            y, about = _lane(block, i)
+            _store_lane(block, i, _dop853_step(y, dt, about))
 
 
 @kernel
-def gathered(state: Array, moments: Array, torque: Array, begin: int) -> Array:
+def _gathered(state: Array, moments: Array, torque: Array, begin: int) -> Array:
     """(13 WIDTH,): q, omega / 2 and the six constants of the bodies from `begin` on, row after row.
 
     Past the last body its copies follow, so that every loop over a block has the same known length.
@@ -154,7 +149,7 @@ def gathered(state: Array, moments: Array, torque: Array, begin: int) -> Array:
 
 
 @kernel
-def scatter(block: Array, state: Array, begin: int, duration: float) -> None:
+def _scatter(block: Array, state: Array, begin: int, duration: float) -> None:
     """Write a block back, and move its bodies by v times the duration."""
     for i in range(min(WIDTH, state.shape[1] - begin)):
         j = begin + i
@@ -166,26 +161,26 @@ def scatter(block: Array, state: Array, begin: int, duration: float) -> None:
 
 
 @parallel_kernel
-def advance_rk4(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
+def _advance_rk4(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
     """Make the steps in place, block by block."""
     for k in numba.prange((state.shape[1] + WIDTH - 1) // WIDTH):
-        block = gathered(state, moments, torque, k * WIDTH)
-        rk4_block(block, dt, steps)
-        scatter(block, state, k * WIDTH, dt * steps)
+        block = _gathered(state, moments, torque, k * WIDTH)
+        _rk4_block(block, dt, steps)
+        _scatter(block, state, k * WIDTH, dt * steps)
 
 
 @parallel_kernel
-def advance_dop853(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
+def _advance_dop853(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
     """Make the steps in place, block by block."""
     for k in numba.prange((state.shape[1] + WIDTH - 1) // WIDTH):
-        block = gathered(state, moments, torque, k * WIDTH)
-        dop853_block(block, dt, steps)
-        scatter(block, state, k * WIDTH, dt * steps)
+        block = _gathered(state, moments, torque, k * WIDTH)
+        _dop853_block(block, dt, steps)
+        _scatter(block, state, k * WIDTH, dt * steps)
 
 
 _ADVANCE: dict[str, Callable[[Array, Array, Array, float, int], None]] = {
-    "rk4": advance_rk4,
-    "dop853": advance_dop853,
+    "rk4": _advance_rk4,
+    "dop853": _advance_dop853,
 }
 
 

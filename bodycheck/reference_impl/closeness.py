@@ -67,7 +67,7 @@ def small_distances(scene: Scene, motion: Trajectory, change: Array) -> Array:
     sizes = np.max(np.abs(change), axis=-1)
     scale = np.max([np.max(np.abs(part), axis=-1) for part in _parts(motion)], axis=0)
     factor = np.where(sizes > _SHIFT * scale, 1.0, _SHIFT * scale / np.where(sizes == 0.0, 1.0, sizes))
-    return distances(scene, motion, changed(motion, factor[:, None] * change)) / factor
+    return distances(scene, motion, _changed(motion, factor[:, None] * change)) / factor
 
 
 def rounding(scene: Scene, motion: Trajectory) -> Array:
@@ -84,11 +84,11 @@ def rounding(scene: Scene, motion: Trajectory) -> Array:
         quaternion=np.tile(motion.attitude, (width, 1)),
         omega_body_rad_s=np.tile(motion.omega_body, (width, 1)),
     )
-    shifted = changed(repeated, change.reshape(width * n, width))
+    shifted = _changed(repeated, change.reshape(width * n, width))
     return distances(scene, repeated, shifted).reshape(3, width, n).sum(axis=1) * (_HALF_ULP / _SHIFT)
 
 
-def changed(motion: Trajectory, change: Array) -> Trajectory:
+def _changed(motion: Trajectory, change: Array) -> Trajectory:
     """Return the motion with (n, 13) added to q, omega_body, v and x."""
     q, omega, velocity, position = _parts(motion)
     return replace(

@@ -26,6 +26,11 @@ def kernel(function: Callable[..., Any]) -> Any:
     return _compile(function, fastmath={"contract"})
 
 
+def parallel_kernel(function: Callable[..., Any]) -> Any:
+    """Compile as `kernel` does, with prange shared by numba's threads."""
+    return _compile(function, fastmath={"contract"}, parallel=True)
+
+
 def borrowing_kernel(function: Callable[..., Any]) -> Any:
     """Compile a function that makes no array, so that those it is given need no counting of references.
 

@@ -306,7 +306,7 @@ def integrate(
 
 
 @kernel
-def follow_parabola(
+def _follow_parabola(
     state: tuple[Array, Array],
     moving: Numbers,
     times: Array,
@@ -388,7 +388,7 @@ def solve_packed(course: Course, state: tuple[Array, Array], t_s: Array, resolut
         first, after = np.searchsorted(t_s, [begin, end])
         part = slice(first, after if end != course[-1][1] else len(t_s))
         out = high[part], low[part]
-        steps += advance(state, forcing, resolution, t_s[part], (begin, end), out)
+        steps += _advance(state, forcing, resolution, t_s[part], (begin, end), out)
     return Solution(high, low, steps)
 
 
@@ -400,7 +400,7 @@ def packed_state(start: State) -> tuple[Array, Array]:
     return state, rest
 
 
-def advance(
+def _advance(
     state: tuple[Array, Array],
     forcing: Forcing,
     resolution: Resolution,
@@ -413,7 +413,7 @@ def advance(
     As `integrate`: state ((13,), (13,)) is moved in place, out ((n, 13), (n, 13)) filled at times (n,).
     """
     numbers = forcing if resolution.paired_orders else forcing.rounded()
-    rows, series = working_space(forcing, resolution)
+    rows, series = _working_space(forcing, resolution)
     steps = integrate(
         state,
         series,
@@ -434,11 +434,11 @@ def advance(
         out,
     )
     if forcing.on_parabola:
-        follow_parabola(state, numbers.moving, times, *span, out)
+        _follow_parabola(state, numbers.moving, times, *span, out)
     return int(steps)
 
 
-def working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int, int, int], Numbers]:
+def _working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int, int, int], Numbers]:
     """Return where the rows of the world's sines, the springs and the torsion spring begin; zeroed series."""
     counts = [
         0 if part is None else len(part)

@@ -155,7 +155,7 @@ class _Principal:
         """Pack a scene without springs whose centre of mass moves on parabolas."""
         frame = PrincipalFrame.of(scene.body)
         stretches = []
-        for (begin_s, end_s, _), parabola in zip(course, parabolas(scene.initial, course), strict=True):
+        for (begin_s, end_s, _), parabola in zip(course, _parabolas(scene.initial, course), strict=True):
             body, loads = packed_rotation(scene, frame, begin_s, end_s)
             series = working_space(loads, resolution.order)
             stretches.append(_Stretch(begin_s, end_s, body, loads, series, parabola))
@@ -183,7 +183,7 @@ class _Principal:
         return out, steps
 
 
-def parabolas(start: State, course: Course) -> list[Array]:
+def _parabolas(start: State, course: Course) -> list[Array]:
     """(3, 3) for each part of a course: a, v and x where it begins, in rational arithmetic, rounded once."""
     v, x = fractions(start.velocity), fractions(start.position)
     found = []

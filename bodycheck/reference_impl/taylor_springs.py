@@ -57,7 +57,7 @@ nested series, the products of the cosines, a / sin a."""
 
 
 @kernel
-def reciprocal_root(series: Numbers, square: int, row: int, k: int) -> None:
+def _reciprocal_root(series: Numbers, square: int, row: int, k: int) -> None:
     """p = s^(-1/2), s p' = -p s' / 2: p_k = sum over j >= 1 of (j / 2 - k) s_j p_(k-j) / (k s_0)."""
     s = term(series, square, 0)
     if k == 0:
@@ -70,33 +70,33 @@ def reciprocal_root(series: Numbers, square: int, row: int, k: int) -> None:
 
 
 @inlined_kernel
-def place(series: Numbers, spring: Array, i: int) -> Any:
+def _place(series: Numbers, spring: Array, i: int) -> Any:
     """Return one number of anchor or at, in the precision of the series."""
     return like(nothing(series), (spring[i], spring[LOW + i]))
 
 
 @kernel
-def stretch(series: Numbers, spring: Array, row: int, k: int) -> None:
+def _stretch(series: Numbers, spring: Array, row: int, k: int) -> None:
     """d_k = (x + R at - anchor)_k and |d|^2_k."""
     for a in range(3):
-        total = add_product(term(series, X + a, k), term(series, R + 3 * a, k), place(series, spring, AT))
-        total = add_product(total, term(series, R + 3 * a + 1, k), place(series, spring, AT + 1))
-        total = settled(add_product(total, term(series, R + 3 * a + 2, k), place(series, spring, AT + 2)))
+        total = add_product(term(series, X + a, k), term(series, R + 3 * a, k), _place(series, spring, AT))
+        total = add_product(total, term(series, R + 3 * a + 1, k), _place(series, spring, AT + 1))
+        total = settled(add_product(total, term(series, R + 3 * a + 2, k), _place(series, spring, AT + 2)))
         if k == 0:
-            total = minus(total, place(series, spring, ANCHOR + a))
+            total = minus(total, _place(series, spring, ANCHOR + a))
         put(series, row + _D + a, k, total)
     square = plus(cauchy(series, row, row, k), cauchy(series, row + 1, row + 1, k))
     put(series, row + _SQUARE, k, plus(square, cauchy(series, row + 2, row + 2, k)))
 
 
 @kernel
-def spring_force(series: Numbers, spring: Array, row: int, k: int) -> Three:
+def _spring_force(series: Numbers, spring: Array, row: int, k: int) -> Three:
     """(-stiffness (d - rest_length d / |d|))_k in world axes; 0 while d = 0, NaN where it leaves 0."""
-    stretch(series, spring, row, k)
+    _stretch(series, spring, row, k)
     d = vector_terms(series, row + _D, k)
     high = high_part(series)
     if spring[REST_LENGTH] != 0.0 and high[row + _SQUARE, 0] > 0.0:
-        reciprocal_root(series, row + _SQUARE, row + _INVERSE, k)
+        _reciprocal_root(series, row + _SQUARE, row + _INVERSE, k)
         for a in range(3):
             along = cauchy(series, row + _D + a, row + _INVERSE, k)
             kept = minus(d[a], by_double(along, spring[REST_LENGTH]))
@@ -111,10 +111,10 @@ def spring_force(series: Numbers, spring: Array, row: int, k: int) -> Three:
 
 
 @kernel
-def spring_torque(series: Numbers, spring: Array, row: int, k: int) -> Three:
+def _spring_torque(series: Numbers, spring: Array, row: int, k: int) -> Three:
     """(at x R^T force)_k in body axes."""
     x, y, z = turned_back(series, row + _FORCE, k)
-    a, b, c = place(series, spring, AT), place(series, spring, AT + 1), place(series, spring, AT + 2)
+    a, b, c = _place(series, spring, AT), _place(series, spring, AT + 1), _place(series, spring, AT + 2)
     return (
         minus(times(z, b), times(y, c)),
         minus(times(x, c), times(z, a)),
@@ -129,8 +129,8 @@ def springs_share(series: Numbers, springs: Array, moving: Numbers, row: int, k:
     torque, force = (none, none, none), (none, none, none)
     for i in range(len(springs)):
         first = row + SPRING_ROWS * i
-        force = added(force, spring_force(series, springs[i], first, k))
-        torque = added(torque, spring_torque(series, springs[i], first, k))
+        force = added(force, _spring_force(series, springs[i], first, k))
+        torque = added(torque, _spring_torque(series, springs[i], first, k))
     lightness = entry(moving, MASS_INVERSE)
     return torque, (times(force[0], lightness), times(force[1], lightness), times(force[2], lightness))
 
@@ -139,7 +139,7 @@ def springs_share(series: Numbers, springs: Array, moving: Numbers, row: int, k:
 
 
 @kernel
-def relative_quaternion(series: Numbers, torsion: Numbers, row: int, k: int) -> None:
+def _relative_quaternion(series: Numbers, torsion: Numbers, row: int, k: int) -> None:
     """p_k = (q(0)^-1 q)_k, whose vector part lies along the rotation vector, in body axes."""
     w, x, y, z = entry(torsion, 1), entry(torsion, 2), entry(torsion, 3), entry(torsion, 4)
     a, b = term(series, Q, k), term(series, Q + 1, k)
@@ -157,7 +157,7 @@ def relative_quaternion(series: Numbers, torsion: Numbers, row: int, k: int) -> 
 
 
 @kernel
-def half_angle_cosine(series: Numbers, whole: int, half: int, k: int) -> None:
+def _half_angle_cosine(series: Numbers, whole: int, half: int, k: int) -> None:
     """c^2 = (1 + C) / 2, C and c in two rows: 2 c_0 c_k = C_k / 2 - the other products."""
     total = by_double(term(series, whole, k), 0.5)
     if k == 0:
@@ -169,7 +169,7 @@ def half_angle_cosine(series: Numbers, whole: int, half: int, k: int) -> None:
 
 
 @kernel
-def quotient(series: Numbers, above: int, below: int, row: int, k: int) -> None:
+def _quotient(series: Numbers, above: int, below: int, row: int, k: int) -> None:
     """f = a / b: f_k = (a_k - sum over n >= 1 of b_n f_(k-n)) / b_0."""
     total = term(series, above, k)
     for n in range(1, k + 1):
@@ -178,7 +178,7 @@ def quotient(series: Numbers, above: int, below: int, row: int, k: int) -> None:
 
 
 @kernel
-def nested_series(series: Numbers, row: int, k: int) -> None:
+def _nested_series(series: Numbers, row: int, k: int) -> None:
     """(b / sin b)_k = 1 + 2/3 x (1 + 4/5 x (1 + 6/7 x ..)), x = sin^2(b/2) = (1 - cos b) / 2, b = a/16.
 
     The inner brackets come first; source: Abramowitz & Stegun (1964), 15.1.6.
@@ -192,28 +192,28 @@ def nested_series(series: Numbers, row: int, k: int) -> None:
 
 
 @kernel
-def angle_over_sine(series: Numbers, row: int, k: int) -> None:
+def _angle_over_sine(series: Numbers, row: int, k: int) -> None:
     """(a / sin a)_k = (b / sin b) / (cos a/2 cos a/4 cos a/8 cos a/16), b = a/16: smooth at a = 0."""
-    half_angle_cosine(series, row + _P, row + _COSINE, k)
+    _half_angle_cosine(series, row + _P, row + _COSINE, k)
     for i in range(1, _HALVINGS):
-        half_angle_cosine(series, row + _COSINE + i - 1, row + _COSINE + i, k)
-    nested_series(series, row, k)
+        _half_angle_cosine(series, row + _COSINE + i - 1, row + _COSINE + i, k)
+    _nested_series(series, row, k)
     product = row + _COSINE
     for i in range(1, _HALVINGS):
         put(series, row + _PRODUCT + i - 1, k, cauchy(series, product, row + _COSINE + i, k))
         product = row + _PRODUCT + i - 1
-    quotient(series, row + _NEST, product, row + _FACTOR, k)
+    _quotient(series, row + _NEST, product, row + _FACTOR, k)
 
 
 @kernel
 def torsion_torque(series: Numbers, torsion: Numbers, row: int, k: int) -> Three:
     """(-stiffness 2 a / sin a p)_k in body axes, p the vector part of q(0)^-1 q; NaN from pi on."""
-    relative_quaternion(series, torsion, row + _P, k)
+    _relative_quaternion(series, torsion, row + _P, k)
     high = high_part(series)
     if high[row, 0] <= 0.0:
         broken = exactly(series, math.nan)
         return broken, broken, broken
-    angle_over_sine(series, row, k)
+    _angle_over_sine(series, row, k)
     factor = by_double(entry(torsion, 0), -2.0)
     return (
         times(factor, cauchy(series, row + _FACTOR, row + _P + 1, k)),

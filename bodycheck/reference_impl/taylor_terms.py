@@ -63,7 +63,7 @@ def cauchy(series: Numbers, i: int, j: int, k: int) -> Any:
 
 
 @kernel
-def cross_product(series: Numbers, i: int, j: int, k: int) -> Three:
+def _cross_product(series: Numbers, i: int, j: int, k: int) -> Three:
     """(a x b)_k, a and b in the rows from i and from j on."""
     x = y = z = nothing(series)
     for n in range(k + 1):
@@ -89,7 +89,7 @@ def turned_back(series: Numbers, j: int, k: int) -> Three:
 
 
 @inlined_kernel
-def row_times(numbers: Numbers, i: int, v: Three) -> Any:
+def _row_times(numbers: Numbers, i: int, v: Three) -> Any:
     """m . v, m the three numbers from i on."""
     total = add_product(nothing(numbers), entry(numbers, i), v[0])
     total = add_product(total, entry(numbers, i + 1), v[1])
@@ -97,9 +97,9 @@ def row_times(numbers: Numbers, i: int, v: Three) -> Any:
 
 
 @inlined_kernel
-def matrix_times(numbers: Numbers, i: int, v: Three) -> Three:
+def _matrix_times(numbers: Numbers, i: int, v: Three) -> Three:
     """M v, M the nine numbers from i on."""
-    return row_times(numbers, i, v), row_times(numbers, i + 3, v), row_times(numbers, i + 6, v)
+    return _row_times(numbers, i, v), _row_times(numbers, i + 3, v), _row_times(numbers, i + 6, v)
 
 
 @inlined_kernel
@@ -123,7 +123,7 @@ def added(a: Three, b: Three) -> Three:
 
 
 @inlined_kernel
-def subtracted(a: Three, b: Three) -> Three:
+def _subtracted(a: Three, b: Three) -> Three:
     """a - b."""
     return minus(a[0], b[0]), minus(a[1], b[1]), minus(a[2], b[2])
 
@@ -140,7 +140,7 @@ def put_rate(series: Numbers, i: int, k: int, v: Three, share: Any) -> None:
 
 
 @kernel
-def spin(series: Numbers, k: int, share: Any) -> Three:
+def _spin(series: Numbers, k: int, share: Any) -> Three:
     """q' = q omega / 2, the coefficient k + 1 = 1 / share; and (I omega x omega)_k, returned.
 
     The two sums share omega's coefficients, and one loop, which is most of what a free rotation costs.
@@ -169,15 +169,15 @@ def own_torque(
 ) -> Three:
     """(tau - C omega + I omega x omega)_k, tau what is given in body axes; moves q and the sines to k + 1."""
     omega = vector_terms(series, OMEGA, k)
-    put_vector(series, L, k, matrix_times(turning, INERTIA, omega))
-    torque = spin(series, k, share)
+    put_vector(series, L, k, _matrix_times(turning, INERTIA, omega))
+    torque = _spin(series, k, share)
     if damping is not None:
-        torque = subtracted(torque, matrix_times(damping, 0, omega))
+        torque = _subtracted(torque, _matrix_times(damping, 0, omega))
     if k == 0:
         held = (entry(turning, TORQUE_BODY), entry(turning, TORQUE_BODY + 1), entry(turning, TORQUE_BODY + 2))
         torque = added(torque, held)
     if sines is not None:
-        torque = added_sines(series, torque, sines, SINES, k)
+        torque = _added_sines(series, torque, sines, SINES, k)
     return torque
 
 
@@ -239,7 +239,7 @@ def held_torque(series: Numbers, world: Numbers, k: int) -> Three:
 def sine_torque(series: Numbers, sines: Array, first_row: int, k: int) -> Three:
     """(R^T sum of amplitude sin(rate t + phase))_k, amplitudes in world axes."""
     none = nothing(series)
-    put_vector(series, T, k, added_sines(series, (none, none, none), sines, first_row, k))
+    put_vector(series, T, k, _added_sines(series, (none, none, none), sines, first_row, k))
     return turned_back(series, T, k)
 
 
@@ -259,9 +259,9 @@ def gradient_torque(series: Numbers, turning: Numbers, orbit: Numbers, k: int) -
         )
     u = (settled(x), settled(y), settled(z))
     put_vector(series, U, k, u)
-    put_vector(series, IU, k, matrix_times(turning, INERTIA, u))
-    move_sine(series, ORBIT, entry(orbit, ORBIT_RATE), k)
-    a, b, c = cross_product(series, U, IU, k)
+    put_vector(series, IU, k, _matrix_times(turning, INERTIA, u))
+    _move_sine(series, ORBIT, entry(orbit, ORBIT_RATE), k)
+    a, b, c = _cross_product(series, U, IU, k)
     factor = entry(orbit, GRADIENT)
     return times(factor, a), times(factor, b), times(factor, c)
 
@@ -278,7 +278,7 @@ def start_sine(series: Numbers, row: int, rate: Any, offset: float, t: float) ->
 
 
 @inlined_kernel
-def move_sine(series: Numbers, row: int, rate: Any, k: int) -> None:
+def _move_sine(series: Numbers, row: int, rate: Any, k: int) -> None:
     """s' = rate c, c' = -rate s: the coefficients k + 1 of row and row + 1."""
     step = over_double(rate, k + 1.0)
     put(series, row, k + 1, times(step, term(series, row + 1, k)))
@@ -286,14 +286,14 @@ def move_sine(series: Numbers, row: int, rate: Any, k: int) -> None:
 
 
 @kernel
-def added_sines(series: Numbers, torque: Three, sines: Array, first_row: int, k: int) -> Three:
+def _added_sines(series: Numbers, torque: Three, sines: Array, first_row: int, k: int) -> Three:
     """torque + the sum of amplitude s_k; moves the sines to k + 1."""
     for i in range(len(sines)):
         row, rate = first_row + 2 * i, exactly(series, sines[i, 3])
         s = term(series, row, k)
         share = (by_double(s, sines[i, 0]), by_double(s, sines[i, 1]), by_double(s, sines[i, 2]))
         torque = added(torque, share)
-        move_sine(series, row, rate, k)
+        _move_sine(series, row, rate, k)
     return torque
 
 
@@ -313,8 +313,8 @@ def acceleration(series: Numbers, moving: Numbers, k: int) -> Three:
             entry(moving, ACCELERATION_WORLD + 1),
             entry(moving, ACCELERATION_WORLD + 2),
         )
-        return subtracted(held, drag)
-    return subtracted((none, none, none), drag)
+        return _subtracted(held, drag)
+    return _subtracted((none, none, none), drag)
 
 
 @kernel
@@ -337,4 +337,4 @@ def turned_acceleration(series: Numbers, moving: Numbers, k: int) -> Three:
 @inlined_kernel
 def angular_rate(series: Numbers, turning: Numbers, torque: Three, k: int, share: Any) -> None:
     """omega' = I^-1 torque: the coefficient k + 1 = 1 / share of omega."""
-    put_rate(series, OMEGA, k, matrix_times(turning, INERTIA_INVERSE, torque), share)
+    put_rate(series, OMEGA, k, _matrix_times(turning, INERTIA_INVERSE, torque), share)

@@ -80,7 +80,7 @@ def _wait_for(mark: Path, other: subprocess.Popen[bytes]) -> None:
         time.sleep(0.05)
 
 
-def compile_here(names: Iterable[str]) -> None:
+def _compile_here(names: Iterable[str]) -> None:
     """Compile what is named, one after the other, and leave a mark for each."""
     for name in names:
         if name == _CLOSED_FORMS:
@@ -123,4 +123,4 @@ def _compile_integrator(name: str) -> None:
 
 
 if __name__ == "__main__":
-    compile_here(sys.argv[1:])
+    _compile_here(sys.argv[1:])

@@ -22,7 +22,7 @@ from bodycheck.scenarios.forcings import Forcing, check_together, gravity_of, lo
 
 _VELOCITY_TOLERANCE = 1e-9  # relative: how far a velocity that is said may be from what a pivot allows
 _MOST_SAMPLES = 1_000_000
-DEFAULT_STEPS_PER_SAMPLE = (5, 10, 20, 50, 100)
+_DEFAULT_STEPS_PER_SAMPLE = (5, 10, 20, 50, 100)
 
 
 class Initial(Table):
@@ -112,7 +112,7 @@ class Scenario(Table):
     def steps(self) -> tuple[float, ...]:
         """The steps that a run uses unless told otherwise, in s, coarsest first."""
         interval = self.scene.sample_interval_s
-        return tuple(sorted(self.steps_s or (interval / n for n in DEFAULT_STEPS_PER_SAMPLE), reverse=True))
+        return tuple(sorted(self.steps_s or (interval / n for n in _DEFAULT_STEPS_PER_SAMPLE), reverse=True))
 
     @cached_property
     def scene(self) -> Scene:

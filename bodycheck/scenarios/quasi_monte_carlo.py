@@ -21,7 +21,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.implicit import Chords, ImplicitSolid
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
 
-RANDOMISATIONS = 32
+_RANDOMISATIONS = 32
 """Independent scramblings; the standard error is known to 1 / sqrt(2 * 31) = 13 % of itself."""
 
 _AT_ONCE = 4096
@@ -58,7 +58,7 @@ def estimate(solid: ImplicitSolid, *, columns_log2: int = 12, seed: int = 0) -> 
     where a scrambling meets nothing of the solid.
     """
     _check_box(solid)
-    seeds = np.random.SeedSequence(seed).spawn(RANDOMISATIONS)
+    seeds = np.random.SeedSequence(seed).spawn(_RANDOMISATIONS)
     moments = np.array([_moments(solid, columns_log2, np.random.default_rng(child)) for child in seeds])
     if not (moments[:, 0] > 0.0).all():
         raise ValueError(

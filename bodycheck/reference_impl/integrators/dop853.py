@@ -19,7 +19,7 @@ from bodycheck.reference_impl.registers import Vec, matrix_of, quaternion_times,
 
 
 @kernel
-def rates(y: Turning, body: Array, load: Array) -> tuple[Turning, Vec]:
+def _rates(y: Turning, body: Array, load: Array) -> tuple[Turning, Vec]:
     """q' = q omega / 2, omega' = I^-1 (tau - omega x I omega), v' = F / m."""
     q, omega = (y[0], y[1], y[2], y[3]), (y[4], y[5], y[6])
     rotation = matrix_of(q)
@@ -30,7 +30,7 @@ def rates(y: Turning, body: Array, load: Array) -> tuple[Turning, Vec]:
 
 
 @inlined_kernel
-def weighted(weights: tuple[float, ...], a: tuple[Vec, ...]) -> Vec:
+def _weighted(weights: tuple[float, ...], a: tuple[Vec, ...]) -> Vec:
     """sum b_j a_j."""
     total = (0.0, 0.0, 0.0)
     for j in range(len(a)):
@@ -44,22 +44,22 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     x, v, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     y = (state[9], state[10], state[11], state[12], omega[0], omega[1], omega[2])
     for _ in range(steps):
-        k1, a1 = rates(y, body, load)
-        k2, _ = rates(combined(y, dt, A[2], (k1,)), body, load)
-        k3, _ = rates(combined(y, dt, A[3], (k1, k2)), body, load)
-        k4, _ = rates(combined(y, dt, A[4], (k1, k3)), body, load)
-        k5, _ = rates(combined(y, dt, A[5], (k1, k3, k4)), body, load)
-        k6, a6 = rates(combined(y, dt, A[6], (k1, k4, k5)), body, load)
-        k7, a7 = rates(combined(y, dt, A[7], (k1, k4, k5, k6)), body, load)
-        k8, a8 = rates(combined(y, dt, A[8], (k1, k4, k5, k6, k7)), body, load)
-        k9, a9 = rates(combined(y, dt, A[9], (k1, k4, k5, k6, k7, k8)), body, load)
-        k10, a10 = rates(combined(y, dt, A[10], (k1, k4, k5, k6, k7, k8, k9)), body, load)
-        k11, a11 = rates(combined(y, dt, A[11], (k1, k4, k5, k6, k7, k8, k9, k10)), body, load)
-        k12, a12 = rates(combined(y, dt, A[12], (k1, k4, k5, k6, k7, k8, k9, k10, k11)), body, load)
+        k1, a1 = _rates(y, body, load)
+        k2, _ = _rates(combined(y, dt, A[2], (k1,)), body, load)
+        k3, _ = _rates(combined(y, dt, A[3], (k1, k2)), body, load)
+        k4, _ = _rates(combined(y, dt, A[4], (k1, k3)), body, load)
+        k5, _ = _rates(combined(y, dt, A[5], (k1, k3, k4)), body, load)
+        k6, a6 = _rates(combined(y, dt, A[6], (k1, k4, k5)), body, load)
+        k7, a7 = _rates(combined(y, dt, A[7], (k1, k4, k5, k6)), body, load)
+        k8, a8 = _rates(combined(y, dt, A[8], (k1, k4, k5, k6, k7)), body, load)
+        k9, a9 = _rates(combined(y, dt, A[9], (k1, k4, k5, k6, k7, k8)), body, load)
+        k10, a10 = _rates(combined(y, dt, A[10], (k1, k4, k5, k6, k7, k8, k9)), body, load)
+        k11, a11 = _rates(combined(y, dt, A[11], (k1, k4, k5, k6, k7, k8, k9, k10)), body, load)
+        k12, a12 = _rates(combined(y, dt, A[12], (k1, k4, k5, k6, k7, k8, k9, k10, k11)), body, load)
         # x'' depends on q alone: x and v need no stages of their own
         a = (a1, a6, a7, a8, a9, a10, a11, a12)
-        x = scaled_add(scaled_add(x, dt, v), dt * dt, weighted(B_REMAINING, a))
-        v = scaled_add(v, dt, weighted(B, a))
+        x = scaled_add(scaled_add(x, dt, v), dt * dt, _weighted(B_REMAINING, a))
+        v = scaled_add(v, dt, _weighted(B, a))
         y = combined(y, dt, B, (k1, k6, k7, k8, k9, k10, k11, k12))
     store(state, 0, x)
     store(state, 3, v)

@@ -21,7 +21,7 @@ from bodycheck.reference_impl.registers import (
 
 
 @kernel
-def rates(q: Quat, momentum: Vec, body: Array, load: Array) -> tuple[Vec, Vec, Vec]:
+def _rates(q: Quat, momentum: Vec, body: Array, load: Array) -> tuple[Vec, Vec, Vec]:
     """omega = I^-1 R^T L in body axes, L' = R tau and v' = F / m in world axes."""
     rotation = matrix_of(q)
     return (
@@ -32,7 +32,7 @@ def rates(q: Quat, momentum: Vec, body: Array, load: Array) -> tuple[Vec, Vec, V
 
 
 @kernel
-def with_lasting(
+def _with_lasting(
     constant: tuple[Vec, Vec, Vec], t: float, x: Vec, v: Vec, q: Quat, mass: float, lasting: Array
 ) -> tuple[Vec, Vec, Vec]:
     """Add the lasting loads at a stage to its rates omega, L', v'."""
@@ -43,7 +43,7 @@ def with_lasting(
 
 
 @kernel
-def turned(q: Quat, s: float, omega: Vec) -> Quat:
+def _turned(q: Quat, s: float, omega: Vec) -> Quat:
     """q exp(s omega / 2), omega in body axes."""
     return quaternion_times(q, quaternion_exp((s * omega[0], s * omega[1], s * omega[2])))
 
@@ -68,32 +68,32 @@ def advance(
     half, sixth, third, twelfth = 0.5 * dt, dt / 6.0, dt / 3.0, dt / 12.0
     for step in range(steps):
         t = begin + step * dt
-        k1 = rates(q, momentum, body, load)
+        k1 = _rates(q, momentum, body, load)
         if lasting is not None:
-            k1 = with_lasting(k1, t, x, v, q, body[0], lasting)
+            k1 = _with_lasting(k1, t, x, v, q, body[0], lasting)
         w1, t1, a1 = k1
-        q2 = turned(q, half, w1)
-        k2 = rates(q2, scaled_add(momentum, half, t1), body, load)
+        q2 = _turned(q, half, w1)
+        k2 = _rates(q2, scaled_add(momentum, half, t1), body, load)
         if lasting is not None:
             x2, v2 = scaled_add(x, half, v), scaled_add(v, half, a1)
-            k2 = with_lasting(k2, t + half, x2, v2, q2, body[0], lasting)
+            k2 = _with_lasting(k2, t + half, x2, v2, q2, body[0], lasting)
         w2, t2, a2 = k2
-        q3 = turned(q, half, w2)
-        k3 = rates(q3, scaled_add(momentum, half, t2), body, load)
+        q3 = _turned(q, half, w2)
+        k3 = _rates(q3, scaled_add(momentum, half, t2), body, load)
         if lasting is not None:
             x3, v3 = scaled_add(x, half, v2), scaled_add(v, half, a2)
-            k3 = with_lasting(k3, t + half, x3, v3, q3, body[0], lasting)
+            k3 = _with_lasting(k3, t + half, x3, v3, q3, body[0], lasting)
         w3, t3, a3 = k3
         # from the second stage, which has turned by dt/2 k1 already
-        q4 = turned(q2, dt, scaled_add(w3, -0.5, w1))
-        k4 = rates(q4, scaled_add(momentum, dt, t3), body, load)
+        q4 = _turned(q2, dt, scaled_add(w3, -0.5, w1))
+        k4 = _rates(q4, scaled_add(momentum, dt, t3), body, load)
         if lasting is not None:
             x4, v4 = scaled_add(x, dt, v3), scaled_add(v, dt, a3)
-            k4 = with_lasting(k4, t + dt, x4, v4, q4, body[0], lasting)
+            k4 = _with_lasting(k4, t + dt, x4, v4, q4, body[0], lasting)
         w4, t4, a4 = k4
         middle = (2.0 * (w2[0] + w3[0]), 2.0 * (w2[1] + w3[1]), 2.0 * (w2[2] + w3[2]))
-        q = turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w1), -1.0, w4))
-        q = turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w4), -1.0, w1))
+        q = _turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w1), -1.0, w4))
+        q = _turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w4), -1.0, w1))
         # the stages' velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3 summed up
         x = scaled_add(x, dt, v)
         x = scaled_add(x, dt * sixth, a1)

@@ -25,7 +25,7 @@ from bodycheck.reference_impl.registers import (
 
 
 @kernel
-def newton_matrix(inertia: Mat, omega: Vec, dt: float) -> Mat:
+def _newton_matrix(inertia: Mat, omega: Vec, dt: float) -> Mat:
     """I + dt D, D = [omega]x I - [I omega]x, the derivative of omega x I omega."""
     i, (x, y, z) = inertia, omega
     lx, ly, lz = times(inertia, omega)
@@ -52,7 +52,7 @@ def advance_linearised(
     q = (state[9], state[10], state[11], state[12])
     for _ in range(steps):
         rotation = matrix_of(q)
-        matrix = newton_matrix(inertia, omega, dt)
+        matrix = _newton_matrix(inertia, omega, dt)
         torque, turning = body_torque(rotation, load), gyroscopic(inertia, omega)
         if torque_inside:
             omega = scaled_add(omega, dt, solve(matrix, scaled_add(torque, -1.0, turning)))

@@ -61,7 +61,7 @@ _NO_VELOCITY = (0.0, 0.0, 0.0)  # none of the loads that this method takes looks
 
 
 @kernel
-def about_first(p: Quat, m: Vec, angle: float) -> tuple[Quat, Vec]:
+def _about_first(p: Quat, m: Vec, angle: float) -> tuple[Quat, Vec]:
     """p exp(angle e1 / 2), and m = R^T L seen from there."""
     c, s = math.cos(0.5 * angle), math.sin(0.5 * angle)
     turn, half = 2.0 * s * c, 2.0 * s * s
@@ -72,7 +72,7 @@ def about_first(p: Quat, m: Vec, angle: float) -> tuple[Quat, Vec]:
 
 
 @kernel
-def about_last(p: Quat, m: Vec, angle: float) -> tuple[Quat, Vec]:
+def _about_last(p: Quat, m: Vec, angle: float) -> tuple[Quat, Vec]:
     """p exp(angle e3 / 2), and m = R^T L seen from there."""
     c, s = math.cos(0.5 * angle), math.sin(0.5 * angle)
     turn, half = 2.0 * s * c, 2.0 * s * s
@@ -83,16 +83,16 @@ def about_last(p: Quat, m: Vec, angle: float) -> tuple[Quat, Vec]:
 
 
 @kernel
-def turned(q: Quat, m: Vec, excess: Vec, axes: Mat, whole: float, first: float) -> Quat:
+def _turned(q: Quat, m: Vec, excess: Vec, axes: Mat, whole: float, first: float) -> Quat:
     """q after a drift of `whole` seconds, `first` of them before its middle.
 
     m = R^T L in principal axes; excess = (1/J1 - 1/J2, 1/J2, 1/J3 - 1/J2).
     """
     common = whole * excess[1]
     p = quaternion_exp((common * m[0], common * m[1], common * m[2]))
-    p, m = about_first(p, m, first * excess[0] * m[0])
-    p, m = about_last(p, m, whole * excess[2] * m[2])
-    p, m = about_first(p, m, (whole - first) * excess[0] * m[0])
+    p, m = _about_first(p, m, first * excess[0] * m[0])
+    p, m = _about_last(p, m, whole * excess[2] * m[2])
+    p, m = _about_first(p, m, (whole - first) * excess[0] * m[0])
     # q p = q + q (p - 1), and 1 - p_w by way of the vector part: the angles hardly change from step to step,
     # so that what the rounding of p_w, just below 1, does to |p| would do the same to |q| at every step
     square = p[1] * p[1] + p[2] * p[2] + p[3] * p[3]
@@ -135,7 +135,7 @@ def advance(
             momentum = scaled_add(momentum, kick, times(rotation, body_torque(rotation, load)))
             if i < len(DRIFTS):
                 m = transposed_times(axes, transposed_times(rotation, momentum))
-                q = turned(q, m, excess, axes, dt * DRIFTS[i], dt * FIRST_PARTS[i])
+                q = _turned(q, m, excess, axes, dt * DRIFTS[i], dt * FIRST_PARTS[i])
                 position = scaled_add(position, dt * DRIFTS[i], velocity)
                 rotation = matrix_of(q)
                 t += dt * DRIFTS[i]
