@@ -216,6 +216,11 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
     "short STL": ("a.stl", binary_stl()[:-1], "is no STL: its header says 4 triangles, which take 284"),
     "huge STL": ("a.stl", b" " * 80 + b"\xff" * 4, "is no STL: its header says 4294967295 triangles"),
     "STL without triangles": ("a.stl", b" " * 80 + b"\0" * 4, "has no faces"),
+    "OBJ fault after continued lines": (
+        "a.obj",
+        "v 0 \\\n0 \\\r\n0\nv 0 1 x\n",
+        "line 4: '0 1 x' are not all numbers",
+    ),
     "STL cut off": ("a.stl", ascii_stl()[:-30], "ends without endsolid"),
     "STL with a word for a number": (
         "a.stl",

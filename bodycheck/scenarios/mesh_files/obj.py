@@ -5,9 +5,14 @@ Source: Alias|Wavefront (1993), Advanced Visualizer manual, appendix B1.
 
 from __future__ import annotations
 
+import re
+
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.words import fans, floats, integer, lines_of_words, points, shown
+
+_CONTINUED = re.compile(rb"(?m)^(?:[^\n]*\\\r?\n)+[^\n]*")
+_CONTINUATION = re.compile(rb"\\\r?\n")
 
 
 def parse_obj(data: bytes) -> tuple[Array, Triangles]:
@@ -18,7 +23,7 @@ def parse_obj(data: bytes) -> tuple[Array, Triangles]:
     """
     vertices: list[list[float]] = []
     faces: list[tuple[int, list[int]]] = []
-    for line, words in lines_of_words(data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")):
+    for line, words in lines_of_words(_CONTINUED.sub(_joined, data)):
         match words[0]:
             case "v":
                 if len(words) < 4:
@@ -32,6 +37,12 @@ def parse_obj(data: bytes) -> tuple[Array, Triangles]:
         if max(face) >= len(vertices):
             raise ValueError(f"line {line}: corner {max(face) + 1} is none of the {len(vertices)} vertices")
     return points(vertices), fans(face for _, face in faces)
+
+
+def _joined(lines: re.Match[bytes]) -> bytes:
+    """Return continued lines as one, and empty ones after it: those that follow keep their numbers."""
+    one, continuations = _CONTINUATION.subn(b" ", lines[0])
+    return one + b"\n" * continuations
 
 
 def _corner(word: str, line: int, before: int) -> int:
