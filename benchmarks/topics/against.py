@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from benchmarks.contenders.available import HEYOKA, MUJOCO, SCIPY, Field, whole_field
-from benchmarks.contenders.closed_form import CLOSED_FORM
+from benchmarks.contenders.closed_form import CLOSED_FORM, CLOSED_FORM_SET_UP_BEFORE
 from benchmarks.contenders.contender import Contender
 from benchmarks.contenders.stepped_taylor import STEPPED_TAYLOR
 from benchmarks.effort import Effort
@@ -48,7 +48,7 @@ def curves(problem: Problem, field: Field, effort: Effort) -> Points:
 def against(effort: Effort) -> tuple[list[Measured], Points]:
     """Measure the three problems, and the ratios that have targets."""
     field = whole_field()
-    torque_free_only = ("closed form", "closed form, set up before")
+    torque_free_only = (CLOSED_FORM.name, CLOSED_FORM_SET_UP_BEFORE.name)
     long = field.only(*torque_free_only, STEPPED_TAYLOR.name, HEYOKA)
     points = [
         *curves(FREE, field, effort),
