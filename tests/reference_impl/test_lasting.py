@@ -8,7 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bodycheck.adapters.contract import Reading
-from bodycheck.adapters.reference import FixedStep, Reference
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.reference_steps import FixedStep
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator
