@@ -20,7 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import BinaryIO
 
-from bodycheck.adapters import protocol
+from bodycheck.adapters import case_messages, protocol
 from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.drive import Answer, Stopwatch, record, stopwatch
 from bodycheck.adapters.protocol import Message
@@ -57,13 +57,13 @@ class Desk:
     def _done(self, request: Message) -> Message:
         match request.get("do"):
             case "record":
-                return protocol.answer_message(record(self._adapter, protocol.case_of(request["case"])))
+                return protocol.answer_message(record(self._adapter, case_messages.case_of(request["case"])))
             case "prepare":
                 self.close()
-                self._watch = stopwatch(self._adapter, protocol.case_of(request["case"]))
+                self._watch = stopwatch(self._adapter, case_messages.case_of(request["case"]))
                 return {"outcome": "ok"}
             case "stable-step":
-                found = stable_step(self._adapter, protocol.search_of(request))
+                found = stable_step(self._adapter, case_messages.search_of(request))
                 return protocol.stable_step_message(found)
             case "lap" if self._watch is not None:
                 return {"outcome": "ok", "cpu_s": self._watch.lap()}

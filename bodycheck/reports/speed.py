@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters import protocol
+from bodycheck.adapters import case_messages, protocol
 from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.drive import Case
 from bodycheck.adapters.host import Hosts
@@ -102,7 +102,7 @@ _LAP: Message = {"do": "lap"}
 
 
 def _preparation(case: Case) -> Message:
-    return {"do": "prepare", "case": protocol.case_message(case)}
+    return {"do": "prepare", "case": case_messages.case_message(case)}
 
 
 class _Clock:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.breakdown import defect
+from bodycheck.adapters.case_messages import case_message
 from bodycheck.adapters.contract import Adapter, Setting
 from bodycheck.adapters.drive import Case, record
-from bodycheck.adapters.protocol import case_message
 from bodycheck.adapters.worker import Desk
 from bodycheck.reference_impl.scene import BlackBox, RigidBody, Scene, State
 from bodycheck.scenarios.user_functions import UserWrench, user_function

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodycheck.adapters import protocol
+from bodycheck.adapters import case_messages, protocol
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.drive import Case, record
 from bodycheck.adapters.reference import Reference
@@ -151,14 +151,14 @@ SEARCH = Search(Case(SPRING, "m1", Setting(dt_s=1e-3)), 1e-4, 0.1, 1e6)
 @pytest.mark.parametrize("limit", [1e6, math.inf])
 def test_a_search_is_the_same_after_its_message(limit: float) -> None:
     """Read and written again a request is the very same, an infinite limit of K too."""
-    message = protocol.search_message(replace(SEARCH, kinetic_limit_j=limit))
-    assert protocol.search_message(protocol.search_of(message)) == message
-    assert protocol.search_of(message).kinetic_limit_j == limit
+    message = case_messages.search_message(replace(SEARCH, kinetic_limit_j=limit))
+    assert case_messages.search_message(case_messages.search_of(message)) == message
+    assert case_messages.search_of(message).kinetic_limit_j == limit
 
 
 def test_a_worker_answers_a_search() -> None:
     """What a worker says is what the search finds."""
-    answer = Desk(Reference()).answer({"id": 1, "do": "stable-step", **protocol.search_message(SEARCH)})
+    answer = Desk(Reference()).answer({"id": 1, "do": "stable-step", **case_messages.search_message(SEARCH)})
     assert protocol.stable_step_of(answer) == stable_step(Reference(), SEARCH)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodycheck.adapters import protocol
+from bodycheck.adapters import case_messages, protocol
 from bodycheck.adapters.contract import Reading, read_back_mismatch
 from bodycheck.adapters.drive import Answer, record
 from bodycheck.adapters.host import Hosts, announced
@@ -71,7 +71,7 @@ def test_the_docs_show_what_is_said() -> None:
 def test_the_docs_show_what_a_run_asks(line: str) -> None:
     """A case of the docs is, read and written again, the very same message."""
     case = json.loads(line)["case"]
-    assert protocol.case_message(protocol.case_of(case)) == case
+    assert case_messages.case_message(case_messages.case_of(case)) == case
 
 
 @pytest.mark.parametrize("worker", WORKERS)
@@ -96,7 +96,7 @@ def test_a_worker_conforms(worker: str) -> None:
     assert protocol.request_limit_of(announcement) > 10_000
     assert method in engine.methods
     assert [answer["id"] for answer in found[1:]] == [7, 8, None, None, 9, 10, 11]
-    asked = protocol.case_of(case)
+    asked = case_messages.case_of(case)
     answer = protocol.answer_of(recorded, asked.scene.sample_times)
     assert answer.outcome == "ok"
     assert answer.trajectory is not None
@@ -141,7 +141,7 @@ def test_a_scene_comes_back_to_the_last_bit(load: Load) -> None:
     """Whatever acts, the scene that a worker reads is the scene that was sent."""
     body = RigidBody(1.0 / 3.0, np.diag([0.1, 0.2, 0.1 + 0.2]))
     scene = Scene(body, STATE, (load,), np.array([0.0, 0.0, -9.81]), 0.1, 4)
-    back = protocol.scene_of(json.loads(json.dumps(protocol.scene_message(scene), allow_nan=False)))
+    back = case_messages.scene_of(json.loads(json.dumps(case_messages.scene_message(scene), allow_nan=False)))
     for sent, received in [(scene.body, back.body), (scene.initial, back.initial), (load, back.loads[0])]:
         assert type(sent) is type(received)
         for name, value in vars(sent).items():
@@ -204,7 +204,7 @@ def test_a_line_has_a_largest_length(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_mass_that_is_no_number_comes_back_as_such() -> None:
     """The run compares what the engine held, and finds it wrong, instead of losing the answer."""
-    case = protocol.case_of({**CASE, "method": "m1"})
+    case = case_messages.case_of({**CASE, "method": "m1"})
     answer = record(Reference(), case)
     assert answer.read_back is not None
     held = answer.read_back.__class__(**{**vars(answer.read_back), "mass": np.nan, "dt_s": np.inf})
@@ -219,7 +219,7 @@ def test_a_mass_that_is_no_number_comes_back_as_such() -> None:
 @pytest.mark.parametrize("part", ["position", "velocity", "quaternion", "omega_body", "inertia", "gravity"])
 def test_what_is_read_back_in_a_wrong_shape_is_a_mismatch(part: str, shape: tuple[int, ...]) -> None:
     """It is said what the engine holds, instead of the run coming to an end over it."""
-    case = protocol.case_of({**CASE, "method": "m1"})
+    case = case_messages.case_of({**CASE, "method": "m1"})
     held = record(Reference(), case).read_back
     assert held is not None
     if shape == (3,) and part not in ("quaternion", "inertia"):
@@ -239,7 +239,7 @@ def test_what_is_read_back_in_a_wrong_shape_is_a_mismatch(part: str, shape: tupl
 )
 def test_a_state_that_is_read_back_in_part_is_a_mismatch(kept: str, missing: str) -> None:
     """What an engine does not tell of its start was not compared, and so the case does not count."""
-    case = protocol.case_of({**CASE, "method": "m1"})
+    case = case_messages.case_of({**CASE, "method": "m1"})
     held = record(Reference(), case).read_back
     assert held is not None
     whole = vars(held.state)

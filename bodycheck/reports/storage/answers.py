@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, Protocol, TypeVar
 
-from bodycheck.adapters import protocol
+from bodycheck.adapters import case_messages, protocol
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.drive import Answer, Case
 from bodycheck.adapters.protocol import Message
@@ -44,7 +44,7 @@ class Answers:
             engine,
             case,
             _key(engine, case, "record"),
-            lambda: {"do": "record", "case": protocol.case_message(case)},
+            lambda: {"do": "record", "case": case_messages.case_message(case)},
             lambda message: _read(message, case),
         )
 
@@ -54,8 +54,8 @@ class Answers:
             hosts,
             engine,
             search.case,
-            _key(engine, search.case, "stable-step", **protocol.search_bounds(search)),
-            lambda: {"do": "stable-step", **protocol.search_message(search)},
+            _key(engine, search.case, "stable-step", **case_messages.search_bounds(search)),
+            lambda: {"do": "stable-step", **case_messages.search_message(search)},
             _read_search,
         )
 
@@ -129,4 +129,4 @@ def _key(engine: Engine, case: Case, what: str, **within: float | None) -> str:
 
 @lru_cache(maxsize=256)  # a scene, which is hashed as the object that it is, has a hundred cases
 def _scene_key(scene: Scene) -> str:
-    return key_of(scene=protocol.scene_message(scene))
+    return key_of(scene=case_messages.scene_message(scene))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.adapters import protocol
+from bodycheck.adapters import case_messages
 from bodycheck.adapters.protocol import Message, packed, unpacked
 from bodycheck.adapters.registry import own_code
 from bodycheck.reference_impl.arrays import Array
@@ -53,7 +53,7 @@ def is_known(scene: Scene, t_s: Array, cache: Cache) -> bool:
 def _key(scene: Scene, t_s: Array) -> str:
     # what evaluates the formulas counts too: another release may round or order them otherwise
     libraries = {name: version(name) for name in ("numpy", "numba")}
-    scene_message = protocol.scene_message(scene)
+    scene_message = case_messages.scene_message(scene)
     return key_of(truth=scene_message, t_s=packed(t_s), code=own_code(), libraries=libraries)
 
 
