@@ -2,7 +2,7 @@
 
 All that follows from the scene and the tolerance is packed when the motion is made; solving is compiled code.
 A scene without springs or a pivot, whose centre of mass moves on a parabola, is followed along its principal
-axes (taylor_rotation.py), any other by the general recurrences (taylor.py).
+axes (taylor_rotation.py), any other by the general recurrences (taylor_steps.py).
 """
 
 from __future__ import annotations

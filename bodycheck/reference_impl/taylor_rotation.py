@@ -2,8 +2,8 @@
 
 The state is carried in two parts, so that adding the steps up loses nothing, and steps end on a coarse binary
 grid. Good to a few eps times the motion's sensitivity; over a million steps energy, momentum and |q| wander
-by some 1e-13. Springs, drag of the centre of mass and double-doubles are for taylor.py, whose recurrences are
-the general ones. Sources: as there.
+by some 1e-13. Springs, drag of the centre of mass and double-doubles are for taylor_steps.py, by the general
+recurrences. Sources: as there.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from bodycheck.reference_impl.principal_terms import (
     put_vector,
 )
 from bodycheck.reference_impl.registers import Mat, Quat, matrix_of, quaternion_times, transposed_times
-from bodycheck.reference_impl.taylor import next_time
+from bodycheck.reference_impl.taylor_steps import next_time
 
 _LINE = 64  # bytes
 
@@ -100,7 +100,7 @@ def _log2(x: float) -> float:
 
 @borrowing_kernel
 def _step_size(series: Array, tolerance: float) -> float:
-    """The step at which the last two terms of q and omega reach the tolerance; the rule of taylor.py."""
+    """The step at which the last two terms of q and omega reach the tolerance: the rule of taylor_steps."""
     order = series.shape[1] - 1
     allowed, spin = _log2(tolerance), _largest(series, OMEGA, 0)
     step = math.inf
