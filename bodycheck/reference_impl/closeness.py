@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 
 _SHIFT = 2.0**-24  # large beside the round-off of a double, small beside 1
 _HALF_ULP = 2.0**-53
+_MOST_ROWS = 1 << 18  # states whose distances are taken at once: some 170 MB of them
 
 
 def potential_energy(scene: Scene, motion: Trajectory) -> Array:
@@ -74,18 +76,27 @@ def rounding(scene: Scene, motion: Trajectory) -> Array:
     """(3, n): the distances that half an ulp in each number of the motion makes, summed."""
     states = np.concatenate(_parts(motion), axis=-1)
     n, width = states.shape
-    change = np.zeros((width, n, width))
-    for i in range(width):
-        change[i, :, i] = _SHIFT * states[:, i]
+    together = min(max(_MOST_ROWS // max(n, 1), 1), width)
+    columns = [range(first, min(first + together, width)) for first in range(0, width, together)]
+    found = [_distances_of_shifts(scene, motion, states, some) for some in columns]
+    return np.concatenate(found, axis=1).sum(axis=1) * (_HALF_ULP / _SHIFT)
+
+
+def _distances_of_shifts(scene: Scene, motion: Trajectory, states: Array, columns: Sequence[int]) -> Array:
+    """(3, k, n): the distances that the shift of one number in each of k columns of the states makes."""
+    k, (n, width) = len(columns), states.shape
+    change = np.zeros((k, n, width))
+    for i, column in enumerate(columns):
+        change[i, :, column] = _SHIFT * states[:, column]
     repeated = Trajectory(
-        t_s=np.tile(motion.t_s, width),
-        position_m=np.tile(motion.position_m, (width, 1)),
-        velocity_m_s=np.tile(motion.velocity_m_s, (width, 1)),
-        quaternion=np.tile(motion.attitude, (width, 1)),
-        omega_body_rad_s=np.tile(motion.omega_body, (width, 1)),
+        t_s=np.tile(motion.t_s, k),
+        position_m=np.tile(motion.position_m, (k, 1)),
+        velocity_m_s=np.tile(motion.velocity_m_s, (k, 1)),
+        quaternion=np.tile(motion.attitude, (k, 1)),
+        omega_body_rad_s=np.tile(motion.omega_body, (k, 1)),
     )
-    shifted = _changed(repeated, change.reshape(width * n, width))
-    return distances(scene, repeated, shifted).reshape(3, width, n).sum(axis=1) * (_HALF_ULP / _SHIFT)
+    shifted = _changed(repeated, change.reshape(k * n, width))
+    return distances(scene, repeated, shifted).reshape(3, k, n)
 
 
 def _changed(motion: Trajectory, change: Array) -> Trajectory:
