@@ -118,7 +118,7 @@ def test_one_call_makes_every_step(adapter: PyBullet, method: str, dt_s: float, 
     simulation = adapter.build(scene, method, dt_s)
     simulation.advance(steps)
     fallen = simulation.read().position[2]
-    assert fallen == pytest.approx(-(dt_s**2) * steps * (steps + 1) / 2.0, rel=1e-10)
+    assert fallen == pytest.approx(-(dt_s**2) * steps * (steps + 1) / 2.0, rel=1e-10, abs=0.0)
     simulation.close()
 
 

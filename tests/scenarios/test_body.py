@@ -87,7 +87,7 @@ def test_a_mesh_is_taken_in_its_own_axes_about_its_centre_of_mass(tmp_path: Path
     """The bracket's mass and full tensor are the rational integrals of its two boxes, off-diagonals too."""
     body = written(tmp_path).scene.body
     mass, _, inertia = of_boxes(BRACKET, Fraction(8))
-    assert body.mass == pytest.approx(mass, rel=1e-15)
+    assert body.mass == pytest.approx(mass, rel=1e-15, abs=0.0)
     assert abs(inertia[0, 1]) > 0.05 * inertia[0, 0]
     assert np.max(np.abs(body.inertia - inertia)) < 1e-15 * np.max(inertia)
 
@@ -98,7 +98,7 @@ def test_the_t_handle_of_the_library_is_its_two_boxes() -> None:
     mass, _, inertia = of_boxes(T_HANDLE, Fraction(2700))
     assert mass == 0.162
     assert np.diag(inertia).tolist() == [6.435e-05, 9.72e-05, 15.075e-05]
-    assert body.mass == pytest.approx(mass, rel=4e-16)
+    assert body.mass == pytest.approx(mass, rel=4e-16, abs=0.0)
     assert np.max(np.abs(body.inertia - inertia)) < 1e-15 * np.max(inertia)
 
 
@@ -120,8 +120,8 @@ def test_sizes_come_in_the_order_that_the_docs_say(
     scene = parse_scenario(
         f'{HEAD}shape = "{shape}"\nsize_m = {size}\ndensity_kg_m3 = 1\n', "file.toml"
     ).scene
-    assert scene.body.mass == pytest.approx(mass, rel=1e-15)
-    assert np.diag(scene.body.inertia) == pytest.approx(moments, rel=1e-15)
+    assert scene.body.mass == pytest.approx(mass, rel=1e-15, abs=0.0)
+    assert np.diag(scene.body.inertia) == pytest.approx(moments, rel=1e-15, abs=0.0)
     assert np.array_equal(scene.body.inertia, np.diag(np.diag(scene.body.inertia)))
 
 
@@ -129,7 +129,9 @@ def test_a_mesh_is_sought_beside_its_scenario(tmp_path: Path, monkeypatch: pytes
     """The path is relative to the scenario's file, wherever the program was started."""
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert written(tmp_path, "meshes/part.obj").scene.body.mass == pytest.approx(5.0 / 32 * 8, rel=1e-15)
+    assert written(tmp_path, "meshes/part.obj").scene.body.mass == pytest.approx(
+        5.0 / 32 * 8, rel=1e-15, abs=0.0
+    )
 
 
 @pytest.mark.parametrize("name", ["t-handle", "torus-spin-up"])
@@ -149,7 +151,7 @@ def test_what_is_written_down_is_enough_to_do_it_again(tmp_path: Path) -> None:
     assert told["mesh"] == {"file": "part.obj", "sha256": sha256(data).hexdigest()}
     assert told["density_kg_m3"] == 8.0
     _, centre, _ = of_boxes(BRACKET, Fraction(8))
-    assert told["centre_m"] == pytest.approx(centre.tolist(), rel=1e-15)
+    assert told["centre_m"] == pytest.approx(centre.tolist(), rel=1e-15, abs=0.0)
     given = GivenBody.model_validate({key: told[key] for key in ("mass_kg", "inertia_kg_m2")})
     assert given.mass_kg == scenario.scene.body.mass
     assert np.array_equal(given.inertia_kg_m2, scenario.scene.body.inertia)
@@ -159,8 +161,8 @@ def test_a_shape_is_written_down_with_its_numbers() -> None:
     """The dump of a shape has its keys, its mass and its inertia."""
     told = load_scenario("torus-spin-up").model_dump(mode="json", exclude_none=True)["body"]
     assert (told["shape"], told["size_m"], told["density_kg_m3"]) == ("torus", [1.0, 0.2], 50.0)
-    assert told["mass_kg"] == pytest.approx(50 * 2 * np.pi**2 * 0.04, rel=1e-15)
-    assert told["inertia_kg_m2"][2][2] == pytest.approx(told["mass_kg"] * 1.03, rel=1e-15)
+    assert told["mass_kg"] == pytest.approx(50 * 2 * np.pi**2 * 0.04, rel=1e-15, abs=0.0)
+    assert told["inertia_kg_m2"][2][2] == pytest.approx(told["mass_kg"] * 1.03, rel=1e-15, abs=0.0)
 
 
 def test_what_was_put_right_in_a_mesh_is_noted(tmp_path: Path) -> None:

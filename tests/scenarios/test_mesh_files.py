@@ -128,8 +128,8 @@ def test_each_format_gives_the_same_triangles(case: str, tmp_path: Path) -> None
 def test_each_format_gives_the_same_body(case: str, tmp_path: Path) -> None:
     """The corner of a 1 x 2 x 3 box at 1000 kg/m^3 weighs 1000 kg, its centre a quarter along each edge."""
     body = load_mesh(written(tmp_path, *GOOD[case]), 1000.0)
-    assert body.mass == pytest.approx(1000.0, rel=1e-15)
-    assert body.centre == pytest.approx([0.25, 0.5, 0.75], rel=1e-15)
+    assert body.mass == pytest.approx(1000.0, rel=1e-15, abs=0.0)
+    assert body.centre == pytest.approx([0.25, 0.5, 0.75], rel=1e-15, abs=0.0)
     assert body.notes == ()
 
 
@@ -154,7 +154,7 @@ def quads(extension: str) -> str | bytes:
 def test_polygons_are_cut_into_triangles(extension: str, tmp_path: Path) -> None:
     """A cube of quadrilaterals and triangles, mixed, is the unit cube."""
     body = load_mesh(written(tmp_path, f"cube.{extension}", quads(extension)), 6.0)
-    assert body.mass == pytest.approx(6.0, rel=1e-15)
+    assert body.mass == pytest.approx(6.0, rel=1e-15, abs=0.0)
     assert body.inertia == pytest.approx(np.eye(3), abs=1e-15)
 
 
@@ -167,7 +167,7 @@ def test_concave_polygons_are_exact(tmp_path: Path) -> None:
     faces = "".join("f " + " ".join(map(str, face)) + "\n" for face in (top, bottom, *sides))
     body = load_mesh(written(tmp_path, "l.obj", vertices + faces), 1.0)
     assert body.mass == 3.0
-    assert body.centre == pytest.approx([5 / 6, 5 / 6, 0.5], rel=1e-15)
+    assert body.centre == pytest.approx([5 / 6, 5 / 6, 0.5], rel=1e-15, abs=0.0)
 
 
 def test_other_elements_of_a_ply_are_skipped(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_what_was_put_right_is_noted(tmp_path: Path) -> None:
     text = obj().replace("f 1 3 2", "f 1 2 3").replace("f 1 2 4", "f 1 4 2")
     text = text.replace("f 1 4 3", "f 1 3 4").replace("f 2 3 4", "f 2 4 3")
     body = load_mesh(written(tmp_path, "a.obj", text), 1.0)
-    assert body.mass == pytest.approx(1.0, rel=1e-15)
+    assert body.mass == pytest.approx(1.0, rel=1e-15, abs=0.0)
     assert body.notes == ("the mesh was inside-out; all its triangles were turned",)
 
 
@@ -366,8 +366,8 @@ def test_an_impossible_density_or_shape_is_refused(tmp_path: Path) -> None:
 def test_a_primitive_has_its_density() -> None:
     """A box of 1 x 2 x 3 m at 2 kg/m^3 weighs 12 kg, with I_z = m (1 + 4) / 12."""
     body = primitive("box", [1, 2, 3], 2.0)
-    assert body.mass == pytest.approx(12.0, rel=1e-15)
-    assert body.inertia[2, 2] == pytest.approx(5.0, rel=1e-15)
+    assert body.mass == pytest.approx(12.0, rel=1e-15, abs=0.0)
+    assert body.inertia[2, 2] == pytest.approx(5.0, rel=1e-15, abs=0.0)
 
 
 @pytest.mark.parametrize("case", GOOD)
@@ -425,14 +425,14 @@ def test_meshes_from_the_wild_match_rational_numbers(name: str) -> None:
     """Closed meshes that come with PyBullet have the volume of exact arithmetic to 1e-15."""
     path = pybullet_file(name)
     exact = exact_volume(*meshed(path))
-    assert load_mesh(path, 1.0).mass == pytest.approx(abs(float(exact)), rel=1e-15)
+    assert load_mesh(path, 1.0).mass == pytest.approx(abs(float(exact)), rel=1e-15, abs=0.0)
 
 
 def test_parts_that_share_cutting_planes_are_counted_once_each() -> None:
     """A duck in five convex parts that touch has their volumes together, and a note on the parts."""
     path = pybullet_file("duck_vhacd.obj")
     body = load_mesh(path, 1.0)
-    assert body.mass == pytest.approx(float(exact_volume(*meshed(path))), rel=1e-15)
+    assert body.mass == pytest.approx(float(exact_volume(*meshed(path))), rel=1e-15, abs=0.0)
     assert body.notes == ("the mesh has 5 closed surfaces; none was found to cross another",)
 
 

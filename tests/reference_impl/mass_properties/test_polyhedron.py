@@ -20,10 +20,10 @@ FAR = np.array([1000.0, -1000.0, 1000.0])
 def test_the_unit_cubes_corner_is_exact(meshes: Any) -> None:
     """The tetrahedron at the origin has V = 1/6, its centre at 1/4, I_xx = 1/80 and I_xy = 1/480."""
     solid = polyhedron(*meshes.tetrahedron())
-    assert solid.mass == pytest.approx(1 / 6, rel=1e-15)
-    assert solid.centre == pytest.approx([0.25] * 3, rel=1e-15)
+    assert solid.mass == pytest.approx(1 / 6, rel=1e-15, abs=0.0)
+    assert solid.centre == pytest.approx([0.25] * 3, rel=1e-15, abs=0.0)
     expected = np.full((3, 3), 1 / 480) + np.diag([1 / 80 - 1 / 480] * 3)
-    assert solid.inertia == pytest.approx(expected, rel=1e-14)
+    assert solid.inertia == pytest.approx(expected, rel=1e-14, abs=0.0)
 
 
 @pytest.mark.parametrize("offset", [0.0, 1.0], ids=["near", "1000 m off"])
@@ -59,7 +59,7 @@ def test_a_needle_keeps_its_smallest_moment(meshes: Any, exact_integrals: Any) -
     """The moment about the axis of a prism, 1e-12 of the others, is right to 1e-14 of itself."""
     vertices, triangles = meshes.prism(8, 1e-6, 1.0)
     expected = float(exact_integrals(vertices, triangles).inertia[2][2])
-    assert polyhedron(vertices, triangles).inertia[2, 2] == pytest.approx(expected, rel=1e-14)
+    assert polyhedron(vertices, triangles).inertia[2, 2] == pytest.approx(expected, rel=1e-14, abs=0.0)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_trimesh_agrees_near_the_origin(meshes: Any) -> None:
     vertices, triangles = meshes.torus(3.0, 1.0, 24, 16)
     vertices = vertices @ TILT.T
     other, solid = trimesh.mass_properties(vertices[triangles]), polyhedron(vertices, triangles)
-    assert solid.mass == pytest.approx(other["mass"], rel=1e-14)
+    assert solid.mass == pytest.approx(other["mass"], rel=1e-14, abs=0.0)
     assert solid.centre == pytest.approx(other["center_mass"], abs=1e-14)
     assert solid.inertia == pytest.approx(other["inertia"], rel=1e-13, abs=1e-12)
 
@@ -97,7 +97,9 @@ def test_trimesh_agrees_near_the_origin(meshes: Any) -> None:
 def test_volume_area_and_reach_of_a_box(meshes: Any) -> None:
     """They are those of the box from (0, 0, 0) to (1, 2, 3)."""
     vertices, triangles = meshes.box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))
-    assert volume_area_reach(vertices, triangles) == pytest.approx((6.0, 22.0, np.sqrt(14.0)), rel=1e-15)
+    assert volume_area_reach(vertices, triangles) == pytest.approx(
+        (6.0, 22.0, np.sqrt(14.0)), rel=1e-15, abs=0.0
+    )
 
 
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
@@ -122,7 +124,7 @@ def test_translation_moves_the_centre_only(body: Any, displacement: Any) -> None
     vertices, triangles = body
     solid, moved = polyhedron(vertices, triangles), polyhedron(vertices + displacement, triangles)
     expected = solid.moved(displacement)
-    assert moved.mass == pytest.approx(solid.mass, rel=1e-13)
+    assert moved.mass == pytest.approx(solid.mass, rel=1e-13, abs=0.0)
     assert moved.centre == pytest.approx(expected.centre, abs=1e-14)
     assert moved.inertia == pytest.approx(expected.inertia, abs=1e-13 * np.trace(solid.inertia))
 
@@ -135,7 +137,7 @@ def test_rotation_rotates_centre_and_inertia(body: Any, vector: Any) -> None:
     rotation = exp_matrix(vector)
     solid, turned = polyhedron(vertices, triangles), polyhedron(vertices @ rotation.T, triangles)
     expected = solid.rotated(rotation)
-    assert turned.mass == pytest.approx(solid.mass, rel=1e-13)
+    assert turned.mass == pytest.approx(solid.mass, rel=1e-13, abs=0.0)
     assert turned.centre == pytest.approx(expected.centre, abs=1e-14)
     assert turned.inertia == pytest.approx(expected.inertia, abs=1e-13 * np.trace(solid.inertia))
 
@@ -161,7 +163,7 @@ def test_two_halves_add_up_by_the_parallel_axis_theorem(body: Any, point: Any) -
     upper = np.vstack([triangles[:4], [[0, 4, 1], [1, 4, 3]]])
     lower = np.vstack([triangles[4:], [[0, 1, 4], [1, 3, 4]]])
     whole, above, below = (polyhedron(vertices, part) for part in (triangles, upper, lower))
-    assert above.mass + below.mass == pytest.approx(whole.mass, rel=1e-13)
+    assert above.mass + below.mass == pytest.approx(whole.mass, rel=1e-13, abs=0.0)
     first = above.mass * above.centre + below.mass * below.centre
     assert first == pytest.approx(whole.mass * whole.centre, abs=1e-13 * whole.mass * 10.0)
     together = above.inertia_about(point) + below.inertia_about(point)

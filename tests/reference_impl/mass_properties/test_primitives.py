@@ -63,8 +63,8 @@ def test_solids_of_revolution_match_integrals_over_rings() -> None:
         }
     for shape, (volume, across, axial) in integrals.items():
         solid = primitive(shape, SIZES[shape])
-        assert solid.mass == pytest.approx(volume, rel=1e-15)
-        assert np.diagonal(solid.inertia) == pytest.approx([across, across, axial], rel=1e-15)
+        assert solid.mass == pytest.approx(volume, rel=1e-15, abs=0.0)
+        assert np.diagonal(solid.inertia) == pytest.approx([across, across, axial], rel=1e-15, abs=0.0)
 
 
 def test_box_and_ellipsoid_match_stretched_integrals() -> None:
@@ -72,16 +72,16 @@ def test_box_and_ellipsoid_match_stretched_integrals() -> None:
     for shape, volume, spread in (("box", 1.0, 1.0 / 12.0), ("ellipsoid", 4.0 / 3.0 * np.pi, 0.2)):
         size = np.array(SIZES[shape])
         solid = primitive(shape, SIZES[shape])
-        assert solid.mass == pytest.approx(volume * np.prod(size), rel=1e-15)
+        assert solid.mass == pytest.approx(volume * np.prod(size), rel=1e-15, abs=0.0)
         second = solid.mass * spread * size**2
-        assert np.diagonal(solid.inertia) == pytest.approx(second.sum() - second, rel=2e-15)
+        assert np.diagonal(solid.inertia) == pytest.approx(second.sum() - second, rel=2e-15, abs=0.0)
 
 
 def test_limits_between_shapes() -> None:
     """A sphere is the ellipsoid of equal axes, and a capsule without length is all but a sphere."""
     sphere, ball = primitive("sphere", [0.7]), primitive("capsule", [0.7, 1e-300])
     assert np.array_equal(sphere.inertia, primitive("ellipsoid", [0.7] * 3).inertia)
-    assert ball.inertia == pytest.approx(sphere.inertia, rel=1e-15)
+    assert ball.inertia == pytest.approx(sphere.inertia, rel=1e-15, abs=0.0)
 
 
 @pytest.mark.parametrize("shape", PRIMITIVES)
