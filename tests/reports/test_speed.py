@@ -11,8 +11,9 @@ import pytest
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.protocol import Message
 from bodycheck.reports import speed
-from bodycheck.reports.case import CaseResult, Subject
+from bodycheck.reports.case import CaseResult
 from bodycheck.reports.storage.answers import Answers
+from bodycheck.reports.subject import Subject
 from bodycheck.scenarios.library import load_scenario
 
 ENGINE, YARDSTICK = "quick", "reference"
