@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from bodycheck.errors import InputError
+from bodycheck.options import AllowCode
 
 questions = typer.Typer()
 
@@ -56,6 +57,7 @@ def advise(
         Path | None,
         typer.Option(help="The folder of a run.", show_default="the newest that fits, else a new run"),
     ] = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Print the cheapest engine, method and step that keep an error, by what a run measured."""
     from bodycheck.reports.advice import advise as advised
@@ -64,7 +66,7 @@ def advise(
     from bodycheck.stored_choice import chosen_run
 
     check_question(error, quantity)
-    folder, tables, names = chosen_run(run, scenarios or [])
+    folder, tables, names = chosen_run(run, scenarios or [], allow_code=allow_code)
     print_advice(advised(tables.cases, error, quantity, names), error, quantity, str(folder))
 
 

@@ -15,30 +15,37 @@ from bodycheck.scenarios.written import written
 from bodycheck.stored_run import RUNS, Asked, run_to_folder
 
 
-def chosen_run(folder: Path | None, asked: Sequence[str]) -> tuple[Path, Tables, list[str]]:
+def chosen_run(
+    folder: Path | None, asked: Sequence[str], *, allow_code: bool
+) -> tuple[Path, Tables, list[str]]:
     """Return a run's folder, its tables, and which of its scenarios are asked for: all, where none is named.
 
     Without a folder, the newest run under bodycheck-runs/ that has these very scenarios is taken; where there
-    is none they are run. Raises InputError where the folder is none of a run, or has not the scenarios.
+    is none they are run. allow_code: they may name functions, whose code runs. Raises InputError where the
+    folder is none of a run, or has not the scenarios.
     """
     if folder is not None:
-        return _named(folder, asked)
-    wanted = {scenario.name: written(scenario) for _, scenario in load_scenarios(asked)}
-    for newest, manifest in _newest_first():
+        return _named(folder, asked, allow_code=allow_code)
+    loaded = load_scenarios(asked, allow_code=allow_code)
+    wanted = {scenario.name: written(scenario) for _, scenario in loaded}
+    # what a user's function does may have changed under its name: then no stored run is of these scenarios
+    own_code = any(scenario.scene.has_black_box for _, scenario in loaded)
+    for newest, manifest in [] if own_code else _newest_first():
         if wanted.items() <= manifest["scenarios"].items():
             return newest, read_tables(newest), list(wanted or manifest["scenarios"])
     scenarios = list(asked) or ["standard"]
     print(f"no run in {RUNS}/ can tell: running {' '.join(scenarios)}", file=sys.stderr)
-    _, report = run_to_folder(Asked(scenarios=scenarios), None, LiveProgress)
-    return _named(report.parent, asked)
+    _, report = run_to_folder(Asked(scenarios=scenarios, allow_code=allow_code), None, LiveProgress)
+    return _named(report.parent, asked, allow_code=allow_code)
 
 
-def _named(folder: Path, asked: Sequence[str]) -> tuple[Path, Tables, list[str]]:
+def _named(folder: Path, asked: Sequence[str], *, allow_code: bool) -> tuple[Path, Tables, list[str]]:
     tables = read_tables(folder)
     known = list(tables.manifest["scenarios"])
     names: list[str] = []
     for word in asked:
-        names += [word] if word in known else [scenario.name for _, scenario in load_scenarios([word])]
+        loaded = [] if word in known else load_scenarios([word], allow_code=allow_code)
+        names += [scenario.name for _, scenario in loaded] or [word]
     if missing := [name for name in names if name not in known]:
         raise InputError(f"{folder}: has no scenario {', '.join(missing)}; it has {', '.join(known)}")
     return folder, tables, list(dict.fromkeys(names)) or known

@@ -29,7 +29,8 @@ _NO_METHOD = "no such method"
 class Search:
     """What is looked for: a measure of an engine's methods, all unless one is named, on one scenario.
 
-    since, until: the first and the last release that count; until None: the newest. dt_s: as of a run.
+    since, until: the first and the last release that count; until None: the newest. dt_s, allow_code: as of a
+    run.
     """
 
     engine: str
@@ -39,6 +40,7 @@ class Search:
     method: str | None
     measure: str
     dt_s: Sequence[float] | None
+    allow_code: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def search(asked: Search, manner: Manner, told: Callable[[str], None]) -> Found:
 
 def _one_scenario(asked: Search) -> tuple[str, Scenario]:
     """Return the scenario that is asked for, with what names it; InputError where it is several."""
-    first, *others = checked_scenarios([asked.scenario], asked.dt_s)
+    first, *others = checked_scenarios([asked.scenario], asked.dt_s, allow_code=asked.allow_code)
     if others:
         raise InputError(f"--scenario {asked.scenario}: is {len(others) + 1} scenarios; give one of them")
     return first

@@ -9,7 +9,7 @@ import typer
 
 from bodycheck.manner import TIMEOUT_S
 from bodycheck.number_list import numbers
-from bodycheck.options import Fresh, Jobs, TimeoutS
+from bodycheck.options import AllowCode, Fresh, Jobs, TimeoutS
 
 versioning = typer.Typer()
 
@@ -34,6 +34,7 @@ def versions(
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     fresh: Fresh = False,
+    allow_code: AllowCode = False,
 ) -> None:
     """Run releases of an engine, each in an environment of its own; name those in which a measure changed.
 
@@ -43,6 +44,7 @@ def versions(
     from bodycheck.reports.version_text import print_found
     from bodycheck.version_search import Search, search
 
-    asked = Search(engine, since, until, scenario, method, measure, numbers(dt, "--dt"))
+    steps = numbers(dt, "--dt")
+    asked = Search(engine, since, until, scenario, method, measure, steps, allow_code=allow_code)
     manner = Manner(speed=False, jobs=jobs, timeout_s=timeout_s, fresh=fresh)
     print_found(search(asked, manner, lambda name: print(name, file=sys.stderr)))

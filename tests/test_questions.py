@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from scenario_file import tumbling
 
 from bodycheck.cli import main
 
@@ -121,6 +122,22 @@ def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Com
     assert (status, out) == (2, "")
     assert err.startswith("bodycheck-runs/odd/manifest.json: is no manifest of a run")
     assert err.endswith("; name another run with --run\n")
+
+
+def test_a_function_of_ones_own_needs_leave_wherever_it_is_asked_about(command: Command) -> None:
+    """The line that tells of --allow-code tells of an option that is there."""
+    forcing = '[[forcing]]\nkind = "callable"\nfunction = "math:hypot"\n'
+    Path("called.toml").write_text(tumbling("called") + forcing)
+    for words in (
+        ["advise", "--error", "1", "--run", "run", "called.toml"],
+        ["versions", "reference", "--since", "1.0", "--scenario", "called.toml"],
+    ):
+        status, _, err = command(*words)
+        assert status == 2
+        assert "add --allow-code if you trust it" in err
+        status, _, err = command(*words, "--allow-code")
+        assert status == 2
+        assert re.match("run: has no scenario called; |reference==1.0: ", err)
 
 
 def test_a_table_is_printed_or_written(command: Command) -> None:
