@@ -11,7 +11,7 @@ class Progress(Protocol):
     """What is told of a run while it goes on."""
 
     def phase(self, what: str) -> None:
-        """Something has begun: compiling, or the next scenario."""
+        """Something has begun: compiling, the truths, the motions, the speeds."""
 
     def case_done(self) -> None:
         """One more case has ended."""

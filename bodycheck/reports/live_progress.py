@@ -18,7 +18,7 @@ from rich.text import Text
 
 
 class LiveProgress:
-    """A bar on standard error where that is a terminal, else one line a scenario."""
+    """A bar on standard error where that is a terminal, else one line a phase."""
 
     def __init__(self, cases_listed: int) -> None:
         self._console = Console(stderr=True, highlight=False)
