@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 gating = typer.Typer()
 
 _FAILED = 1
+_MOST_MARGIN = 300.0  # decades: a bound beyond it would be no number
 
 
 @gating.command()
@@ -83,8 +84,8 @@ def _check(*, update: bool, margin: float | None, loosen: str | None) -> None:
     """Raise InputError where the options of --update are wrong, or stand without it."""
     if not update and (margin is not None or loosen is not None):
         raise InputError("--margin and --loosen belong to --update")
-    if margin is not None and not 0.0 <= margin < float("inf"):
-        raise InputError(f"--margin {margin}: must be 0 or more decades; 0.3 is a factor of 2")
+    if margin is not None and not 0.0 <= margin <= _MOST_MARGIN:
+        raise InputError(f"--margin {margin}: must be 0 or more decades, and {_MOST_MARGIN:g} at most")
     if loosen is not None and not loosen.strip():
         raise InputError("--loosen: must say why the bounds are loosened")
 

@@ -201,6 +201,10 @@ WRONG = {
         ["--tolerances", "kept.toml", "--update", "--margin", "-1"],
         "must be 0 or more decades",
     ),
+    "endless margin": (
+        ["--tolerances", "kept.toml", "--update", "--margin", "400"],
+        "must be 0 or more decades, and 300 at most",
+    ),
     "no jobs": (["mine.toml", "--tolerances", "kept.toml", "--jobs", "0"], "jobs must be 1 or more, not 0"),
 }
 

@@ -21,6 +21,8 @@ from bodycheck.scenarios.reader import fault_lines
 _Pattern = Annotated[StrictStr, Field(min_length=1)]
 """A name, with * for any letters, ? for any one, [ab] for one of these."""
 
+_MOST_DECADES = 300.0  # a factor of more would be no number
+
 _BOUNDS = ("upper", "lower", "near", "equals")
 
 
@@ -41,7 +43,7 @@ class Gate(Table):
     upper: Number | None = None
     lower: Number | None = None
     near: Positive | None = None
-    decades: Positive | None = None
+    decades: Annotated[Positive, Field(le=_MOST_DECADES)] | None = None
     equals: StrictStr | None = None
     floor: NotNegative | None = None
     reason: StrictStr
@@ -170,6 +172,8 @@ def _faults_together(table: Any) -> Iterator[str]:
         yield "near and decades belong together: 0.3 decades are a factor of 2"
     elif "near" in given and {"upper", "lower"} & set(given):
         yield "give near and decades, or upper and lower, not both"
+    if {"dt_s", "tolerance"} <= table.keys():
+        yield "dt_s and tolerance: a case is told one of them; leave the other out"
     if _is_number(table.get("lower")) and _is_number(table.get("upper")) and table["lower"] > table["upper"]:
         yield f"lower {table['lower']!r} is above upper {table['upper']!r}"
     try:

@@ -42,6 +42,14 @@ WRONG = {
     "bounds crossed": (GATE + "lower = 1.0\n", "gate[0]: lower 1.0 is above upper 0.001"),
     "near alone": (GATE.replace("upper", "near"), "gate[0]: near and decades belong together"),
     "decades alone": (GATE + "decades = 1.0\n", "gate[0]: near and decades belong together"),
+    "more decades than doubles have": (
+        GATE.replace("upper = 1e-3", "near = 1.0\ndecades = 400.0"),
+        "gate[0].decades: should be less than or equal to 300",
+    ),
+    "a step and a tolerance": (
+        GATE + "dt_s = 0.1\ntolerance = 1e-6\n",
+        "gate[0]: dt_s and tolerance: a case is told one of them",
+    ),
     "near and upper": (
         GATE + "near = 1.0\ndecades = 1.0\n",
         "give near and decades, or upper and lower, not both",
