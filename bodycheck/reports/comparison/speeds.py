@@ -30,16 +30,16 @@ class Ratio:
 def ratio(before: Mapping[str, Any], after: Mapping[str, Any], *, same_machine: bool) -> Ratio | None:
     """Return how relative_cpu changed from one row to the other, or cpu_s on the same machine.
 
-    None where neither can be compared.
+    None where neither can be compared, or a case was faster than the clock can tell.
     """
+    if not min(before.get("cpu_s_low", 0.0), after.get("cpu_s_low", 0.0)) > 0.0:
+        return None
     if "relative_cpu" in before and "relative_cpu" in after:
         scales = [row["relative_cpu"] / row["cpu_s"] for row in (before, after)]
-    elif same_machine and "cpu_s" in before and "cpu_s" in after:
+    elif same_machine:
         scales = [1.0, 1.0]
     else:
         return None
-    if not min(before["cpu_s_low"], after["cpu_s_low"]) > 0.0:
-        return None  # faster than the clock can tell
     (low_a, mid_a, high_a), (low_b, mid_b, high_b) = (
         [math.log10(scale * row[name]) for name in ("cpu_s_low", "cpu_s", "cpu_s_high")]
         for scale, row in zip(scales, (before, after), strict=True)

@@ -223,6 +223,7 @@ def test_times_that_mean_nothing_are_not_compared() -> None:
     assert ratio(plain, relative, same_machine=False) is None
     assert ratio(relative, plain, same_machine=True) is not None
     assert ratio(WHO, plain, same_machine=True) is None
+    assert ratio(relative, laps(0.0, 0.0, 1.0, relative=0.0), same_machine=True) is None
     assert ratio(plain, WHO, same_machine=True) is None
     instant = laps(0.0, 1e-9, 1e-8)
     assert ratio(plain, instant, same_machine=True) is None
