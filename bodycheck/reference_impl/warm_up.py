@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -91,8 +92,9 @@ def _compile_here(names: Iterable[str]) -> None:
         else:
             _compile_integrator(name)
         mark = _mark(name)
-        mark.parent.mkdir(parents=True, exist_ok=True)
-        mark.touch()
+        with suppress(OSError):  # a folder that cannot be written keeps nothing
+            mark.parent.mkdir(parents=True, exist_ok=True)
+            mark.touch()
 
 
 def _compile_flight() -> None:

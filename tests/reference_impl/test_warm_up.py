@@ -42,3 +42,15 @@ def test_a_scene_whose_truth_is_solved_needs_no_kernels_unless_some_are_missing(
     integrators = ["m1", "m2"] if missing else ["m1"]
     warm_up.compile_kernels(SCENES, integrators, lambda scene: scene is SCENES[0])
     assert called == (SCENES if missing else SCENES[1:])
+
+
+def test_a_folder_that_cannot_be_written_keeps_no_marks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernels are compiled all the same, and the process that does so ends well."""
+    compiled: list[str] = []
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(warm_up, "cache_directory", lambda: tmp_path / "file" / "kernels")
+    monkeypatch.setattr(warm_up, "_compile_integrator", compiled.append)
+    warm_up._compile_here(["m1", "m2"])
+    assert compiled == ["m1", "m2"]
