@@ -75,7 +75,7 @@ def test_the_floor_is_where_finer_steps_gain_less_than_half_an_order(
 ) -> None:
     """Both errors lie on it then; cases that did not end well are passed over."""
     some = points((4e-3, coarser), (2e-3, None), (1e-3, finer))
-    assert round_off_floor(some, LIMIT) == pytest.approx(floor, rel=1e-15)
+    assert round_off_floor(some, LIMIT) == pytest.approx(floor, rel=1e-15, abs=0.0)
     assert round_off_floor(some, 1e-8) == 1e-8
 
 

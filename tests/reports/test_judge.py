@@ -82,8 +82,8 @@ def test_only_what_the_file_has_is_measured(groups: tuple[str, ...], tmp_path: P
 def test_the_errors_are_those_that_were_put_in(tmp_path: Path) -> None:
     """A trajectory moved by half a metre has a position error of half a metre."""
     judged = bodycheck.judge(write(truth_table(), tmp_path / "all.csv"), "boxes")
-    assert judged["position_error_abs"] == pytest.approx(0.5, rel=1e-12)
-    assert judged["velocity_error_abs"] == pytest.approx(0.25, rel=1e-12)
+    assert judged["position_error_abs"] == pytest.approx(0.5, rel=1e-12, abs=0.0)
+    assert judged["velocity_error_abs"] == pytest.approx(0.25, rel=1e-12, abs=0.0)
     assert judged["orientation_error_rad"] < 1e-14
 
 

@@ -74,7 +74,7 @@ def test_one_quiet_pass_is_enough(passes: int, quiet: int, monkeypatch: pytest.M
         return {"outcome": "ok", "cpu_s": slower * LAP_S[engine]}
 
     rows, told = timed(monkeypatch, lap, passes)
-    assert [row["relative_cpu"] for row in rows] == pytest.approx([3.0, 3.0], rel=1e-15)
+    assert [row["relative_cpu"] for row in rows] == pytest.approx([3.0, 3.0], rel=1e-15, abs=0.0)
     assert told == len(STEPS_S)
 
 
@@ -88,8 +88,8 @@ def test_the_median_of_all_laps_stands_beside_their_quartiles(monkeypatch: pytes
     for place, (row, dt_s) in enumerate(zip(rows, STEPS_S, strict=True)):
         laps = LAP_S[ENGINE] * (1.0 + np.array([0, 1, 4, 5]) + 2 * place)
         shown = [row[name] for name in ("cpu_s_low", "cpu_s", "cpu_s_high")]
-        assert shown == pytest.approx(np.quantile(laps, [0.25, 0.5, 0.75]).tolist(), rel=1e-14)
-        assert row["ns_per_step"] == pytest.approx(1e9 * np.median(laps) * dt_s / 10.0, rel=1e-14)
+        assert shown == pytest.approx(np.quantile(laps, [0.25, 0.5, 0.75]).tolist(), rel=1e-14, abs=0.0)
+        assert row["ns_per_step"] == pytest.approx(1e9 * np.median(laps) * dt_s / 10.0, rel=1e-14, abs=0.0)
 
 
 @pytest.mark.parametrize("lost", [range(2), range(4, 6)], ids=["first", "last"])

@@ -313,7 +313,9 @@ def test_a_new_bound_is_the_margin_from_the_worst(
     table: dict[str, Any], errors: tuple[float, ...], told: list[tuple[str, float, float, float, bool]]
 ) -> None:
     """Upward of the largest, downward of the least, to two digits; the middle of both where it is near."""
-    assert bounds(table, *errors) == [(*one[:2], pytest.approx(one[2], rel=1e-12), *one[3:]) for one in told]
+    assert bounds(table, *errors) == [
+        (*one[:2], pytest.approx(one[2], rel=1e-12, abs=0.0), *one[3:]) for one in told
+    ]
 
 
 def test_an_edit_after_which_a_file_could_not_be_read_is_refused() -> None:
