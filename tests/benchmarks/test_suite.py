@@ -32,7 +32,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_figure_is_there_and_none_is_judged(quick: Path) -> None:
     """results.csv has the list's figures in order; what was not measured says why, and nothing is a pass."""
     results = read_results(quick)
@@ -44,7 +44,7 @@ def test_every_figure_is_there_and_none_is_judged(quick: Path) -> None:
     assert results.loc[~start, "value"].notna().mean() > 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_tuned_contenders_keep_the_error(quick: Path) -> None:
     """Each timed point's error is at most its target; one without a time shows an error above it."""
     points = read_points(quick)
@@ -57,7 +57,7 @@ def test_tuned_contenders_keep_the_error(quick: Path) -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_machine_is_named_by_its_parts_alone(quick: Path) -> None:
     """machine.json has processor, cores, versions, and the note that it is not like for like; no path."""
     text = (quick / "machine.json").read_text()

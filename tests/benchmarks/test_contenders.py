@@ -1,0 +1,23 @@
+"""Every contender of the benchmark solves the free body."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.contenders.available import HEYOKA, whole_field
+from benchmarks.problems import FREE
+from benchmarks.search import tried
+
+
+@pytest.mark.slow
+def test_each_contender_keeps_a_microradian() -> None:
+    """By some setting, the cheapest tried first; what cannot be measured here says why."""
+    field = whole_field()
+    for contender in field.contenders:
+        assert tried(contender, FREE, 1e-6)[-1].error <= 1e-6, contender.name
+    assert {one.name for one in field.contenders} | set(field.missing) >= {
+        HEYOKA,
+        "MuJoCo rk4",
+        "closed form",
+    }
+    assert all(field.missing.values())
