@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -406,43 +406,44 @@ def exploding(simulation: Simulation) -> Simulation:
     return simulation
 
 
-@pytest.fixture
-def registered() -> Iterator[Callable[[Misbehaving], None]]:
-    """Return a way to register adapters that are gone after the test."""
+SPOILT = {
+    "raising": (raising, "failed", "RuntimeError: the solver gave up"),
+    "leaving": (leaving, "failed", "SystemExit: 3"),
+    "lying": (lying, "invalid", "mass is 1.5 in the engine, not 1."),
+    "exploding": (exploding, "unstable", "omega_body_rad_s is not finite from t = 0.1 s on"),
+}
+
+
+@pytest.fixture(scope="module")
+def spoilt(tmp_path_factory: pytest.TempPathFactory) -> tuple[pd.DataFrame, str]:
+    """Return the results of a run of the spoilt engines beside a sound one, by engine, and its report."""
+    folder = tmp_path_factory.mktemp("spoilt")
+    (folder / "mine.toml").write_text(SCENARIO)
     before = dict(_registered)
-    yield register_adapter
-    _registered.clear()
-    _registered.update(before)
+    for name, (spoil, _, _) in SPOILT.items():
+        register_adapter(Misbehaving(name, spoil))
+    try:
+        run = bodycheck.run([folder / "mine.toml"], engines=[*SPOILT, "reference:m1"], dt_s=[0.01])
+    finally:
+        _registered.clear()
+        _registered.update(before)
+    return run.results.set_index("engine"), bodycheck.write_run(run, folder / "out").read_text()
 
 
-@pytest.mark.parametrize(
-    ("spoil", "outcome", "message"),
-    [
-        (raising, "failed", "RuntimeError: the solver gave up"),
-        (leaving, "failed", "SystemExit: 3"),
-        (lying, "invalid", "mass is 1.5 in the engine, not 1."),
-        (exploding, "unstable", "omega_body_rad_s is not finite from t = 0.1 s on"),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", SPOILT)
 def test_a_case_that_goes_wrong_has_its_outcome_and_no_measure(
-    spoil: Callable[[Simulation], Simulation],
-    outcome: str,
-    message: str,
-    registered: Callable[[Misbehaving], None],
-    tmp_path: Path,
+    engine: str, spoilt: tuple[pd.DataFrame, str]
 ) -> None:
     """Whatever an engine does costs its own case; what was not measured is missing, never 0."""
-    path = tmp_path / "mine.toml"
-    path.write_text(SCENARIO)
-    registered(Misbehaving("bad", spoil))
-    measured = bodycheck.run([path], engines=["bad", "reference:m1"], dt_s=[0.01])
-    bad, sound = measured.results.iloc[0], measured.results.iloc[1]
+    results, report = spoilt
+    _, outcome, message = SPOILT[engine]
+    bad, sound = results.loc[engine], results.loc["reference"]
     assert bad["outcome"] == outcome
     assert bad["message"] == message
     assert bad[["orientation_error_rad", "energy_drift", "cpu_s"]].isna().all()
     assert sound["outcome"] == "ok"
     assert 0.0 < sound["orientation_error_rad"] < 0.1
-    report = bodycheck.write_run(measured, str(tmp_path / "out")).read_text()
     assert message.split(":")[0] in report
 
 
@@ -456,6 +457,7 @@ def plug_in(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, place: str
     registry._plugged_in.cache_clear()
 
 
+@pytest.mark.slow
 def test_an_engine_that_cannot_be_imported_is_shown_with_the_reason(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -213,6 +213,7 @@ def test_the_tests_of_a_page_pass(page: str, folder: Path) -> None:
     assert int(passed[1]) >= wanted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in pages() if scripts(page)])
 def test_the_python_of_a_page_works(page: str, folder: Path) -> None:
     """The other Python blocks of a page, one after the other, are a script that ends with status 0."""

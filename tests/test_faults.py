@@ -179,6 +179,7 @@ AT_IMPORT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", AT_IMPORT)
 def test_an_engine_that_cannot_be_imported_is_said_so_in_one_line(
     kind: str, scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

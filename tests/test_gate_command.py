@@ -221,6 +221,7 @@ def test_wrong_input_is_refused_before_anything_is_run(what: str, folder: Path) 
     assert sorted(folder.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_a_new_run_is_held_to_the_gates(folder: Path) -> None:
     """In a process of its own: a scenario file and its steps; status 1 with a table, 2 for a wrong file."""
     (folder / "t.toml").write_text(
@@ -239,6 +240,7 @@ def test_a_new_run_is_held_to_the_gates(folder: Path) -> None:
     assert "Traceback" not in wrong.stderr
 
 
+@pytest.mark.slow
 def test_only_what_gates_look_at_is_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Scenarios and methods that no gate names are left out; times are measured where a gate needs them."""
     asked: list[tuple[Selection, Manner]] = []

@@ -87,6 +87,7 @@ def night(*words: str, angle_rad: float = 0.0) -> Result:
     )
 
 
+@pytest.mark.slow
 def test_a_night_of_a_billionth_more_is_a_regression(folder: Path) -> None:
     """Status 3 without a past, 0 where nothing changed, 1 where an orientation is off by 1e-9 rad more."""
     first, second, third, fourth = night(), night(), night("--markdown", "told.md", angle_rad=1e-9), night()
@@ -102,6 +103,7 @@ def test_a_night_of_a_billionth_more_is_a_regression(folder: Path) -> None:
     assert len(told.splitlines()) < 60
 
 
+@pytest.mark.slow
 def test_a_history_is_listed_asked_and_pruned(folder: Path) -> None:
     """One line a night; CSV of what SQL finds; the names of what was removed."""
     night(), night()
@@ -147,6 +149,7 @@ def test_a_night_that_is_stopped_stores_nothing(folder: Path, monkeypatch: pytes
     assert not list(folder.glob("kept/2*"))
 
 
+@pytest.mark.slow
 def test_the_script_for_cron_keeps_a_log_and_prints_what_needs_a_look(folder: Path) -> None:
     """Its status is that of the night; a night that is no regression prints nothing."""
     script = Path(__file__).parents[1] / "scripts" / "nightly.sh"

@@ -102,6 +102,7 @@ def test_the_plugin_is_inert_until_a_fixture_is_used(inner: pytest.Pytester) -> 
     assert "= bodycheck =" not in done.stdout.str()
 
 
+@pytest.mark.slow
 def test_an_engine_is_run_and_held_to_bounds(inner: pytest.Pytester) -> None:
     """What keeps its bound passes; what does not fails with obtained, bound, distance and command."""
     inner.makepyfile(
@@ -240,6 +241,7 @@ def test_a_step_function_that_fails_fails_its_test(inner: pytest.Pytester, body:
     )
 
 
+@pytest.mark.slow
 def test_an_adapter_of_the_users_is_known_to_its_test_alone(inner: pytest.Pytester) -> None:
     """An instance is run like an engine, and its name is forgotten afterwards."""
     inner.makepyfile(
@@ -282,6 +284,7 @@ def test_other():
 """
 
 
+@pytest.mark.slow
 def test_options_fill_in_what_a_marker_leaves_open(inner: pytest.Pytester) -> None:
     """Two scenarios and two methods make four tests; what the marker says stays; -m chooses them."""
     inner.makepyfile(MARKED)
@@ -350,6 +353,7 @@ reason = "nothing has this name"
 USING_GATES = "def test_gates(bodycheck_gate):\n    bodycheck_gate.check()\n"
 
 
+@pytest.mark.slow
 def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
     """One passes, one fails, one measured nothing and fails too."""
     inner.makefile(".toml", gates=GATES)
@@ -390,6 +394,7 @@ def test_it(bodycheck, upper):
 """
 
 
+@pytest.mark.slow
 def test_it_works_under_xdist(inner: pytest.Pytester) -> None:
     """Two workers come to the outcomes of one process, and the summary has the lines of both."""
     inner.makepyfile(test_steps=RK4 + STEPPED)

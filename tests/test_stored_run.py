@@ -150,6 +150,7 @@ def test_a_second_process_on_the_same_run_is_told_so(command: Command, tmp_path:
     assert finished(command("run", "--resume", "out")) == (2, "--resume out: that run is complete")
 
 
+@pytest.mark.slow
 def test_what_cannot_be_gone_on_with_is_refused(command: Command, tmp_path: Path) -> None:
     """No run, a damaged description, other wishes beside it: one line each, nothing written."""
     assert finished(command("run", "--resume", "out")) == (2, "--resume out: no run was stopped there")
@@ -163,6 +164,7 @@ def test_what_cannot_be_gone_on_with_is_refused(command: Command, tmp_path: Path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out.partial", "package"]
 
 
+@pytest.mark.slow
 def test_a_folder_in_which_nothing_was_asked_yet_is_no_obstacle(command: Command, tmp_path: Path) -> None:
     """A run killed before it wrote what it was asked had found nothing: it is simply begun again."""
     (tmp_path / "out.partial").mkdir()

@@ -80,6 +80,7 @@ def command(
     return asked
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_versions_stand_side_by_side() -> None:
     """Each is an engine of its own in every table, by its own code, beside the one that is installed here."""
@@ -104,6 +105,7 @@ def test_two_versions_are_compared_under_one_name() -> None:
     assert {case.columns["engine"] for case in tables.cases} == {"toy"}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_speeds_are_measured_in_its_environment() -> None:
     """A case of a version of its own is timed like any other."""
@@ -155,6 +157,7 @@ def test_where_there_is_no_release_it_is_said() -> None:
         releases("toy", "9.0", None)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_the_release_in_which_a_measure_changed_is_named(
     command: Callable[..., tuple[int, str, str]],
@@ -171,6 +174,7 @@ def test_the_release_in_which_a_measure_changed_is_named(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
     ("measure", "told"),

@@ -231,7 +231,10 @@ def scene_under(*loads: Load, duration_s: float = 2.0) -> Scene:
 
 
 CASES = {name: scene_under(*loads) for name, loads in LOADS.items()}
-every_load = pytest.mark.parametrize("name", LOADS)
+OWN_KERNEL = {"sine world", "torsion spring"}  # takes 10 s to compile, and is in the mixture too
+every_load = pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.nightly] * (n in OWN_KERNEL)) for n in LOADS]
+)
 
 TRUE = Resolution(30, 1e-32, 19)
 FINE = Resolution(18, 1e-17)

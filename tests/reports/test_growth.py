@@ -108,6 +108,7 @@ KNOWN = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "dt_s", "quantity", "kind"), KNOWN)
 def test_methods_grow_as_they_are_known_to(
     method: str, dt_s: float, quantity: str, kind: str, tmp_path: Path
@@ -119,6 +120,7 @@ def test_methods_grow_as_they_are_known_to(
     assert run.methods.set_index("quantity")["growth"][quantity] == kind
 
 
+@pytest.mark.slow
 def test_the_finest_case_that_is_no_round_off_tells_the_growth(tmp_path: Path) -> None:
     """A finer step, whose energy is off by round-off alone, does not hide what the method itself does."""
     path = tmp_path / "long.toml"
@@ -127,6 +129,7 @@ def test_the_finest_case_that_is_no_round_off_tells_the_growth(tmp_path: Path) -
     assert run.methods.set_index("quantity")["growth"]["energy_drift"] == "bounded"
 
 
+@pytest.mark.slow
 def test_round_off_walks() -> None:
     """The energy of a million symplectic steps, their own error far below eps, strays as the root of t.
 

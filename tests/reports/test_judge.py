@@ -29,6 +29,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, pd.Series]:
     return folder / "trajectories/boxes/reference_m1_0.001.npz", run.results.iloc[0]
 
 
+@pytest.mark.slow
 def test_a_stored_trajectory_is_judged_as_its_case_was(stored: tuple[Path, pd.Series]) -> None:
     """Every measure of the row comes out again, digit for digit."""
     path, row = stored

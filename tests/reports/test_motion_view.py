@@ -98,6 +98,7 @@ def unpacked(track: dict[str, Any]) -> tuple[Array, Array]:
     return quaternion_to_matrix(q.reshape(-1, 4)), omega.reshape(-1, 3)
 
 
+@pytest.mark.slow
 def test_the_page_plays_the_trajectories(page: Page, run: Run) -> None:
     """Truth and tracks have the attitude and the omega that the trajectories have, to float32."""
     views = [data for data in map(json.loads, page.data) if "corners" in data]

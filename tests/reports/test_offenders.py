@@ -11,6 +11,8 @@ from bodycheck.reports.markdown import markdown_summary
 from bodycheck.reports.offenders import offenders
 from bodycheck.reports.stored import Tables, read_tables
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tables(stored_run: Path) -> Tables:

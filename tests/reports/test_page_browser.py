@@ -13,6 +13,8 @@ from playwright.sync_api import Browser, Error, Page, expect
 from bodycheck.reports.page.motion import coarsest_shared_step, shown_cases
 from bodycheck.reports.run import Run
 
+pytestmark = pytest.mark.slow
+
 LONG_MS = 120_000
 SECTIONS = 2
 PLOTS = 3 * SECTIONS + 1

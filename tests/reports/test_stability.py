@@ -25,6 +25,7 @@ def row(run: bodycheck.Run, method: str) -> dict[str, object]:
     return found
 
 
+@pytest.mark.slow
 def test_every_method_told_a_step_has_a_row(run: bodycheck.Run) -> None:
     """What is told a tolerance, or nothing, has none."""
     assert tuple(run.stability.columns) == STABILITY_COLUMNS

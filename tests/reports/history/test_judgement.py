@@ -20,6 +20,8 @@ from bodycheck.reports.history.words import night_sentences
 from bodycheck.reports.run import Run
 from bodycheck.reports.stored import read_tables
 
+pytestmark = pytest.mark.slow
+
 
 def of(results: pd.DataFrame, method: str, dt_s: float | None = None, scenario: str = "slow") -> Any:
     """Return which rows are those of a method on a scenario, at any step or at one."""
@@ -64,7 +66,6 @@ def test_the_first_night_has_no_past_and_the_second_has(night_run: Run, tmp_path
     assert told(second) == []
 
 
-@pytest.mark.slow
 def test_twenty_unchanged_nights_tell_nothing(night_run: Run, tmp_path: Path) -> None:
     """Whatever the times do by chance, no measure and no speed is said to have changed."""
     rng = np.random.default_rng(0)
@@ -102,7 +103,6 @@ def test_a_change_is_told_once(night_run: Run, tmp_path: Path) -> None:
     assert [judged.status for judged in nights] == ["past too thin", "regression", "no regression"]
 
 
-@pytest.mark.slow
 def test_what_is_not_measured_any_more_is_a_regression(night_run: Run, tmp_path: Path) -> None:
     """A case that is gone, one that fails, a measure that is empty; a new case is none."""
 
@@ -132,7 +132,6 @@ def test_a_night_that_measured_nothing_never_passes(night_run: Run, tmp_path: Pa
     assert [judged.status for judged in nights] == 2 * ["nothing measured"]
 
 
-@pytest.mark.slow
 def test_a_case_that_comes_back_is_compared_with_when_it_last_ended_well(
     night_run: Run, tmp_path: Path
 ) -> None:
@@ -144,7 +143,6 @@ def test_a_case_that_comes_back_is_compared_with_when_it_last_ended_well(
     assert told(same) == [("outcome", "outcome", "better")]
 
 
-@pytest.mark.slow
 def test_a_slower_engine_is_told_and_then_usual(night_run: Run, tmp_path: Path) -> None:
     """A fifth more time on each night from the eighth on: told once a method, within five nights."""
     rng = np.random.default_rng(1)
