@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from made_once import made_once
 from tiers import pytest_collection_modifyitems as pytest_collection_modifyitems
 
 import bodycheck
@@ -83,7 +84,11 @@ class Failing:
 @pytest.fixture(scope="session")
 def stored_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run: a mesh, a shape, plain numbers; methods good and bad, with their speeds."""
-    folder = tmp_path_factory.mktemp("stored")
+    return made_once(tmp_path_factory, "stored", store_run) / "run"
+
+
+def store_run(folder: Path) -> None:
+    """Run the three scenarios and write the run into the folder."""
     files = {"free.toml": FREE, "forced.toml": FORCED, "shape.toml": SHAPE, "part.obj": TETRAHEDRON}
     for name, text in files.items():
         (folder / name).write_text(text)
@@ -98,4 +103,3 @@ def stored_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
         _registered.update(before)
     bodycheck.write_run(run, folder / "run")
     (folder / "part.obj").unlink()  # nothing that reads the run may need it
-    return folder / "run"

@@ -327,6 +327,7 @@ def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
     assert body["mass_kg"] == pytest.approx(100.0, rel=1e-15, abs=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "expected"),
     [

@@ -400,6 +400,7 @@ LINKS = {
 }
 
 
+@pytest.mark.slow
 @every_method
 @pytest.mark.parametrize("link", LINKS.values(), ids=LINKS.keys())
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])

@@ -295,6 +295,7 @@ CASES = {
 """Until when forty digits follow each, and by which steps, none of which a switch falls into."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_truth_of_forced_motion_lies_within_its_bounds(name: str) -> None:
     """Angle, energy and momentum are as near to forty digits as is said; x, v and omega to round-off."""

@@ -169,6 +169,7 @@ GRIDS: dict[str, tuple[tuple[int, ...], float]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", LOADS)
 @every_method
 def test_error_shrinks_with_the_stated_order(method: Integrator, kind: str) -> None:

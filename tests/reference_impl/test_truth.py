@@ -296,6 +296,7 @@ KINDS = {
 # ------------------------------------------------------------------------------------ the library
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in FAST)) for n in KINDS])
 def test_truth_of_the_library_lies_within_its_bounds(name: str) -> None:
     """Angle, energy and momentum are as near to forty digits as the truth says, and its bounds are narrow."""

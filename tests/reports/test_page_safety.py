@@ -16,6 +16,8 @@ from parsed_page import Page
 from bodycheck.reports.html import render_report
 from bodycheck.reports.run import Run
 
+pytestmark = pytest.mark.slow
+
 
 def test_names_are_text_wherever_they_stand(html: str, page: Page) -> None:
     """No markup of a name, message or summary becomes an element, in the page or inside its data."""

@@ -22,6 +22,8 @@ from bodycheck.reports.summary import summary_cells, worst_state
 from bodycheck.reports.summary_words import verdict_sentences
 from bodycheck.reports.tables import RESULT_COLUMNS, as_table
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_page_holds_together(page: Page) -> None:
     """Tags balance, ids are unique, links inside the page lead somewhere, tables have captions and scopes."""

@@ -16,6 +16,8 @@ from bodycheck.reports.run import Run
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.stored import read_run
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("matplotlib")
 
 

@@ -15,6 +15,7 @@ from bodycheck.reports.summary_words import verdict_sentences
 from bodycheck.reports.wording import names, number, scientific, step
 
 
+@pytest.mark.slow
 def test_the_verdict_names_what_is_not_as_it_should_be(run: Run) -> None:
     """A plateau, a lower order and an order that cannot be told are each said of the method they befell."""
     cells = summary_cells(run)
@@ -35,6 +36,7 @@ def test_the_verdict_names_what_is_not_as_it_should_be(run: Run) -> None:
     assert first == "reference:rk4 converges with its order of theory, or is at the floor, in forced."
 
 
+@pytest.mark.slow
 def test_a_lower_order_has_its_cause_where_the_cases_tell_it(run: Run) -> None:
     """A load that switches inside a step makes any method one of order 2, and the sentence says so."""
     key, note = ("reference", "rk4"), "load switches inside a step: 1; such a step carries the mean of it"
@@ -75,6 +77,7 @@ def test_lists_read_as_sentences() -> None:
     assert names([str(i) for i in range(10)]) == "0, 1, 2, 3, 4, 5, 6 and 3 more"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cell", "worst"),
     [
@@ -92,6 +95,7 @@ def test_the_gravest_of_a_cell_is_what_counts(run: Run, cell: Cell, worst: str) 
     assert worst_state(run, ("reference", "rk4"), cell) == worst
 
 
+@pytest.mark.slow
 def test_a_plateau_of_another_measure_is_told(run: Run) -> None:
     """A measure that does not converge is named in the notes and in the sentences."""
     cell = Cell("converges", 4.0, plateaus=("energy_drift",), faults={"failed": 2}, cases=6)
@@ -101,6 +105,7 @@ def test_a_plateau_of_another_measure_is_told(run: Run) -> None:
     assert told[0] == "No methods converge with their order of theory, or are at the floor, in forced."
 
 
+@pytest.mark.slow
 def test_the_methods_rows_of_other_measures_reach_the_cell(run: Run) -> None:
     """A plateau of the energy in methods.csv is a plateau of the cell."""
     methods = run.methods.copy()

@@ -82,6 +82,7 @@ def test_the_summary_has_each_method_and_the_worst_with_its_command(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quiet", [True, False])
 def test_colour_is_for_terminals_that_want_it(quiet: bool, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """A terminal has colour, but not with NO_COLOR; a pipe has none, and whole lines."""
@@ -96,6 +97,7 @@ def test_colour_is_for_terminals_that_want_it(quiet: bool, run: Run, monkeypatch
     assert any(re.match(r"reference:m1 .* rad in .*converges", line) for line in piped.splitlines())
 
 
+@pytest.mark.slow
 def test_of_many_offenders_the_rest_is_counted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten are shown, the gravest first, and how many more there are."""
     failed = next(case for case in run.cases if case.columns["outcome"] == "failed")
