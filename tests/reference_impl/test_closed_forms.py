@@ -326,6 +326,7 @@ LONGEST_STEP = {"stretched, strongly": 2.0**-10, "two sines": 2.0**-6, "sine": 2
 SHORT = {"stretched, strongly": 0.03}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_forty_digits(name: str) -> None:
     """Attitude and omega are right to 4e-15, position and velocity to rounding, with every kind of load."""

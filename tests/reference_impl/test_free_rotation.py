@@ -346,6 +346,7 @@ def assert_right(rotation: FreeRotation, true: Truth, times: tuple[float, ...]) 
         assert_close(rotation, t_s, true.seen(state))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_truth_in_every_corner(name: str) -> None:
     """Attitude and omega are right to 4e-15 after some turns either way, whatever the body."""
@@ -433,6 +434,7 @@ FULL: list[Any] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("moments", FULL)
 def test_textbook_of_full_tensors(moments: Any, seed: int) -> None:

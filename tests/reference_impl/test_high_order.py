@@ -185,6 +185,7 @@ def test_error_shrinks_with_the_stated_order(method: Integrator, kind: str) -> N
             assert slope(steps, run) >= method.order - tolerance, quantity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", LOADS)
 def test_order_eight_reaches_round_off(kind: str) -> None:
     """With 64 steps of 1/32 s nothing is left of the error of dop853 but rounding."""

@@ -264,6 +264,7 @@ def rotation_of(q: Vector) -> Vector:
 # ----------------------------------------------------------------------------------------------- tests
 
 
+@pytest.mark.slow
 @every_load
 def test_double_doubles_are_good_to_thirty_digits(name: str) -> None:
     """R, omega, v and x under each load agree with the oracle to 1e-28, halfway and at the end."""

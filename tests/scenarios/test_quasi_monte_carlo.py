@@ -70,6 +70,7 @@ def test_estimates_are_within_four_standard_errors(case: str) -> None:
     assert np.all(np.abs(deviations(estimate(solid, columns_log2=9), truth)) < 4.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["torus", "ellipsoid", "level set on a grid too coarse"])
 def test_standard_errors_are_honest(case: str) -> None:
     """Over 40 seeds the mass is within 2 standard errors in 85 to 100 % and its scatter is what they say."""
