@@ -73,7 +73,8 @@ def measure_speeds(
     timed = [
         _with_speed(result, found[place]) if place in found else result for place, result in enumerate(cases)
     ]
-    spreads = [_spread(laps["yardstick_s"]) for laps in found.values() if laps.get("yardstick_s")]
+    yardsticks = [laps["yardstick_s"] for laps in found.values() if "lost" not in laps]
+    spreads = [_spread(seconds) for seconds in yardsticks if min(seconds, default=0.0) > 0.0]
     return tuple(timed), Quietness(core, float(np.median(spreads)) if spreads else None)
 
 
@@ -183,8 +184,8 @@ def _with_speed(result: CaseResult, laps: Message) -> CaseResult:
     columns |= {"cpu_s": median, "cpu_s_low": low, "cpu_s_high": high}
     if result.dt_s is not None:
         columns["ns_per_step"] = 1e9 * median / columns["steps"]
-    if laps["yardstick_s"]:
-        columns["relative_cpu"] = min(laps["own_s"]) / min(laps["yardstick_s"])
+    if (yardstick_s := min(laps["yardstick_s"], default=0.0)) > 0.0:  # a coarse clock may have shown nothing
+        columns["relative_cpu"] = min(laps["own_s"]) / yardstick_s
     return replace(result, columns=columns)
 
 

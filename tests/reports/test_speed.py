@@ -116,3 +116,15 @@ def test_a_case_without_a_single_pass_says_why(monkeypatch: pytest.MonkeyPatch) 
     assert all("cpu_s" not in row and "relative_cpu" not in row for row in rows)
     assert [row["message"] for row in rows] == ["speed not measured: quick gave no answer within 1 s"] * 2
     assert told == len(STEPS_S)
+
+
+def test_a_yardstick_too_quick_for_the_clock_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A case beside it has its own time, and no ratio."""
+
+    def lap(engine: str, number: int) -> Message:
+        del number
+        return {"outcome": "ok", "cpu_s": LAP_S[engine] if engine == ENGINE else 0.0}
+
+    rows, _ = timed(monkeypatch, lap, passes=1)
+    assert [row["cpu_s"] for row in rows] == [LAP_S[ENGINE]] * 2
+    assert all("relative_cpu" not in row for row in rows)
