@@ -51,8 +51,8 @@ def measure_speeds(
 
     passes: how often all of them are timed, one pass after the other. Where another machine's load shares the
     core, everything takes half as long again, or twice as long, for a second or for minutes, and then again
-    does not: the quickest lap is as good as undisturbed if one of the passes was. case_done: told of each
-    case in the last pass.
+    does not: the quickest lap is as good as undisturbed if one of the passes was. case_done: told as
+    often as there are cases, evenly over the passes.
 
     The yardstick is the reference's rk4 on the same scenario, at its finest listed step: relative_cpu is a
     case's quickest lap over the yardstick's, both measured in turn. What disturbs a lap makes it longer: on a
@@ -63,12 +63,12 @@ def measure_speeds(
     core = _last_core()
     laps_each = _LAPS if passes == 1 else _LAPS_OF_ONE_OF_MANY
     with closing(_Clock(core, laps_each, timeout_s)) as clock:
-        for number, (place, result) in product(range(passes), enumerate(cases)):
+        for done, (number, (place, result)) in enumerate(product(range(passes), enumerate(cases)), start=1):
             if result.ok:
                 subject, engine = by_name[result.columns["scenario"]], engines[result.columns["engine"]]
                 laps = _laps(subject, engine, result, answers, clock, again=number > 0)
                 found[place] = _together(found.get(place), laps)
-            if number == passes - 1:
+            if done % passes == 0:
                 case_done()
     timed = [
         _with_speed(result, found[place]) if place in found else result for place, result in enumerate(cases)

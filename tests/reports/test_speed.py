@@ -23,8 +23,10 @@ Lap = Callable[[str, int], Message]
 """What an engine answers, by its name, to the lap of its which has this number."""
 
 
-def timed(monkeypatch: pytest.MonkeyPatch, lap: Lap, passes: int) -> tuple[list[dict[str, object]], int]:
-    """Return the columns of two cases whose laps are as given, and of how many cases it was told."""
+def timed(
+    monkeypatch: pytest.MonkeyPatch, lap: Lap, passes: int
+) -> tuple[list[dict[str, object]], list[int]]:
+    """Return the columns of two cases whose laps are as given, and after how many laps each was told of."""
     laps: Counter[str] = Counter()
 
     class Clockwork:
@@ -47,7 +49,7 @@ def timed(monkeypatch: pytest.MonkeyPatch, lap: Lap, passes: int) -> tuple[list[
     subject = Subject.of(load_scenario("intermediate-axis"), "intermediate-axis")
     about = {"scenario": "intermediate-axis", "engine": ENGINE, "method": "m", "outcome": "ok", "message": ""}
     cases = [CaseResult({**about, "dt_s": dt_s, "steps": round(10.0 / dt_s)}) for dt_s in STEPS_S]
-    told: list[None] = []
+    told: list[int] = []
     found, quietness = speed.measure_speeds(
         [subject],
         cases,
@@ -55,10 +57,10 @@ def timed(monkeypatch: pytest.MonkeyPatch, lap: Lap, passes: int) -> tuple[list[
         Answers(None, None, 1.0),
         timeout_s=1.0,
         passes=passes,
-        case_done=lambda: told.append(None),
+        case_done=lambda: told.append(laps[ENGINE]),
     )
     assert quietness.spread is None or quietness.spread >= 0.0
-    return [result.columns for result in found], len(told)
+    return [result.columns for result in found], told
 
 
 @pytest.mark.parametrize("passes", [1, 2, 10])
@@ -75,7 +77,7 @@ def test_one_quiet_pass_is_enough(passes: int, quiet: int, monkeypatch: pytest.M
 
     rows, told = timed(monkeypatch, lap, passes)
     assert [row["relative_cpu"] for row in rows] == pytest.approx([3.0, 3.0], rel=1e-15, abs=0.0)
-    assert told == len(STEPS_S)
+    assert told == [passes * of_a_case // 2, passes * of_a_case]
 
 
 def test_the_median_of_all_laps_stands_beside_their_quartiles(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,7 +117,7 @@ def test_a_case_without_a_single_pass_says_why(monkeypatch: pytest.MonkeyPatch) 
     rows, told = timed(monkeypatch, lap, passes=3)
     assert all("cpu_s" not in row and "relative_cpu" not in row for row in rows)
     assert [row["message"] for row in rows] == ["speed not measured: quick gave no answer within 1 s"] * 2
-    assert told == len(STEPS_S)
+    assert len(told) == len(STEPS_S)
 
 
 def test_a_yardstick_too_quick_for_the_clock_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
