@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 from made_once import made_once
+from registered import registered
 from tiers import pytest_collection_modifyitems as pytest_collection_modifyitems
 
 import bodycheck
 from bodycheck.adapters.contract import Method, Simulation
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.registry import _registered, register_adapter
 from bodycheck.reference_impl.scene import Scene
 
 FREE = """
@@ -92,14 +92,9 @@ def store_run(folder: Path) -> None:
     files = {"free.toml": FREE, "forced.toml": FORCED, "shape.toml": SHAPE, "part.obj": TETRAHEDRON}
     for name, text in files.items():
         (folder / name).write_text(text)
-    before = dict(_registered)
-    register_adapter(Failing())
-    try:
+    with registered(Failing()):
         engines = ["reference:m1", "reference:rk4", "reference:exact", "reference:taylor", "failing"]
         scenarios = [folder / name for name in files if name.endswith(".toml")]
         run = bodycheck.run(scenarios, engines=engines, jobs=1)
-    finally:
-        _registered.clear()
-        _registered.update(before)
     bodycheck.write_run(run, folder / "run")
     (folder / "part.obj").unlink()  # nothing that reads the run may need it

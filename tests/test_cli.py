@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from registered import registered
 from scenario_file import SCENARIO
 
 import bodycheck
 from bodycheck.adapters import registry
 from bodycheck.adapters.contract import Method, ReadBack, Simulation
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.registry import _registered, register_adapter
 from bodycheck.cli import main
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
@@ -420,14 +420,8 @@ def spoilt(tmp_path_factory: pytest.TempPathFactory) -> tuple[pd.DataFrame, str]
     """Return the results of a run of the spoilt engines beside a sound one, by engine, and its report."""
     folder = tmp_path_factory.mktemp("spoilt")
     (folder / "mine.toml").write_text(SCENARIO)
-    before = dict(_registered)
-    for name, (spoil, _, _) in SPOILT.items():
-        register_adapter(Misbehaving(name, spoil))
-    try:
+    with registered(*(Misbehaving(name, spoil) for name, (spoil, _, _) in SPOILT.items())):
         run = bodycheck.run([folder / "mine.toml"], engines=[*SPOILT, "reference:m1"], dt_s=[0.01])
-    finally:
-        _registered.clear()
-        _registered.update(before)
     return run.results.set_index("engine"), bodycheck.write_run(run, folder / "out").read_text()
 
 

@@ -12,11 +12,12 @@ import pandas as pd
 import pytest
 from misbehaving import ACTS, BAD_STEP_S, ONLY_TIMED, READINGS, SOLUTIONS, SOUND_STEPS_S, Misbehaving
 from processes import all_gone
+from registered import registered
 from scenario_file import MEASURED_ANEW, SCENARIO
 
 import bodycheck
 from bodycheck.adapters import registry
-from bodycheck.adapters.registry import _registered, register_adapter
+from bodycheck.adapters.registry import register_adapter
 from bodycheck.reports.run import Run
 
 TIMEOUT_S = 4.0
@@ -71,9 +72,7 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run_of(scenario: Path, *, sound: bool, methods: list[str], speed: bool) -> Run:
     """Return a run of the misbehaving engine, or of its sound twin, and of one method of the reference."""
-    before = dict(_registered)
-    register_adapter(Misbehaving(sound=sound))
-    try:
+    with registered(Misbehaving(sound=sound)):
         return bodycheck.run(
             [scenario],
             engines=[*(f"misbehaving:{method}" for method in methods), "reference:m1"],
@@ -81,9 +80,6 @@ def run_of(scenario: Path, *, sound: bool, methods: list[str], speed: bool) -> R
             speed=speed,
             timeout_s=TIMEOUT_S,
         )
-    finally:
-        _registered.clear()
-        _registered.update(before)
 
 
 def rows_of(run: Run) -> pd.DataFrame:
@@ -210,14 +206,9 @@ def test_an_adapter_that_cannot_leave_its_process_is_run_in_it(scenario: Path) -
     class Local(Misbehaving):
         """An adapter that no other process can import."""
 
-    before = dict(_registered)
-    register_adapter(Local())
-    try:
+    with registered(Local()):
         engines = ["misbehaving:generator-exit", "misbehaving:nan"]
         rows = bodycheck.run([scenario], engines=engines, dt_s=[0.02, BAD_STEP_S], speed=False).results
-    finally:
-        _registered.clear()
-        _registered.update(before)
     assert rows["outcome"].tolist() == ["ok", "failed", "ok", "unstable"]
     assert rows["message"].tolist()[1] == "GeneratorExit:"
 

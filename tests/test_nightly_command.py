@@ -5,20 +5,20 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 import pytest
+from registered import registered
 from scenario_file import SCENARIO
 from typer.testing import CliRunner, Result
 
 from bodycheck import cli
 from bodycheck.adapters.contract import Method, Reading, Simulation
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.registry import _registered, register_adapter
 from bodycheck.errors import InputError, StoppedError
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
@@ -63,14 +63,11 @@ class Turned:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Go into an empty folder with a scenario; engines that are registered there are forgotten."""
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Go into an empty folder with a scenario."""
     (tmp_path / "tumble.toml").write_text(_SCENARIO)
     monkeypatch.chdir(tmp_path)
-    before = dict(_registered)
-    yield tmp_path
-    _registered.clear()
-    _registered.update(before)
+    return tmp_path
 
 
 def bodycheck(*words: str | Path) -> Result:
@@ -80,11 +77,10 @@ def bodycheck(*words: str | Path) -> Result:
 
 def night(*words: str, angle_rad: float = 0.0) -> Result:
     """Return what a night of the turned engine did."""
-    _registered.pop("turned", None)
-    register_adapter(Turned(angle_rad))
-    return bodycheck(
-        "nightly", "tumble.toml", "--engine", "turned", "--history", "kept", "--no-speed", *words
-    )
+    with registered(Turned(angle_rad)):
+        return bodycheck(
+            "nightly", "tumble.toml", "--engine", "turned", "--history", "kept", "--no-speed", *words
+        )
 
 
 @pytest.mark.slow

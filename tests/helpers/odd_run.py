@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from registered import registered
 from scenario_file import tumbling
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.registry import _registered, register_adapter
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.run import Run
 from bodycheck.runner import run as measure
@@ -91,8 +91,7 @@ def odd_run(folder: Path) -> Run:
     files = [folder / name for name in ("free.toml", "forced.toml")]
     for file, text in zip(files, (FREE, FORCED), strict=True):
         file.write_text(text, encoding="utf-8")
-    register_adapter(Odd())
-    measured = measure(files, engines=["reference", Odd.name])
-    del _registered[Odd.name]
+    with registered(Odd()):
+        measured = measure(files, engines=["reference", Odd.name])
     absent = {"absent": {"unavailable": "absent cannot be imported: <tt>no module</tt>"}}
     return replace(measured, manifest={**measured.manifest, "engines": absent | measured.manifest["engines"]})

@@ -64,7 +64,8 @@ def main() -> int:
         if asked.measured:
             kept = (asked.keep or folder / "measured").absolute()
             measure(folder, kept, asked.measured)
-            failed += as_they_came(kept) + simulated(kept, asked.sequences, asked.seed)
+            nights = measured_nights(kept)
+            failed += as_they_came(nights) + simulated(nights, asked.sequences, asked.seed)
     return 1 if failed else 0
 
 
@@ -165,28 +166,30 @@ def measured_nights(kept: Path) -> pd.DataFrame:
     return cases.set_index([*_CASE, "night"])["relative_cpu"].unstack("night").dropna()
 
 
-def as_they_came(kept: Path) -> int:
+def engines_of(nights: pd.DataFrame) -> list[str]:
+    """Return the engines that can become slower: all but the one that is the yardstick."""
+    return sorted(set(nights.index.get_level_values("engine")) - {"reference"})
+
+
+def as_they_came(nights: pd.DataFrame) -> int:
     """Judge the nights in their order, then with each engine slower from each night on; count the faults."""
-    nights = measured_nights(kept)
-    engines = sorted(set(nights.index.get_level_values("engine")) - {"reference"})
     count = nights.shape[1]
     told = alarms(judged(nights))
     print(f"{count} nights as they came, speeds told: {told or 'none'}", flush=True)
     first_nights = range(LEAST_BEFORE, count - _WITHIN + 1)
-    planted = [(engine, first) for engine in engines for first in first_nights]
+    planted = [(engine, first) for engine in engines_of(nights) for first in first_nights]
     delays = [delay(slowed(nights, engine, first), engine, first) for engine, first in planted]
     return len(told) + report(delays)
 
 
-def simulated(kept: Path, sequences: int, seed: int) -> int:
+def simulated(nights: pd.DataFrame, sequences: int, seed: int) -> int:
     """Draw sequences from the nights that were measured; return how many were judged wrongly."""
-    nights = measured_nights(kept)
     chance = np.random.default_rng(seed)
     usual = usual_spread(judged(drawn(nights, chance, 30)).series.decades)
     print(f"chance changes a night by {100.0 * (10.0**usual - 1.0):.1f} % (sigma)")
     false = sum(bool(alarms(judged(drawn(nights, chance, 30)))) for _ in range(sequences))
     print(f"unchanged sequences of 30 nights drawn: {sequences}, with a speed told: {false}", flush=True)
-    engines = sorted(set(nights.index.get_level_values("engine")) - {"reference"})
+    engines = engines_of(nights)
     delays: list[int | None] = []
     for _ in range(sequences):
         engine, first = str(chance.choice(engines)), int(chance.integers(10, 25))
