@@ -8,6 +8,7 @@ rotation vector.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -16,6 +17,7 @@ import dartpy
 import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.engine_axes import EngineAxes
 from bodycheck.adapters.held import HeldLoads
 from bodycheck.adapters.link_frame import LinkFrame, link_frame, pivot_place
 from bodycheck.reference_impl.arrays import Array
@@ -65,10 +67,10 @@ class DartSimulation:
     def __init__(self, scene: Scene, dt_s: float, *, in_world: bool) -> None:
         self._initial, self._pivot = scene.initial, scene.pivot
         link = link_frame(scene)
-        self._axes, self._centre = link.rotation, link.point(_ORIGIN)
+        self._axes, self._centre = EngineAxes(link.rotation), link.point(_ORIGIN)
         self._skeleton = dartpy.dynamics.Skeleton("body")
         self._joint, self._body = self._jointed(scene, link)
-        inertia = self._axes.T @ scene.body.inertia @ self._axes
+        inertia = link.rotation.T @ scene.body.inertia @ link.rotation
         self._body.setInertia(dartpy.dynamics.Inertia(scene.body.mass, self._centre, inertia))
         self._skeleton.setGravity(scene.gravity)
         self._skeleton.setTimeStep(dt_s)
@@ -91,10 +93,10 @@ class DartSimulation:
 
     def read_back(self) -> ReadBack:
         """Ask the skeleton."""
-        inertia = self._body.getInertia()
+        inertia, axes = self._body.getInertia(), self._axes.matrix
         return ReadBack(
             mass=inertia.getMass(),
-            inertia=self._axes @ np.array(inertia.getMoment()) @ self._axes.T,
+            inertia=axes @ np.array(inertia.getMoment()) @ axes.T,
             dt_s=self._skeleton.getTimeStep(),
             gravity=np.array(self._skeleton.getGravity()),
             state=self.read(),
@@ -105,7 +107,7 @@ class DartSimulation:
         initial = self._initial
         logarithm = dartpy.dynamics.BallJoint.convertToPositions
         if self._pivot is None:
-            turn = logarithm(initial.rotation @ self._axes)
+            turn = logarithm(initial.rotation @ self._axes.matrix)
             self._joint.setPositions(np.concatenate([turn, initial.position]))
             self._joint.setVelocities(np.concatenate([initial.omega_world, initial.velocity]))
         else:
@@ -146,20 +148,20 @@ class DartSimulation:
             skeleton.integratePositions(dt_s)
 
     def read(self) -> Reading:
-        """Copy the joint's positions and velocities; the matrix is that of getWorldTransform.
+        """Copy the joint's positions and velocities; the matrix is that of getTransform.
 
         It is NaN where the joint's rotation vector is: there DART shows the identity instead.
         """
         position, rotation, velocity, omega_world = self._state()
-        self._is_lost = not np.isfinite(self._joint.getPositions()).all()
+        self._is_lost = not all(map(math.isfinite, self._joint.getPositions().tolist()))
         if self._is_lost:
             rotation = np.full((3, 3), np.nan)
         return Reading(position=position, velocity=velocity, rotation=rotation, omega_world=omega_world)
 
     def _state(self) -> tuple[Array, Array, Array, Array]:
         """Return position, rotation, velocity and omega of the body, in world axes."""
-        positions, velocities = np.array(self._joint.getPositions()), np.array(self._joint.getVelocities())
-        rotation = np.array(self._body.getWorldTransform().rotation()) @ self._axes.T
+        positions, velocities = self._joint.getPositions(), self._joint.getVelocities()
+        rotation = self._axes.body_rotation(np.ascontiguousarray(self._body.getTransform().rotation()))
         if self._pivot is None:
             return positions[3:], rotation, velocities[3:], velocities[:3]
         omega = rotation @ velocities
@@ -172,12 +174,12 @@ class DartSimulation:
 
     def _renew_external_forces(self) -> None:
         """Give the body's own loads, and the world's at body points for the present orientation."""
-        wrench, body, axes = self._wrench, self._body, self._axes
+        wrench, body, to_engine = self._wrench, self._body, self._axes.engine_vector
         body.clearExternalForces()
-        body.addExtTorque(wrench.torque_body @ axes, True)
-        body.addExtForce(wrench.force_body @ axes, self._centre, True, True)
+        body.addExtTorque(to_engine(wrench.torque_body), True)
+        body.addExtForce(to_engine(wrench.force_body), self._centre, True, True)
         for at, force in wrench.point_forces:
-            body.addExtForce(force, self._centre + at @ axes, False, True)
+            body.addExtForce(force, self._centre + to_engine(at), False, True)
         if self._pivot is not None:
             body.addExtForce(wrench.force_world, self._centre, False, True)
             body.addExtTorque(wrench.torque_world, False)

@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.engine_axes import EngineAxes
 from bodycheck.adapters.mujoco_methods import methods_of
 from bodycheck.adapters.mujoco_model import (
     BODY,
@@ -29,7 +30,6 @@ from bodycheck.adapters.mujoco_model import (
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.loads_at import lasting_wrench_of
-from bodycheck.reference_impl.rotations import conjugate, quaternion_product, right_factor
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
 
@@ -92,12 +92,14 @@ class MuJoCoSimulation:
         self._initial, self._pivot = scene.initial, scene.pivot
         self._points = loaded_points(scene)
         self._model = compiled(scene, _INTEGRATORS[label], dt_s, self._points, off)
-        self._quaternion, self._axes = joint_axes(scene)
-        self._to_body = right_factor(conjugate(self._quaternion))
+        self._axes = EngineAxes(joint_axes(scene))
         self.stepping = "python" if scene.has_black_box else "native"
         nodes = _NODES.get(label, (0.0,))
         self._lasting = self._passive_loads(scene, dt_s, nodes) if scene.lasting_loads else None
         self._data = mujoco.MjData(self._model)
+        # views of the engine's own memory: asking mjData for them again costs more than copying them
+        self._qpos, self._qvel = self._data.qpos, self._data.qvel
+        self._warned = self._data.warning.number
         self.reset()
 
     def _passive_loads(
@@ -111,13 +113,13 @@ class MuJoCoSimulation:
 
         pivot = None if scene.pivot is None else (self._anchor(), -scene.pivot)
         if scene.has_black_box:
-            return AskedPassiveLoads(lasting_wrench_of(scene), self._axes.T, pivot, dt_s, nodes)
-        return PassiveLoads(packed_lasting(scene), self._axes.T, pivot, dt_s, nodes)
+            return AskedPassiveLoads(lasting_wrench_of(scene), self._axes.matrix.T, pivot, dt_s, nodes)
+        return PassiveLoads(packed_lasting(scene), self._axes.matrix.T, pivot, dt_s, nodes)
 
     def read_back(self) -> ReadBack:
         """Read mjModel and mjData."""
         model = self._model
-        axes = self._axes @ _matrix(model.body_iquat[BODY])
+        axes = self._axes.matrix @ _matrix(model.body_iquat[BODY])
         return ReadBack(
             mass=float(model.body_mass[BODY]),
             inertia=axes @ np.diag(model.body_inertia[BODY]) @ axes.T,
@@ -128,12 +130,12 @@ class MuJoCoSimulation:
 
     def reset(self) -> None:
         """mj_resetData, which clears forces and controls too, and the initial state."""
-        data, initial = self._data, self._initial
-        mujoco.mj_resetData(self._model, data)
-        data.qpos[-4:] = quaternion_product(initial.quaternion, self._quaternion)
-        data.qvel[-3:] = initial.omega_body @ self._axes
+        initial = self._initial
+        mujoco.mj_resetData(self._model, self._data)
+        self._qpos[-4:] = self._axes.engine_quaternion(initial.quaternion)
+        self._qvel[-3:] = self._axes.engine_vector(initial.omega_body)
         if self._pivot is None:
-            data.qpos[:3], data.qvel[:3] = initial.position, initial.velocity
+            self._qpos[:3], self._qvel[:3] = initial.position, initial.velocity
         if self._lasting is not None:
             self._lasting.reset()
 
@@ -144,7 +146,7 @@ class MuJoCoSimulation:
         """
         data = self._data
         data.xfrc_applied[BODY, :3] = wrench.force_world
-        data.qfrc_applied[-3:] = wrench.torque_body @ self._axes
+        data.qfrc_applied[-3:] = self._axes.engine_vector(wrench.torque_body)
         data.xfrc_applied[BODY, 3:] = wrench.torque_world
         if self._model.nu:
             self._model.actuator_gear[:, :3] = 0.0
@@ -166,7 +168,7 @@ class MuJoCoSimulation:
         Raises RuntimeError where MuJoCo warned that it went on with other numbers than it was given.
         """
         self._raise_altering_warnings()
-        qpos, qvel = self._data.qpos.copy(), self._data.qvel.copy()
+        qpos, qvel = self._qpos.copy(), self._qvel.copy()
         rotation = _matrix(qpos[-4:])
         if self._pivot is None:
             position, velocity = qpos[:3], qvel[:3]
@@ -176,9 +178,9 @@ class MuJoCoSimulation:
         return Reading(
             position=position,
             velocity=velocity,
-            quaternion=self._to_body @ qpos[-4:],
-            rotation=rotation @ self._axes.T,
-            omega_body=self._axes @ qvel[-3:],
+            quaternion=self._axes.body_quaternion(qpos[-4:]),
+            rotation=self._axes.body_rotation(rotation),
+            omega_body=self._axes.body_vector(qvel[-3:]),
         )
 
     def close(self) -> None:
@@ -194,7 +196,7 @@ class MuJoCoSimulation:
         self._model.actuator_gear[self._points.index(point), :3] += force
 
     def _raise_altering_warnings(self) -> None:
-        counts = self._data.warning.number
+        counts = self._warned
         if counts[_BAD_SPEED_AT]:
             return  # beyond 1e10 rad/s the body has run away, which the state tells by itself
         for warning, place in zip(_ALTERING, _ALTERING_AT, strict=True):

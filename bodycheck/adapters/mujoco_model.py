@@ -46,13 +46,11 @@ def loaded_points(scene: Scene) -> tuple[Point, ...]:
     return tuple(points)
 
 
-def joint_axes(scene: Scene) -> tuple[Array, Array]:
-    """Return the axes of the joint's frame to body axes: as a quaternion (4,) and as a matrix (3, 3)."""
+def joint_axes(scene: Scene) -> Array:
+    """Return the axes of the joint's frame as columns, in body axes: (3, 3)."""
     if scene.link is not None and scene.pivot is None:  # aligned
-        _, axes = diagonalised(scene.body.inertia)
-        return matrix_to_quaternion(axes), axes
-    link = link_frame(scene)
-    return link.quaternion, link.rotation
+        return diagonalised(scene.body.inertia)[1]
+    return link_frame(scene).rotation
 
 
 def compiled(

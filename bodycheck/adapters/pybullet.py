@@ -17,6 +17,7 @@ import numpy as np
 import pybullet
 
 from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.engine_axes import EngineAxes
 from bodycheck.adapters.held import HeldLoads
 from bodycheck.adapters.link_frame import link_frame
 from bodycheck.adapters.pybullet_pivot import PivotedPyBulletSimulation
@@ -24,13 +25,7 @@ from bodycheck.adapters.pybullet_read_back import read_back
 from bodycheck.adapters.pybullet_substeps import powers_of_two, set_substeps
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.rotations import (
-    conjugate,
-    hat,
-    matrix_to_quaternion,
-    quaternion_product,
-    right_factor,
-)
+from bodycheck.reference_impl.rotations import hat, matrix_to_quaternion
 from bodycheck.reference_impl.scene import PointForce, Scene, Timed
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
@@ -106,17 +101,16 @@ class PyBulletSimulation:
         self.stepping = "python" if turning else "native"
         self._client, self._give_back, self._closed = client, give_back, False
         self._gravity, self._dt_s = scene.gravity, dt_s
-        _, self._axes = diagonalised(scene.body.inertia)
-        self._axes_quaternion = matrix_to_quaternion(self._axes)
-        self._to_body = right_factor(conjugate(self._axes_quaternion))
+        moments, axes = diagonalised(scene.body.inertia)
+        self._axes = EngineAxes(axes)
         self._initial = scene.initial
         self._lasting = HeldLoads(scene, dt_s)
-        self._body = _add_body(client, scene, method)
+        self._body = _add_body(client, scene, method, moments, axes)
         self.reset()
 
     def read_back(self) -> ReadBack:
         """Return what the engine holds, asked from it."""
-        return read_back(self._client, self._body, -1, self._axes, self.read())
+        return read_back(self._client, self._body, -1, self._axes.matrix, self.read())
 
     def reset(self) -> None:
         """Set the initial state, no wrench, and what Bullet derives from the pose only in a step."""
@@ -134,11 +128,12 @@ class PyBulletSimulation:
 
     def apply(self, wrench: Wrench) -> None:
         """Prepare the engine's calls, which advance makes before each step or call of many steps."""
-        torque_body, force_body = wrench.torque_body @ self._axes, wrench.force_body @ self._axes
+        to_engine = self._axes.engine_vector
+        torque_body, force_body = to_engine(wrench.torque_body), to_engine(wrench.force_body)
         force_world, turning = wrench.force_world, np.zeros((3, 9))
         for at, force in wrench.point_forces:
             force_world = force_world + force
-            turning += np.kron(hat(-force), at @ self._axes)
+            turning += np.kron(hat(-force), to_engine(at))
 
         self._turns_with_body = bool(np.any(torque_body) or np.any(force_body) or np.any(turning))
         push_torque = partial(pybullet.applyExternalTorque, self._body, -1, physicsClientId=self._client)
@@ -174,8 +169,8 @@ class PyBulletSimulation:
         return Reading(
             position=np.array(position),
             velocity=np.array(velocity),
-            quaternion=self._to_body @ (w, x, y, z),
-            rotation=_matrix((x, y, z, w)) @ self._axes.T,
+            quaternion=self._axes.body_quaternion(np.array((w, x, y, z))),
+            rotation=self._axes.body_rotation(_matrix((x, y, z, w))),
             omega_world=np.array(omega_world),
         )
 
@@ -195,7 +190,7 @@ class PyBulletSimulation:
         """Apply the lasting loads of the present state, to be held over the step."""
         position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
         velocity, omega = pybullet.getBaseVelocity(self._body, self._client)
-        rotation = _matrix(quaternion) @ self._axes.T
+        rotation = self._axes.body_rotation(_matrix(quaternion))
         held = self._lasting.next_step(np.array(position), rotation, np.array(velocity), np.array(omega))
         world = pybullet.WORLD_FRAME
         pybullet.applyExternalForce(self._body, -1, held[:3], position, world, self._client)
@@ -203,7 +198,7 @@ class PyBulletSimulation:
 
     def _set_state(self, velocity: Array, omega_world: Array) -> None:
         """Set the initial pose and a velocity."""
-        w, x, y, z = quaternion_product(self._initial.quaternion, self._axes_quaternion)
+        w, x, y, z = self._axes.engine_quaternion(self._initial.quaternion)
         position = self._initial.position
         pybullet.resetBasePositionAndOrientation(self._body, position, (x, y, z, w), self._client)
         pybullet.resetBaseVelocity(self._body, velocity, omega_world, self._client)
@@ -220,9 +215,8 @@ class PyBulletSimulation:
         pybullet.applyExternalTorque(self._body, -1, torque, world, self._client)
 
 
-def _add_body(client: int, scene: Scene, method: str) -> int:
+def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Array) -> int:
     """Put one body into an empty world, its inertial frame where it is seen from the link."""
-    moments, axes = diagonalised(scene.body.inertia)
     frame = {}
     if scene.link is not None:
         link = link_frame(scene)

@@ -14,18 +14,13 @@ import numpy as np
 import pybullet
 
 from bodycheck.adapters.contract import ReadBack, Reading, Stepping
+from bodycheck.adapters.engine_axes import EngineAxes
 from bodycheck.adapters.held import HeldLoads
 from bodycheck.adapters.link_frame import pivot_place
 from bodycheck.adapters.pybullet_read_back import read_back
 from bodycheck.adapters.pybullet_substeps import powers_of_two, set_substeps
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.rotations import (
-    conjugate,
-    matrix_to_quaternion,
-    quaternion_product,
-    right_factor,
-)
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
@@ -42,22 +37,21 @@ class PivotedPyBulletSimulation:
         self.stepping = "python" if scene.loads else "native"
         self._client, self._give_back, self._closed = client, give_back, False
         self._dt_s, self._initial, self._arm = dt_s, scene.initial, -scene.pivot
-        moments, self._axes = diagonalised(scene.body.inertia)
-        self._quaternion = matrix_to_quaternion(self._axes)
-        self._to_body = right_factor(conjugate(self._quaternion))
+        moments, axes = diagonalised(scene.body.inertia)
+        self._axes = EngineAxes(axes)
         self._lasting = HeldLoads(scene, dt_s)
-        self._body = _add_body(client, scene, moments, self._arm @ self._axes)
+        self._body = _add_body(client, scene, moments, self._axes.engine_vector(self._arm))
         pybullet.setGravity(*scene.gravity, physicsClientId=client)
         self.reset()
 
     def read_back(self) -> ReadBack:
         """Return what the engine holds, asked from it."""
-        return read_back(self._client, self._body, _LINK, self._axes, self.read())
+        return read_back(self._client, self._body, _LINK, self._axes.matrix, self.read())
 
     def reset(self) -> None:
         """Set the initial state and no wrench."""
-        w, x, y, z = quaternion_product(self._initial.quaternion, self._quaternion)
-        omega = self._initial.omega_body @ self._axes
+        w, x, y, z = self._axes.engine_quaternion(self._initial.quaternion)
+        omega = self._axes.engine_vector(self._initial.omega_body)
         pybullet.resetJointStateMultiDof(
             self._body, _LINK, (x, y, z, w), tuple(omega), physicsClientId=self._client
         )
@@ -85,13 +79,13 @@ class PivotedPyBulletSimulation:
         """Copy the joint's state; the matrix is getMatrixFromQuaternion of the engine's own quaternion."""
         (x, y, z, w), omega, *_ = pybullet.getJointStateMultiDof(self._body, _LINK, self._client)
         matrix = np.array(pybullet.getMatrixFromQuaternion((x, y, z, w))).reshape(3, 3)
-        rotation, omega_body = matrix @ self._axes.T, self._axes @ np.array(omega)
+        rotation, omega_body = self._axes.body_rotation(matrix), self._axes.body_vector(np.array(omega))
         arm = rotation @ self._arm
         place, _ = pybullet.getBasePositionAndOrientation(self._body, self._client)
         return Reading(
             position=np.array(place) + arm,
             velocity=np.cross(rotation @ omega_body, arm),
-            quaternion=self._to_body @ (w, x, y, z),
+            quaternion=self._axes.body_quaternion(np.array((w, x, y, z))),
             rotation=rotation,
             omega_body=omega_body,
         )
@@ -117,7 +111,7 @@ class PivotedPyBulletSimulation:
             self._body,
             _LINK,
             pybullet.TORQUE_CONTROL,
-            force=tuple(moment @ self._axes),
+            force=tuple(self._axes.engine_vector(moment)),
             physicsClientId=self._client,
         )
 
