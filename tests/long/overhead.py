@@ -5,7 +5,7 @@
 Each case goes through a run's own code with a worker, one at a time and nothing cached; then the same case is
 stepped in this process, and that time alone is taken away. Workers are started, and their kernels loaded,
 before. Truths, and searches for the largest stable step, are left out. Prints milliseconds
-of processor time, the run's and the worker's, which other work on the machine moves little.
+of processor time, the run's and the worker's, the least of five passes: other work on the machine only adds.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from bodycheck.reports.case import run_case
 from bodycheck.reports.storage.answers import Answers
 from bodycheck.reports.subject import Subject
 from bodycheck.selection import select
+
+_PASSES = 5
 
 
 class Stepped:
@@ -62,9 +64,9 @@ class Stepped:
 
 
 def stepping(adapter: Adapter, case: Case) -> float:
-    """Return the seconds of stepping alone, the lesser of two passes: the first may load kernels."""
+    """Return the seconds of stepping alone, the least of all passes: the first may load kernels."""
     passes = []
-    for _ in range(2):
+    for _ in range(_PASSES):
         stepped = Stepped(adapter)
         record(stepped, case)
         passes.append(stepped.seconds)
@@ -82,12 +84,12 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
     selection = select(scenarios, engines)
     hosts, answers = Hosts(), Answers(None, None, 120.0)
     found: dict[str, list[tuple[float, float]]] = {}
-    asked: list[tuple[Case, float]] = []
+    asked: list[tuple[float, Case]] = []
 
     def ask(engine: Engine, case: Case) -> Answer:
         begin = spent(hosts, engine)
         answer = answers.ask(hosts, engine, case)
-        asked.append((case, spent(hosts, engine) - begin))
+        asked.append((spent(hosts, engine) - begin, case))
         return answer
 
     try:
@@ -95,14 +97,16 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
             subject = Subject.of(scenario, how)
             for engine, method in selection.methods:
                 for setting in selection.settings(scenario, method):
-                    for _ in range(2):  # the first pass starts the worker and loads its kernels
+                    passes = []
+                    asked.clear()
+                    for _ in range(1 + _PASSES):  # the first starts the worker and loads its kernels
                         begin = spent(hosts, engine)
                         result = run_case(subject, engine, method, setting, ask)
-                        whole = spent(hosts, engine) - begin
+                        passes.append(spent(hosts, engine) - begin)
                     if not result.ok:
                         break
-                    case, asking = asked[-1]
-                    alone = stepping(get_adapter(engine.name), case)
+                    whole, asking = min(passes[1:]), min(seconds for seconds, _ in asked[1:])
+                    alone = stepping(get_adapter(engine.name), asked[-1][1])
                     found.setdefault(engine.name, []).append((1e3 * (whole - alone), 1e3 * (asking - alone)))
     finally:
         hosts.close()
