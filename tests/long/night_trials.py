@@ -185,7 +185,8 @@ def as_they_came(nights: pd.DataFrame) -> int:
 def simulated(nights: pd.DataFrame, sequences: int, seed: int) -> int:
     """Draw sequences from the nights that were measured; return how many were judged wrongly."""
     chance = np.random.default_rng(seed)
-    usual = usual_spread(judged(drawn(nights, chance, 30)).series.decades)
+    sample = judged(drawn(nights, chance, 30))
+    usual = usual_spread(sample.series.decades, list(sample.steps.values()))
     print(f"chance changes a night by {100.0 * (10.0**usual - 1.0):.1f} % (sigma)")
     false = sum(bool(alarms(judged(drawn(nights, chance, 30)))) for _ in range(sequences))
     print(f"unchanged sequences of 30 nights drawn: {sequences}, with a speed told: {false}", flush=True)

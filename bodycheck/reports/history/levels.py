@@ -1,26 +1,28 @@
-"""Whether noisy series moved to another level, decided anew each night, from what was known by then."""
+"""Whether noisy series moved to another level, decided anew each night, from what was known by then.
+
+What disturbs a machine makes everything slower, never faster, on one night in ten or on every second one: so
+a level is where most nights lie close together, and the quickest of some nights is the least disturbed.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 
 LEAST_BEFORE = 8
 """How many nights a level needs before a departure from it can be told."""
 LEAST_AFTER = 5
-"""How many nights the new level needs: a few may be the machine's doing."""
+"""How many nights a slower level needs, for a few may be the machine's doing; of a quicker one three will do."""
 _MOST_BEFORE = 20
-_SIGMAS = 7.0
-_USUAL_COUNTS_AS = 5  # nights
-_LEAST_SHARE = 0.5
-_LEAST_STEP = math.log10(1.05)
-_MAD_TO_SIGMA = 1.4826  # of a normal distribution
-_QUIET_NIGHTS = 0.75
-_QUIET_TO_SIGMA = 1.0 / 1.1503  # three quarters of a normal distribution lie within 1.1503 sigma
+_SIGMAS = 2.5
+_LEAST_STEP = math.log10(1.08)
+_HALF_TO_SIGMA = 1.0 / 0.6745  # half of a normal distribution lies within 0.6745 sigma
 
 
 @dataclass(frozen=True)
@@ -35,67 +37,69 @@ class Step:
 def level_steps(series: Array) -> list[list[Step]]:
     """Return where each column of series (nights, methods) moved to another level; NaN: not measured.
 
-    A step is told as soon as |shift| > max(least, 7 sigma sqrt(1/5 + 1/m)): the shift from the m nights
-    before to the last five is the median of all differences between the two (Hodges and Lehmann, 1963), half
-    of which each of the five has to share; sigma is at least that of most columns. From then on the nights
+    Up, as soon as min(the last five) - level(the m <= 20 before) > T; down, as soon as min(the m before) -
+    median(the last five) > T; T = max(8 %, 2.5 sigma), sigma that of most columns. From then on the nights
     before the step count no more. No night is judged by what came after it.
     """
     found: list[list[Step]] = [[] for _ in range(series.shape[1])]
     for night in range(LEAST_BEFORE + LEAST_AFTER - 1, len(series)):
-        usual = usual_spread(series[: night + 1])
+        told = max(_LEAST_STEP, _SIGMAS * usual_spread(series[: night + 1], found))
         for column, steps in zip(series.T, found, strict=True):
             if math.isnan(column[night]):
                 continue
-            begin = steps[-1].first if steps else 0
-            step = _step_told(column[begin : night + 1], usual)
+            (there,) = np.nonzero(~np.isnan(column[: night + 1]))
+            step = _step_told(column, there[there >= _begin(steps)], told)
             if step is not None:
-                steps.append(Step(begin + step.first, night, step.size))
+                steps.append(step)
     return found
 
 
-def usual_spread(series: Array) -> float:
-    """Return the median over the columns of sigma from one night to the next, in the last 20 nights.
+def usual_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
+    """Return the median over the columns of sigma, each in the up to 20 nights before the last five.
 
-    A column that moved to another level, or moves slowly, counts as one that did not.
+    steps: where each column moved to another level; what was before that does not count. 0 where no column
+    has been long enough on its level.
     """
-    moves = np.abs(np.diff(series[-_MOST_BEFORE:], axis=0))
-    there = moves[:, ~np.all(np.isnan(moves), axis=0)]
-    return (
-        _MAD_TO_SIGMA / math.sqrt(2.0) * float(np.median(np.nanmedian(there, axis=0))) if there.size else 0.0
-    )
+    past = series[:-LEAST_AFTER]
+    levels = (column[_begin(moved) :] for column, moved in zip(past.T, steps, strict=True))
+    measured = (level[~np.isnan(level)] for level in levels)
+    spreads = [_most(nights[-_MOST_BEFORE:])[1] for nights in measured if len(nights) >= LEAST_BEFORE]
+    return float(np.median(spreads)) if spreads else 0.0
 
 
-def least_told(spread: float, nights: int) -> float:
-    """Return the smallest step that is sure to be told by its fifth night, after so many nights before."""
-    before = min(nights, _MOST_BEFORE)
-    # sigma is known from so few nights no better than to a half
-    return max(_LEAST_STEP, (1.5 * _SIGMAS + 2.0) * spread * math.sqrt(1.0 / LEAST_AFTER + 1.0 / before))
+def least_told(spread: float) -> float:
+    """Return the smallest step that is sure to be told by its fifth night, of a method with that spread."""
+    # the quickest of five nights lies up to 2.5 sigma low, and the level before is known to a half
+    return max(_LEAST_STEP, _SIGMAS * spread) + 3.5 * spread
 
 
-def _step_told(column: Array, usual: float) -> Step | None:
-    """Return the step to the last five nights of one column, if there is one."""
-    (there,) = np.nonzero(~np.isnan(column))
+def _begin(steps: Sequence[Step]) -> int:
+    return steps[-1].first if steps else 0
+
+
+def _step_told(column: Array, there: NDArray[np.intp], told: float) -> Step | None:
+    """Return the step of one column within the last five of the nights on which it was measured, if any."""
     before, now = column[there[:-LEAST_AFTER][-_MOST_BEFORE:]], column[there[-LEAST_AFTER:]]
     if len(before) < LEAST_BEFORE:
         return None
-    shift = float(np.median(np.subtract.outer(now, before)))
-    if abs(shift) <= _LEAST_STEP:
+    level, _ = _most(before)
+    slower = float(np.min(now)) - level > told
+    faster = float(np.min(before)) - float(np.median(now)) > told
+    if not slower and not faster:
         return None
-    error = _sigma(before, usual) * math.sqrt(1.0 / len(now) + 1.0 / len(before))
-    # wild nights drag the shift with them, but not the other nights
-    together = float(np.min((now - np.median(before)) / shift)) > _LEAST_SHARE
-    if not together or abs(shift) <= _SIGMAS * error:
-        return None
-    return Step(int(there[-LEAST_AFTER]), len(column) - 1, shift)
+    size = _most(now)[0] - level
+    first = int(np.argmax((now - level) / size > 0.5))
+    return Step(int(there[-LEAST_AFTER + first]), int(there[-1]), size)
 
 
-def _sigma(values: Array, usual: float) -> float:
-    """Return what one night adds by chance: by the values' own spread, which few of them tell but poorly.
+def _most(nights: Array) -> tuple[float, float]:
+    """Return median and sigma of the half of the nights (n,) that lie closest together.
 
-    It is within which three quarters of them lie: fewer than a quarter of the nights may have been disturbed.
+    Up to half of the nights may lie anywhere else. Source: the shortest half, Rousseeuw and Leroy (1987),
+    with their factor 1 + 5 / (n - 1), for the shortest half of few nights is too short.
     """
-    nights = len(values)
-    quiet = float(np.quantile(np.abs(values - np.median(values)), _QUIET_NIGHTS))
-    spread = _QUIET_TO_SIGMA * quiet * (1.0 + 1.0 / nights)
-    blended = (nights * spread**2 + _USUAL_COUNTS_AS * usual**2) / (nights + _USUAL_COUNTS_AS)
-    return max(usual, math.sqrt(blended))
+    ordered, half = np.sort(nights), len(nights) // 2 + 1
+    widths = ordered[half - 1 :] - ordered[: len(ordered) - half + 1]
+    first = int(np.argmin(widths))
+    sigma = 0.5 * _HALF_TO_SIGMA * (1.0 + 5.0 / (len(nights) - 1)) * float(widths[first])
+    return float(np.median(ordered[first : first + half])), sigma

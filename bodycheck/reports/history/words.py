@@ -40,7 +40,7 @@ def _speed_sentence(judged: Judgement) -> str:
         return (
             f"Speed is not judged yet: it was measured on {speeds.measured} of the {least} nights that takes."
         )
-    nights = speeds.measured - LEAST_AFTER
-    percent = 100.0 * (10.0 ** least_told(usual_spread(speeds.decades), nights) - 1.0)
+    spread = usual_spread(speeds.decades, list(judged.speeds.steps.values()))
+    percent = 100.0 * (10.0 ** least_told(spread) - 1.0)
     told = f"a method that takes {number(percent, 2)} % longer is told within five nights"
     return f"Speed is judged by {count(speeds.measured, 'night')}: {told}."
