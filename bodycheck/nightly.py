@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,6 +18,8 @@ history = typer.Typer(help="Ask and prune a history of nights.", no_args_is_help
 nightly.add_typer(history, name="history")
 
 _EXITS = {"no regression": 0, "regression": 1, "nothing measured": 1, "past too thin": 3}
+
+_LEFT_OUT = 1
 
 _Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="The folder of a history.")]
 
@@ -66,12 +69,18 @@ def nightly_(
 
 @history.command(name="list", short_help="Print one line a night.")
 def list_(folder: _Folder) -> None:
-    """Print one line a night, the oldest first: its status, how much changed, its cases and engines."""
+    """Print one line a night, the oldest first: its status, how much changed, its cases and engines.
+
+    The status is 1 where a night is damaged: it is named on standard error, and the others are listed.
+    """
     from bodycheck.reports.history.nights import History
+    from bodycheck.reports.history.past import readable_nights
     from bodycheck.reports.history.queries import nights_table
     from bodycheck.reports.history.text import print_nights
 
-    print_nights(nights_table(History.existing(folder).nights()))
+    nights, left_out = readable_nights(History.existing(folder).nights())
+    print_nights(nights_table(nights))
+    _tell(left_out)
 
 
 @history.command(short_help="Ask in SQL.")
@@ -80,12 +89,19 @@ def query(
     sql: Annotated[str, typer.Argument(help="A SELECT from nights, results, methods, stability, changes.")],
     as_: Annotated[Literal["csv", "json", "md"], typer.Option("--format", help="Of the answer.")] = "csv",
 ) -> None:
-    """Print what a SELECT finds in the tables of all nights together; nights has one row a night."""
+    """Print what a SELECT finds in the tables of all nights together; nights has one row a night.
+
+    The status is 1 where a night is damaged: it is named on standard error, and the others are asked.
+    """
     from bodycheck.reports.history.nights import History
+    from bodycheck.reports.history.past import readable_nights
+    from bodycheck.reports.history.queries import TABLES
     from bodycheck.reports.history.queries import query as asked
     from bodycheck.reports.table_formats import FORMATS
 
-    sys.stdout.write(FORMATS[as_](asked(History.existing(folder), sql)).decode())
+    nights, left_out = readable_nights(History.existing(folder).nights(), TABLES)
+    sys.stdout.write(FORMATS[as_](asked(nights, sql)).decode())
+    _tell(left_out)
 
 
 @history.command(short_help="Remove old nights.")
@@ -99,3 +115,11 @@ def prune(
         raise InputError(f"--keep {keep}: must be 1 or more nights")
     for name in History.existing(folder).prune(keep):
         print(name)
+
+
+def _tell(left_out: Sequence[str]) -> None:
+    """Name the nights that an answer is without, and end with the status that says so."""
+    for why in left_out:
+        print(f"{why}; this night is left out", file=sys.stderr)
+    if left_out:
+        raise typer.Exit(_LEFT_OUT)

@@ -113,7 +113,7 @@ def killed(folder: Path, kills: int, seed: int) -> int:
         stored += len(after) > len(before)
         lost = before.items() - after.items()
         readable = len(nights_table(History(history).nights())) == len(History(history).nights())
-        asked = query(History(history), "SELECT count(DISTINCT run_id) AS n FROM results")["n"][0]
+        asked = query(History(history).nights(), "SELECT count(DISTINCT run_id) AS n FROM results")["n"][0]
         if lost or not readable or asked != len(History(history).nights()):
             failed += 1
             print(f"kill {trial}: lost {sorted(lost)}, readable {readable}, {asked} nights in the tables")
@@ -136,7 +136,7 @@ def unchanged(folder: Path, nights: int) -> int:
         if process.returncode != (3 if night == 0 else 0):
             told += 1
             print(f"night {night}: status {process.returncode}\n{text}")
-    found = int(query(History(history), "SELECT count(*) AS n FROM changes")["n"][0])
+    found = int(query(History(history).nights(), "SELECT count(*) AS n FROM changes")["n"][0])
     print(f"unchanged nights: {nights}, changes told: {found}", flush=True)
     return told + found
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,9 @@ from bodycheck.reports.stored import Tables, read_manifest, read_tables
 _MOST_NIGHTS = 60
 """How far back speeds are looked at, and a case that did not end well for a while."""
 _PARQUET = b"PAR1"  # a whole file begins and ends with it
+
+TOLD = ("run_id", "status", "worse", "better", "other", "cases", "engines", "machine")
+"""What night.json has to say of a night, in the order in which it is listed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +74,38 @@ def past_of(history: History, manifest: Mapping[str, Any]) -> Past:
     return Past(tuple(nights), tuple(left_out))
 
 
+def readable_nights(nights: Sequence[Path], tables: Sequence[str] = ()) -> tuple[list[Path], list[str]]:
+    """Return the nights that can be read, and of each other which file is damaged, and how.
+
+    nights: their folders. tables: of which the Parquet files are looked at too. Raises InputError where none
+    can be read.
+    """
+    readable: list[Path] = []
+    left_out: list[str] = []
+    for folder in nights:
+        try:
+            told_of(folder)
+            for table in tables:
+                _check_parquet(folder / f"{table}.parquet")
+            readable.append(folder)
+        except InputError as error:
+            left_out.append(str(error))
+    if not readable:
+        raise InputError("\n".join(left_out))
+    return readable, left_out
+
+
 def told_of(folder: Path) -> dict[str, Any]:
     """Return night.json of a night: status, and how much changed; InputError where it cannot be read."""
     path = folder / "night.json"
     try:
         told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is damaged: {error}") from None
+    if lacking := [name for name in TOLD if not isinstance(told, dict) or name not in told]:
+        raise InputError(f"{path}: is damaged: it has no {lacking[0]}")
     return told
 
 

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bodycheck.errors import InputError
-from bodycheck.reports.history.nights import History
 from bodycheck.reports.history.past import told_of
 
 if TYPE_CHECKING:
     import duckdb
     import pandas as pd
 
-_TABLES = ("results", "methods", "stability", "changes")
+TABLES = ("results", "methods", "stability", "changes")
 """Of each night, as Parquet and as CSV; the views of a query, beside `nights`."""
 
 _CASE = (
@@ -44,16 +43,15 @@ def recorded_cases(nights: Sequence[Path]) -> pd.DataFrame:
         return results.filter("outcome = 'ok'").project(f"run_id AS night, {', '.join(_CASE)}").df()
 
 
-def query(history: History, sql: str) -> pd.DataFrame:
+def query(nights: Sequence[Path], sql: str) -> pd.DataFrame:
     """Return what one SQL statement finds in the views nights, results, methods, stability and changes.
 
-    Raises InputError where the statement is wrong, or a night cannot be read.
+    nights: their folders. Raises InputError where the statement is wrong, or a night cannot be read.
     """
-    folders = history.nights()
     with _asking() as database:
-        database.register("nights", nights_table(folders))
-        for table in _TABLES:
-            database.read_parquet(_files(folders, table), union_by_name=True).create_view(table)
+        database.register("nights", nights_table(nights))
+        for table in TABLES:
+            database.read_parquet(_files(nights, table), union_by_name=True).create_view(table)
         found = database.sql(sql)
         if found is None:
             raise InputError(f"{sql}: returns no table; a query is a SELECT")

@@ -9,6 +9,7 @@ from rich.text import Text
 from bodycheck.reports.comparison.text import print_changes
 from bodycheck.reports.console import console, print_columns
 from bodycheck.reports.history.judgement import Judgement
+from bodycheck.reports.history.past import TOLD
 from bodycheck.reports.history.words import headline, night_sentences
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ _STYLES = {
     "past too thin": "bold yellow",
     "nothing measured": "bold red",
 }
-_LISTED = ("run_id", "status", "worse", "better", "other", "cases", "engines", "machine")
 
 
 def print_night(judged: Judgement) -> None:
@@ -35,5 +35,5 @@ def print_night(judged: Judgement) -> None:
 
 def print_nights(nights: pd.DataFrame) -> None:
     """Print one line a night, the oldest first."""
-    rows = nights[list(_LISTED)].astype(str).to_numpy().tolist()
-    print_columns(console(), _LISTED, rows, right=("worse", "better", "other", "cases"))
+    rows = nights[list(TOLD)].astype(str).to_numpy().tolist()
+    print_columns(console(), TOLD, rows, right=("worse", "better", "other", "cases"))

@@ -229,12 +229,12 @@ def test_a_history_is_asked_in_sql(night_run: Run, tmp_path: Path) -> None:
     sql = (
         "SELECT run_id, max(energy_drift) AS most FROM results WHERE method = 'm1' GROUP BY run_id ORDER BY 1"
     )
-    found = query(history, sql)
+    found = query(history.nights(), sql)
     mine = night_run.results[night_run.results["method"] == "m1"]["energy_drift"].max()
     assert found["run_id"].tolist() == [night.name for night in history.nights()]
     assert found["most"][0] == mine
     (counted,) = query(
-        history,
+        history.nights(),
         "SELECT (SELECT count(*) FROM nights) AS nights, (SELECT count(*) FROM changes) AS changes, "
         "(SELECT count(*) FROM methods) AS methods, (SELECT count(*) FROM stability) AS stability",
     ).to_dict("records")
@@ -252,7 +252,7 @@ def test_a_wrong_question_is_one_line(night_run: Run, tmp_path: Path, sql: str) 
     """What the database says of it, and nothing else."""
     stored(night_run, tmp_path, [unchanged])
     with pytest.raises(InputError) as refused:
-        query(History(tmp_path), sql)
+        query(History(tmp_path).nights(), sql)
     assert "\n" not in str(refused.value)
 
 

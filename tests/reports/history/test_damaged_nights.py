@@ -1,0 +1,82 @@
+"""A history in which a night is damaged: it is named, and the others answer without it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner, Result
+
+from bodycheck import cli
+from bodycheck.errors import InputError
+from bodycheck.reports.history.past import TOLD
+from bodycheck.reports.history.queries import TABLES
+from bodycheck.reports.table_formats import as_parquet
+
+NAMES = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
+
+
+@pytest.fixture
+def history(tmp_path: Path) -> Path:
+    """Return the folder of three nights of one row a table."""
+    for name in NAMES:
+        (tmp_path / name).mkdir()
+        told = {**dict.fromkeys(TOLD, 0), "run_id": name, "status": "no regression"}
+        (tmp_path / name / "night.json").write_text(json.dumps(told))
+        for table in TABLES:
+            (tmp_path / name / f"{table}.parquet").write_bytes(as_parquet(pd.DataFrame({"run_id": [name]})))
+    return tmp_path
+
+
+def asked(*words: str | Path) -> Result:
+    """Return what `bodycheck history words` did in this process."""
+    return CliRunner().invoke(cli.app, ["history", *map(str, words)])
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"run_id": "x"}', None])
+@pytest.mark.parametrize("words", [["list"], ["query", "SELECT run_id FROM results ORDER BY 1"]])
+def test_a_damaged_night_is_named_and_the_others_answer(
+    history: Path, words: list[str], text: str | None
+) -> None:
+    """One line names the file; the other nights are told; the status is 1, as nothing failed is hidden."""
+    damaged = history / NAMES[1] / "night.json"
+    damaged.unlink()
+    if text is not None:
+        damaged.write_text(text)
+    done = asked(words[0], history, *words[1:])
+    assert done.exit_code == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"{damaged}: ")
+    assert line.endswith("; this night is left out")
+    assert [name in done.stdout for name in NAMES] == [True, False, True]
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_query_leaves_a_night_with_a_torn_table_out(history: Path, table: str) -> None:
+    """Whichever table is torn and whichever is asked, the night is in none of them, and is named."""
+    torn = history / NAMES[2] / f"{table}.parquet"
+    torn.write_bytes(torn.read_bytes()[:-10])
+    sql = " UNION ALL ".join(f"SELECT run_id FROM {name}" for name in ("nights", *TABLES))
+    done = asked("query", history, sql)
+    assert (done.exit_code, done.stderr) == (1, f"{torn}: is damaged; this night is left out\n")
+    assert [done.stdout.count(name) for name in NAMES] == [5, 5, 0]
+
+
+def test_a_history_of_damaged_nights_alone_is_refused(history: Path) -> None:
+    """There is nothing to answer with: one line a night says why."""
+    for name in NAMES:
+        (history / name / "night.json").write_text("")
+    done = asked("list", history)
+    assert isinstance(done.exception, InputError)
+    assert [line.split(": ")[0] for line in str(done.exception).splitlines()] == [
+        str(history / name / "night.json") for name in NAMES
+    ]
+
+
+def test_whole_nights_are_all_told(history: Path) -> None:
+    """The status is 0, and nothing is said on standard error."""
+    done = asked("list", history)
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert [name in done.stdout for name in NAMES] == [True] * 3
