@@ -25,7 +25,7 @@ _FAILED = 1
 _MOST_MARGIN = 300.0  # decades: a bound beyond it would be no number
 
 
-@gating.command()
+@gating.command(short_help="Hold engines to the bounds of a file.")
 def gate(
     tolerances: Annotated[Path, typer.Option(help="A file of gates, see docs/gates.md.")],
     scenarios: Scenarios = None,
@@ -58,9 +58,12 @@ def gate(
     from bodycheck.reports.gates.text import print_results
     from bodycheck.reports.gates.verdict import held
     from bodycheck.reports.stored import read_tables
-    from bodycheck.reports.whole_file import write_whole
+    from bodycheck.reports.whole_file import check_file, write_whole
 
     gates = read_gates(tolerances)
+    outputs = {"--junit": junit, "--json": json, "--update": tolerances if update else None}
+    for option, path in outputs.items():
+        check_file(option, path)
     measured: Run | Tables
     if run is None:
         manner = Manner(jobs=jobs, timeout_s=timeout_s, fresh=fresh)

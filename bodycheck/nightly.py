@@ -44,9 +44,10 @@ def nightly_(
     from bodycheck.night import run_night
     from bodycheck.reports.history.text import print_night
     from bodycheck.reports.live_progress import LiveProgress
-    from bodycheck.reports.whole_file import write_whole
+    from bodycheck.reports.whole_file import check_file, write_whole
     from bodycheck.stored_run import Asked
 
+    check_file("--markdown", markdown)
     asked = Asked(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),

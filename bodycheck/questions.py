@@ -154,9 +154,10 @@ def plot(
     from bodycheck.reports.paper_figures import STABILITY, check_picture, picture
     from bodycheck.reports.storage.cache import Cache
     from bodycheck.reports.stored import read_run, read_tables
-    from bodycheck.reports.whole_file import write_whole
+    from bodycheck.reports.whole_file import check_file, write_whole
 
     check_picture(out)
+    check_file("--out", out)
     if quantity is not None and (figure == STABILITY or quantity not in TRUTH_BOUNDS):
         what = (
             f"--figure {figure} has none" if figure == STABILITY else f"there are {', '.join(TRUTH_BOUNDS)}"

@@ -10,6 +10,25 @@ from pathlib import Path
 from bodycheck.errors import InputError
 
 
+def check_file(option: str, path: Path | None) -> None:
+    """Raise InputError where the file that an option names could not be written; None: it names none.
+
+    Asked before anything long is run: what was measured must not be lost for want of a folder.
+    """
+    if path is None:
+        return
+    folder = path.absolute().parent
+    if path.is_dir():
+        raise InputError(f"{option} {path}: is a folder; name a file")
+    if not folder.is_dir():
+        raise InputError(f"{option} {path}: cannot be written: there is no folder {folder}")
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"{option} {path}: cannot be written: {error.strerror or error}") from None
+
+
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file whole; raises InputError where it cannot be written."""
     try:
