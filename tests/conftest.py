@@ -45,7 +45,7 @@ kind = "gravity"
 acceleration_m_s2 = [0.0, 0.0, -9.81]
 """
 SHAPE = """
-name = "shape/1"
+name = "shape"
 duration_s = 1.0
 samples = 11
 steps_s = [0.02, 0.01]
@@ -55,6 +55,9 @@ size_m = [0.7, 0.21]
 density_kg_m3 = 333.3
 [initial]
 omega_world_rad_s = [0.3, 1.0, -0.2]
+[[sweep]]
+key = "source"
+values = ["1"]
 """
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 1 3 4\n"  # inside-out
 

@@ -107,9 +107,10 @@ def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Com
     assert "measured in bodycheck-runs/new" in command("advise", "--error", "1e-2")[1]
     shape = Path("shape.toml")
     shape.write_text(
-        'name = "shape/1"\nduration_s = 1.0\nsamples = 11\nsteps_s = [0.02, 0.01]\n'
+        'name = "shape"\nduration_s = 1.0\nsamples = 11\nsteps_s = [0.02, 0.01]\n'
         '[body]\nshape = "torus"\nsize_m = [0.7, 0.21]\ndensity_kg_m3 = 333.3\n'
         "[initial]\nomega_world_rad_s = [0.3, 1.0, -0.2]\n"
+        '[[sweep]]\nkey = "source"\nvalues = ["1"]\n'
     )
     assert "measured in bodycheck-runs/new" in command("advise", "--error", "1e-2", "shape.toml")[1]
     manifest = json.loads((runs / "new/manifest.json").read_text())

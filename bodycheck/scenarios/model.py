@@ -76,6 +76,16 @@ class Scenario(Table):
             raise ValueError("must be one line of printable text without blanks at its ends")
         return value
 
+    @field_validator("name")
+    @classmethod
+    def _of_no_family(cls, value: str, info: ValidationInfo) -> str:
+        """Refuse a slash of the file's own: what stands before it would count as a family."""
+        context = info.context or {"written": True}
+        own = value.removesuffix(f"/{context['label']}") if "label" in context else value
+        if "/" in own and not context.get("written"):  # a run wrote down what was read before
+            raise ValueError("must have no slash: NAME/VALUE names the scenarios of a [[sweep]]")
+        return value
+
     @field_validator("steps_s")
     @classmethod
     def _steps_fit(cls, value: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:

@@ -72,7 +72,7 @@ def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Member
     faults: dict[str, list[str]] = {}
     for label, child in files:
         try:
-            found[label] = Scenario.model_validate(child, context=context)
+            found[label] = Scenario.model_validate(child, context={**context, "label": label})
         except ValidationError as error:
             faults[label] = fault_lines(error)
     if faults:
