@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
+from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from bodycheck.errors import InputError
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import Members, parse_members, read_members
 
+_NEARLY = 0.8  # a slip or two in a name of ten letters
 _LIBRARY = files("bodycheck.scenarios") / "library"
 
 _FORCINGS = (
@@ -55,6 +57,8 @@ def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:
 
     Raises InputError where there is no such name or file, or the file is wrong.
     """
+    if members := suites().get(str(name)):
+        raise InputError(f"{name}: is a suite; name one of it: {', '.join(members)}")
     found = _members(name, allow_code=allow_code)
     if len(found) > 1:
         raise InputError(f"{name}: is a family; name one of it: {', '.join(asked for asked, _ in found)}")
@@ -126,9 +130,16 @@ def _read(name: str | Path, *, allow_code: bool) -> Members:
     if isinstance(name, Path) or name.endswith(".toml") or "/" in name:
         return read_members(Path(name), allow_code=allow_code)
     if name not in scenario_names():
-        raise InputError(
-            f"{name}: is neither a .toml file nor a built-in scenario or suite; built in are "
-            f"{', '.join(scenario_names())}; suites: {', '.join(suites())}"
-        )
+        raise InputError(f"{name}: is neither a .toml file nor a built-in scenario or suite; {_meant(name)}")
     text = (_LIBRARY / f"{name}.toml").read_text(encoding="utf-8")
     return parse_members(text, where=f"{name}.toml", folder=_LIBRARY)
+
+
+def _meant(name: str) -> str:
+    """Return the question for the file or the built-in name that is nearly this; else all names."""
+    if Path(f"{name}.toml").is_file():
+        return f"did you mean {name}.toml?"
+    typed = name.lower().replace(" ", "-").replace("_", "-")
+    if near := get_close_matches(typed, (*scenario_names(), *suites()), n=1, cutoff=_NEARLY):
+        return f"did you mean {near[0]}?"
+    return f"built in are {', '.join(scenario_names())}; suites: {', '.join(suites())}"

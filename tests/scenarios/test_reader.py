@@ -109,6 +109,8 @@ FAULTS = {
     "number for text": (GOOD.replace('"good"', "3"), ["name: should be a valid string"]),
     "empty name": (GOOD.replace('"good"', '""'), ["name: "]),
     "name of two lines": (GOOD.replace('"good"', r'"a\nb"'), ["name: must be one line"]),
+    "name with a slash": (GOOD.replace('"good"', '"a/b"'), ["name: must have no slash"]),
+    "family's name with a slash": (SWEPT.replace('"good"', '"a/b"'), ["file.toml: name: must have no slash"]),
     "no duration": (GOOD.replace("duration_s = 2.0", ""), ["duration_s: is required"]),
     "negative duration": (GOOD.replace("2.0\nsam", "-2.0\nsam"), ["duration_s: should be greater than 0"]),
     "infinite duration": (GOOD.replace("2.0\nsam", "inf\nsam"), ["duration_s: should be a finite number"]),
@@ -608,3 +610,34 @@ def test_unknown_names_say_what_there_is() -> None:
     """A name that is nothing lists the names that are something."""
     with pytest.raises(InputError, match=r"neither .* suites: smoke, standard, forcings, hard, full"):
         load_scenarios(["nope"])
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("Intermediate-Axis", "intermediate-axis"),
+        ("intermediate axis", "intermediate-axis"),
+        ("intermedate_axis", "intermediate-axis"),
+        ("standart", "standard"),
+        ("tumbling.tml", "tumbling"),
+        ("mine", "mine.toml"),
+    ],
+)
+def test_a_name_that_is_nearly_one_is_answered_by_that_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: str, meant: str
+) -> None:
+    """A slip of the hand gets a short line with the name that was meant."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(GOOD)
+    with pytest.raises(InputError) as refused:
+        load_scenarios([typed])
+    assert str(refused.value) == (
+        f"{typed}: is neither a .toml file nor a built-in scenario or suite; did you mean {meant}?"
+    )
+
+
+def test_where_one_scenario_is_needed_a_suite_says_what_is_in_it() -> None:
+    """The name is known, and the line does not say that it is not."""
+    with pytest.raises(InputError) as refused:
+        load_scenario("smoke")
+    assert str(refused.value) == f"smoke: is a suite; name one of it: {', '.join(suites()['smoke'])}"
