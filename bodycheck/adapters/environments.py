@@ -37,6 +37,8 @@ def python_of(pin: Pin) -> Path:
         home.mkdir(parents=True, exist_ok=True)
         with _locked(home / f"{place.name}.lock"):
             if not python.exists():  # while this one waited, another may have made it
+                # on standard error, whoever asks: it takes a while to fetch some 100 MB
+                print(f"making an environment for {pin.engine} {pin.version} ...", file=sys.stderr)
                 _make(pin, place)
     except UvError as error:
         raise UnavailableError(f"{pin.name} cannot be installed: {error}") from None

@@ -166,6 +166,26 @@ def test_an_environment_is_made_once(fake: FakeUv) -> None:
     assert environments.python_of(Pin("mujoco", "3.7.0")) != python
 
 
+@pytest.mark.usefixtures("fake")
+def test_an_environment_is_told_of_before_it_is_made(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line on standard error, before anything is fetched; nothing where the environment is there."""
+    told: list[str] = []
+    monkeypatch.setattr(environments, "_make", lambda _pin, place: _make_now(place, told, capsys))
+    environments.python_of(PIN)
+    environments.python_of(PIN)
+    assert told == ["making an environment for mujoco 3.6.0 ...\n"]
+    assert capsys.readouterr().err == ""
+
+
+def _make_now(place: Path, told: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Make an environment, and keep what was told before."""
+    told.append(capsys.readouterr().err)
+    (place / "bin").mkdir(parents=True)
+    (place / "bin" / "python").touch()
+
+
 def test_two_at_once_make_one_environment(fake: FakeUv) -> None:
     """Whoever comes second waits and finds it made."""
     threads = [threading.Thread(target=environments.python_of, args=(PIN,)) for _ in range(8)]
