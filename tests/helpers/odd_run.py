@@ -18,11 +18,17 @@ from bodycheck.reports.run import Run
 from bodycheck.runner import run as measure
 
 HOSTILE = "<script>alert(1)</script>"
+_FAMILY, _, _VALUE = HOSTILE.partition("/")  # only the child of a family has a slash in its name
 FREE = 'summary = "</script><!-- %{x} $x$ \\u2028 <b>bold</b> & {{ 7 * 7 }}"' + tumbling(
-    HOSTILE, steps_s=[0.05, 0.02, 0.01, 0.005]
+    _FAMILY, steps_s=[0.05, 0.02, 0.01, 0.005]
 )
+_SWEEP = f"""
+[[sweep]]
+key = "source"
+values = ["{_VALUE}"]
+"""
 FORCED = (
-    FREE.replace(HOSTILE, "forced").replace(
+    FREE.replace(_FAMILY, "forced").replace(
         "[1.0, 2.0, 2.5]", "[[1.0, 0.2, 0], [0.2, 2.0, 0.1], [0, 0.1, 2.5]]"
     )
     + """
@@ -89,7 +95,7 @@ class Odd:
 def odd_run(folder: Path) -> Run:
     """Return a run of the reference and the odd engine on a free and a forced scenario, written to folder."""
     files = [folder / name for name in ("free.toml", "forced.toml")]
-    for file, text in zip(files, (FREE, FORCED), strict=True):
+    for file, text in zip(files, (FREE + _SWEEP, FORCED), strict=True):
         file.write_text(text, encoding="utf-8")
     with registered(Odd()):
         measured = measure(files, engines=["reference", Odd.name])
