@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Error, Page, expect
 
 from bodycheck.reports.page.motion import coarsest_shared_step, shown_cases
 from bodycheck.reports.run import Run
+from bodycheck.reports.templating import asset
 
 pytestmark = pytest.mark.slow
 
@@ -54,6 +55,18 @@ def test_the_browser_draws_every_plot(opened: Page) -> None:
     label = opened.locator("[data-plot=error] .hoverlayer").first
     expect(label).to_contain_text(f"{HOSTILE}:sound")
     expect(label).to_contain_text("order 4")
+
+
+def test_an_axis_of_a_decade_has_more_numbers_than_one(chromium: Browser) -> None:
+    """It has 1, 2 and 5 of each decade as numbers; one of more decades has its powers, as without points."""
+    page = chromium.new_page()
+    looks = f"const colour = () => '#000'; {asset('templates/looks.js')}"
+    texts = f"all => {{ {looks} return all.map(values => logAxis('', values).ticktext ?? []); }}"
+    steps, finer, many, none = page.evaluate(texts, [[1e-3, 1e-2], [2e-5, 5e-5], [1e-5, 1e-2], []])
+    page.close()
+    assert {"0.001", "0.002", "0.005", "0.01"} <= set(steps)
+    assert {"2e-5", "5e-5"} <= set(finer)
+    assert many == none == []
 
 
 def test_what_failed_stands_at_the_edge_of_the_speed_plot(opened: Page) -> None:

@@ -24,6 +24,16 @@ function axis(title, more) {
   };
 }
 
+// A logarithmic axis of little more than a decade would have one number or none: it has 1, 2 and 5 of each.
+function logAxis(title, values, more) {
+  const [least, most] = [Math.min(...values), Math.max(...values)];
+  if (!values.length || most > 30 * least) return axis(title, { type: "log", ...more });
+  const decades = [-1, 0, 1, 2].map(k => k + Math.floor(Math.log10(least)));
+  const ticks = decades.flatMap(decade => [1, 2, 5].map(digit => `${digit}e${decade}`));
+  const texts = ticks.map(tick => (Number(tick) < 1e-3 ? tick : String(Number(tick))));
+  return axis(title, { type: "log", tickvals: ticks.map(Number), ticktext: texts, ...more });
+}
+
 function layout(more) {
   return {
     font: { family: "system-ui, sans-serif", size: 12, color: colour("--ink") },

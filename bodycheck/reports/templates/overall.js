@@ -22,7 +22,7 @@ plots.overall = (data, shown, chosen) => {
   return [
     [frontOf(kept), ...traces, ...besideMarks(missing)],
     layout({
-      xaxis: axis("processor time for a simulated second, s", { type: "log", ...beside(missing) }),
+      xaxis: logAxis("processor time for a simulated second, s", kept.map(p => p.x), beside(missing)),
       yaxis: axis(`${name}, at most`, { type: "log" }),
       ...sideStrip(missing, "kept nowhere"),
     }),

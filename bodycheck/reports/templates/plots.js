@@ -52,7 +52,7 @@ const plots = {
     return [
       [front, ...traces, ...besideMarks(faults)],
       layout({
-        xaxis: axis("processor time, s", { type: "log", ...beside(faults) }),
+        xaxis: logAxis("processor time, s", points.map(p => p.cpu[1]), beside(faults)),
         yaxis: axis(zeroAtLeast(error.name), { type: "log" }),
         ...sideStrip(faults),
         ...withFloor(error.floor),
@@ -86,7 +86,7 @@ const plots = {
     return [
       [...traces, ...fits.filter(Boolean), ...marks(faults, fault => ({ x: [fault.dt], y: [lane(fault.m)], yaxis: "y2" }))],
       layout({
-        xaxis: axis("step, s", { type: "log" }),
+        xaxis: logAxis("step, s", steps),
         yaxis: axis(zeroAtLeast(error.name), { type: "log", domain: [0, faults.length ? 0.82 : 1] }),
         ...above,
         ...withFloor(error.floor),
