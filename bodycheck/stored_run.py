@@ -134,6 +134,7 @@ def _carried_out(
     selection: Selection, manner: Manner, identity: Identity, out: Path, watching: Watching
 ) -> tuple[Run, Path]:
     partial = partial_of(out)
+    journal: Journal | None = None
     try:
         with Journal(partial / "journal") as journal, watching(selection.cases_listed()) as progress:
             measured = run_selection(selection, manner, identity, journal=journal, progress=progress)
@@ -141,6 +142,9 @@ def _carried_out(
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_go_on(out)}") from None
     except InputError as error:
+        if journal is not None and journal.is_empty:  # there is nothing to go on with
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
         raise InputError(f"{error}; {_go_on(out)}") from None
     shutil.rmtree(partial, ignore_errors=True)
     return measured, report

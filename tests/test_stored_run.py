@@ -16,6 +16,10 @@ import pandas as pd
 import pytest
 from processes import all_gone, workers_of
 from scenario_file import MEASURED_ANEW, SCENARIO
+from typer.testing import CliRunner
+
+from bodycheck import cli
+from bodycheck.errors import InputError
 
 HELPERS = Path(__file__).parent / "helpers"
 PATIENCE_S = 600.0
@@ -162,6 +166,21 @@ def test_what_cannot_be_gone_on_with_is_refused(command: Command, tmp_path: Path
     assert status == 2
     assert words.startswith("--resume out: out.partial/asked.json cannot be read: ")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out.partial", "package"]
+
+
+def test_a_run_whose_input_is_wrong_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A function that cannot be asked shows where the truth is solved: nothing was found to go on with."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(
+        SCENARIO + '[[forcing]]\nkind = "callable"\nfunction = "math:hypot"\n'
+    )
+    words = ["run", "mine.toml", "--engine", "mujoco:rk4", "--no-speed", "--allow-code", "--out", "out"]
+    for _ in range(2):  # the second time no remains of the first are in the way
+        done = CliRunner().invoke(cli.app, words)
+        assert isinstance(done.exception, InputError)
+        assert str(done.exception).startswith("mine.toml: math:hypot: failed at t = 0.0 s: TypeError")
+        assert "go on with" not in str(done.exception)
+        assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 
 @pytest.mark.slow

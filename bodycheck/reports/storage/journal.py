@@ -55,6 +55,11 @@ class Journal:
                     end += len(line)
         return end
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was ever put into it."""
+        return self._end == 0
+
     def get(self, key: str) -> Message | None:
         """Return what was put under this key before the journal was opened."""
         return self._before.get(key)
