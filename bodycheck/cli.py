@@ -41,6 +41,22 @@ def main() -> None:
         sys.exit(_INTERRUPTED if isinstance(error, StoppedError) else 2)
 
 
+def _print_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        print(f"bodycheck {version('bodycheck')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _before_any_command(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version.")
+    ] = False,
+) -> None: ...
+
+
 @app.command(short_help="Measure scenarios through engines.")
 def run(
     scenarios: Scenarios = None,

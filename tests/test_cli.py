@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Mapping
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,12 @@ def command(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "bodycheck", *words], cwd=cwd, capture_output=True, text=True, check=False
     )
+
+
+def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
+    """One line, as a report of a fault needs it."""
+    done = command("--version", cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"bodycheck {version('bodycheck')}\n", "")
 
 
 @pytest.mark.slow
