@@ -17,6 +17,7 @@ from bodycheck.adapters.registry import registered_adapter
 from bodycheck.adapters.worker import HANDED_OVER, Desk, handed_over
 from bodycheck.adapters.worker_process import WorkerProcess
 from bodycheck.errors import UnavailableError, WorkerLostError
+from bodycheck.reference_impl.cache_home import cache_directory
 
 
 class Host(Protocol):
@@ -56,6 +57,7 @@ def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
 
     One in a version of its own is started when it is waited for: its environment may have to be made first.
     """
+    cache_directory()  # before any worker: where the cache cannot be written, they share what stands for it
     hosts = Hosts()
 
     def announcement() -> dict[str, Engine | str]:

@@ -1,0 +1,83 @@
+"""Where compiled kernels are kept: never beside the sources, even where the cache cannot be written."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bodycheck.reference_impl import cache_home
+from bodycheck.reference_impl.cache_home import cache_directory
+
+COMPILING = """
+from bodycheck.reference_impl.cache_home import cache_directory
+from bodycheck.reference_impl.double_double import two_sum
+two_sum(1.0, 1e-20)
+print(cache_directory(), len([*cache_directory().rglob("*.nbi")]))
+"""
+
+
+@pytest.fixture
+def anew(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let the folder be looked for as a new process does."""
+    monkeypatch.setenv(cache_home._FOR_NOW, "")
+    cache_directory.cache_clear()
+    yield
+    cache_directory.cache_clear()
+
+
+@pytest.mark.usefixtures("anew")
+def test_a_folder_that_can_be_written_is_taken_in_silence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is made where it is not there, and lies in the one that the user names."""
+    monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path / "new"))
+    assert cache_directory().is_dir()
+    assert cache_directory().parent == tmp_path / "new" / "kernels"
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("anew")
+def test_where_it_cannot_be_written_the_processes_of_a_command_share_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line says so, of the first process; those that it starts find the folder, and say nothing."""
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path / "file"))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    first = cache_directory()
+    assert capsys.readouterr().err == (
+        f"{tmp_path / 'file'}: cannot be written: Not a directory; "
+        "what is compiled is kept for this command alone\n"
+    )
+    assert first.parent == tmp_path
+    cache_directory.cache_clear()
+    assert cache_directory() == first
+    assert capsys.readouterr().err == ""
+
+
+def test_nothing_is_compiled_into_the_sources_folder(tmp_path: Path) -> None:
+    """numba would write there by itself; what took the cache's place is gone when the process has ended."""
+    (tmp_path / "file").touch()
+    (tmp_path / "room").mkdir()
+    sources = Path(cache_home.__file__).parent
+    before = {path: path.stat().st_mtime_ns for path in sources.rglob("*.nb?")}
+    surroundings = {
+        **os.environ,
+        "BODYCHECK_CACHE_DIR": str(tmp_path / "file"),
+        "TMPDIR": str(tmp_path / "room"),
+        cache_home._FOR_NOW: "",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILING], env=surroundings, capture_output=True, text=True, check=True
+    )
+    folder, compiled = done.stdout.split()
+    assert Path(folder).parent == tmp_path / "room"
+    assert int(compiled) > 0
+    assert {path: path.stat().st_mtime_ns for path in sources.rglob("*.nb?")} == before
+    assert [*(tmp_path / "room").iterdir()] == []
