@@ -143,7 +143,8 @@ def _add_body(client: int, scene: Scene, moments: Array, centre: Array) -> int:
         linkJointAxis=[(0.0, 0.0, 1.0)],
         physicsClientId=client,
     )
-    # The first call is lost on a link without a shape, and setting the mass again would undo the second.
+    # A velocity limit set with the first inertia makes NaN of a link without a shape, and set with the mass
+    # it halves the inertia.
     pybullet.changeDynamics(body, _LINK, localInertiaDiagonal=moments, physicsClientId=client)
     pybullet.changeDynamics(
         body,
