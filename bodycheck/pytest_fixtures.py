@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
@@ -106,12 +106,16 @@ def _steps(dt_s: float | Sequence[float] | None) -> Sequence[float] | None:
     return [dt_s] if isinstance(dt_s, int | float) else dt_s
 
 
+def _refuse(why: str) -> NoReturn:
+    """End the collection of a file with this line, without the frames of pytest that led here."""
+    pytest.fail(why, pytrace=False)
+
+
 def _said(marker: pytest.Mark) -> dict[str, Any]:
     unknown = [*map(repr, marker.args), *(key for key in marker.kwargs if key not in _KEYS)]
     if unknown:
-        raise pytest.UsageError(
-            f"the marker bodycheck takes {', '.join(f'{key}=' for key in _KEYS)}, not {', '.join(unknown)}"
-        )
+        known = ", ".join(f"{key}=" for key in _KEYS)
+        _refuse(f"the marker bodycheck takes {known}, not {', '.join(unknown)}")
     return dict(marker.kwargs)
 
 
@@ -131,7 +135,7 @@ def parametrize_cases(metafunc: pytest.Metafunc) -> None:
         has_methods = isinstance(engines, str) and "method" not in said
         methods = [{"engine": e, "method": m} for e, m in _methods(engines)] if has_methods else [{}]
     except InputError as error:
-        raise pytest.UsageError(f"{metafunc.definition.nodeid}: {error}") from None
+        _refuse(f"{metafunc.definition.nodeid}: {error}")
     cases = [{**scenario, **method} for scenario in scenarios for method in methods]
     if cases != [{}]:
         names = ["-".join(case.values()) for case in cases]
@@ -178,13 +182,11 @@ def parametrize_gates(metafunc: pytest.Metafunc) -> None:
     """Run a test once for each gate of --bodycheck-tolerances."""
     file = metafunc.config.getoption("--bodycheck-tolerances")
     if file is None:
-        raise pytest.UsageError(
-            f"{metafunc.definition.nodeid}: bodycheck_gate needs --bodycheck-tolerances FILE"
-        )
+        _refuse(f"{metafunc.definition.nodeid}: bodycheck_gate needs --bodycheck-tolerances FILE")
     try:
         gates = read_gates(Path(file))
     except InputError as error:
-        raise pytest.UsageError(str(error)) from None
+        _refuse(str(error))
     suite = metafunc.config.getoption("--bodycheck-suite") or "standard"
     scenarios = tuple(suite.split(","))
     # side by side, each process runs what its own gates need; alone, it runs all of it at once
