@@ -71,7 +71,7 @@ def select(
     for what, listed in (("scenarios", scenarios), ("engines", engines)):
         if isinstance(listed, str):
             raise InputError(f"{what} must be a list of names, like [{listed!r}], not one text")
-    steps, asked_tolerances = _doubles(dt_s), _doubles(tolerances)
+    steps, asked_tolerances = _doubles("dt_s", dt_s), _doubles("tolerances", tolerances)
     names = [_parted(name) for name in engines or engine_names()]
     asked = [name for name in dict.fromkeys(engine for engine, _, _ in names) if not engine_fault(name)]
     with announcing(asked) as announcement:
@@ -83,9 +83,12 @@ def select(
     return Selection(tuple(loaded), methods, unavailable, steps or None, asked_tolerances or None)
 
 
-def _doubles(numbers: Iterable[float] | None) -> tuple[float, ...]:
+def _doubles(what: str, numbers: Iterable[float] | None) -> tuple[float, ...]:
     """Return numbers, of an array too, as doubles of Python: their repr goes into commands."""
-    return () if numbers is None else tuple(float(number) for number in numbers)
+    try:
+        return () if numbers is None else tuple(float(number) for number in numbers)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be a list of numbers, like [0.01], not {numbers!r}") from None
 
 
 def checked_scenarios(

@@ -29,6 +29,9 @@ def test_steps_and_tolerances_may_be_an_array() -> None:
     [
         ({"scenarios": "smoke"}, r"scenarios must be a list of names, like \['smoke'\], not one text"),
         ({"engines": "dart"}, r"engines must be a list of names, like \['dart'\], not one text"),
+        ({"dt_s": 1e-3}, r"dt_s must be a list of numbers, like \[0.01\], not 0.001"),
+        ({"dt_s": "1e-3"}, r"dt_s must be a list of numbers, like \[0.01\], not '1e-3'"),
+        ({"tolerances": [None]}, r"tolerances must be a list of numbers, like \[0.01\], not \[None\]"),
         ({"scenarios": []}, "scenarios: name one at least"),
     ],
 )
