@@ -148,8 +148,11 @@ STABILITY = "stability"
 
 
 def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style]) -> None:
-    """Draw the largest stable step of each method; beside its name why there is none."""
-    axes.set(xscale="log", xlabel="largest stable step, s")
+    """Draw the largest stable step of each method, open where it is only the end of the search.
+
+    Beside the name of a method that has none stands why.
+    """
+    axes.set(xscale="log", xlabel="largest stable step, s; open: at least so much")
     axes.invert_yaxis()
     for row in rows.to_dict("records"):
         style, stable = drawn[row["engine"], row["method"]], row["dt_stable_s"]
@@ -161,6 +164,7 @@ def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style])
             color=_COLOURS[style.colour],
             marker=_MARKERS[style.marker],
             markersize=4,
+            fillstyle="none" if row["dt_unstable_s"] != row["dt_unstable_s"] else "full",
             linestyle="none",
         )
     stable = rows["dt_stable_s"].dropna()

@@ -54,11 +54,16 @@ def test_every_case_that_ended_well_is_a_point(figure: str, column: str, run: Ru
 
 
 def test_the_largest_stable_step_of_each_method_is_drawn(run: Run) -> None:
-    """At its step; a method whose search ended otherwise is named with the reason, without a step."""
+    """At its step, open where none broke down; one whose search failed is named with the reason."""
+    stable, limited = run.stability["dt_stable_s"], run.stability["method"] == "m1"
+    run = replace(run, stability=run.stability.assign(dt_unstable_s=1.01 * stable.where(limited)))
     (axes,) = drawn_figure(run, STABILITY, "forced, and a mesh", "").axes
     rows = run.stability[run.stability["scenario"] == "forced, and a mesh"]
     found = [float(np.asarray(line.get_xdata())[0]) for line in axes.lines]
     np.testing.assert_array_equal(found, rows["dt_stable_s"])
+    is_open = [line.get_fillstyle() == "none" for line in axes.lines]
+    assert is_open == rows["dt_unstable_s"].isna().tolist()
+    assert {True, False} == set(is_open)
     names = [label.get_text() for label in axes.get_yticklabels()]
     assert names[0] == "reference:m1"
     assert names[-1] == "failing:m1 (failed)"
