@@ -18,7 +18,7 @@ from bodycheck.reference_impl.arrays import Array
 LEAST_BEFORE = 8
 """How many nights a level needs before a departure from it can be told."""
 LEAST_AFTER = 5
-"""How many nights a slower level needs, for a few may be the machine's doing; of a quicker one three will do."""
+"""How many nights a slower level needs: a few may be the machine's doing. Of a quicker one three will do."""
 _MOST_BEFORE = 20
 _SIGMAS = 2.5
 _LEAST_STEP = math.log10(1.08)
