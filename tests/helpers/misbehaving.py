@@ -1,4 +1,8 @@
-"""An engine that is sound but for the finest step, at which each of its methods goes wrong in its own way."""
+"""An engine that is sound but for the finest step, at which each of its methods goes wrong in its own way.
+
+Each fault ends a worker, or makes it one that is asked no more: the next begins anew. So it steps by a few lines
+of numpy, and not by the reference, whose kernels every such worker would have to load.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +17,14 @@ from dataclasses import replace
 from typing import NoReturn
 
 import numpy as np
+from my_integrator import step
 
-from bodycheck.adapters.contract import Method, Reading, Simulation, Solver
-from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver
+from bodycheck.adapters.drive import readings_along, trajectory_of
+from bodycheck.adapters.step_function import StepFunction
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.wrench import plan_steps
 
 BAD_STEP_S = 0.01
 SOUND_STEPS_S = (0.05, 0.02)
@@ -158,8 +165,47 @@ SOLUTIONS: dict[str, Callable[[Trajectory], Trajectory | None]] = {
 """What a solver hands back in place of the trajectory."""
 
 
+_STEPPED = Method(
+    name="sound",
+    formula="Runge-Kutta 4",
+    order=4,
+    evaluations=4,
+    torque="held over the step",
+    keeps="nothing",
+    source="my_integrator.py",
+)
+_SOLVED = replace(_STEPPED, control="none")
+
+
+def _stepper(scene: Scene, dt_s: float) -> Simulation:
+    return StepFunction(step).build(scene, "step", dt_s)
+
+
+class _Solver:
+    """The motion of a scene from one call."""
+
+    steps: int | None = None
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+
+    def read_back(self) -> ReadBack:
+        """Return the scene's own numbers."""
+        return replace(_stepper(self._scene, BAD_STEP_S).read_back(), dt_s=None)
+
+    def solve(self) -> Trajectory:
+        """Step through all samples."""
+        readings = readings_along(
+            _stepper(self._scene, BAD_STEP_S), plan_steps(self._scene, BAD_STEP_S).legs()
+        )
+        return trajectory_of(self._scene.sample_times, readings)
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+
 class Misbehaving:
-    """The reference under another name, with one method for each way to go wrong.
+    """Runge-Kutta 4 on a free body, with one method for each way to go wrong.
 
     sound: whether it behaves after all, for comparison.
     """
@@ -167,9 +213,8 @@ class Misbehaving:
     name, version = "misbehaving", "1"
 
     def __init__(self, *, sound: bool = False) -> None:
-        self._sound, self._reference = sound, Reference()
-        m1, exact = self._reference.methods["m1"], self._reference.methods["exact"]
-        kinds = dict.fromkeys((*ACTS, *READINGS, ONLY_TIMED), m1) | dict.fromkeys(SOLUTIONS, exact)
+        self._sound = sound
+        kinds = dict.fromkeys((*ACTS, *READINGS, ONLY_TIMED), _STEPPED) | dict.fromkeys(SOLUTIONS, _SOLVED)
         self.methods: Mapping[str, Method] = {
             name: replace(method, name=name) for name, method in kinds.items()
         }
@@ -182,14 +227,14 @@ class Misbehaving:
         """Build a sound simulation and, at the finest step, spoil it."""
         if _spoilt.is_set():
             raise RuntimeError("spoilt by a case before this one")
-        simulation = self._reference.build(scene, "m1", dt_s)
+        simulation = _stepper(scene, dt_s)
         if not self._sound and abs(dt_s - BAD_STEP_S) < 1e-9:
             spoil(simulation, method)
         return simulation
 
-    def solver(self, scene: Scene, method: str, tolerance: float | None) -> Solver:
+    def solver(self, scene: Scene, method: str, tolerance: float | None) -> Solver:  # noqa: ARG002 - the same
         """Make a sound solver and spoil its solution."""
-        solver = self._reference.solver(scene, "exact", tolerance)
+        solver = _Solver(scene)
         if not self._sound:
             solve = solver.solve
             solver.solve = lambda: SOLUTIONS[method](solve())  # type: ignore[method-assign,assignment,return-value]
