@@ -141,11 +141,12 @@ def test_a_fault_costs_no_other_case(faulty: Run, sound: Run) -> None:
 
 
 @pytest.mark.slow
-def test_an_engine_that_dies_while_it_is_timed_loses_its_speed_alone(scenario: Path) -> None:
+def test_an_engine_that_dies_while_it_is_timed_loses_its_speed_alone(scenario: Path, sound: Run) -> None:
     """The row keeps its measures and says why there is no speed; all other cases have theirs."""
     methods = [ONLY_TIMED, "close-output"]
-    faulty, sound = (run_of(scenario, sound=sound, methods=methods, speed=True) for sound in (False, True))
+    faulty = run_of(scenario, sound=False, methods=methods, speed=True)
     rows, expected = rows_of(faulty), rows_of(sound)
+    expected = expected[expected["method"].isin([*methods, "m1"])].reset_index(drop=True)
     died = goes_wrong(rows) & (rows["method"] == ONLY_TIMED)
     assert rows["message"][died].tolist() == ["speed not measured: the worker died of SIGABRT"]
     assert faulty.results["cpu_s"].isna().tolist() == died.tolist()

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
@@ -25,7 +27,20 @@ HELPERS = Path(__file__).parent / "helpers"
 PATIENCE_S = 600.0
 """After which a command is taken to hang, on a machine that is busy and has kernels to compile."""
 STEPS = ["--dt", "0.05,0.02,0.01"]
-HANGING = ["run", "mine.toml", "--engine", "misbehaving:c-loop,reference:m1", *STEPS, "--no-speed", "--fresh"]
+
+
+def hanging(kind: str = "sleep") -> list[str]:
+    """Return the words of a run in which an engine never comes back from one of its cases."""
+    return [
+        "run",
+        "mine.toml",
+        "--engine",
+        f"misbehaving:{kind},reference:m1",
+        *STEPS,
+        "--no-speed",
+        "--fresh",
+    ]
+
 
 Command = Callable[..., "subprocess.Popen[str]"]
 
@@ -35,23 +50,24 @@ def heed_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-@pytest.fixture
-def command(tmp_path: Path) -> Iterator[Command]:
-    """Return a way to start a command in a folder with a scenario, where another package offers an engine."""
-    (tmp_path / "mine.toml").write_text(SCENARIO)
-    package = tmp_path / "package"
+@contextmanager
+def commands_in(folder: Path) -> Iterator[Command]:
+    """Give a way to start commands in a folder with a scenario, where another package offers an engine."""
+    (folder / "mine.toml").write_text(SCENARIO)
+    package = folder / "package"
     facts = package / "misbehaving-1.0.dist-info"
     facts.mkdir(parents=True)
     (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: misbehaving\nVersion: 1.0\n")
     (facts / "entry_points.txt").write_text("[bodycheck.adapters]\nmisbehaving = misbehaving:Misbehaving\n")
-    (package / "misbehaving.py").write_text((HELPERS / "misbehaving.py").read_text())
+    for module in ("misbehaving.py", "my_integrator.py"):
+        shutil.copy(HELPERS / module, package)
     path = os.pathsep.join([str(package), *filter(None, [os.environ.get("PYTHONPATH")])])
     started: list[subprocess.Popen[str]] = []
 
     def start(*words: str) -> subprocess.Popen[str]:
         process = subprocess.Popen(
             [sys.executable, "-m", "bodycheck", *words],
-            cwd=tmp_path,
+            cwd=folder,
             env={**os.environ, "PYTHONPATH": path},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -66,6 +82,22 @@ def command(tmp_path: Path) -> Iterator[Command]:
     for process in started:
         process.kill()
         process.communicate()
+
+
+@pytest.fixture
+def command(tmp_path: Path) -> Iterator[Command]:
+    """Return a way to start commands in the test's folder."""
+    with commands_in(tmp_path) as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pd.DataFrame]:
+    """Return the tables of a run that hung at one case, and was not stopped."""
+    folder = tmp_path_factory.mktemp("whole")
+    with commands_in(folder) as start:
+        assert finished(start(*hanging(), "--timeout-s", "5", "--out", "out"))[0] == 0
+    return tables(folder / "out")
 
 
 def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
@@ -104,11 +136,10 @@ ALL_BUT_THE_HANGING_CASE = 5
     ids=str,
 )
 def test_a_stopped_run_leaves_no_worker_and_goes_on_to_the_same_tables(
-    blow: signal.Signals, status: int, command: Command, tmp_path: Path
+    blow: signal.Signals, status: int, command: Command, tmp_path: Path, whole: dict[str, pd.DataFrame]
 ) -> None:
     """An engine that never comes back dies with the run; what is on disk is not asked for again."""
-    whole = command(*HANGING, "--timeout-s", "5", "--out", "whole")
-    stopped = command(*HANGING, "--timeout-s", "5", "--out", "out")
+    stopped = command(*hanging(), "--timeout-s", "5", "--out", "out")
     answered(stopped, tmp_path, ALL_BUT_THE_HANGING_CASE)
     assert workers_of(stopped.pid)
     stopped.send_signal(blow)
@@ -120,33 +151,35 @@ def test_a_stopped_run_leaves_no_worker_and_goes_on_to_the_same_tables(
     stored = (tmp_path / "out.partial/journal").read_bytes()
     os.link(tmp_path / "out.partial/journal", tmp_path / "kept")
     assert finished(command("run", "--resume", "out"))[0] == 0
-    assert finished(whole)[0] == 0
     kept = (tmp_path / "kept").read_bytes()
     assert kept.startswith(stored)
     assert kept.count(b"\n") == ALL_BUT_THE_HANGING_CASE + 1
-    for name, table in tables(tmp_path / "whole").items():
+    for name, table in whole.items():
         pd.testing.assert_frame_equal(tables(tmp_path / "out")[name], table)
     assert not (tmp_path / "out.partial").exists()
-    assert tables(tmp_path / "out")["results"]["outcome"].tolist() == [
-        "ok",
-        "ok",
-        "timeout",
-        "ok",
-        "ok",
-        "ok",
-    ]
+    assert whole["results"]["outcome"].tolist() == ["ok", "ok", "timeout", "ok", "ok", "ok"]
+
+
+@pytest.mark.slow
+def test_a_killed_run_leaves_no_engine_that_never_listens(command: Command, tmp_path: Path) -> None:
+    """One that holds the interpreter's lock for ever can be told nothing, and is gone all the same."""
+    killed = command(*hanging("c-loop"), "--out", "out")
+    answered(killed, tmp_path, ALL_BUT_THE_HANGING_CASE)
+    assert workers_of(killed.pid)
+    killed.kill()
+    assert finished(killed)[0] == -signal.SIGKILL
 
 
 @pytest.mark.slow
 def test_a_second_process_on_the_same_run_is_told_so(command: Command, tmp_path: Path) -> None:
     """Whether it resumes or begins: one line, status 2, and the first one is not disturbed."""
-    first = command(*HANGING, "--timeout-s", "5", "--out", "out")
+    first = command(*hanging(), "--timeout-s", "5", "--out", "out")
     answered(first, tmp_path, ALL_BUT_THE_HANGING_CASE)
     first.send_signal(signal.SIGSTOP)  # however long the others take
     status, words = finished(command("run", "--resume", "out"))
     assert status == 2
     assert words.startswith("out.partial/journal: another process is at work on this run")
-    status, words = finished(command(*HANGING, "--out", "out"))
+    status, words = finished(command(*hanging(), "--out", "out"))
     assert status == 2
     assert words.startswith("out.partial: is of a run that was stopped: go on with --resume out")
     first.send_signal(signal.SIGCONT)
@@ -217,8 +250,10 @@ def test_engines_of_other_packages_are_asked_once(command: Command, tmp_path: Pa
     kinds = "misbehaving:abort,misbehaving:raw-flood,misbehaving:nan"
     words = ["run", "mine.toml", "--engine", kinds, *STEPS, "--no-speed"]
     module = tmp_path / "package/misbehaving.py"
-    asked = f"open({str(tmp_path / 'asked')!r}, 'a').write('.')\n        simulation = self._reference"
-    module.write_text(module.read_text().replace("simulation = self._reference", asked))
+    build = "simulation = _stepper("
+    asked = f"open({str(tmp_path / 'asked')!r}, 'a').write('.')\n        {build}"
+    assert build in module.read_text()
+    module.write_text(module.read_text().replace(build, asked))
 
     def times_asked(*options: str, out: str) -> int:
         (tmp_path / "asked").write_text("")

@@ -1,7 +1,7 @@
 """An engine that is sound but for the finest step, at which each of its methods goes wrong in its own way.
 
-Each fault ends a worker, or makes it one that is asked no more: the next begins anew. So it steps by a few lines
-of numpy, and not by the reference, whose kernels every such worker would have to load.
+A fault ends its worker, and the next begins anew. So it steps by a few lines of numpy, and not by the
+reference, whose kernels every such worker would have to load.
 """
 
 from __future__ import annotations
