@@ -1,4 +1,4 @@
-"""The command line, as a user meets it: each command in a process of its own or through the runner."""
+"""The command line, as a user meets it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from front_door import bodycheck_in
 from registered import registered
 from scenario_file import SCENARIO
 
@@ -21,7 +22,6 @@ import bodycheck
 from bodycheck.adapters import registry
 from bodycheck.adapters.contract import Method, ReadBack, Simulation
 from bodycheck.adapters.reference import Reference
-from bodycheck.cli import main
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
 from bodycheck.selection import select
@@ -44,24 +44,18 @@ values = [1.0, 2.0]
 )
 
 
-def command(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Return what `bodycheck words` did in a folder."""
-    return subprocess.run(
-        [sys.executable, "-m", "bodycheck", *words], cwd=cwd, capture_output=True, text=True, check=False
-    )
-
-
 def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
     """One line, as a report of a fault needs it."""
-    done = command("--version", cwd=tmp_path)
+    done = bodycheck_in(tmp_path, "--version")
     assert (done.returncode, done.stdout, done.stderr) == (0, f"bodycheck {version('bodycheck')}\n", "")
 
 
 @pytest.mark.slow
 def test_a_run_leaves_the_files_of_the_contract(tmp_path: Path) -> None:
-    """The tables, the manifest, the report and the trajectories are there, and fit together."""
+    """In a process of its own: tables, manifest, report and trajectories are there, and fit together."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
-    done = command("run", "mine.toml", "--engine", "reference", "--out", "out", cwd=tmp_path)
+    words = ["-m", "bodycheck", "run", "mine.toml", "--engine", "reference", "--out", "out"]
+    done = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "out/report.html"
     out = tmp_path / "out"
@@ -79,20 +73,21 @@ def test_a_run_leaves_the_files_of_the_contract(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_reproducing_command_reproduces_the_case(tmp_path: Path) -> None:
-    """The command of a row gives that row again, digit for digit, but for the time it took."""
+    """The command of a row gives that row again, digit for digit."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
-    command("run", "mine.toml", "--engine", "reference:m2,reference:exact", "--out", "a", cwd=tmp_path)
+    asked = ("run", "mine.toml", "--engine", "reference:m2,reference:exact", "--no-speed")
+    assert bodycheck_in(tmp_path, *asked, "--out", "a").returncode == 0
     with (tmp_path / "a/results.csv").open() as file:
         rows = list(csv.DictReader(file))
     row = next(row for row in rows if row["dt_s"] == "0.005")
     words = row["reproduce"].split()
     assert words[0] == "bodycheck"
-    assert command(*words[1:], "--out", "b", cwd=tmp_path).returncode == 0
+    assert bodycheck_in(tmp_path, *words[1:], "--no-speed", "--out", "b").returncode == 0
     with (tmp_path / "b/results.csv").open() as file:
         again = next(csv.DictReader(file))
-    timed = {"run_id", "cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu", "step_change_rad"}
-    assert {k: v for k, v in row.items() if k not in timed} == {
-        k: v for k, v in again.items() if k not in timed
+    of_the_run = {"run_id", "step_change_rad"}
+    assert {k: v for k, v in row.items() if k not in of_the_run} == {
+        k: v for k, v in again.items() if k not in of_the_run
     }
 
 
@@ -162,9 +157,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_wrong_input_ends_with_status_2_and_one_clear_line(
-    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_input_ends_with_status_2_and_one_clear_line(what: str, tmp_path: Path) -> None:
     """The message says what and where; nothing else is raised, nothing written, standard output empty."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
     (tmp_path / "bad.toml").write_text(SCENARIO.replace("1.0\nsam", "-1.0\nsam"))
@@ -177,24 +170,16 @@ def test_wrong_input_ends_with_status_2_and_one_clear_line(
     (tmp_path / "used/file").touch()
     before = sorted(path.name for path in tmp_path.iterdir())
     words, message = WRONG[what]
-    # in this process, since starting one takes longer than all the rest; test_questions.py does likewise
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(sys.modules, "loads", sys)
-    del sys.modules["loads"]  # to be imported from this folder, and forgotten afterwards
-    monkeypatch.setattr(sys, "argv", ["bodycheck", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    said = capsys.readouterr()
-    assert (ended.value.code, said.out) == (2, "")
-    assert message in said.err
+    done = bodycheck_in(tmp_path, *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert message in done.stderr
     left = sorted(path.name for path in tmp_path.iterdir() if path.name != "__pycache__")
     assert left == before
 
 
 def test_truth_is_printed_as_csv_with_its_bound(tmp_path: Path) -> None:
     """Columns as the trajectory CSV, times as asked for, bound_rad last; values parse back exactly."""
-    done = command("truth", "intermediate-axis", "--at", "10,0,1", cwd=tmp_path)
+    done = bodycheck_in(tmp_path, "truth", "intermediate-axis", "--at", "10,0,1")
     assert done.returncode == 0, done.stderr
     rows = list(csv.reader(done.stdout.splitlines()))
     assert rows[0][:5] == ["t_s", "x_m", "y_m", "z_m", "qw"]
@@ -210,7 +195,7 @@ def test_a_body_is_printed_as_toml_at_full_precision(tmp_path: Path) -> None:
     quads = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
     lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c} {d}" for a, b, c, d in quads]
     (tmp_path / "cube.obj").write_text("\n".join(lines) + "\n")
-    done = command("body", "cube.obj", "--density-kg-m3", "6", cwd=tmp_path)
+    done = bodycheck_in(tmp_path, "body", "cube.obj", "--density-kg-m3", "6")
     assert done.returncode == 0, done.stderr
     found = tomllib.loads(done.stdout)
     assert found["body"]["mass_kg"] == 6.0
@@ -225,8 +210,8 @@ def test_a_shape_and_a_users_function_are_bodies_too(tmp_path: Path) -> None:
         "import numpy as np\n\n\ndef ball(p):\n    return np.linalg.norm(p, axis=1) - 0.5\n"
     )
     size, box = ("--size-m", "0.5"), ("--box-m", "-1,-1,-1,1,1,1")
-    shape = command("body", "sphere", *size, "--density-kg-m3", "6", cwd=tmp_path)
-    level_set = command("body", "mine:ball", *box, "--density-kg-m3", "6", "--allow-code", cwd=tmp_path)
+    shape = bodycheck_in(tmp_path, "body", "sphere", *size, "--density-kg-m3", "6")
+    level_set = bodycheck_in(tmp_path, "body", "mine:ball", *box, "--density-kg-m3", "6", "--allow-code")
     assert shape.returncode == level_set.returncode == 0, shape.stderr + level_set.stderr
     exact, found = tomllib.loads(shape.stdout), tomllib.loads(level_set.stdout)
     assert exact["body"]["mass_kg"] == pytest.approx(np.pi, rel=1e-15, abs=0.0)
@@ -243,20 +228,21 @@ def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
     drag = '[[forcing]]\nkind = "drag"\nlinear_n_s_m = 0.5\nangular_n_m_s = 0.2\n'
     (tmp_path / "drag.toml").write_text(SCENARIO + drag)
     times, allowed = ("--at", "0,0.5,1"), "--allow-code"
-    called = command("truth", "called.toml", *times, allowed, cwd=tmp_path)
-    written = command("truth", "drag.toml", *times, cwd=tmp_path)
+    called = bodycheck_in(tmp_path, "truth", "called.toml", *times, allowed)
+    written = bodycheck_in(tmp_path, "truth", "drag.toml", *times)
     assert called.returncode == written.returncode == 0, called.stderr + written.stderr
     one, other = (
         np.loadtxt(done.stdout.splitlines(), delimiter=",", skiprows=1) for done in (called, written)
     )
     assert np.max(np.abs(one - other)) <= 1e-12
     (tmp_path / "drag.csv").write_text(written.stdout)
-    judged = command("judge", "drag.csv", "--scenario", "called.toml", allowed, cwd=tmp_path)
+    judged = bodycheck_in(tmp_path, "judge", "drag.csv", "--scenario", "called.toml", allowed)
     assert judged.returncode == 0, judged.stderr
     measures = dict(line.split(maxsplit=1) for line in judged.stdout.splitlines() if len(line.split()) > 1)
     assert measures["truth"] == "certified"
     assert float(measures["orientation_error_rad"]) <= 1e-12
-    run = command(
+    run = bodycheck_in(
+        tmp_path,
         "run",
         "called.toml",
         "--engine",
@@ -267,7 +253,6 @@ def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
         allowed,
         "--out",
         "out",
-        cwd=tmp_path,
     )
     assert run.returncode == 0, run.stderr
     results = pd.read_csv(tmp_path / "out/results.csv")
@@ -286,10 +271,10 @@ def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
         "import os\n\n\ndef f(t, x, r, v, omega):\n"
         "    return -0.5 * v, -0.2 * omega + 0.0 * ('BODYCHECK_RUN_PID' not in os.environ or 1 / 0)\n"
     )
-    run = command(
+    run = bodycheck_in(
+        tmp_path,
         *("run", "called.toml", "--engine", "reference:m1", "--dt", "0.02", "--no-speed", "--allow-code"),
         *("--out", "out"),
-        cwd=tmp_path,
     )
     assert run.returncode == 0, run.stderr
     results = pd.read_csv(tmp_path / "out/results.csv")
@@ -301,15 +286,15 @@ def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
 def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:
     """Each child has its row, and the command beside it runs that child alone."""
     (tmp_path / "family.toml").write_text(FAMILY)
-    done = command(
-        "run", "family.toml", "--engine", "reference:exact", "--no-speed", "--out", "out", cwd=tmp_path
+    done = bodycheck_in(
+        tmp_path, "run", "family.toml", "--engine", "reference:exact", "--no-speed", "--out", "out"
     )
     assert done.returncode == 0, done.stderr
     results = pd.read_csv(tmp_path / "out/results.csv")
     assert results["scenario"].tolist() == ["mine/1.0", "mine/2.0"]
     assert set(results["family"]) == {"mine"}
     words = results["reproduce"][1].split()[1:]
-    again = command(*words, "--no-speed", "--out", "again", cwd=tmp_path)
+    again = bodycheck_in(tmp_path, *words, "--no-speed", "--out", "again")
     assert again.returncode == 0, again.stderr
     assert pd.read_csv(tmp_path / "again/results.csv")["scenario"].tolist() == ["mine/2.0"]
 
@@ -324,7 +309,7 @@ def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
         SCENARIO.replace(numbers, 'mesh = "part.obj"\ndensity_kg_m3 = 600.0\n')
     )
     words = ("run", "mine.toml", "--engine", "reference:m1", "--dt", "0.01", "--no-speed", "--out", "out")
-    done = command(*words, cwd=tmp_path)
+    done = bodycheck_in(tmp_path, *words)
     assert done.returncode == 0, done.stderr
     note = "the mesh was inside-out; all its triangles were turned"
     assert f"mine: {note}" in " ".join(done.stdout.split())
@@ -347,7 +332,7 @@ def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
 )
 def test_list_names_what_there_is(what: str, expected: str, tmp_path: Path) -> None:
     """Each catalogue has a line that begins with the name."""
-    done = command("list", what, cwd=tmp_path)
+    done = bodycheck_in(tmp_path, "list", what)
     assert done.returncode == 0, done.stderr
     assert any(line.startswith(expected) for line in done.stdout.splitlines())
 
