@@ -7,7 +7,6 @@ import json
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
@@ -15,14 +14,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from front_door import bodycheck_in
-from registered import registered
 from scenario_file import SCENARIO
 
 import bodycheck
 from bodycheck.adapters import registry
-from bodycheck.adapters.contract import Method, ReadBack, Simulation
-from bodycheck.adapters.reference import Reference
-from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
 from bodycheck.selection import select
 
@@ -335,103 +330,6 @@ def test_list_names_what_there_is(what: str, expected: str, tmp_path: Path) -> N
     done = bodycheck_in(tmp_path, "list", what)
     assert done.returncode == 0, done.stderr
     assert any(line.startswith(expected) for line in done.stdout.splitlines())
-
-
-class Misbehaving:
-    """The reference under another name, one method, with one thing wrong."""
-
-    version = "1"
-
-    def __init__(self, name: str, spoil: Callable[[Simulation], Simulation]) -> None:
-        self.name, self._spoil, self._sound = name, spoil, Reference()
-        self.methods: Mapping[str, Method] = {"m1": self._sound.methods["m1"]}
-
-    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse nothing."""
-        return None
-
-    def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
-        """Build a sound simulation and spoil it."""
-        return self._spoil(self._sound.build(scene, method, dt_s))
-
-
-def raising(simulation: Simulation) -> Simulation:
-    """Raise in the middle of a run."""
-
-    def advance(_: int) -> None:
-        raise RuntimeError("the solver\ngave up")
-
-    simulation.advance = advance  # type: ignore[method-assign]
-    return simulation
-
-
-def leaving(simulation: Simulation) -> Simulation:
-    """Ask the interpreter to leave, as some engines do."""
-
-    def advance(_: int) -> None:
-        raise SystemExit(3)
-
-    simulation.advance = advance  # type: ignore[method-assign]
-    return simulation
-
-
-def lying(simulation: Simulation) -> Simulation:
-    """Hold another mass than was asked for."""
-    sound = simulation.read_back
-
-    def read_back() -> ReadBack:
-        found = sound()
-        return ReadBack(1.5 * found.mass, found.inertia, found.dt_s, found.gravity, found.state)
-
-    simulation.read_back = read_back  # type: ignore[method-assign]
-    return simulation
-
-
-def exploding(simulation: Simulation) -> Simulation:
-    """Let the state become infinite."""
-    sound = simulation.advance
-
-    def advance(steps: int) -> None:
-        sound(steps)
-        simulation._state[6] = np.inf  # type: ignore[attr-defined]
-
-    simulation.advance = advance  # type: ignore[method-assign]
-    return simulation
-
-
-SPOILT = {
-    "raising": (raising, "failed", "RuntimeError: the solver gave up"),
-    "leaving": (leaving, "failed", "SystemExit: 3"),
-    "lying": (lying, "invalid", "mass is 1.5 in the engine, not 1."),
-    "exploding": (exploding, "unstable", "omega_body_rad_s is not finite from t = 0.1 s on"),
-}
-
-
-@pytest.fixture(scope="module")
-def spoilt(tmp_path_factory: pytest.TempPathFactory) -> tuple[pd.DataFrame, str]:
-    """Return the results of a run of the spoilt engines beside a sound one, by engine, and its report."""
-    folder = tmp_path_factory.mktemp("spoilt")
-    (folder / "mine.toml").write_text(SCENARIO)
-    with registered(*(Misbehaving(name, spoil) for name, (spoil, _, _) in SPOILT.items())):
-        run = bodycheck.run([folder / "mine.toml"], engines=[*SPOILT, "reference:m1"], dt_s=[0.01])
-    return run.results.set_index("engine"), bodycheck.write_run(run, folder / "out").read_text()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("engine", SPOILT)
-def test_a_case_that_goes_wrong_has_its_outcome_and_no_measure(
-    engine: str, spoilt: tuple[pd.DataFrame, str]
-) -> None:
-    """Whatever an engine does costs its own case; what was not measured is missing, never 0."""
-    results, report = spoilt
-    _, outcome, message = SPOILT[engine]
-    bad, sound = results.loc[engine], results.loc["reference"]
-    assert bad["outcome"] == outcome
-    assert bad["message"] == message
-    assert bad[["orientation_error_rad", "energy_drift", "cpu_s"]].isna().all()
-    assert sound["outcome"] == "ok"
-    assert 0.0 < sound["orientation_error_rad"] < 0.1
-    assert message.split(":")[0] in report
 
 
 def plug_in(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, place: str) -> None:

@@ -150,6 +150,11 @@ READINGS: dict[str, Callable[[Reading], Reading]] = {
 }
 """What is read in place of the state."""
 
+LIES: dict[str, Callable[[ReadBack], ReadBack]] = {
+    "other-mass": lambda held: replace(held, mass=1.5 * held.mass),
+}
+"""What the engine says it holds."""
+
 ONLY_TIMED = "abort-when-timed"
 
 SOLUTIONS: dict[str, Callable[[Trajectory], Trajectory | None]] = {
@@ -214,7 +219,9 @@ class Misbehaving:
 
     def __init__(self, *, sound: bool = False) -> None:
         self._sound = sound
-        kinds = dict.fromkeys((*ACTS, *READINGS, ONLY_TIMED), _STEPPED) | dict.fromkeys(SOLUTIONS, _SOLVED)
+        kinds = dict.fromkeys((*ACTS, *READINGS, *LIES, ONLY_TIMED), _STEPPED) | dict.fromkeys(
+            SOLUTIONS, _SOLVED
+        )
         self.methods: Mapping[str, Method] = {
             name: replace(method, name=name) for name, method in kinds.items()
         }
@@ -256,5 +263,8 @@ def spoil(simulation: Simulation, method: str) -> None:
         held, read = simulation.read_back(), simulation.read
         simulation.read_back = lambda: held  # type: ignore[method-assign]
         simulation.read = lambda: READINGS[method](read())  # type: ignore[method-assign]
+    elif method in LIES:
+        read_back = simulation.read_back
+        simulation.read_back = lambda: LIES[method](read_back())  # type: ignore[method-assign]
     else:
         simulation.reset = os.abort  # type: ignore[method-assign]
