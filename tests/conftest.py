@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,6 +13,9 @@ import bodycheck
 from bodycheck.adapters.contract import Method, Simulation
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.scene import Scene
+
+# some hundred processes are started, each of which would compile our modules anew
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 FREE = """
 name = "free"
