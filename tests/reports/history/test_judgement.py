@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,27 @@ def told(judged: Judgement) -> list[tuple[str, str, str]]:
     """Return kind, what and direction of each change."""
     assert judged.comparison is not None
     return [(change.kind, change.what, change.direction) for change in judged.comparison.changes]
+
+
+@pytest.fixture(scope="module")
+def _two_nights(night_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("two")
+    stored(night_run, folder, [unchanged, unchanged])
+    return folder
+
+
+@pytest.fixture
+def two_nights(_two_nights: Path, tmp_path: Path) -> Path:
+    """Return a history of two unchanged nights, to be added to."""
+    return shutil.copytree(_two_nights, tmp_path / "two")
+
+
+@pytest.fixture(scope="module")
+def one_worse(night_run: Run, tmp_path_factory: pytest.TempPathFactory) -> History:
+    """Return a history in which the energy drifts more on the second night, to be asked."""
+    folder = tmp_path_factory.mktemp("worse")
+    stored(night_run, folder, [unchanged, planted("energy_drift", 1e-6)])
+    return History(folder)
 
 
 def test_the_first_night_has_no_past_and_the_second_has(night_run: Run, tmp_path: Path) -> None:
@@ -136,10 +158,11 @@ def test_a_case_that_comes_back_is_compared_with_when_it_last_ended_well(
     night_run: Run, tmp_path: Path
 ) -> None:
     """A crash for three nights hides no change of what the case measures."""
-    worse = planted("orientation_error_rad", 1e-6)
-    *_, judged = stored(night_run, tmp_path, [unchanged, *3 * [ended("failed")], worse])
+    stored(night_run, tmp_path / "worse", [unchanged, *3 * [ended("failed")]])
+    shutil.copytree(tmp_path / "worse", tmp_path / "same")
+    (judged,) = stored(night_run, tmp_path / "worse", [planted("orientation_error_rad", 1e-6)], first=4)
     assert ("accuracy", "orientation_error_rad", "worse") in told(judged)
-    *_, same = stored(night_run, tmp_path / "same", [unchanged, *3 * [ended("failed")], unchanged])
+    (same,) = stored(night_run, tmp_path / "same", [unchanged], first=4)
     assert told(same) == [("outcome", "outcome", "better")]
 
 
@@ -166,23 +189,23 @@ def test_a_slower_engine_is_told_and_then_usual(night_run: Run, tmp_path: Path) 
     assert all(8 <= number <= 12 for number, _ in alarms)
 
 
-def test_nights_of_other_machines_are_another_past(night_run: Run, tmp_path: Path) -> None:
+def test_nights_of_other_machines_are_another_past(night_run: Run, two_nights: Path) -> None:
     """Two classes of machines share a folder, and each night is compared with its own."""
-    stored(night_run, tmp_path, [unchanged, unchanged])
-    (other,) = stored(night_run, tmp_path, [planted("energy_drift", 1e-6)], first=2, cpu="another processor")
+    (other,) = stored(
+        night_run, two_nights, [planted("energy_drift", 1e-6)], first=2, cpu="another processor"
+    )
     assert other.status == "past too thin"
-    (mine,) = stored(night_run, tmp_path, [unchanged], first=3)
+    (mine,) = stored(night_run, two_nights, [unchanged], first=3)
     assert mine.status == "no regression"
     assert mine.comparison is not None
     assert mine.comparison.before.run_id == run_of_night(night_run, 1).run_id
 
 
-def test_a_scenario_that_means_another_thing_is_not_compared(night_run: Run, tmp_path: Path) -> None:
+def test_a_scenario_that_means_another_thing_is_not_compared(night_run: Run, two_nights: Path) -> None:
     """Where no scenario is what it was, there is nothing to compare with: the past is too thin."""
-    stored(night_run, tmp_path, [unchanged])
     known = night_run.manifest["scenarios"]
     longer = {name: {**scenario, "duration_s": 2.0} for name, scenario in known.items()}
-    (judged,) = stored(night_run, tmp_path, [slower_all], first=1, scenarios=longer)
+    (judged,) = stored(night_run, two_nights, [slower_all], first=2, scenarios=longer)
     assert judged.status == "past too thin"
     assert judged.comparison is not None
     assert set(judged.comparison.redefined) == {"slow", "quick"}
@@ -197,22 +220,20 @@ def slower_all(results: pd.DataFrame) -> pd.DataFrame:
 @pytest.mark.parametrize(
     "file", ["manifest.json", "results.csv", "results.parquet", "night.json", "methods.csv"]
 )
-def test_a_damaged_night_is_left_out_and_named(night_run: Run, tmp_path: Path, file: str) -> None:
+def test_a_damaged_night_is_left_out_and_named(night_run: Run, two_nights: Path, file: str) -> None:
     """Tonight is compared with the night before it, and stored."""
-    stored(night_run, tmp_path, [unchanged, unchanged])
-    damaged = tmp_path / run_of_night(night_run, 1).run_id / file
+    damaged = two_nights / run_of_night(night_run, 1).run_id / file
     damaged.write_bytes(damaged.read_bytes()[: damaged.stat().st_size // 2])
-    (judged,) = stored(night_run, tmp_path, [planted("energy_drift", 1e-6)], first=2)
+    (judged,) = stored(night_run, two_nights, [planted("energy_drift", 1e-6)], first=2)
     assert judged.status == "regression"
     assert judged.comparison is not None
     assert judged.comparison.before.run_id == run_of_night(night_run, 0).run_id
     assert any(damaged.parent.name in sentence for sentence in night_sentences(judged))
 
 
-def test_a_night_keeps_all_that_was_measured_and_told(night_run: Run, tmp_path: Path) -> None:
+def test_a_night_keeps_all_that_was_measured_and_told(night_run: Run, one_worse: History) -> None:
     """Its folder is a run that can be read; CSV and Parquet hold the same; night.json counts the changes."""
-    stored(night_run, tmp_path, [unchanged, planted("energy_drift", 1e-6)])
-    night = History(tmp_path).nights()[-1]
+    night = one_worse.nights()[-1]
     assert len(read_tables(night).cases) == len(night_run.results)
     found = json.loads((night / "night.json").read_text())
     assert (found["status"], found["worse"], found["better"]) == ("regression", 1, 0)
@@ -222,19 +243,17 @@ def test_a_night_keeps_all_that_was_measured_and_told(night_run: Run, tmp_path: 
         assert "m1" in (night / page).read_text()
 
 
-def test_a_history_is_asked_in_sql(night_run: Run, tmp_path: Path) -> None:
+def test_a_history_is_asked_in_sql(night_run: Run, one_worse: History) -> None:
     """Every table of every night is there, under its night, as it was measured."""
-    stored(night_run, tmp_path, [unchanged, planted("energy_drift", 1e-6)])
-    history = History(tmp_path)
     sql = (
         "SELECT run_id, max(energy_drift) AS most FROM results WHERE method = 'm1' GROUP BY run_id ORDER BY 1"
     )
-    found = query(history.nights(), sql)
+    found = query(one_worse.nights(), sql)
     mine = night_run.results[night_run.results["method"] == "m1"]["energy_drift"].max()
-    assert found["run_id"].tolist() == [night.name for night in history.nights()]
+    assert found["run_id"].tolist() == [night.name for night in one_worse.nights()]
     assert found["most"][0] == mine
     (counted,) = query(
-        history.nights(),
+        one_worse.nights(),
         "SELECT (SELECT count(*) FROM nights) AS nights, (SELECT count(*) FROM changes) AS changes, "
         "(SELECT count(*) FROM methods) AS methods, (SELECT count(*) FROM stability) AS stability",
     ).to_dict("records")
@@ -244,15 +263,14 @@ def test_a_history_is_asked_in_sql(night_run: Run, tmp_path: Path) -> None:
         "methods": 2 * len(night_run.methods),
         "stability": 2 * len(night_run.stability),
     }
-    assert nights_table(history.nights())["status"].tolist() == ["past too thin", "regression"]
+    assert nights_table(one_worse.nights())["status"].tolist() == ["past too thin", "regression"]
 
 
 @pytest.mark.parametrize("sql", ["SELECT * FROM absent", "SELEC", ""])
-def test_a_wrong_question_is_one_line(night_run: Run, tmp_path: Path, sql: str) -> None:
+def test_a_wrong_question_is_one_line(one_worse: History, sql: str) -> None:
     """What the database says of it, and nothing else."""
-    stored(night_run, tmp_path, [unchanged])
     with pytest.raises(InputError) as refused:
-        query(History(tmp_path).nights(), sql)
+        query(one_worse.nights(), sql)
     assert "\n" not in str(refused.value)
 
 
