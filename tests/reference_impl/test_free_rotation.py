@@ -100,7 +100,7 @@ class Truth:
         while duration:
             series = self._series(state)
             last = max(abs(component[-1]) for vector in series for component in vector)
-            longest = 1 << (BITS - last.bit_length() // ORDER - 1)
+            longest = fixed(Fraction(0.9 * 2.0 ** (-last.bit_length() / ORDER)))
             step = max(-longest, min(duration, longest))
             state = [[_horner(component, step) for component in vector] for vector in series]
             duration -= step
