@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,8 +15,10 @@ from bodycheck.adapters.contract import Method, Simulation
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.scene import Scene
 
-# some hundred processes are started, each of which would compile our modules anew
+# Bytecode is kept, whatever the surroundings say: some hundred processes are started, each of which would
+# compile our modules anew, and pytest goes through every assertion of these files before it can begin.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 FREE = """
 name = "free"
