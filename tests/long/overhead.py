@@ -2,10 +2,11 @@
 
     python tests/long/overhead.py standard
 
-Each case goes through a run's own code with a worker, one at a time and nothing cached; then the same case is
-stepped in this process, and that time alone is taken away. Workers are started, and their kernels loaded,
-before. Truths, and searches for the largest stable step, are left out. Prints milliseconds
-of processor time, the run's and the worker's, the least of five passes: other work on the machine only adds.
+Each method's case at its coarsest step goes through a run's own code with a worker, one at a time and
+nothing cached; then the same case is stepped in this process, and that time alone is taken away. Workers are
+started, and their kernels loaded, before. Truths, and searches for the largest stable step, are left out.
+Prints milliseconds of processor time, the run's and the worker's, the least of ten passes: other work on the
+machine only adds.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from bodycheck.reports.storage.answers import Answers
 from bodycheck.reports.subject import Subject
 from bodycheck.selection import select
 
-_PASSES = 5
+_PASSES = 10
 
 
 class Stepped:
@@ -96,18 +97,18 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
         for how, scenario in selection.scenarios:
             subject = Subject.of(scenario, how)
             for engine, method in selection.methods:
-                for setting in selection.settings(scenario, method):
-                    passes = []
-                    asked.clear()
-                    for _ in range(1 + _PASSES):  # the first starts the worker and loads its kernels
-                        begin = spent(hosts, engine)
-                        result = run_case(subject, engine, method, setting, ask)
-                        passes.append(spent(hosts, engine) - begin)
-                    if not result.ok:
-                        break
-                    whole, asking = min(passes[1:]), min(seconds for seconds, _ in asked[1:])
-                    alone = stepping(get_adapter(engine.name), asked[-1][1])
-                    found.setdefault(engine.name, []).append((1e3 * (whole - alone), 1e3 * (asking - alone)))
+                setting = selection.settings(scenario, method)[0]
+                passes = []
+                asked.clear()
+                for _ in range(1 + _PASSES):  # the first starts the worker and loads its kernels
+                    begin = spent(hosts, engine)
+                    result = run_case(subject, engine, method, setting, ask)
+                    passes.append(spent(hosts, engine) - begin)
+                if not result.ok:
+                    continue
+                whole, asking = min(passes[1:]), min(seconds for seconds, _ in asked[1:])
+                alone = stepping(get_adapter(engine.name), asked[-1][1])
+                found.setdefault(engine.name, []).append((1e3 * (whole - alone), 1e3 * (asking - alone)))
     finally:
         hosts.close()
     return found
