@@ -5,8 +5,8 @@
 Each method's case at its coarsest step goes through a run's own code with a worker, one at a time and
 nothing cached; then the same case is stepped in this process, and that time alone is taken away. Workers are
 started, and their kernels loaded, before. Truths, and searches for the largest stable step, are left out.
-Prints milliseconds of processor time, the run's and the worker's, the lowest tenth of fifty passes: other work on
-the machine only adds.
+Prints milliseconds of processor time, the run's and the worker's, the lowest tenth of fifty passes: other
+work on the machine only adds.
 """
 
 from __future__ import annotations
