@@ -84,9 +84,13 @@ class PyBullet:
         """Build the body in a world of its own."""
         client = self._idle_clients.pop() if self._idle_clients else pybullet.connect(pybullet.DIRECT)
         give_back = self._idle_clients.append
-        if scene.pivot is not None:
-            return PivotedPyBulletSimulation(scene, dt_s, client, give_back)
-        return PyBulletSimulation(scene, method, dt_s, client, give_back)
+        try:
+            if scene.pivot is not None:
+                return PivotedPyBulletSimulation(scene, dt_s, client, give_back)
+            return PyBulletSimulation(scene, method, dt_s, client, give_back)
+        except BaseException:
+            pybullet.disconnect(client)  # what was half built stays in its world
+            raise
 
 
 class PyBulletSimulation:

@@ -196,6 +196,26 @@ def test_client_is_reused_when_no_other_is_alive(adapter: PyBullet) -> None:
     third.close()
 
 
+def test_a_client_in_which_building_failed_is_given_up(
+    adapter: PyBullet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is disconnected, with the half of a body that may be in it; the next case has another."""
+
+    def refused(*_: object, **__: object) -> None:
+        raise pybullet.error("no dynamics today")
+
+    def connected() -> list[int]:
+        return [client for client in range(100) if pybullet.isConnected(client)]
+
+    before = connected()
+    monkeypatch.setattr(pybullet, "changeDynamics", refused)
+    for scene in (scene_of(), replace(scene_of(), pivot=np.array([0.1, 0.0, 0.0]))):
+        with pytest.raises(pybullet.error, match="today"):
+            adapter.build(scene, "multibody", 1e-2)
+    assert adapter._idle_clients == []
+    assert connected() == before
+
+
 @both_methods
 def test_quarter_turn_and_more_in_a_step_is_cut(adapter: PyBullet, method: str) -> None:
     """Beyond |omega| h = pi/4 Bullet turns a body by less, so a step that long is no fault of the adapter."""

@@ -87,7 +87,7 @@ def _step_told(column: Array, there: NDArray[np.intp], told: float) -> Step | No
     faster = float(np.min(before)) - float(np.median(now)) > told
     if not slower and not faster:
         return None
-    size = _most(now)[0] - level
+    size = (_most(now)[0] if slower else float(np.median(now))) - level
     first = int(np.argmax((now - level) / size > 0.5))
     return Step(int(there[-LEAST_AFTER + first]), int(there[-1]), size)
 

@@ -60,6 +60,13 @@ def test_one_quick_night_shows_that_a_method_is_not_slower() -> None:
         assert [len(steps) for steps in level_steps(series)] == [told]
 
 
+def test_a_method_that_became_quicker_is_told_so_whatever_disturbs_two_of_its_nights() -> None:
+    """Even where the two disturbed ones, and the least quick one, lie closest together."""
+    series = column((0.0, 8), (0.0, 5))
+    series[8:, 0] = [-0.5, -0.3, -0.1, 0.0, 0.01]
+    assert level_steps(series) == [[Step(8, 12, -0.1)]]
+
+
 def test_disturbed_nights_before_are_not_the_level() -> None:
     """Of twenty nights nine may be slower by anything; a quick one among them hides a speed-up alone."""
     for disturbed, told in ((9, 1), (11, 0)):
