@@ -73,7 +73,7 @@ def run_selection(
     journal: what this run has found before, and finds; None to keep nothing.
     """
     begin = time.perf_counter()
-    progress.phase("compiling the reference's kernels (once on a machine)")
+    progress.phase("the reference's kernels: compiled once on a machine")
     cache = Cache.default()
     cache.prune()
     cache = cache.write_only() if manner.fresh else cache

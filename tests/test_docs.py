@@ -375,7 +375,7 @@ def test_the_readme_finds_what_it_says() -> None:
         "semi-implicit": ("1.41e-2 rad", "1.3e-3", 1e-3),
         "implicit": ("1.42e-2 rad", "1.4e-3", 1e-3),
         "rk4": ("2.1e-9 rad at 1e-2 s", "1.5e-9", 1e-2),
-        "rotation-first": ("1.1 rad", "4e-15", 1e-3),
+        "rotation-first": ("1.1 rad", "below 1e-14", 1e-3),
     }
     page = text_of("README.md")
     for method, (error, drift, dt_s) in rows.items():
@@ -384,7 +384,10 @@ def test_the_readme_finds_what_it_says() -> None:
         )
         measured = found.loc[(method, dt_s)]
         assert measured["orientation_error_rad"] == pytest.approx(float(error.split()[0]), rel=0.04)
-        assert measured["angular_momentum_drift"] == pytest.approx(float(drift), rel=0.15)
+        if drift.startswith("below"):  # round-off, which differs from machine to machine
+            assert 0.0 < measured["angular_momentum_drift"] < float(drift.removeprefix("below "))
+        else:
+            assert measured["angular_momentum_drift"] == pytest.approx(float(drift), rel=0.15)
 
 
 def test_the_small_body_shows_what_the_readme_says() -> None:

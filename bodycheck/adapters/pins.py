@@ -39,6 +39,9 @@ def engine_fault(name: str) -> str | None:
     pin = pin_of(name)
     engine = name if pin is None else pin.engine
     if engine not in engine_names():
+        named, _, version = engine.partition("=")
+        if named in engine_names():
+            return f"{name}: a version is asked for by two signs: {named}=={version or '4.0.0'}"
         return f"no engine is named {engine!r}; known are {', '.join(engine_names())}"
     if pin is None:
         return None

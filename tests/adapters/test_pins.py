@@ -32,6 +32,9 @@ def test_a_pin_is_written_as_pip_writes_it() -> None:
         ("mujoco==3.x", "'3.x' is no version"),
         ("havok==1.0", "no engine is named 'havok'"),
         ("mujoco>=3.6", "no engine is named 'mujoco>=3.6'"),
+        ("mujoco=3.6.0", "a version is asked for by two signs: mujoco==3.6.0"),
+        ("mujoco=", "a version is asked for by two signs: mujoco==4.0.0"),
+        ("havok=1.0", "no engine is named 'havok=1.0'"),
         ("reference==0.1", "part of this program"),
     ],
 )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.double_double import DoubleDouble
-from bodycheck.reference_impl.elliptic import Quotients
+from bodycheck.reference_impl.elliptic_functions import Quotients
 from bodycheck.reference_impl.equations import matrix_at
 from bodycheck.reference_impl.free_rotation.series import CayleyKlein
 from bodycheck.reference_impl.free_rotation.state import Tumble

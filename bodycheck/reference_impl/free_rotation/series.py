@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple, TypeAlias
 
 from bodycheck.reference_impl import double_double as dd
-from bodycheck.reference_impl import elliptic
+from bodycheck.reference_impl import elliptic_functions
 from bodycheck.reference_impl.jit import kernel
 from bodycheck.reference_impl.registers import Quat
 
@@ -77,7 +77,7 @@ def _exponential_coefficients(
 
 
 @kernel
-def coefficients(functions: elliptic.Quotients, a: float, tilt: float, side: float) -> CayleyKlein:
+def coefficients(functions: elliptic_functions.Quotients, a: float, tilt: float, side: float) -> CayleyKlein:
     """Coefficients of (alpha, beta), whose beta has its zero at u = i s a and is tilt |alpha| at u = 0.
 
     Jacobi's imaginary transformation makes theta4(x - i s pi a / 2K | q^2), up to a real factor, into

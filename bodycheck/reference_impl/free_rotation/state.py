@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bodycheck.reference_impl import double_double as dd
-from bodycheck.reference_impl import elliptic
+from bodycheck.reference_impl import elliptic_functions
 from bodycheck.reference_impl.double_double import DoubleDouble
 from bodycheck.reference_impl.free_rotation.series import CayleyKlein, exponential_sums, trigonometric_sums
 from bodycheck.reference_impl.jit import exact_kernel
@@ -20,7 +20,7 @@ _TWO_PI: DoubleDouble = (2.0 * dd.PI[0], 2.0 * dd.PI[1])
 class Tumble(NamedTuple):
     """The motion seen from the principal axes, numbered as the module says, to the momentum's frame."""
 
-    functions: elliptic.Quotients
+    functions: elliptic_functions.Quotients
     start: DoubleDouble
     """u0."""
     rate: DoubleDouble
@@ -38,7 +38,7 @@ def turned(rate: DoubleDouble, t: DoubleDouble, extra: float) -> tuple[float, fl
     turns, rest = dd.two_product(rate[0], t[0])
     fraction, low = dd.two_sum(turns - np.rint(turns), rest + (rate[1] * t[0] + rate[0] * t[1]))
     fraction, lower = dd.two_sum(fraction - np.rint(fraction), extra)
-    return elliptic.circular_argument((fraction, low + lower), _TWO_PI)
+    return elliptic_functions.circular_argument((fraction, low + lower), _TWO_PI)
 
 
 @exact_kernel
@@ -46,15 +46,15 @@ def state_at(motion: Tumble, t: DoubleDouble) -> tuple[Quat, Vec]:
     """Quaternion (of any norm) to the momentum's frame, and omega, both from and along the numbered axes."""
     f = motion.functions
     u = dd.add(dd.multiply(motion.rate, t), motion.start)
-    u, sign = elliptic.reduce_by_half_periods(u, f.quarter_period)
+    u, sign = elliptic_functions.reduce_by_half_periods(u, f.quarter_period)
     if f.trigonometric:
-        sin_x, cos_x = elliptic.circular_argument(u, f.rate)
-        sn, cn, dn = elliptic.circular_functions(f, sin_x, cos_x)
+        sin_x, cos_x = elliptic_functions.circular_argument(u, f.rate)
+        sn, cn, dn = elliptic_functions.circular_functions(f, sin_x, cos_x)
         alpha_re, alpha_im, beta_re, beta_im = trigonometric_sums(motion.series, sin_x, cos_x)
     else:
         u_sign = math.copysign(1.0, u[0])
-        argument = elliptic.exponential_argument(u, f.rate, f.quarter_period)
-        sn, cn, dn = elliptic.exponential_functions(f, u_sign, argument)
+        argument = elliptic_functions.exponential_argument(u, f.rate, f.quarter_period)
+        sn, cn, dn = elliptic_functions.exponential_functions(f, u_sign, argument)
         alpha_re, alpha_im, beta_re, beta_im = exponential_sums(
             motion.series, f.nome, u_sign, argument[0], argument[2]
         )

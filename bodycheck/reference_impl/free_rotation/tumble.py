@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from bodycheck.reference_impl import double_double as dd
-from bodycheck.reference_impl import elliptic
+from bodycheck.reference_impl import elliptic_functions, elliptic_integrals
 from bodycheck.reference_impl.double_double import DoubleDouble
 from bodycheck.reference_impl.free_rotation.numbered_axes import NumberedAxes, Separation
 from bodycheck.reference_impl.free_rotation.series import coefficients
@@ -60,7 +60,7 @@ def _mean_turn_rate(
     """
     if kc[0] == 0.0:
         return dd.divide(slow, FOUR_PI)
-    total = elliptic.complete_integral(kc, weight, fast, dd.multiply(weight, slow))
+    total = elliptic_integrals.complete_integral(kc, weight, fast, dd.multiply(weight, slow))
     return dd.divide(dd.subtract(total, turning), dd.multiply(quarter_period, FOUR_PI))
 
 
@@ -84,9 +84,9 @@ def tumble(axes: NumberedAxes, separation: Separation) -> Tumble:
 
     k = dd.multiply(_root_of_ratio(gap21, gap32), dd.divide(root3, root1))
     kc = _complementary_modulus(root1, root3, _root_of_ratio(gap31, gap32), separation)
-    functions = elliptic.quotients(kc, k)
+    functions = elliptic_functions.quotients(kc, k)
     sn, cn, dn = dd.divide(l2, amplitude2), dd.divide(l1, amplitude1), dd.divide(l3, amplitude3)
-    start = dd.scale(dd.multiply(sn, elliptic.carlson_rf_of_squares(cn, dn, dd.ONE)), side)
+    start = dd.scale(dd.multiply(sn, elliptic_integrals.carlson_rf_of_squares(cn, dn, dd.ONE)), side)
 
     weight = dd.divide(dd.multiply(i2, gap31), dd.multiply(i1, gap32))
     turning = dd.scale(dd.multiply(dd.PI, rate), 0.5 * side)
@@ -95,7 +95,7 @@ def tumble(axes: NumberedAxes, separation: Separation) -> Tumble:
     )
     # a = F(atan(1 / sqrt(kappa)) | m1), since 1 + kappa sn(i a)^2 = 0
     kappa = i3[0] * gap21[0] / (i1[0] * gap32[0])
-    a = elliptic.carlson_rf(kappa, kappa + k[0] * k[0], kappa + 1.0)
+    a = elliptic_integrals.carlson_rf(kappa, kappa + k[0] * k[0], kappa + 1.0)
     tilt = amplitude1[0] / (norm[0] + amplitude3[0])
     return Tumble(
         functions,
