@@ -44,6 +44,9 @@ NOT_RUN = {
 }
 """Commands that are shown and not run here, and why."""
 
+LONG = ("docs/nightly.md", "docs/report.md")
+"""Pages whose commands take a minute; tests of the same commands, in less, run at each push."""
+
 FILES = {
     "my-scenario.toml": ("docs/scenarios.md", "toml", 0),
     "my_loads.py": ("docs/scenarios.md", "python", 0),
@@ -174,7 +177,14 @@ def check_commands(page: str, folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in pages() if shown(page)])
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.nightly if page in LONG else ())
+        for page in pages()
+        if shown(page)
+    ],
+)
 def test_the_commands_of_a_page_work(page: str, folder: Path, request: pytest.FixtureRequest) -> None:
     """One after the other, with the files of the docs beside them."""
     needed = " ".join(command.line for command in shown(page))
