@@ -1,7 +1,20 @@
-"""python -m bodycheck."""
+"""The command `bodycheck`, and `python -m bodycheck`."""
 
 from __future__ import annotations
 
-from bodycheck.cli import main
+import sys
 
-main()
+
+def main() -> None:
+    """Carry the command out; an interrupt while it is still being imported ends it in one line too."""
+    try:
+        from bodycheck.cli import main as command
+
+        command()
+    except KeyboardInterrupt:
+        sys.stderr.write("stopped, before anything began\n")
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

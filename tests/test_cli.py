@@ -9,6 +9,7 @@ import sys
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from front_door import bodycheck_in
 from scenario_file import SCENARIO
 
 import bodycheck
+from bodycheck.__main__ import main as bodycheck_main
 from bodycheck.adapters import registry
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
 from bodycheck.selection import select
@@ -37,6 +39,22 @@ key = "body.mass_kg"
 values = [1.0, 2.0]
 """
 )
+
+
+def test_an_interrupt_while_the_command_is_imported_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Status 130, as of any run that is stopped, and no frames of whatever was being imported."""
+
+    class Interrupted(ModuleType):
+        def __getattr__(self, name: str) -> object:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "bodycheck.cli", Interrupted("bodycheck.cli"))
+    with pytest.raises(SystemExit) as ended:
+        bodycheck_main()
+    assert ended.value.code == 130
+    assert capsys.readouterr() == ("", "stopped, before anything began\n")
 
 
 def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
@@ -358,6 +376,7 @@ def test_an_engine_that_cannot_be_imported_is_shown_with_the_reason(
         bodycheck.run([path], engines=["ghost"])
 
 
+@pytest.mark.slow
 def test_a_torque_that_switches_inside_a_step_is_said_so(tmp_path: Path) -> None:
     """Such a step carries the mean torque, and the row's message tells."""
     path = tmp_path / "mine.toml"
@@ -381,6 +400,7 @@ def test_untouched_defaults_are_run_only_when_asked_for_by_name() -> None:
     assert named == ["multibody@defaults"]
 
 
+@pytest.mark.slow
 def test_a_run_without_speed_measures_no_time(tmp_path: Path) -> None:
     """--no-speed leaves the columns of speed empty and the errors as they are."""
     path = tmp_path / "mine.toml"

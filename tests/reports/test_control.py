@@ -35,6 +35,7 @@ def obedient() -> bodycheck.Run:
     return bodycheck.run(["full-tensor", "body-torque"], engines=["reference:taylor"], speed=False)
 
 
+@pytest.mark.slow
 def test_errors_fall_with_the_tolerance_that_a_method_is_told(obedient: bodycheck.Run) -> None:
     """From one tolerance to the next finer one the error falls, until round-off holds it."""
     for _, rows in obedient.results.groupby("scenario"):

@@ -33,6 +33,7 @@ def test_every_method_told_a_step_has_a_row(run: bodycheck.Run) -> None:
     assert set(run.stability["run_id"]) == {run.run_id}
 
 
+@pytest.mark.slow
 def test_the_map_agrees_with_the_cases(run: bodycheck.Run) -> None:
     """No case was stable at a step that the map calls unstable, nor the other way round."""
     for method in ("m1", "euler"):
@@ -54,6 +55,7 @@ def test_a_method_that_cannot_represent_the_scene_is_shown_with_the_reason(run: 
     assert pd.isna(found["dt_unstable_s"])
 
 
+@pytest.mark.slow
 def test_steps_asked_for_leave_the_map_empty(tmp_path: Path) -> None:
     """With --dt nothing but those steps is run; the file is there, and says so by having no row."""
     run = bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01], speed=False)

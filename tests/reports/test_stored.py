@@ -26,6 +26,7 @@ def again(stored_run: Path) -> Run:
     return read_run(stored_run, cache=Cache.default())
 
 
+@pytest.mark.slow
 def test_the_report_of_a_stored_run_is_the_first_one_byte_for_byte(stored_run: Path, again: Run) -> None:
     """Tables, truths and measures over time come back to the last digit, without the mesh's file."""
     assert render_report(again) == (stored_run / "report.html").read_text(encoding="utf-8")
