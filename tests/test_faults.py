@@ -51,6 +51,7 @@ ENDINGS = {
     "leave-a-fork": ("failed", "the worker ended itself with status 5"),
     "leave-a-child": ("failed", "the worker ended itself with status 5"),
     "spoil": ("ok", ""),
+    "infinite": ("unstable", "omega_body_rad_s is not finite from t = 0.1 s on"),
     "nan": ("unstable", "position_m is not finite from t = 0 s on"),
     "shape": ("failed", "position_m has the shape (11, 4), not (11, 3)"),
     "ragged": ("failed", "ValueError"),
@@ -122,6 +123,8 @@ def test_a_fault_is_the_outcome_of_its_case(kind: str, faulty: Run) -> None:
     outcome, message = ENDINGS[kind]
     assert len(rows) == 1
     assert (row["outcome"], message in row["message"]) == (outcome, True), row["message"]
+    if kind in ("raise", "system-exit", "other-mass", "infinite"):
+        assert row["message"] == message
     assert len(row["message"]) < 2000
     assert row["message"].isprintable()
     assert row[["orientation_error_rad", "energy_drift"]].isna().all() == (outcome != "ok")
@@ -148,6 +151,8 @@ def test_a_fault_costs_no_other_case(faulty: Run, sound: Run) -> None:
     chatty = rows["method"].isin(["print-flood", "raw-flood", "close-output", "spoil"])
     pd.testing.assert_frame_equal(rows[chatty], expected[chatty], check_exact=True)
     assert (expected["outcome"] == "ok").all()
+    errors = rows.loc[rows["engine"] == "reference", "orientation_error_rad"]
+    assert ((errors > 0.0) & (errors < 0.1)).all()
 
 
 @pytest.mark.slow

@@ -140,15 +140,18 @@ ACTS: dict[str, Callable[[], None]] = {
 }
 """What is done when the first steps are asked for."""
 
+INFINITE = np.full(3, np.inf)
+
 READINGS: dict[str, Callable[[Reading], Reading]] = {
     "nan": lambda held: replace(held, position=held.position * np.nan),
+    "infinite": lambda held: held if held.quaternion[0] == 1.0 else replace(held, omega_body=INFINITE),
     "shape": lambda held: replace(held, position=np.zeros(4)),
     "ragged": lambda held: replace(held, position=np.zeros(np.random.default_rng().integers(4, 1000))),
     "text": lambda held: replace(held, position=np.array(["0.0", "0.0", "0.0"])),
     "object": lambda held: replace(held, position=np.array([None, 0.0, 0.0])),
     "nothing": lambda held: replace(held, position=None),  # type: ignore[arg-type]
 }
-"""What is read in place of the state."""
+"""What is read in place of the state; omega is infinite once the body has turned."""
 
 LIES: dict[str, Callable[[ReadBack], ReadBack]] = {
     "other-mass": lambda held: replace(held, mass=1.5 * held.mass),
