@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 
+from bodycheck.errors import INTERRUPTED
+
 
 def main() -> None:
     """Carry the command out; an interrupt while it is still being imported ends it in one line too."""
@@ -13,7 +15,7 @@ def main() -> None:
         command()
     except KeyboardInterrupt:
         sys.stderr.write("stopped, before anything began\n")
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
 
 
 if __name__ == "__main__":

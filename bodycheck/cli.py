@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bodycheck.errors import BodycheckError, InputError, StoppedError
+from bodycheck.errors import INTERRUPTED, BodycheckError, InputError, StoppedError
 from bodycheck.gating import gating
 from bodycheck.manner import TIMEOUT_S
 from bodycheck.nightly import nightly
@@ -29,16 +29,13 @@ app = typer.Typer(
 )
 
 
-_INTERRUPTED = 130  # what a shell expects of a command that Ctrl-C ended
-
-
 def main() -> None:
     """Run the command line; wrong input ends with status 2 and its message on standard error."""
     try:
         app(prog_name="bodycheck")
     except BodycheckError as error:
         print(error, file=sys.stderr)
-        sys.exit(_INTERRUPTED if isinstance(error, StoppedError) else 2)
+        sys.exit(INTERRUPTED if isinstance(error, StoppedError) else 2)
 
 
 def _print_version(asked: bool) -> None:

@@ -30,5 +30,9 @@ class WorkerLostError(BodycheckError):
         self.timed_out, self.killed = timed_out, killed
 
 
+INTERRUPTED = 130
+"""The status that a shell expects of a command that Ctrl-C ended."""
+
+
 class StoppedError(BodycheckError):
     """The user stopped a run; says how it can go on."""

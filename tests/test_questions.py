@@ -5,33 +5,26 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from front_door import bodycheck_in
 from scenario_file import tumbling
-
-from bodycheck.cli import main
 
 Command = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def command(
-    stored_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Command:
+def command(stored_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
     """Return a way to run a command, in this process, where `run` is a stored run and `other` its copy."""
     monkeypatch.chdir(tmp_path)
     for name in ("run", "other"):
         shutil.copytree(stored_run, name)
 
     def asked(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["bodycheck", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        shown = capsys.readouterr()
-        return int(ended.value.code or 0), shown.out, shown.err
+        done = bodycheck_in(tmp_path, *words)
+        return done.returncode, done.stdout, done.stderr
 
     return asked
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from front_door import bodycheck_in
 from toy_releases import write_needed, write_toy, write_wheel
 
 import bodycheck
 from bodycheck.adapters import environments, registry, uv
 from bodycheck.adapters.releases import releases
-from bodycheck.cli import main
 from bodycheck.errors import InputError, UnavailableError
 from bodycheck.reports.comparison.one_measure import under_one_name
 
@@ -64,18 +63,13 @@ def toy(links: Path, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.fixture
-def command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str, str]]:
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, str, str]]:
     """Return a way to run a command in this process, in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
     def asked(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["bodycheck", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        shown = capsys.readouterr()
-        return int(ended.value.code or 0), shown.out, shown.err
+        done = bodycheck_in(tmp_path, *words)
+        return done.returncode, done.stdout, done.stderr
 
     return asked
 

@@ -156,7 +156,7 @@ def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style])
     axes.invert_yaxis()
     for row in rows.to_dict("records"):
         style, stable = drawn[row["engine"], row["method"]], row["dt_stable_s"]
-        none = stable != stable
+        none = np.isnan(stable)
         why = f" ({'none' if row['outcome'] == 'ok' else row['outcome']})" if none else ""
         axes.plot(
             [stable],
@@ -164,7 +164,7 @@ def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style])
             color=_COLOURS[style.colour],
             marker=_MARKERS[style.marker],
             markersize=4,
-            fillstyle="none" if row["dt_unstable_s"] != row["dt_unstable_s"] else "full",
+            fillstyle="none" if np.isnan(row["dt_unstable_s"]) else "full",
             linestyle="none",
         )
     stable = rows["dt_stable_s"].dropna()

@@ -15,6 +15,7 @@ from bodycheck.reports.case import CaseResult
 from bodycheck.reports.html import render_report
 from bodycheck.reports.run import Run
 from bodycheck.reports.trajectory_files import npz, stored_arrays
+from bodycheck.reports.whole_file import check_folder
 
 
 def check_output(out: Path) -> None:
@@ -24,8 +25,7 @@ def check_output(out: Path) -> None:
         if in_place or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
             raise InputError(f"--out {out}: is already there; name a new or an empty folder")
         parent = next(folder for folder in out.absolute().parents if folder.exists())
-        with tempfile.TemporaryFile(dir=parent):
-            pass
+        check_folder(f"--out {out}", parent)
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
 

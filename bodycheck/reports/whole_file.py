@@ -22,11 +22,16 @@ def check_file(option: str, path: Path | None) -> None:
         raise InputError(f"{option} {path}: is a folder; name a file")
     if not folder.is_dir():
         raise InputError(f"{option} {path}: cannot be written: there is no folder {folder}")
+    check_folder(f"{option} {path}", folder)
+
+
+def check_folder(asked: str, folder: Path) -> None:
+    """Raise InputError, which begins with what was asked, where no file could be made in a folder."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise InputError(f"{option} {path}: cannot be written: {error.strerror or error}") from None
+        raise InputError(f"{asked}: cannot be written: {error.strerror or error}") from None
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -43,12 +43,12 @@ def level_steps(series: Array) -> list[list[Step]]:
     """
     found: list[list[Step]] = [[] for _ in range(series.shape[1])]
     for night in range(LEAST_BEFORE + LEAST_AFTER - 1, len(series)):
-        told = max(_LEAST_STEP, _SIGMAS * usual_spread(series[: night + 1], found))
+        edge = max(_LEAST_STEP, _SIGMAS * usual_spread(series[: night + 1], found))
         for column, steps in zip(series.T, found, strict=True):
             if math.isnan(column[night]):
                 continue
             (there,) = np.nonzero(~np.isnan(column[: night + 1]))
-            step = _step_told(column, there[there >= _begin(steps)], told)
+            step = _step_told(column, there[there >= _begin(steps)], edge)
             if step is not None:
                 steps.append(step)
     return found
@@ -63,7 +63,7 @@ def usual_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
     past = series[:-LEAST_AFTER]
     levels = (column[_begin(moved) :] for column, moved in zip(past.T, steps, strict=True))
     measured = (level[~np.isnan(level)] for level in levels)
-    spreads = [_most(nights[-_MOST_BEFORE:])[1] for nights in measured if len(nights) >= LEAST_BEFORE]
+    spreads = [_closest_half(nights[-_MOST_BEFORE:])[1] for nights in measured if len(nights) >= LEAST_BEFORE]
     return float(np.median(spreads)) if spreads else 0.0
 
 
@@ -77,22 +77,22 @@ def _begin(steps: Sequence[Step]) -> int:
     return steps[-1].first if steps else 0
 
 
-def _step_told(column: Array, there: NDArray[np.intp], told: float) -> Step | None:
+def _step_told(column: Array, there: NDArray[np.intp], edge: float) -> Step | None:
     """Return the step of one column within the last five of the nights on which it was measured, if any."""
     before, now = column[there[:-LEAST_AFTER][-_MOST_BEFORE:]], column[there[-LEAST_AFTER:]]
     if len(before) < LEAST_BEFORE:
         return None
-    level, _ = _most(before)
-    slower = float(np.min(now)) - level > told
-    faster = float(np.min(before)) - float(np.median(now)) > told
+    level, _ = _closest_half(before)
+    slower = float(np.min(now)) - level > edge
+    faster = float(np.min(before)) - float(np.median(now)) > edge
     if not slower and not faster:
         return None
-    size = (_most(now)[0] if slower else float(np.median(now))) - level
+    size = (_closest_half(now)[0] if slower else float(np.median(now))) - level
     first = int(np.argmax((now - level) / size > 0.5))
     return Step(int(there[-LEAST_AFTER + first]), int(there[-1]), size)
 
 
-def _most(nights: Array) -> tuple[float, float]:
+def _closest_half(nights: Array) -> tuple[float, float]:
     """Return median and sigma of the half of the nights (n,) that lie closest together.
 
     Up to half of the nights may lie anywhere else. Source: the shortest half, Rousseeuw and Leroy (1987),

@@ -6,13 +6,13 @@ import fcntl
 import os
 import re
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from bodycheck.errors import InputError
+from bodycheck.reports.whole_file import check_folder
 
 _RUN_ID = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{6}")
 _LOCK = ".lock"
@@ -33,8 +33,7 @@ class History:
         """
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=folder):
-                pass
+            check_folder(f"--history {folder}", folder)
         except OSError as error:
             raise InputError(f"--history {folder}: cannot be written: {error.strerror or error}") from None
         return cls(folder)
