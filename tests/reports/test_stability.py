@@ -46,6 +46,7 @@ def test_the_map_agrees_with_the_cases(run: bodycheck.Run) -> None:
         assert limits["outcome"] == "ok"
 
 
+@pytest.mark.slow
 def test_a_method_that_cannot_represent_the_scene_is_shown_with_the_reason(run: bodycheck.Run) -> None:
     """Its row has no step."""
     found = row(run, "splitting6")

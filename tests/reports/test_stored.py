@@ -32,6 +32,7 @@ def test_the_report_of_a_stored_run_is_the_first_one_byte_for_byte(stored_run: P
     assert render_report(again) == (stored_run / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_run_that_is_read_and_written_again_is_the_same_run(
     stored_run: Path, again: Run, tmp_path: Path
 ) -> None:
