@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
+from unprivileged import heed_modes
 
 from bodycheck import cli
 from bodycheck.errors import InputError
@@ -43,3 +46,23 @@ def test_an_output_that_cannot_be_written_is_told_before_the_run(
     assert str(done.exception).startswith(f"{option} {place}: {PLACES[place]}")
     assert "\n" not in str(done.exception)
     assert [path.name for path in tmp_path.iterdir()] == ["gates.toml"]
+
+
+def test_bounds_that_cannot_be_replaced_are_told_before_the_run(tmp_path: Path) -> None:
+    """The folder of the tolerance file is read-only: one line, status 2, the file as it was."""
+    (tmp_path / "gates.toml").write_text(GATES)
+    tmp_path.chmod(0o555)
+    words = ["gate", "smoke", "--tolerances", "gates.toml", "--update"]
+    done = subprocess.run(
+        [sys.executable, "-m", "bodycheck", *words],
+        cwd=tmp_path,
+        preexec_fn=heed_modes,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    tmp_path.chmod(0o755)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == "--update gates.toml: cannot be written: Permission denied\n"
+    assert (tmp_path / "gates.toml").read_text() == GATES

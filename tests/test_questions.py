@@ -176,6 +176,10 @@ WRONG = {
         ["plot", "run", "--figure", "order", "--out", "a", "--scenario", "free"],
         "--out a: must end in .svg or .png",
     ),
+    "a figure nowhere": (
+        ["plot", "run", "--figure", "order", "--out", "no/a.svg", "--scenario", "free"],
+        "--out no/a.svg: cannot be written: there is no folder",
+    ),
     "a figure of nothing": (
         [*("plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "free"), "--quantity", "x"],
         "--quantity x: there are orientation_error_rad",
