@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -96,80 +97,119 @@ def test_dart_keeps_what_was_given_in_world_axes_in_axes_of_its_own(given: str) 
     np.testing.assert_allclose(np.array(joint.getAccelerations())[:3], expected, atol=1e-12)
 
 
-def pybullet_body(client: int) -> int:
-    """Return a body without a shape, of 1 kg, in PyBullet's defaults."""
+@pytest.fixture
+def bullet() -> Iterator[Any]:
+    """Give PyBullet with an empty world of its own."""
     pybullet = pytest.importorskip("pybullet")
-    return int(pybullet.createMultiBody(baseMass=1.0, physicsClientId=client))
+    from pybullet_utils.bullet_client import BulletClient
+
+    world = BulletClient(pybullet.DIRECT)
+    yield world
+    world.disconnect()
 
 
 @pytest.mark.parametrize(
     ("start", "end"), [(500.0, 100.0), (50.0, 50.0 - 0.04 * (1.0 + 50.0) * 50.0 / 240.0)]
 )
-def test_pybullets_defaults_damp_and_clamp(start: float, end: float) -> None:
+def test_pybullets_defaults_damp_and_clamp(bullet: Any, start: float, end: float) -> None:
     """A step of 1/240 s takes 0.04 (1 + |v|) v of the velocity a second, and what is above 100 at once."""
-    pybullet = pytest.importorskip("pybullet")
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        body = pybullet_body(client)
-        pybullet.resetBaseVelocity(body, [start, 0.0, 0.0], [0.0, 0.0, 0.0], physicsClientId=client)
-        pybullet.stepSimulation(physicsClientId=client)
-        velocity, _ = pybullet.getBaseVelocity(body, physicsClientId=client)
-        assert pybullet.getDynamicsInfo(body, -1, physicsClientId=client)[2] == (0.0, 0.0, 0.0)
-    finally:
-        pybullet.disconnect(client)
+    body = bullet.createMultiBody(baseMass=1.0)
+    bullet.resetBaseVelocity(body, [start, 0.0, 0.0], [0.0, 0.0, 0.0])
+    bullet.stepSimulation()
+    velocity, _ = bullet.getBaseVelocity(body)
+    assert bullet.getDynamicsInfo(body, -1)[2] == (0.0, 0.0, 0.0)
     assert velocity == pytest.approx((end, 0.0, 0.0), rel=1e-7, abs=0.0)
 
 
+UNTURNED = (0.0, 0.0, 0.0, 1.0)
 MOMENTS = {"localInertiaDiagonal": (1.0, 2.0, 2.5)}
 UNCLAMPED = {**MOMENTS, "maxJointVelocity": 1e9}
 
 
-def answer_of_a_pybullet_link(client: int, *changes: dict[str, Any]) -> list[float]:
-    """Return the angular acceleration of a link, so changed in turn, under a torque of (1, 1, 1) N m."""
-    pybullet = pytest.importorskip("pybullet")
-    unturned, place = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
-    body = pybullet.createMultiBody(
+def link_of(bullet: Any, *changes: dict[str, Any], turned: tuple[float, ...] = UNTURNED) -> int:
+    """Put a body on a spherical joint at its centre, which nothing drives, and change it in turn.
+
+    turned: how its inertial frame is turned in the link.
+    """
+    place = (0.0, 0.0, 0.0)
+    body = bullet.createMultiBody(
         baseMass=0.0,
         linkMasses=[1.0],
         linkCollisionShapeIndices=[-1],
         linkVisualShapeIndices=[-1],
         linkPositions=[place],
-        linkOrientations=[unturned],
+        linkOrientations=[UNTURNED],
         linkInertialFramePositions=[place],
-        linkInertialFrameOrientations=[unturned],
+        linkInertialFrameOrientations=[turned],
         linkParentIndices=[0],
-        linkJointTypes=[pybullet.JOINT_SPHERICAL],
+        linkJointTypes=[bullet.JOINT_SPHERICAL],
         linkJointAxis=[(0.0, 0.0, 1.0)],
-        physicsClientId=client,
     )
     for change in changes:
-        pybullet.changeDynamics(body, 0, physicsClientId=client, **change)
-    for control, torque in ((pybullet.POSITION_CONTROL, 0.0), (pybullet.TORQUE_CONTROL, 1.0)):
-        pybullet.setJointMotorControlMultiDof(
-            body, 0, control, targetPosition=unturned, force=[torque] * 3, physicsClientId=client
-        )
-    pybullet.stepSimulation(physicsClientId=client)
-    omega = pybullet.getJointStateMultiDof(body, 0, physicsClientId=client)[1]
-    return [240.0 * rate for rate in omega]
+        bullet.changeDynamics(body, 0, **change)
+    bullet.setJointMotorControlMultiDof(
+        body, 0, bullet.POSITION_CONTROL, targetPosition=UNTURNED, force=[0.0] * 3
+    )
+    return int(body)
+
+
+def push_joint(bullet: Any, body: int, torque: tuple[float, ...]) -> None:
+    """Let a torque of the joint act in the next step, in the link's axes."""
+    bullet.setJointMotorControlMultiDof(body, 0, bullet.TORQUE_CONTROL, force=torque)
+
+
+def omega_after_a_step(bullet: Any, body: int) -> np.ndarray[Any, Any]:
+    """Return omega of the link in its own axes."""
+    bullet.stepSimulation()
+    return np.array(bullet.getJointStateMultiDof(body, 0)[1])
 
 
 @pytest.mark.parametrize(
     ("changes", "answer"),
     [
-        ([MOMENTS], [1.0, 0.5, 0.4]),
-        ([UNCLAMPED], [math.nan] * 3),
-        ([MOMENTS, UNCLAMPED], [1.0, 0.5, 0.4]),
-        ([MOMENTS, {**UNCLAMPED, "mass": 1.0}], [2.0, 1.0, 0.8]),
+        ([MOMENTS], (1.0, 0.5, 0.4)),
+        ([UNCLAMPED], (math.nan,) * 3),
+        ([MOMENTS, UNCLAMPED], (1.0, 0.5, 0.4)),
+        ([MOMENTS, {**UNCLAMPED, "mass": 1.0}], (2.0, 1.0, 0.8)),
     ],
 )
 def test_pybullet_minds_with_what_an_inertia_is_set(
-    changes: list[dict[str, Any]], answer: list[float]
+    bullet: Any, changes: list[dict[str, Any]], answer: tuple[float, ...]
 ) -> None:
-    """On a link without a shape a velocity limit spoils the first inertia, and with the mass a later one."""
-    pybullet = pytest.importorskip("pybullet")
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        found = answer_of_a_pybullet_link(client, *changes)
-    finally:
-        pybullet.disconnect(client)
-    assert found == pytest.approx(answer, rel=1e-12, abs=0.0, nan_ok=True)
+    """On a link without a shape a velocity limit spoils the first inertia, and with the mass a later one.
+
+    Seen in the angular acceleration under a torque of (1, 1, 1) N m.
+    """
+    body = link_of(bullet, *changes)
+    push_joint(bullet, body, (1.0, 1.0, 1.0))
+    assert 240.0 * omega_after_a_step(bullet, body) == pytest.approx(answer, rel=1e-12, abs=0.0, nan_ok=True)
+
+
+@pytest.mark.parametrize("turned", [UNTURNED, (0.0, 0.0, math.sin(0.2), math.cos(0.2))])
+def test_pybullet_leaves_the_turn_of_a_links_inertial_frame_out(
+    bullet: Any, turned: tuple[float, ...]
+) -> None:
+    """Under (1, 1, 1) N m moments of 1, 2 and 2.5 kg m^2 answer as if they stood about the link's axes."""
+    body = link_of(bullet, MOMENTS, turned=turned)
+    push_joint(bullet, body, (1.0, 1.0, 1.0))
+    assert 240.0 * omega_after_a_step(bullet, body) == pytest.approx((1.0, 0.5, 0.4), rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize(("pushed", "late_rad"), [("joint", 0.0), ("link", 0.1)])
+def test_pybullet_turns_a_torque_on_a_link_by_the_pose_of_a_step_before(
+    bullet: Any, pushed: str, late_rad: float
+) -> None:
+    """A ball that turns by 0.1 rad a step is pushed about its own x: the link's torque is 0.1 rad behind."""
+    undamped = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0}
+    body = link_of(bullet, {"localInertiaDiagonal": (1.0, 1.0, 1.0)}, undamped)
+    bullet.setTimeStep(1e-2)
+    bullet.resetJointStateMultiDof(body, 0, UNTURNED, (0.0, 0.0, 10.0))
+    omega = []
+    for _ in range(3):
+        if pushed == "joint":
+            push_joint(bullet, body, (1.0, 0.0, 0.0))
+        else:
+            bullet.applyExternalTorque(body, 0, (1.0, 0.0, 0.0), bullet.LINK_FRAME)
+        omega.append(omega_after_a_step(bullet, body))
+    acceleration = (omega[-1] - omega[-2]) / 1e-2
+    assert acceleration == pytest.approx((math.cos(late_rad), -math.sin(late_rad), 0.0), rel=0.0, abs=1e-9)
