@@ -110,6 +110,13 @@ def test_what_grew_in_the_last_decade_otherwise_than_before_is_none_of_the_power
         assert growth_of(T, drift, 1e-12).growth == kind
 
 
+def drift_of(slopes: tuple[float, ...]) -> Array:
+    """Return a drift whose log rises with these slopes against log t, by pieces of the last two decades."""
+    edges = np.linspace(math.log(1e-2), 0.0, len(slopes) + 1)
+    heights = np.concatenate([[0.0], np.cumsum(np.array(slopes) * np.diff(edges))])
+    return np.asarray(np.exp(np.interp(np.log(np.maximum(T, 1e-9)), edges, heights)))
+
+
 def test_a_swing_that_has_not_turned_back_yet_is_no_random_walk() -> None:
     """A first slope of 1 or a jump is none; neither is what no longer grows at the end."""
     for slopes, kind in (
@@ -119,7 +126,14 @@ def test_a_swing_that_has_not_turned_back_yet_is_no_random_walk() -> None:
         ((0.2, 1.2, 0.5, 0.05), None),
         ((0.8, 0.0, 0.0, 0.0), "bounded"),
     ):
-        edges = np.linspace(math.log(1e-2), 0.0, 5)
-        heights = np.concatenate([[0.0], np.cumsum(np.array(slopes) * np.diff(edges))])
-        drift = np.exp(np.interp(np.log(np.maximum(T, 1e-9)), edges, heights))
-        assert growth_of(T, drift, 1e-12).growth == kind, slopes
+        assert growth_of(T, drift_of(slopes), 1e-12).growth == kind, slopes
+
+
+def test_an_exponential_steepens_after_its_first_half_decade() -> None:
+    """The slopes of exp(10 t), but for one that is lower than the one before."""
+    for slopes, kind in (
+        ((0.2, 0.6, 1.9, 5.9), "exponential"),
+        ((0.7, 0.6, 1.9, 5.9), "exponential"),
+        ((0.2, 0.9, 0.3, 5.9), None),
+    ):
+        assert growth_of(T, drift_of(slopes), 1e-12).growth == kind, slopes
