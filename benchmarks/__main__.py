@@ -8,31 +8,56 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.effort import FULL, QUICK
-from benchmarks.picture import PICTURE, work_precision_picture
-from benchmarks.store import NOT_LIKE_FOR_LIKE, read_points, read_results, write_results
-from benchmarks.suite import measure
-from benchmarks.table import terminal_table
+from bodycheck.errors import INTERRUPTED, BodycheckError, InputError, StoppedError
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
 @app.command()
-def main(
+def benchmarks(
     out: Annotated[Path, typer.Option(help="The folder for the tables and the picture.")] = Path(
         "benchmarks"
     ),
-    quick: Annotated[bool, typer.Option("--quick", help="Sizes cut to seconds: nothing is judged.")] = False,
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick",
+            help="Small sizes, to see that all works: nothing is judged. Needs an --out of its own.",
+        ),
+    ] = False,
 ) -> None:
     """Measure speed at equal error, side by side in this process; some minutes on an idle machine."""
+    if quick and out.resolve() == Path(__file__).resolve().parent:
+        raise InputError(f"--quick: {out} is for what was measured in full; name another folder by --out")
+    try:
+        from bodycheck.reports.whole_file import check_folder
+
+        check_folder(f"--out {out}", out)  # before minutes of measuring, which would be lost
+        from benchmarks.effort import FULL, QUICK
+        from benchmarks.store import NOT_LIKE_FOR_LIKE, RESULTS, read_results, write_results
+        from benchmarks.suite import measure
+        from benchmarks.table import terminal_table
+
+        measured = measure(QUICK if quick else FULL, lambda what: print(f"... {what}", flush=True))
+    except KeyboardInterrupt:
+        raise StoppedError("stopped; nothing was written") from None
     command = " ".join(["python -m benchmarks", *sys.argv[1:]])
-    measured = measure(QUICK if quick else FULL, lambda what: print(f"... {what}", flush=True))
     write_results(measured, out, command=command, quick=quick)
-    # from the files, not from memory: whoever has them gets the same page
-    (out / PICTURE).write_text(work_precision_picture(read_points(out)), encoding="utf-8")
     print(terminal_table(read_results(out)))
     print(NOT_LIKE_FOR_LIKE)
+    if quick:
+        print("small sizes: the targets are those of the full ones, and nothing is judged")
+    print(out / RESULTS)
+
+
+def main() -> None:
+    """Carry the command out; wrong input ends it with status 2, an interrupt with 130, each with one line."""
+    try:
+        app(prog_name="python -m benchmarks")
+    except BodycheckError as error:
+        print(error, file=sys.stderr)
+        sys.exit(INTERRUPTED if isinstance(error, StoppedError) else 2)
 
 
 if __name__ == "__main__":
-    app()
+    main()

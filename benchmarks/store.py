@@ -1,17 +1,21 @@
-"""Files of a measurement: results.csv, a row a figure; work-precision.csv, a row a point; machine.json."""
+"""Files of a measurement: results.csv has a row a figure, work-precision.csv a row a point; machine.json."""
 
 from __future__ import annotations
 
 import json
 import math
+from io import StringIO
 from pathlib import Path
 
 import pandas as pd
 
 from benchmarks.figures import FIGURES
 from benchmarks.machine import machine
+from benchmarks.picture import PICTURE, work_precision_picture
 from benchmarks.suite import Measurements
 from benchmarks.timing import Spread
+from bodycheck.errors import InputError
+from bodycheck.reports.whole_file import write_whole
 
 RESULTS, POINTS, MACHINE = "results.csv", "work-precision.csv", "machine.json"
 
@@ -22,12 +26,25 @@ NOT_LIKE_FOR_LIKE = (
 
 
 def write_results(measured: Measurements, folder: Path, *, command: str, quick: bool) -> None:
-    """Write the three files into a folder, which is made if need be."""
-    folder.mkdir(parents=True, exist_ok=True)
-    results_table(measured, quick=quick).to_csv(folder / RESULTS, index=False)
-    points_table(measured).to_csv(folder / POINTS, index=False)
+    """Write the four files into a folder, which is made if need be, each whole or not at all.
+
+    Raises InputError where they cannot be written.
+    """
     facts = {"command": command, **machine(), "note": NOT_LIKE_FOR_LIKE}
-    (folder / MACHINE).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+    points = points_table(measured).to_csv(index=False)
+    texts = {
+        RESULTS: results_table(measured, quick=quick).to_csv(index=False),
+        POINTS: points,
+        MACHINE: json.dumps(facts, indent=2) + "\n",
+        # from the table as it is read, not from memory: whoever has it gets the same page
+        PICTURE: work_precision_picture(pd.read_csv(StringIO(points))),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {folder}: cannot be written: {error.strerror or error}") from None
+    for name, text in texts.items():
+        write_whole(folder / name, text.encode())
 
 
 def read_results(folder: Path) -> pd.DataFrame:

@@ -24,8 +24,11 @@ _SHOWN = (
 
 
 def terminal_table(results: pd.DataFrame) -> str:
-    """Return a line a figure, misses as misses."""
-    rows = [(row["verdict"], _value(row), row["target"], row["what"]) for _, row in results.iterrows()]
+    """Return a line a figure, misses as misses; a dash where nothing was measured."""
+    rows = [
+        (row["verdict"], _value(row) if pd.notna(row["value"]) else "-", row["target"], row["what"])
+        for _, row in results.iterrows()
+    ]
     rows = [("verdict", "measured", "target", "what"), *rows]
     widths = [max(len(row[i]) for row in rows) for i in range(3)]
     lines = ["  ".join([*(c.ljust(w) for c, w in zip(row[:3], widths, strict=True)), row[3]]) for row in rows]
@@ -33,7 +36,7 @@ def terminal_table(results: pd.DataFrame) -> str:
     totals = ", ".join(
         f"{counts[word]} {word}" for word in ("pass", "miss", "not measured") if word in counts
     )
-    return "\n".join([*lines, totals])
+    return "\n".join([*lines, totals] if totals else lines)
 
 
 def markdown_table(results: pd.DataFrame) -> str:

@@ -24,8 +24,7 @@ def check_output(out: Path) -> None:
         in_place = out.is_symlink() or out.resolve() == Path.cwd()
         if in_place or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
             raise InputError(f"--out {out}: is already there; name a new or an empty folder")
-        parent = next(folder for folder in out.absolute().parents if folder.exists())
-        check_folder(f"--out {out}", parent)
+        check_folder(f"--out {out}", out.absolute().parent)
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
 

@@ -26,9 +26,13 @@ def check_file(option: str, path: Path | None) -> None:
 
 
 def check_folder(asked: str, folder: Path) -> None:
-    """Raise InputError, which begins with what was asked, where no file could be made in a folder."""
+    """Raise InputError, which begins with what was asked, where no file could be made in a folder.
+
+    Of a folder that is still to be made, the nearest that is there is tried.
+    """
     try:
-        with tempfile.TemporaryFile(dir=folder):
+        place = next(one for one in (folder.absolute(), *folder.absolute().parents) if one.exists())
+        with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as error:
         raise InputError(f"{asked}: cannot be written: {error.strerror or error}") from None

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any, cast
 
 import pandas as pd
 import pytest
+from full_disk import no_file_longer_than
 
-from benchmarks.figures import FIGURES, Figure
+from benchmarks.__main__ import main
+from benchmarks.figures import FIGURES, Figure, Measured
 from benchmarks.picture import PICTURE, work_precision_picture
 from benchmarks.readme import BEGIN, END, with_table
-from benchmarks.store import NOT_LIKE_FOR_LIKE, read_points, read_results
+from benchmarks.store import NOT_LIKE_FOR_LIKE, POINTS, read_points, read_results, write_results
+from benchmarks.suite import Measurements
 from benchmarks.table import markdown_table, terminal_table
+from bodycheck.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 COMMITTED = ROOT / "benchmarks"
@@ -65,6 +71,71 @@ def test_the_machine_is_named_by_its_parts_alone(quick: Path) -> None:
     assert facts["note"] == NOT_LIKE_FOR_LIKE
     assert {"cpu", "cores", "python", "libraries", "load_average"} <= facts.keys()
     assert str(ROOT) not in text
+
+
+def ended(words: list[str], monkeypatch: pytest.MonkeyPatch) -> object:
+    """Carry `python -m benchmarks words` out in this process, and return its status."""
+    monkeypatch.setattr("sys.argv", ["benchmarks", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return end.value.code
+
+
+def not_to_be_reached(*told: object) -> Measurements:
+    """Stand for the measuring where none should begin."""
+    raise AssertionError(told)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--quick"], "--quick: benchmarks is for what was measured in full; name another folder by --out"),
+        (["--quick", "--out", str(COMMITTED)], f"--quick: {COMMITTED} is for what was measured in full; .*"),
+        (["--out", "file"], "--out file: cannot be written: Not a directory"),
+        (["--out", "file/new"], "--out file/new: cannot be written: Not a directory"),
+        (["--out", "/proc/new"], "--out /proc/new: cannot be written: No such file or directory"),
+    ],
+    ids=["no folder", "the committed ones", "a file", "within a file", "no place for files"],
+)
+def test_a_folder_that_is_not_to_be_written_is_refused_before_anything_is_measured(
+    words: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """It is told in one line, with status 2; small sizes never take the place of the committed figures."""
+    (tmp_path / "file").touch()
+    monkeypatch.chdir(ROOT if words == ["--quick"] else tmp_path)
+    monkeypatch.setattr("benchmarks.suite.measure", not_to_be_reached)
+    assert ended(words, monkeypatch) == 2
+    assert re.fullmatch(message + "\n", capsys.readouterr().err)
+
+
+def test_an_interrupt_ends_in_one_line_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C while it measures: the status is that of an interrupt, and no folder was made."""
+
+    def interrupted(*told: object) -> Measurements:
+        raise KeyboardInterrupt(told)
+
+    monkeypatch.setattr("benchmarks.suite.measure", interrupted)
+    assert ended(["--out", str(tmp_path / "new")], monkeypatch) == 130
+    assert capsys.readouterr().err == "stopped; nothing was written\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_leaves_no_file_cut_off(tmp_path: Path) -> None:
+    """A file that cannot be written whole is not there, and the one line says which it is."""
+    points = read_points(COMMITTED)
+    results = Measurements([Measured(figure.name, None) for figure in FIGURES], cast("Any", points))
+    with pytest.MonkeyPatch.context() as patched, no_file_longer_than(10_000):
+        patched.setattr("benchmarks.store.points_table", lambda measured: measured.points)
+        with pytest.raises(InputError, match=f"{POINTS}: cannot be written: File too large"):
+            write_results(results, tmp_path, command="", quick=False)
+    assert [file.name for file in tmp_path.iterdir()] == ["results.csv"]
+    assert len(read_results(tmp_path)) == len(FIGURES)
 
 
 @pytest.mark.parametrize(
@@ -132,3 +203,4 @@ def test_the_terminal_says_misses_as_misses() -> None:
     text = terminal_table(pd.DataFrame(rows))
     assert text.endswith("1 pass, 2 miss, 1 not measured")
     assert "3e+08 1/s" in text
+    assert re.search(r"^not measured +- +fourth$", text, flags=re.MULTILINE)
