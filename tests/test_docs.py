@@ -54,6 +54,8 @@ FILES = {
     "gates.toml": ("docs/gates.md", "toml", 0),
     "plate.toml": ("docs/start.md", "toml", 0),
     "steady.csv": ("docs/questions.md", "text", 0),
+    "drift.py": ("docs/workers.md", "python", 0),
+    "drifting.toml": ("docs/workers.md", "toml", 0),
 }
 """The files that pages speak of and show: by the page, the language and the place of the block."""
 
@@ -136,7 +138,8 @@ def folder(tmp_path: Path) -> Path:
     for name in ("small-body.toml", "report_picture.py"):
         shutil.copy(ROOT / "docs" / name, tmp_path / "docs")
     (tmp_path / "tests" / "long").mkdir(parents=True)
-    shutil.copy(ROOT / "tests" / "long" / "overhead.py", tmp_path / "tests" / "long")
+    for name in ("overhead.py", "worker_trials.py"):
+        shutil.copy(ROOT / "tests" / "long" / name, tmp_path / "tests" / "long")
     programs = tmp_path / "bin"
     programs.mkdir()
     for name, told in PROGRAMS.items():
@@ -258,7 +261,8 @@ def test_toml_of_the_docs_is_accepted(block: Block, folder: Path, monkeypatch: p
     whole = a_scenario_with(block.text)
     assert block.text in whole
     members = parse_members(whole, block.page, folder, allow_code=True)
-    assert all(scenario.scene.loads for scenario in members.values())
+    forced = "[[forcing]]" in whole
+    assert all(bool(scenario.scene.loads) == forced for scenario in members.values())
 
 
 # ------------------------------------------------------------------------------------- within the text

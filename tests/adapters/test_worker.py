@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 from dataclasses import replace
@@ -120,6 +121,62 @@ def test_a_worker_says_why_there_is_no_engine() -> None:
     assert done.stderr == "usage: python -m bodycheck.adapters.worker ENGINE MEMORY_BYTES\n"
 
 
+# ------------------------------------------------------------------- a worker of another language, tried
+
+TRIALS = Path(__file__).parents[1] / "long/worker_trials.py"
+DRIFTING = re.findall(r"```toml\n(.*?)```", PAGE, flags=re.DOTALL)[0]
+BROKEN = {
+    "times of another rounding": (
+        'k * scene["duration_s"] / (n - 1)',
+        'k * (scene["duration_s"] / (n - 1))',
+        "failed .* a trajectory that is not at the scene's samples",
+    ),
+    "another mass": ('"mass": scene', '"mass": 2.0 * scene', "invalid .* mass is 4. in the engine, not 2."),
+    "nothing measured": ('if scene["loads"]', 'if True or scene["loads"]', "a case ends well: nothing was"),
+    "another id": ('"id": asked, **answer', '"id": 7, **answer', "failed .* it answered 7, not 1"),
+    "no id": ('"id": asked, "outcome": "failed"', '"outcome": "failed"', "NOT KEPT: .* under the id null: "),
+    "no time": ("time.process_time() - begin", "0.0", "NOT KEPT: a lap of it is timed: it took no time"),
+    "another end": (
+        "import base64,",
+        "import atexit, os; atexit.register(os._exit, 3)\nimport base64,",
+        "NOT KEPT: .* its input ends: status 3",
+    ),
+}
+"""What is changed in the worker of the docs, to what, and what then is said."""
+
+
+def tried(program: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> object:
+    """Have the script try a worker with the scenario of the docs, and return its status."""
+    (folder / "worker.py").write_text(program)
+    (folder / "drifting.toml").write_text(DRIFTING)
+    words = ["--scenarios", str(folder / "drifting.toml"), sys.executable, str(folder / "worker.py")]
+    monkeypatch.setattr("sys.argv", [str(TRIALS), *words])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(str(TRIALS), run_name="__main__")
+    return end.value.code
+
+
+def test_the_worker_of_the_docs_passes_its_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All rules are kept, and a drifting body's attitude is exact."""
+    assert tried(PROGRAM, tmp_path, monkeypatch) == 0
+    said = capsys.readouterr().out
+    assert said.count("ok          0.0e+00 rad") == 2
+    assert said.count("kept: ") == 8
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_a_trial_finds_what_a_worker_does_wrong(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One fault in the worker of the docs is a status of 1 and a line that says what it is."""
+    right, wrong, found = BROKEN[what]
+    assert PROGRAM.count(right) == 1
+    assert tried(PROGRAM.replace(right, wrong), tmp_path, monkeypatch) == 1
+    assert re.search(found, capsys.readouterr().out)
+
+
 # ------------------------------------------------------------------------------------------- messages
 
 LOADS: tuple[Load, ...] = (
@@ -147,6 +204,16 @@ def test_a_scene_comes_back_to_the_last_bit(load: Load) -> None:
         for name, value in vars(sent).items():
             assert np.asarray(value).tobytes() == np.asarray(getattr(received, name)).tobytes(), name
     assert (back.duration_s, back.samples, back.gravity.tolist()) == (0.1, 4, [0.0, 0.0, -9.81])
+
+
+@pytest.mark.parametrize("load", LOADS, ids=lambda load: type(load).__name__)
+def test_the_docs_have_the_keys_of_every_load(load: Load) -> None:
+    """The page's table has, beside its kind, each key that a worker is told of a load, and no other."""
+    body = RigidBody(1.0, np.eye(3))
+    scene = Scene(body, STATE, (load,), np.zeros(3), 0.1, 4)
+    (told,) = case_messages.scene_message(scene)["loads"]
+    (keys,) = re.findall(rf"^\| `{told.pop('kind')}` \| (.*) \|$", PAGE, flags=re.MULTILINE)
+    assert set(re.findall(r"`(\w+)`", keys)) - {"body", "world"} == set(told)
 
 
 @pytest.mark.parametrize("shape", [(0,), (5,), (2, 3), (2, 3, 3)])
