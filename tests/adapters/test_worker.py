@@ -65,7 +65,7 @@ def test_the_docs_show_what_is_said() -> None:
     answers = said(WORKERS["of the docs"][0], REQUESTS)
     assert [timed.sub(r"\1", line) for line in answers] == [timed.sub(r"\1", line) for line in ANSWERS]
     asked = {json.loads(line)["do"] for line in REQUESTS if line.startswith("{")}
-    assert asked == {"record", "prepare", "lap"}
+    assert asked == {"record", "prepare", "lap", "stable-step"}
 
 
 @pytest.mark.parametrize("line", [line for line in REQUESTS if '"case"' in line])
@@ -73,6 +73,16 @@ def test_the_docs_show_what_a_run_asks(line: str) -> None:
     """A case of the docs is, read and written again, the very same message."""
     case = json.loads(line)["case"]
     assert case_messages.case_message(case_messages.case_of(case)) == case
+
+
+def test_the_docs_show_the_search_that_a_run_asks_for() -> None:
+    """The search of the docs is, read and written again, the very same message; its answer is one."""
+    (line,) = (line for line in REQUESTS if "stable-step" in line)
+    asked = json.loads(line)
+    search = case_messages.search_of(asked)
+    assert {"id": asked["id"], "do": "stable-step", **case_messages.search_message(search)} == asked
+    (answer,) = (found for found in map(json.loads, ANSWERS) if found.get("id") == asked["id"])
+    assert protocol.stable_step_of(answer).outcome == "unsupported"
 
 
 @pytest.mark.parametrize("worker", WORKERS)
@@ -136,6 +146,16 @@ BROKEN = {
     "another id": ('"id": asked, **answer', '"id": 7, **answer', "failed .* it answered 7, not 1"),
     "no id": ('"id": asked, "outcome": "failed"', '"outcome": "failed"', "NOT KEPT: .* under the id null: "),
     "no time": ("time.process_time() - begin", "0.0", "NOT KEPT: a lap of it is timed: it took no time"),
+    "no search, but a lap": (
+        'request["do"] == "lap"',
+        "True",
+        "NOT KEPT: a search .* a search that ended 'ok'",
+    ),
+    "anything done": (
+        "raise ValueError(",
+        'return {"outcome": "ok"}  # (',
+        "NOT KEPT: a request that is none has failed: ",
+    ),
     "another end": (
         "import base64,",
         "import atexit, os; atexit.register(os._exit, 3)\nimport base64,",
@@ -163,7 +183,7 @@ def test_the_worker_of_the_docs_passes_its_trial(
     assert tried(PROGRAM, tmp_path, monkeypatch) == 0
     said = capsys.readouterr().out
     assert said.count("ok          0.0e+00 rad") == 2
-    assert said.count("kept: ") == 8
+    assert said.count("kept: ") == 9
 
 
 @pytest.mark.parametrize("what", BROKEN)

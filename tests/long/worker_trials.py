@@ -11,14 +11,16 @@ its memory or its time.
 from __future__ import annotations
 
 import argparse
+import math
 import subprocess
 import sys
 from collections.abc import Iterator
 
 from bodycheck.adapters import protocol
-from bodycheck.adapters.case_messages import case_message
+from bodycheck.adapters.case_messages import case_message, search_message
 from bodycheck.adapters.drive import Case
 from bodycheck.adapters.protocol import Message
+from bodycheck.adapters.stable_step import Search
 from bodycheck.errors import BodycheckError
 from bodycheck.reports.case import CaseResult, run_case
 from bodycheck.reports.storage.answers import Answers
@@ -95,13 +97,17 @@ def rules(program: Program, good: Case | None) -> Iterator[tuple[str, str]]:
     """Yield each rule beside what was wrong, empty where it was kept; good: a case that ended well."""
     for what, line in [("a line that is no JSON", b"hm\n"), ("a line that is no object", b"[1]\n")]:
         yield f"{what} has failed, under the id null", _refused(program.told(line, None))
-    yield "a request that is none has failed", _refused(program.ask("", {"do": "nothing"}, 0.0))
     yield "a case ends well", "" if good else "nothing was measured"
     if good is not None:
         prepared = program.ask("", {"do": "prepare", "case": case_message(good)}, 0.0)
         yield "a case is prepared", "" if prepared.get("outcome") == "ok" else str(prepared)
         for _ in range(2):
             yield "a lap of it is timed", _timed(program.ask("", {"do": "lap"}, 0.0))
+    if good is not None and good.setting.dt_s is not None:
+        search = Search(good, good.setting.dt_s, 2.0 * good.setting.dt_s, math.inf)
+        found = program.ask("", {"do": "stable-step", **search_message(search)}, 0.0)
+        yield "a search for its largest stable step is ok or unsupported", _searched(found)
+    yield "a request that is none has failed", _refused(program.ask("", {"do": "nothing"}, 0.0))
     status = program.end()
     yield "the worker ends with status 0 when its input ends", f"status {status}" if status else ""
 
@@ -114,6 +120,14 @@ def _refused(answer: Message) -> str:
 def _timed(answer: Message) -> str:
     try:
         return "" if protocol.lap_of(answer) > 0.0 else "it took no time"
+    except protocol.ProtocolError as error:
+        return str(error)
+
+
+def _searched(answer: Message) -> str:
+    try:
+        found = protocol.stable_step_of(answer)
+        return "" if found.outcome in ("ok", "unsupported") else f"{found.outcome}: {found.message}"
     except protocol.ProtocolError as error:
         return str(error)
 
