@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 from benchmarks.store import read_results
@@ -22,6 +23,7 @@ def with_table(page: str, table: str) -> str:
 
 def main() -> None:
     """Rewrite README.md in place."""
+    argparse.ArgumentParser(prog="python -m benchmarks.readme", description=__doc__).parse_args()
     page = ROOT / "README.md"
     table = markdown_table(read_results(ROOT / "benchmarks"))
     page.write_text(with_table(page.read_text(encoding="utf-8"), table), encoding="utf-8")

@@ -18,6 +18,7 @@ from benchmarks.__main__ import main
 from benchmarks.figures import FIGURES, Figure, Measured
 from benchmarks.picture import PICTURE, work_precision_picture
 from benchmarks.readme import BEGIN, END, with_table
+from benchmarks.readme import main as rewrite_readme
 from benchmarks.store import NOT_LIKE_FOR_LIKE, POINTS, read_points, read_results, write_results
 from benchmarks.suite import Measurements
 from benchmarks.table import markdown_table, terminal_table
@@ -189,6 +190,20 @@ def test_a_page_without_its_marks_is_refused() -> None:
     assert with_table(f"a\n{BEGIN}old\n{END}b\n", "new\n") == f"a\n{BEGIN}new\n{END}b\n"
     with pytest.raises(ValueError, match="needs the marks"):
         with_table(f"a\n{END}b\n{BEGIN}", "new\n")
+
+
+@pytest.mark.parametrize(("word", "status"), [("--help", 0), ("quick", 2)])
+def test_the_readme_is_rewritten_only_where_nothing_else_is_asked(
+    word: str, status: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Help and what is no option leave it as it is."""
+    (tmp_path / "README.md").write_text("a page")
+    monkeypatch.setattr("benchmarks.readme.ROOT", tmp_path)
+    monkeypatch.setattr("sys.argv", ["readme", word])
+    with pytest.raises(SystemExit) as end:
+        rewrite_readme()
+    assert end.value.code == status
+    assert (tmp_path / "README.md").read_text() == "a page"
 
 
 def test_the_terminal_says_misses_as_misses() -> None:
