@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import pandas as pd
@@ -18,6 +19,12 @@ from bodycheck.reports.table_formats import as_parquet
 NAMES = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
 
 
+@cache
+def table_of(night: str) -> bytes:
+    """Return a table of one row, as Parquet."""
+    return as_parquet(pd.DataFrame({"run_id": [night]}))
+
+
 @pytest.fixture
 def history(tmp_path: Path) -> Path:
     """Return the folder of three nights of one row a table."""
@@ -26,7 +33,7 @@ def history(tmp_path: Path) -> Path:
         told = {**dict.fromkeys(TOLD, 0), "run_id": name, "status": "no regression"}
         (tmp_path / name / "night.json").write_text(json.dumps(told))
         for table in TABLES:
-            (tmp_path / name / f"{table}.parquet").write_bytes(as_parquet(pd.DataFrame({"run_id": [name]})))
+            (tmp_path / name / f"{table}.parquet").write_bytes(table_of(name))
     return tmp_path
 
 
