@@ -61,6 +61,7 @@ def test_where_it_cannot_be_written_the_processes_of_a_command_share_another(
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_into_the_sources_folder(tmp_path: Path) -> None:
     """numba would write there by itself; what took the cache's place is gone when the process has ended."""
     (tmp_path / "file").touch()

@@ -33,6 +33,7 @@ NAMES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_function_gives_the_motion_of_the_loads_that_it_hides(name: str) -> None:
     """Both truths are within their bounds of one another, and the function's is certified to 1e-11."""

@@ -312,6 +312,7 @@ def test_splitting_is_exact_for_a_symmetric_body(moments: tuple[float, float, fl
     assert np.linalg.norm(omega_of(state, SPLITTING6, body) - omega[0]) <= 1e-12
 
 
+@pytest.mark.slow
 def test_evening_out_the_drifts_costs_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """With each drift cut in equal halves, as if it were the exact flow, order 2 is left of order 6."""
     plain: Callable[..., None] = splitting_module.advance.py_func
