@@ -76,6 +76,20 @@ def test_a_bound_is_told_in_words(table: dict[str, Any], bound: str) -> None:
     assert gate(**table).bound == bound
 
 
+def test_a_case_is_told_by_its_step_its_tolerance_or_neither() -> None:
+    """As in the report."""
+    steps = [("dt", 0.02, None), ("tolerance", None, 1e-6), ("none", None, None)]
+    run = a_run([{"control": control, "dt_s": dt_s, "tolerance": told} for control, dt_s, told in steps])
+    told_as = [check.row.at for check in held([gate(upper=1.0)], run)[0].checks]
+    assert told_as == ["dt 0.02 s", "tolerance 1e-6", "no steps"]
+
+
+def test_a_run_without_cases_has_none() -> None:
+    """Nothing was measured, which never passes."""
+    (result,) = held([gate(upper=1.0)], a_run([]))
+    assert (result.status, result.why) == ("nothing", "no scenario of the run is *; it has none")
+
+
 def test_each_row_that_failed_is_told_with_its_command() -> None:
     """Gate, scenario, method, step, value or why there is none, bound, distance and command."""
     assert failure_rows(results()) == [
