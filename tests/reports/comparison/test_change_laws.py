@@ -12,7 +12,7 @@ from gated import a_run
 from mirrored import mirrored
 
 from bodycheck.reports.comparison.accuracy import accuracy_changes, noise
-from bodycheck.reports.comparison.change import Change, by_rank
+from bodycheck.reports.comparison.change import Change, Kind, by_rank
 from bodycheck.reports.comparison.circumstances import circumstances, redefined
 from bodycheck.reports.comparison.compare import compare, ended_well_anew
 from bodycheck.reports.comparison.speeds import Ratio, ratio, speed_changes
@@ -397,6 +397,7 @@ def test_each_circumstance_that_differs_is_named_once() -> None:
         "engines": {"mujoco": {"version": "3"}, "dart": {"unavailable": "no"}, "odd": {"version": "1"}},
         "libraries": {"numpy": "2.1", "numba": "0.61"},
         "timeout_s": 60.0,
+        "tolerances": [1e-6],
     }
     after = {
         "cpu": "b",
@@ -408,6 +409,7 @@ def test_each_circumstance_that_differs_is_named_once() -> None:
         "libraries": {"numpy": "2.2", "numba": "0.61"},
         "timeout_s": 30.0,
         "speed": False,
+        "dt_s": [0.01],
     }
     assert circumstances(before, after) == (
         "cpu: a -> b",
@@ -419,6 +421,8 @@ def test_each_circumstance_that_differs_is_named_once() -> None:
         "dart: unavailable -> 6",
         "odd: 1 -> none",
         "numpy: 2.1 -> 2.2",
+        "dt_s: none -> [0.01]",
+        "tolerances: [1e-06] -> none",
         "speed: none -> False",
         "timeout_s: 60.0 -> 30.0",
     )
@@ -490,6 +494,13 @@ def test_groups_are_sorted_by_direction_then_kind_then_size() -> None:
     assert made[1].text == f"{change_text(large)}; 1 more change, in 2 cases"
     cases = [change(kind="case", before=None, after="ok", fineness=k, direction="other") for k in (1.0, 2.0)]
     assert groups(cases)[0].text == f"{change_text(cases[0])}; 1 more case"
+
+
+def test_what_is_gravest_goes_first_among_changes_for_the_worse() -> None:
+    """An outcome before a verdict, that before an order, a stable step, an error, a time and a lost case."""
+    kinds: tuple[Kind, ...] = ("outcome", "verdict", "order", "stability", "accuracy", "speed", "case")
+    made = groups([change(kind=kind) for kind in sorted(kinds)])
+    assert [group.kind for group in made] == list(kinds)
 
 
 def test_the_sentences_say_how_much_was_compared_and_what_changed() -> None:
