@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from bodycheck.errors import INTERRUPTED, BodycheckError, InputError, StoppedError
+from bodycheck.carry_out import carry_out
+from bodycheck.errors import InputError, StoppedError
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -52,11 +53,7 @@ def benchmarks(
 
 def main() -> None:
     """Carry the command out; wrong input ends it with status 2, an interrupt with 130, each with one line."""
-    try:
-        app(prog_name="python -m benchmarks")
-    except BodycheckError as error:
-        print(error, file=sys.stderr)
-        sys.exit(INTERRUPTED if isinstance(error, StoppedError) else 2)
+    carry_out(app, "python -m benchmarks")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bodycheck.errors import INTERRUPTED, BodycheckError, InputError, StoppedError
+from bodycheck.carry_out import carry_out
+from bodycheck.errors import InputError
 from bodycheck.gating import gating
 from bodycheck.manner import TIMEOUT_S
 from bodycheck.nightly import nightly
@@ -31,11 +32,7 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; wrong input ends with status 2 and its message on standard error."""
-    try:
-        app(prog_name="bodycheck")
-    except BodycheckError as error:
-        print(error, file=sys.stderr)
-        sys.exit(INTERRUPTED if isinstance(error, StoppedError) else 2)
+    carry_out(app, "bodycheck")
 
 
 def _print_version(asked: bool) -> None:

@@ -5,7 +5,8 @@
 #     bash tests/long/coverage.sh -m "not slow"
 #
 # A compiled kernel cannot be watched: laws of the mathematics that are quick without a compiler run again as plain
-# Python, where numpy warns of a NaN that a kernel makes without a word. Prints the files that are not covered whole; the status is 1 below 95 %.
+# Python, where numpy warns of a NaN that a kernel makes without a word. Prints the files that are not covered whole;
+# the status is 1 below 95 %.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
