@@ -8,6 +8,7 @@ from typing import Any
 import numba
 
 from bodycheck.reference_impl.cache_home import cache_directory
+from bodycheck.reference_impl.kernel_files import check_files_of
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
@@ -16,7 +17,7 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_directory())
     try:
-        return numba.njit(cache=True, error_model="numpy", **options)(function)
+        return check_files_of(numba.njit(cache=True, error_model="numpy", **options)(function))
     finally:
         numba.config.CACHE_DIR = before
 
@@ -24,6 +25,11 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function for speed: products and sums may be fused, nothing is reordered."""
     return _compile(function, fastmath={"contract"})
+
+
+def long_kernel(function: Callable[..., Any]) -> Any:
+    """Compile as `kernel` does; while it runs, other threads do: those that tell how long it has taken."""
+    return _compile(function, fastmath={"contract"}, nogil=True)
 
 
 def parallel_kernel(function: Callable[..., Any]) -> Any:

@@ -1,0 +1,92 @@
+"""Compiled kernels are kept in files that are checked: what is damaged is compiled again, once."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bodycheck.reference_impl import jit
+
+
+def _doubled(x: float) -> float:
+    return 2.0 * x
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return an empty folder in which the kernels of a test are kept."""
+    monkeypatch.setattr(jit, "cache_directory", lambda: tmp_path)
+    return tmp_path
+
+
+def used() -> Any:
+    """Return a new dispatcher of the same function, called once."""
+    made = jit.kernel(_doubled)
+    assert made(1.5) == 3.0
+    return made
+
+
+def found(dispatcher: Any) -> bool:
+    """Return whether a dispatcher found its code on disk."""
+    return bool(sum(dispatcher.stats.cache_hits.values()))
+
+
+def _flipped(content: bytes) -> bytes:
+    place = random.Random(7).randrange(len(content))
+    return content[:place] + bytes([content[place] ^ 0x10]) + content[place + 1 :]
+
+
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda _: b"",
+    "cut off": lambda content: content[: len(content) // 2],
+    "zeros": lambda content: bytes(len(content)),
+    "flipped": _flipped,
+    "longer": lambda content: content + b"x",
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+def test_damaged_kernel_file_is_rebuilt_once(folder: Path, suffix: str, damage: str) -> None:
+    """The function works, the damaged file is replaced, and the next dispatcher finds it whole."""
+    assert not found(used())
+    assert found(used())
+    (path,) = folder.rglob(f"*.{suffix}")
+    path.write_bytes(DAMAGES[damage](path.read_bytes()))
+    assert not found(used())
+    assert found(used())
+
+
+def test_kernel_files_of_numba_itself_are_replaced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files without a digest, as an earlier release left them, count as damaged."""
+    monkeypatch.setattr(jit, "check_files_of", lambda dispatcher: dispatcher)
+    used()
+    monkeypatch.undo()
+    monkeypatch.setattr(jit, "cache_directory", lambda: folder)
+    assert not found(used())
+    assert found(used())
+
+
+def test_full_disk_costs_one_line(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A kernel that cannot be stored is used all the same; the reason is printed once."""
+
+    def full(*_: Any, **__: Any) -> Any:
+        raise OSError(28, "No space left on device")
+
+    from bodycheck.reference_impl.kernel_files import CheckedCacheFile
+
+    monkeypatch.setattr(CheckedCacheFile, "_open_for_write", full)
+    used()
+    used()
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.endswith(
+        "cannot be written: No space left on device; what is compiled is kept for this command alone\n"
+    )
+    assert str(folder) in said
