@@ -24,7 +24,7 @@ from pydantic import (
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.primitives import known_shape, primitive
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
 from bodycheck.reference_impl.scene import Link
 from bodycheck.scenarios.fields import (
     ALIGNED,
@@ -37,6 +37,7 @@ from bodycheck.scenarios.fields import (
     finite_numbers,
     rows,
 )
+from bodycheck.scenarios.mesh_units import Unit
 from bodycheck.scenarios.shapes import MeshSolid, mesh_solid
 
 _TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
@@ -133,7 +134,8 @@ def _meshed(value: Any, info: ValidationInfo) -> MeshSolid:
     """Read the mesh of this name in the folder that the reading's context says."""
     if not isinstance(value, str):
         raise ValueError("needs the name of a mesh file, relative to the scenario's own folder")
-    return mesh_solid((info.context or {}).get("folder", Path()), value)
+    folder = (info.context or {}).get("folder", Path())
+    return mesh_solid(folder, value, info.data.get("mesh_unit"), info.data.get("mesh_overlap"))
 
 
 def _mesh_facts(mesh: MeshSolid) -> dict[str, str]:
@@ -141,8 +143,11 @@ def _mesh_facts(mesh: MeshSolid) -> dict[str, str]:
 
 
 class MeshBody(_Solid):
-    """The solid that a mesh file bounds; lengths in the file are m."""
+    """The solid that a mesh file bounds; lengths in the file are m if no other unit is stated."""
 
+    # before the mesh, whose reading needs them
+    mesh_unit: Unit | None = None
+    mesh_overlap: Overlap | None = None
     mesh: Annotated[MeshSolid, PlainValidator(_meshed), PlainSerializer(_mesh_facts)]
     density_kg_m3: Positive
 
@@ -154,7 +159,7 @@ class MeshBody(_Solid):
     @cached_property
     def solid(self) -> MassProperties:
         """The mass properties at this density, in the file's own axes."""
-        return self.mesh.solid.at_density(self.density_kg_m3)
+        return self.mesh.at_density(self.density_kg_m3)
 
 
 class ShapeBody(_Solid):

@@ -12,10 +12,12 @@ Lemieux (2002), Recent advances in randomized quasi-Monte Carlo methods, for err
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
+from scipy.stats import qmc, t
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.implicit import Chords, ImplicitSolid
@@ -23,6 +25,15 @@ from bodycheck.reference_impl.mass_properties.solid import MassProperties
 
 _RANDOMISATIONS = 32
 """Independent scramblings; the standard error is known to 1 / sqrt(2 * 31) = 13 % of itself."""
+
+HALF_WIDTH = float(t.ppf(0.975, _RANDOMISATIONS - 1))
+"""In standard errors, of a 95 % interval: Student's t for as many degrees of freedom, 2.04."""
+
+LEAST_COLUMNS_LOG2 = 10
+"""With fewer columns a scrambling's error is far from normal, and intervals hold too seldom."""
+
+_LEAST_HITS = 200
+"""Points, over all scramblings, from which on their number tells its own spread."""
 
 _AT_ONCE = 4096
 """Columns handled together, so that a level set's grid fits the cache."""
@@ -41,6 +52,12 @@ class Estimate:
     centre_error: Array
     inertia_error: Array
 
+    def half_widths(self) -> MassProperties:
+        """Return the half widths of 95 % intervals about the numbers, in their places and units."""
+        return MassProperties(
+            HALF_WIDTH * self.mass_error, HALF_WIDTH * self.centre_error, HALF_WIDTH * self.inertia_error
+        )
+
     def at_density(self, density: float) -> Estimate:
         """m = rho V, I = rho I(1), and their standard errors with them: from unit density to another, kg/m^3.
 
@@ -54,17 +71,24 @@ def estimate(solid: ImplicitSolid, *, columns_log2: int = 12, seed: int = 0) -> 
     """Estimate the mass properties of an implicit solid from 32 scramblings of 2^columns_log2 columns each.
 
     The error falls about as the number of columns to the power -1 where the chords are right, -2/3 where
-    they miss a part. The same seed gives the same numbers. Raises ValueError for a box without inside, and
-    where a scrambling meets nothing of the solid.
+    they miss a part. The same seed gives the same numbers. Raises ValueError for fewer than 2^10 columns, for
+    a box without inside, and where a scrambling meets nothing of the solid, or most of the error comes from
+    parts that the chords miss, met by so few points that it cannot be stated.
     """
+    if columns_log2 < LEAST_COLUMNS_LOG2:
+        raise ValueError(
+            f"2^{columns_log2} columns are too few for an honest error: at least 2^{LEAST_COLUMNS_LOG2}"
+        )
     _check_box(solid)
     seeds = np.random.SeedSequence(seed).spawn(_RANDOMISATIONS)
-    moments = np.array([_moments(solid, columns_log2, np.random.default_rng(child)) for child in seeds])
+    samples = [_sampled(solid, columns_log2, np.random.default_rng(child)) for child in seeds]
+    moments = np.array([sample.chords + sample.overlooked for sample in samples])
     if not (moments[:, 0] > 0.0).all():
         raise ValueError(
             f"nothing of the solid was met in the box from {solid.lower.tolist()} to {solid.upper.tolist()}; "
             "draw the box closer or take more columns"
         )
+    _check_hits(samples)
     each = [MassProperties.of_moments(sample) for sample in moments]
     return Estimate(
         MassProperties.of_moments(moments.mean(axis=0)),
@@ -72,6 +96,27 @@ def estimate(solid: ImplicitSolid, *, columns_log2: int = 12, seed: int = 0) -> 
         _standard_error(np.array([sample.centre for sample in each])),
         _standard_error(np.array([sample.inertia for sample in each])),
     )
+
+
+class _Sample(NamedTuple):
+    """One scrambling's integrals (10,) over the chords, and over what they overlook, with its points."""
+
+    chords: Array
+    overlooked: Array
+    hits: int
+
+
+def _check_hits(samples: Sequence[_Sample]) -> None:
+    """Refuse an error of the mass that rests on a few points."""
+    chords, overlooked = (
+        np.std([part[0] for part in parts]) for parts in list(zip(*samples, strict=True))[:2]
+    )
+    hits = sum(sample.hits for sample in samples)
+    if overlooked > chords and hits < _LEAST_HITS:
+        raise ValueError(
+            f"parts of the solid are thinner than the grid resolves, and only {hits} points met them: too "
+            "few to state an error; draw the box closer, or write f as a distance, not as a sign"
+        )
 
 
 def _check_box(solid: ImplicitSolid) -> None:
@@ -88,17 +133,21 @@ def _standard_error(samples: Array) -> Array:
     return np.asarray(np.std(samples, axis=0, ddof=1) / math.sqrt(len(samples)))
 
 
-def _moments(solid: ImplicitSolid, columns_log2: int, rng: np.random.Generator) -> Array:
+def _sampled(solid: ImplicitSolid, columns_log2: int, rng: np.random.Generator) -> _Sample:
     """Return one scrambling's estimate of the integrals (10,) of 1, x, y, z, xx, yy, zz, xy, yz, zx."""
     unit = qmc.Sobol(3, seed=rng).random_base2(columns_log2)
     points = solid.lower + unit * (solid.upper - solid.lower)
     width, depth, height = solid.upper - solid.lower
-    total = np.zeros(10)
+    along, overlooked, hits = np.zeros(10), np.zeros(10), 0
     for begin in range(0, len(points), _AT_ONCE):
         batch = points[begin : begin + _AT_ONCE]
         chords = solid.chords(batch[:, :2])
-        total += _along_chords(batch[:, :2], chords) + height * _overlooked(solid, batch, chords)
-    return width * depth / len(points) * total
+        along += _along_chords(batch[:, :2], chords)
+        missed, met = _overlooked(solid, batch, chords)
+        overlooked += height * missed
+        hits += met
+    weight = width * depth / len(points)
+    return _Sample(weight * along, weight * overlooked, hits)
 
 
 def _along_chords(xy: Array, chords: Chords) -> Array:
@@ -109,8 +158,11 @@ def _along_chords(xy: Array, chords: Chords) -> Array:
     return np.sum(integrals, axis=1)
 
 
-def _overlooked(solid: ImplicitSolid, points: Array, chords: Chords) -> Array:
-    """Return 1, x, ..., zx summed over the points in the solid but on no chord, less the reverse: (10,)."""
+def _overlooked(solid: ImplicitSolid, points: Array, chords: Chords) -> tuple[Array, int]:
+    """Return 1, x, ..., zx summed over the points in the solid but on no chord, less the reverse: (10,).
+
+    And how many points these are.
+    """
     z = points[chords.column, 2]
     on_chord = np.zeros(len(points), dtype=np.bool_)
     on_chord[chords.column[(chords.bottom <= z) & (z <= chords.top)]] = True
@@ -118,4 +170,4 @@ def _overlooked(solid: ImplicitSolid, points: Array, chords: Chords) -> Array:
     wrong = sign != 0.0
     x, y, z = points[wrong].T
     monomials = [np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x]
-    return np.array(monomials) @ sign[wrong]
+    return np.array(monomials) @ sign[wrong], int(wrong.sum())

@@ -9,10 +9,11 @@ from pathlib import Path
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.mass_properties.implicit import ImplicitEllipsoid, ImplicitSolid, ImplicitTorus
 from bodycheck.reference_impl.mass_properties.primitives import PRIMITIVES
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
 from bodycheck.scenarios.level_sets import estimate_level_set
 from bodycheck.scenarios.mesh_files import MESH_SUFFIXES
-from bodycheck.scenarios.quasi_monte_carlo import Estimate, estimate
+from bodycheck.scenarios.mesh_units import Unit
+from bodycheck.scenarios.quasi_monte_carlo import HALF_WIDTH, Estimate, estimate
 from bodycheck.scenarios.shapes import load_mesh, primitive
 from bodycheck.scenarios.user_functions import user_function
 
@@ -23,7 +24,8 @@ _IMPLICIT: dict[str, Callable[..., ImplicitSolid]] = {"ellipsoid": ImplicitEllip
 class Asked:
     """A mesh file, shape or package.module:function by name, its density in kg/m^3, and what goes with it.
 
-    size and box in m; monte_carlo: estimate a shape all the same; allow_code: a function may be imported.
+    size and box in m; monte_carlo: estimate a shape all the same; allow_code: a function may be imported;
+    unit of a mesh file's lengths; overlap of its parts.
     """
 
     name: str
@@ -32,6 +34,8 @@ class Asked:
     box: Sequence[float] | None = None
     monte_carlo: bool = False
     allow_code: bool = False
+    unit: Unit | None = None
+    overlap: Overlap | None = None
 
 
 def mass_properties(asked: Asked) -> MassProperties | Estimate:
@@ -42,8 +46,8 @@ def mass_properties(asked: Asked) -> MassProperties | Estimate:
     """
     name = asked.name
     if Path(name).suffix.lower() in MESH_SUFFIXES:
-        _check_options(asked, "a mesh file", size=False, box=False)
-        return load_mesh(Path(name), asked.density)
+        _check_options(asked, "a mesh file", size=False, box=False, mesh=True)
+        return load_mesh(Path(name), asked.density, asked.unit, asked.overlap)
     if name in PRIMITIVES:
         _check_options(asked, "a shape", size=True, box=False, monte_carlo=name in _IMPLICIT)
         exact = primitive(name, asked.size or (), asked.density)
@@ -67,11 +71,16 @@ def _at_density(found: Estimate, asked: Asked) -> Estimate:
         raise InputError(f"{asked.name}: {error}") from None
 
 
-def _check_options(asked: Asked, what: str, *, size: bool, box: bool, monte_carlo: bool = False) -> None:
+def _check_options(
+    asked: Asked, what: str, *, size: bool, box: bool, mesh: bool = False, monte_carlo: bool = False
+) -> None:
     """Refuse options that are missing, and those that would be left aside in silence."""
     for option, value, wanted in (("--size-m", asked.size, size), ("--box-m", asked.box, box)):
         if (value is not None) != wanted:
             raise InputError(f"{asked.name}: {what} {'needs' if wanted else 'has no'} {option}")
+    for option, stated in (("--unit", asked.unit), ("--overlap", asked.overlap)):
+        if stated is not None and not mesh:
+            raise InputError(f"{asked.name}: {option} is for mesh files, not for {what}")
     if asked.monte_carlo and not monte_carlo:
         raise InputError(f"{asked.name}: --monte-carlo is for {', '.join(_IMPLICIT)}")
 
@@ -80,7 +89,8 @@ def as_toml(found: MassProperties | Estimate) -> Iterator[str]:
     """Yield the lines of [body], as a scenario takes it, and of [solid], what else is known."""
     solid = found.properties if isinstance(found, Estimate) else found
     if isinstance(found, Estimate):
-        yield "# estimated by randomised quasi-Monte Carlo; the standard error of each number is in [solid]"
+        yield "# estimated by randomised quasi-Monte Carlo; the standard error of each number is in [solid]:"
+        yield f"# the number and {HALF_WIDTH:.4g} standard errors either way are a 95 % interval"
     for note in solid.notes:
         yield f"# {note}"
     yield "[body]"

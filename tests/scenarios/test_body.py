@@ -14,9 +14,13 @@ from scenario_text import parse_scenario
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.scenarios.body import GivenBody
+from bodycheck.scenarios.body import GivenBody, MeshBody
 from bodycheck.scenarios.library import load_scenario, load_scenarios
+from bodycheck.scenarios.mesh_units import doubts
 from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.shapes import primitive
+from bodycheck.scenarios.written import as_written
+from bodycheck.scenarios.written import written as written_down
 
 HEAD = 'name = "x"\nduration_s = 1.0\nsamples = 11\n[body]\n'
 
@@ -302,3 +306,49 @@ def test_the_bracket_is_what_its_boxes_are() -> None:
     for i, j in product(range(3), repeat=2):
         others = sum(edge**2 for axis, edge in enumerate(edges) if axis != i)
         assert inertia[i, j] == (0.125 * others if i == j else 0.0)
+
+
+@pytest.mark.parametrize(("unit", "length"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("in", 0.0254)])
+def test_a_mesh_is_taken_in_its_unit(unit: str, length: float, tmp_path: Path) -> None:
+    """Mass goes by the third, inertia by the fifth, the centre by the first power of the unit's length."""
+    metres = written(tmp_path).body
+    (tmp_path / "x.toml").write_text(f'{HEAD}mesh = "part.obj"\nmesh_unit = "{unit}"\ndensity_kg_m3 = 8.0\n')
+    body = load_scenario(tmp_path / "x.toml").body
+    assert body.mass_kg == pytest.approx(length**3 * metres.mass_kg, rel=1e-15, abs=0.0)
+    assert np.array(body.inertia_kg_m2) == pytest.approx(
+        length**5 * np.array(metres.inertia_kg_m2), rel=1e-15, abs=0.0
+    )
+
+
+@pytest.mark.parametrize("stated", ["", 'mesh_unit = "mm"\n', 'mesh_overlap = "count-twice"\n'])
+def test_a_mesh_is_read_back_as_a_run_writes_it(stated: str, tmp_path: Path) -> None:
+    """Unit and overlap stand in the manifest if they were stated; the mesh file is not needed any more."""
+    (tmp_path / "part.obj").write_text(bracket())
+    (tmp_path / "x.toml").write_text(f'{HEAD}mesh = "part.obj"\n{stated}density_kg_m3 = 8.0\n')
+    scenario = load_scenario(tmp_path / "x.toml")
+    (tmp_path / "part.obj").unlink()
+    facts = json.loads(json.dumps(written_down(scenario)))
+    assert {key: facts["body"].get(key) for key in ("mesh_unit", "mesh_overlap")} == {
+        "mesh_unit": "mm" if "unit" in stated else None,
+        "mesh_overlap": "count-twice" if "overlap" in stated else None,
+    }
+    again = as_written(facts, "manifest.json")
+    assert isinstance(again.body, MeshBody)
+    assert isinstance(scenario.body, MeshBody)
+    assert again.body.mesh == scenario.body.mesh
+    assert again.body.mass_kg == scenario.body.mass_kg
+
+
+def test_what_is_implausible_about_a_mesh_is_noted() -> None:
+    """100 mm read as m, 0.1 m read as mm, and a density in t/mm^3 get a warning each; a ship gets none."""
+    large, small = (primitive("box", [size] * 3, 2700.0) for size in (100.0, 1e-4))
+    assert doubts(large, 2700.0, None) == (
+        "warning: about 129 m across and 2.7e+09 kg; if the mesh is drawn in mm, state it (--unit mm, or "
+        "mesh_unit in a scenario): 0.129 m and 2.7 kg",
+    )
+    assert doubts(large, 2700.0, "m") == ()
+    assert "is the mesh drawn in mm, not in m?" in doubts(small, 2700.0, "mm")[0]
+    assert doubts(small, 2700.0, None) == ()
+    assert doubts(primitive("box", [0.1] * 3, 7.85e-9), 7.85e-9, None)[0].startswith(
+        "warning: nothing has a den"
+    )

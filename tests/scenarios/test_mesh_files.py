@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -16,7 +17,8 @@ from hypothesis import strategies as st
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files import mesh_bytes, parse_mesh
+from bodycheck.scenarios import known_solids, shapes
+from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.shapes import load_mesh, primitive
 
 VERTICES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]])
@@ -114,7 +116,8 @@ def written(folder: Path, name: str, content: str | bytes) -> Path:
 
 def meshed(path: Path) -> tuple[Array, Triangles]:
     """Return the vertices and triangles of a file."""
-    return parse_mesh(path, mesh_bytes(path))
+    with open_mesh(path) as file:
+        return parse_mesh(path, file)
 
 
 @pytest.mark.parametrize("case", GOOD)
@@ -337,12 +340,86 @@ def test_malformed_files_are_refused_in_one_line(case: str, tmp_path: Path) -> N
     assert "\n" not in str(caught.value)
 
 
+def ball(rings: int) -> tuple[Array, Triangles]:
+    """Return a ball of 2 rings (rings - 1) triangles, its corners and its triangles."""
+    polar, around = np.pi * np.arange(1, rings) / rings, 2.0 * np.pi * np.arange(rings) / rings
+    z, x, y = np.cos(polar), np.outer(np.sin(polar), np.cos(around)), np.outer(np.sin(polar), np.sin(around))
+    vertices = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1).reshape(-1, 3)
+    here = np.arange(len(vertices)).reshape(-1, rings)
+    after = np.roll(here, -1, axis=1)
+    a, b, c, d = (part.ravel() for part in (here[:-1], after[:-1], here[1:], after[1:]))
+    north, south = np.full(rings, len(vertices)), np.full(rings, len(vertices) + 1)
+    parts = [(a, c, d), (a, d, b), (north, here[0], after[0]), (south, after[-1], here[-1])]
+    return np.vstack([vertices, [[0, 0, 1], [0, 0, -1]]]), np.vstack(
+        [np.column_stack(part) for part in parts]
+    )
+
+
+def ball_files(vertices: Array, triangles: Triangles) -> dict[str, bytes]:
+    """Return a mesh as files of every format, as long as they get: all digits of every double."""
+    facets = np.zeros(len(triangles), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    facets["v"] = vertices[triangles]
+    lines = [" ".join(map(repr, point)) for point in vertices.tolist()]
+    rows = [" ".join(map(str, triangle)) for triangle in triangles.tolist()]
+    facet = "facet normal 0 0 0\nouter loop\n{}endloop\nendfacet\n"
+    corners = (facet.format("".join(f"vertex {lines[i]}\n" for i in row)) for row in triangles.tolist())
+    header = (
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n"
+    )
+    header = (header + "element face {}\nproperty list uchar int vertex_index\nend_header\n").format(
+        len(vertices), len(triangles)
+    )
+    counted = [" ".join(map(str, row)) for row in (triangles + 1).tolist()]
+    return {
+        "binary.stl": bytes(80) + struct.pack("<I", len(facets)) + facets.tobytes(),
+        "text.stl": ("solid\n" + "".join(corners) + "endsolid\n").encode(),
+        "text.obj": "".join([f"v {line}\n" for line in lines] + [f"f {row}\n" for row in counted]).encode(),
+        "text.ply": (
+            header + "".join([f"{line}\n" for line in lines] + [f"3 {row}\n" for row in rows])
+        ).encode(),
+    }
+
+
+@pytest.mark.parametrize("name", ["binary.stl", "text.stl", "text.obj", "text.ply"])
+def test_a_mesh_takes_at_most_200_bytes_of_memory_a_triangle(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From its file to its mass; what numpy and numba allocate counts, also for the bytes of the file."""
+    monkeypatch.setattr(known_solids, "cache_directory", lambda: tmp_path / "cache")
+    for rings in (4, 50):  # the first compiles
+        vertices, triangles = ball(rings)
+        path = written(tmp_path, f"{rings}-{name}", ball_files(vertices, triangles)[name])
+        tracemalloc.start()
+        mass = load_mesh(path, 1.0).mass
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert mass == pytest.approx(4.0 / 3.0 * np.pi, rel=0.01)
+    assert peak / len(triangles) < 200
+
+
+def test_a_file_that_changes_while_it_is_read_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No solid is filed under the hash of other bytes."""
+    monkeypatch.setattr(known_solids, "cache_directory", lambda: tmp_path / "cache")
+    path = written(tmp_path, "a.obj", obj())
+
+    def changed(*read: Any) -> Any:
+        path.write_text(obj() + "# more\n")
+        return parse_mesh(*read)
+
+    monkeypatch.setattr(shapes, "parse_mesh", changed)
+    with pytest.raises(InputError, match=r"a.obj: changed while it was read"):
+        load_mesh(path, 1.0)
+    assert not (tmp_path / "cache").exists()
+
+
 def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     """A missing file, and a folder, are refused by name."""
     (tmp_path / "folder.stl").mkdir()
     for name in ("missing.stl", "folder.stl"):
         with pytest.raises(InputError, match=f"{name}: cannot be read: "):
-            mesh_bytes(tmp_path / name)
+            open_mesh(tmp_path / name)
 
 
 def test_a_file_of_absurd_size_is_not_read(tmp_path: Path) -> None:
@@ -351,7 +428,7 @@ def test_a_file_of_absurd_size_is_not_read(tmp_path: Path) -> None:
     with path.open("wb") as file:
         file.truncate((1 << 30) + 1)
     with pytest.raises(InputError, match=r"huge.obj: has 1073741825 bytes; at most 1073741824 are read"):
-        mesh_bytes(path)
+        open_mesh(path)
 
 
 def test_an_impossible_density_or_shape_is_refused(tmp_path: Path) -> None:

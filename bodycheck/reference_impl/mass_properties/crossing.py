@@ -80,10 +80,40 @@ def _any_pierces(
     return False
 
 
-def boxes_about(vertices: Array, triangles: Triangles) -> Array:
+@kernel
+def _boxes(vertices: Array, triangles: Triangles) -> Array:
     """Return the least and greatest coordinates (2, m, 3) of each triangle."""
-    a, b, c = (vertices[column] for column in triangles.T)
-    return np.stack([np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)])
+    boxes = np.empty((2, triangles.shape[0], 3))
+    for t in range(triangles.shape[0]):
+        a, b, c = triangles[t]
+        for axis in range(3):
+            x, y, z = vertices[a, axis], vertices[b, axis], vertices[c, axis]
+            boxes[0, t, axis], boxes[1, t, axis] = min(x, y, z), max(x, y, z)
+    return boxes
+
+
+@kernel
+def box(vertices: Array, triangles: Triangles) -> tuple[Array, Array]:
+    """Return the least and greatest coordinates (3,), (3,) of all triangles."""
+    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
+    for t in range(triangles.shape[0]):
+        for k in range(3):
+            for axis in range(3):
+                x = vertices[triangles[t, k], axis]
+                lower[axis], upper[axis] = min(lower[axis], x), max(upper[axis], x)
+    return lower, upper
+
+
+@kernel
+def _near(vertices: Array, triangles: Triangles, lower: Array, upper: Array) -> NDArray[np.bool_]:
+    """Say which triangles (m,) have a box that meets the one from lower (3,) to upper (3,)."""
+    near = np.ones(triangles.shape[0], dtype=np.bool_)
+    for t in range(triangles.shape[0]):
+        a, b, c = triangles[t]
+        for axis in range(3):
+            x, y, z = vertices[a, axis], vertices[b, axis], vertices[c, axis]
+            near[t] &= (min(x, y, z) <= upper[axis]) & (max(x, y, z) >= lower[axis])
+    return near
 
 
 def crosses(vertices: Array, one: Triangles, other: Triangles) -> bool:
@@ -92,9 +122,13 @@ def crosses(vertices: Array, one: Triangles, other: Triangles) -> bool:
     Shapes: (n, 3), (k, 3), (l, 3). Where edge meets edge or corner exactly, no edge passes through the inside
     of anything. The other's triangles are sorted along x, so that each triangle meets those beside it only.
     """
-    boxes, other_boxes = boxes_about(vertices, one), boxes_about(vertices, other)
+    one = one[_near(vertices, one, *box(vertices, other))]
+    other = other[_near(vertices, other, *box(vertices, one))]
+    if not (len(one) and len(other)):
+        return False
+    boxes, other_boxes = _boxes(vertices, one), _boxes(vertices, other)
     order = np.argsort(other_boxes[0, :, 0])
     other, other_boxes = other[order], other_boxes[:, order]
-    widest = np.ptp(other_boxes[:, :, 0], axis=0).max(initial=0.0)
+    widest = np.ptp(other_boxes[:, :, 0], axis=0).max()
     begin = np.searchsorted(other_boxes[0, :, 0], boxes[0, :, 0] - widest)
     return bool(_any_pierces(vertices, one, other, boxes, other_boxes, begin))

@@ -2,47 +2,57 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple, NoReturn
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.nesting import depths
+from bodycheck.reference_impl.mass_properties.nesting import Nesting, nesting
 from bodycheck.reference_impl.mass_properties.orientation import Surfaces
 from bodycheck.reference_impl.mass_properties.places import place
 from bodycheck.reference_impl.mass_properties.polyhedron import volume_area_reach
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Overlap, Triangles
 
 _FLAT = 1e-14
 """A volume so much smaller than area times reach is round-off."""
 
 
-def misfacing(vertices: Array, surfaces: Surfaces) -> NDArray[np.bool_]:
-    """Say for each triangle (m,), consistent within its surface, whether it has to be turned.
+class Facing(NamedTuple):
+    """Which triangles (m,), consistent within their surfaces, have to be turned, and what to say of it."""
+
+    wrong: NDArray[np.bool_]
+    notes: tuple[str, ...]
+
+
+def faced(vertices: Array, surfaces: Surfaces, overlap: Overlap = "refuse") -> Facing:
+    """Say which triangles have to be turned for the surfaces to bound a solid.
 
     A surface within an even number of others bounds matter and faces outward; one within an odd number is a
     cavity and faces inward. A mesh wholly inside-out may be turned, and so may any surface that lies within
-    no other. Raises ValueError where a surface encloses nothing, where two cross, and where one within
-    another does not face as a cavity: it may be one drawn inside-out, or matter drawn twice.
+    no other and crosses none. Raises ValueError where a surface encloses nothing, where two cross, and where
+    one within another does not face as a cavity: it may be one drawn inside-out, or matter drawn twice. If
+    the overlap is "count-twice", surfaces may cross, and those that face outward may lie within matter.
     """
     members = _members(surfaces.surface)
-    parts = [surfaces.triangles[rows] for rows in members]
+    parts = [surfaces.triangles[rows] for rows in members] if len(members) > 1 else [surfaces.triangles]
     outward = np.array([_is_outward(vertices, part) for part in parts])
-    depth = depths(vertices, parts) if len(parts) > 1 else np.zeros(1, dtype=np.int64)
-    wrong = outward != (depth % 2 == 0)
+    found = nesting(vertices, parts, outward, overlap)
     mended = np.array([surfaces.turned[rows].any() for rows in members])
-    inside_out = wrong.all() and not mended.any()
-    doubtful = np.flatnonzero((wrong | mended) & (depth > 0))
-    if len(doubtful) and not inside_out:
-        where = place(vertices[parts[doubtful[0]][0, 0]])
-        raise ValueError(
-            f"the mesh is ambiguous: the closed surface at {where} lies within another and does not face as "
-            "a cavity; it may be one drawn inside-out, or matter drawn twice"
-        )
-    return wrong[surfaces.surface]
+    wrong = outward != (found.depth % 2 == 0)
+    if not wrong.all() or mended.any():
+        if overlap == "count-twice":
+            wrong = ~outward & (found.winding < 1)
+        doubtful = np.flatnonzero((wrong | mended) & ((found.depth > 0) | found.crossing))
+        if len(doubtful):
+            _refuse(vertices, parts[doubtful[0]], crossing=bool(found.crossing[doubtful[0]]))
+    return Facing(wrong[surfaces.surface], _parts_note(found, int(np.sum(outward & (found.winding > 0)))))
 
 
-def _members(surface: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def _members(surface: NDArray[np.int32]) -> list[NDArray[np.int64]]:
     """Return the triangles of each surface, ascending."""
+    if not surface.any():
+        return [np.arange(len(surface))]
     order = np.argsort(surface, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(surface[order])) + 1)
 
@@ -54,3 +64,31 @@ def _is_outward(vertices: Array, triangles: Triangles) -> bool:
         where = place(vertices[triangles[0, 0]])
         raise ValueError(f"the mesh is degenerate: the closed surface at {where} encloses no volume")
     return bool(volume > 0.0)
+
+
+def _refuse(vertices: Array, triangles: Triangles, *, crossing: bool) -> NoReturn:
+    """Raise ValueError naming a surface that may be matter or void."""
+    where = place(vertices[triangles[0, 0]])
+    if crossing:
+        raise ValueError(
+            f"the mesh is ambiguous: the closed surface at {where} crosses another and does not face "
+            "outward; it may be one drawn inside-out, or a cut"
+        )
+    raise ValueError(
+        f"the mesh is ambiguous: the closed surface at {where} lies within another and does not face as "
+        "a cavity; it may be one drawn inside-out, or matter drawn twice (--overlap count-twice, or "
+        'mesh_overlap = "count-twice" in a scenario)'
+    )
+
+
+def _parts_note(found: Nesting, within_matter: int) -> tuple[str, ...]:
+    """Say how many closed surfaces there are, if more than one, and what they share."""
+    parts = len(found.depth)
+    if parts == 1:
+        return ()
+    shared = [
+        f"{found.pairs} crossing pairs are among them" if found.pairs else "none was found to cross another",
+        *([f"{within_matter} lie within matter"] if within_matter else []),
+    ]
+    counted = ": what they share counts as often as it is drawn" if found.pairs or within_matter else ""
+    return (f"the mesh has {parts} closed surfaces; {' and '.join(shared)}{counted}",)

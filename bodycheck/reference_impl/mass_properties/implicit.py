@@ -14,6 +14,14 @@ from bodycheck.reference_impl.arrays import Array
 _BISECTIONS = 48
 """From the cell of a grid to the last bits: no error beside the sampling's, also of an f that jumps."""
 
+_SECTIONS = 40
+"""Of the bracket of an extremum, by the golden ratio: to 4e-9 of a cell."""
+
+_MARGIN = 1.01
+"""For round-off, and for an f that is steeper within a cell than its ends show."""
+
+_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+
 
 class Chords(NamedTuple):
     """Pieces of columns within the solid: the column (k,) that each lies in, its bottom and top (k,), m."""
@@ -109,8 +117,9 @@ class LevelSet:
     """f(x) <= 0 within a box; f maps points (n, 3) in m to values (n,), and need not be smooth.
 
     What of the solid lies beyond the box is cut off. The ends of chords are found where f changes sign
-    between two neighbours of `cells` + 1 points evenly spaced along a column, then by bisection; what slips
-    between two of them is left to the estimate, which corrects the chords by points of its own.
+    between two neighbours of `cells` + 1 points evenly spaced along a column, then by bisection. Where f has
+    an extremum near 0 within a cell, a wall or a gap that is thinner than the cell is looked for by golden
+    section. What slips through is left to the estimate, which corrects the chords by points of its own.
     """
 
     function: Callable[[Array], Array]
@@ -120,27 +129,79 @@ class LevelSet:
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
         """Say which points (n, 3) are in the solid. Raises ValueError for values that are not n numbers."""
+        return self._values(points) <= 0.0
+
+    def chords(self, xy: Array) -> Chords:
+        """Return the pieces of the columns at xy (n, 2) within the solid, as far as f tells."""
+        grid = np.linspace(self.lower[2], self.upper[2], self.cells + 1)
+        points = np.column_stack([np.repeat(xy, len(grid), axis=0), np.tile(grid, len(xy))])
+        values = self._values(points).reshape(len(xy), len(grid))
+        column, z, inside = self._thin(xy, grid, values)
+        ends = np.repeat(np.arange(len(xy)), 2)  # nothing beyond the box
+        column = np.concatenate([np.repeat(np.arange(len(xy)), len(grid)), column, ends])
+        z = np.concatenate([points[:, 2], z, np.tile(grid[[0, -1]], len(xy))])
+        inside = np.concatenate([values.ravel() <= 0.0, inside, np.zeros(len(ends), dtype=np.bool_)])
+        last = np.concatenate([np.zeros(len(z) - len(ends)), np.tile([-1.0, 1.0], len(xy))])
+        order = np.lexsort((last, z, column))
+        column, z, inside = column[order], z[order], inside[order]
+        entered = np.flatnonzero(~inside[:-1] & inside[1:])
+        left = np.flatnonzero(inside[:-1] & ~inside[1:])
+        bottom = self._boundary(xy[column[entered]], z[entered], z[entered + 1])
+        top = self._boundary(xy[column[left]], z[left + 1], z[left])
+        return Chords(column[entered], bottom, top)
+
+    def _values(self, points: Array) -> Array:
+        """Return f, or raise ValueError for what is not n numbers."""
         values = np.asarray(self.function(points), dtype=np.float64)
         if values.shape != (len(points),):
             raise ValueError(f"f of points {points.shape} must be ({len(points)},), not {values.shape}")
         if np.isnan(values).any():
             raise ValueError(f"f is not a number at {points[np.argmax(np.isnan(values))].tolist()}")
-        return values <= 0.0
+        return values
 
-    def chords(self, xy: Array) -> Chords:
-        """Return the pieces of the columns at xy (n, 2) within the solid, as far as the grid tells."""
-        z = np.linspace(self.lower[2], self.upper[2], self.cells + 1)
-        points = np.column_stack([np.repeat(xy, len(z), axis=0), np.tile(z, len(xy))])
-        inside = np.pad(
-            self.inside(points).reshape(len(xy), len(z)), ((0, 0), (1, 1))
-        )  # nothing beyond the box
-        column, entered = np.nonzero(~inside[:, :-1] & inside[:, 1:])
-        _, left = np.nonzero(inside[:, :-1] & ~inside[:, 1:])
-        z = np.concatenate([z[:1], z, z[-1:]])
-        outside = np.concatenate([z[entered], z[left + 1]])
-        within = np.concatenate([z[entered + 1], z[left]])
-        bottom, top = np.split(self._boundary(np.tile(xy[column], (2, 1)), outside, within), 2)
-        return Chords(column, bottom, top)
+    def _thin(
+        self, xy: Array, grid: Array, values: Array
+    ) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
+        """Return columns (k,) and heights (k,) of points in thin walls and gaps, and which are in walls (k,).
+
+        values (n, g): f on the grid (g,). Sought in the cells next to an extremum over the grid if their ends
+        have one sign and are so small that f can reach 0 between them without being steeper than between
+        some neighbours on the column. A column that grazes a shell meets it once in each of two such cells.
+        """
+        steepest = _MARGIN * np.max(np.abs(np.diff(values, axis=1)), axis=1, keepdims=True)
+        found = []
+        for sign in (1.0, -1.0):
+            before, here, after = (sign * values[:, k : k - 2 or None] for k in range(3))
+            extremum = (here > 0.0) & (before >= here) & (after >= here) & ((before > here) | (after > here))
+            below, above = (np.argwhere(extremum & (here + end <= steepest)) for end in (before, after))
+            column, k = np.concatenate([below, above + np.array([0, 1])]).T
+            z = self._below_zero(xy[column], grid[k], grid[k + 1], sign)
+            reached = ~np.isnan(z)
+            found.append((column[reached], z[reached], np.full(reached.sum(), sign > 0.0)))
+        column, z, inside = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return column, z, inside
+
+    def _below_zero(self, xy: Array, low: Array, high: Array, sign: float) -> Array:
+        """Return where sign f < 0 between low (k,) and high (k,) on columns at xy (k, 2), else NaN."""
+        found = np.full(len(xy), np.nan)
+        open_ = np.arange(len(xy))
+        left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        f_left, f_right = (sign * self._values(np.column_stack([xy, z])) for z in (left, right))
+        for _ in range(_SECTIONS):
+            reached = np.minimum(f_left, f_right) < 0.0
+            found[open_[reached]] = np.where(f_left < f_right, left, right)[reached]
+            kept = ~reached
+            if not kept.any():
+                break
+            open_, low, high, left, right = open_[kept], low[kept], high[kept], left[kept], right[kept]
+            f_left, f_right = f_left[kept], f_right[kept]
+            lower = f_left < f_right
+            low, high = np.where(lower, low, left), np.where(lower, right, high)
+            new = np.where(lower, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+            f_new = sign * self._values(np.column_stack([xy[open_], new]))
+            left, right = np.where(lower, new, right), np.where(lower, left, new)
+            f_left, f_right = np.where(lower, f_new, f_right), np.where(lower, f_left, f_new)
+        return found
 
     def _boundary(self, xy: Array, outside: Array, within: Array) -> Array:
         """Bisect to where each column (k, 2) passes from outside (k,) to within (k,)."""

@@ -8,12 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.edges import partners
-from bodycheck.reference_impl.mass_properties.facing import misfacing
+from bodycheck.reference_impl.mass_properties.edges import OPEN, SHARED, partners, refuse_edges
+from bodycheck.reference_impl.mass_properties.facing import faced
+from bodycheck.reference_impl.mass_properties.gaps import without_slits
 from bodycheck.reference_impl.mass_properties.merging import merged
 from bodycheck.reference_impl.mass_properties.orientation import consistent, with_turned
 from bodycheck.reference_impl.mass_properties.places import first_few, place
-from bodycheck.reference_impl.mass_properties.solid import LENGTHS, Triangles
+from bodycheck.reference_impl.mass_properties.solid import LENGTHS, Overlap, Triangles
+from bodycheck.reference_impl.mass_properties.touching import Parted, taken_apart
+
+_MOST_TRIANGLES = (1 << 31) // 3
+"""Half-edges are numbered in 32 bits."""
 
 
 class Mesh(NamedTuple):
@@ -24,28 +29,31 @@ class Mesh(NamedTuple):
     notes: tuple[str, ...]
 
 
-def checked_mesh(vertices: ArrayLike, triangles: ArrayLike) -> Mesh:
+def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, overlap: Overlap = "refuse") -> Mesh:
     """Return the mesh, its equal vertices made one and its triangles facing outward, if it bounds a solid.
 
-    Shapes: (n, 3) in m, (m, 3) numbers of vertices. Triangles with two equal corners are left out, flipped
-    ones and an inside-out mesh are turned; the notes say so. Raises ValueError, naming what and where, for
-    coordinates that are not finite, numbers of no vertex, an open mesh, edges of more than two triangles, a
-    one-sided surface, one that encloses nothing, and nested or crossing ones that can be read in two ways.
-    A surface that crosses itself is not looked for: what it winds around twice counts twice.
+    Shapes: (n, 3) in m, (m, 3) numbers of vertices. Triangles with two equal corners and those that lie back
+    to back are left out, corners that only round-off keeps apart are joined, flipped triangles and an
+    inside-out mesh are turned; the notes say so. Raises ValueError, naming what and where, for coordinates
+    that are not finite, numbers of no vertex, an open mesh, edges around which matter and void do not
+    alternate, a one-sided surface, one that encloses nothing, and nested or crossing ones that can be read in
+    two ways; where the overlap is "count-twice", matter within matter counts as often as it is drawn. A
+    surface that crosses itself is not looked for: what it winds around twice counts twice.
     """
-    points, given = _arrays(vertices, triangles)
-    points, number = merged(points)
-    corners = number[given]
+    points, corners = _arrays(vertices, triangles)
+    points, corners = _merged(points, corners)
     collapsed = _is_collapsed(corners)
-    kept = corners[~collapsed]
-    surfaces = consistent(points, kept, partners(points, kept))
-    wrong = misfacing(points, surfaces)
-    notes = (
-        *_note(points, corners[collapsed], "had two equal corners and were left out"),
-        *_turned_note(points, kept, surfaces.turned != wrong),
-        *_parts_note(surfaces.surface),
+    kept = corners[~collapsed] if collapsed.any() else corners
+    notes = _note(points, corners[collapsed], "had two equal corners and were left out")
+    closed = _closed(points, kept)
+    surfaces = consistent(points, closed.triangles, closed.partner)
+    facing = faced(points, surfaces, overlap)
+    notes += (
+        *closed.notes,
+        *_turned_note(points, closed.triangles, surfaces.turned != facing.wrong),
+        *facing.notes,
     )
-    return Mesh(points, with_turned(surfaces.triangles, wrong), notes)
+    return Mesh(points, with_turned(surfaces.triangles, facing.wrong), notes)
 
 
 def _arrays(vertices: ArrayLike, triangles: ArrayLike) -> tuple[Array, Triangles]:
@@ -57,6 +65,8 @@ def _arrays(vertices: ArrayLike, triangles: ArrayLike) -> tuple[Array, Triangles
         raise ValueError(f"triangles must be whole numbers (m, 3), not {corners.dtype} {corners.shape}")
     if not len(corners):
         raise ValueError("the mesh has no triangles")
+    if len(corners) > _MOST_TRIANGLES:
+        raise ValueError(f"the mesh has {len(corners)} triangles; at most {_MOST_TRIANGLES} are taken")
     if corners.min() < 0 or corners.max() >= len(points):
         row = np.flatnonzero(((corners < 0) | (corners >= len(points))).any(axis=1))[0]
         raise ValueError(
@@ -65,12 +75,19 @@ def _arrays(vertices: ArrayLike, triangles: ArrayLike) -> tuple[Array, Triangles
     if not np.isfinite(points).all():
         row = np.flatnonzero(~np.isfinite(points).all(axis=1))[0]
         raise ValueError(f"vertex {row} is not finite: {points[row].tolist()}")
-    size = float(np.abs(points).max())
+    size = float(max(points.max(), -points.min()))
     if not LENGTHS[0] < size < LENGTHS[1]:
         raise ValueError(
             f"the largest coordinate is {size!r} m; it must be within {LENGTHS[0]} to {LENGTHS[1]} m"
         )
-    return points, corners.astype(np.int64)
+    return points, np.ascontiguousarray(corners, dtype=np.int64)
+
+
+def _merged(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles]:
+    """Return the different vertices (k, 3), and the triangles (m, 3) by their numbers."""
+    points, number = merged(vertices)
+    same = len(points) == len(vertices)
+    return points, triangles if same else number.astype(np.int64)[triangles]
 
 
 def _is_collapsed(triangles: Triangles) -> NDArray[np.bool_]:
@@ -80,6 +97,22 @@ def _is_collapsed(triangles: Triangles) -> NDArray[np.bool_]:
     if collapsed.all():
         raise ValueError("the mesh is degenerate: each triangle has two equal corners")
     return np.asarray(collapsed)
+
+
+def _closed(vertices: Array, triangles: Triangles) -> Parted:
+    """Return the triangles with the partners of all their half-edges, or refuse an open mesh."""
+    partner = partners(triangles, len(vertices))
+    notes: tuple[str, ...] = ()
+    if (partner == OPEN).any():
+        joined = without_slits(vertices, triangles, partner)
+        if joined is None:
+            faulty = np.flatnonzero(partner == OPEN)
+            refuse_edges(vertices, triangles, faulty, "is open: {} edges belong to one triangle only")
+        triangles, partner, notes = joined.triangles, joined.partner, (joined.note,)
+    if (partner <= SHARED).any():
+        parted = taken_apart(vertices, triangles, partner)
+        return parted._replace(notes=notes + parted.notes)
+    return Parted(triangles, partner, notes)
 
 
 def _turned_note(vertices: Array, triangles: Triangles, turned: NDArray[np.bool_]) -> tuple[str, ...]:
@@ -95,9 +128,3 @@ def _note(vertices: Array, triangles: Triangles, what: str) -> tuple[str, ...]:
         return ()
     where = first_few(place(vertices[triangle[0]]) for triangle in triangles)
     return (f"{len(triangles)} of the triangles {what}, at {where}",)
-
-
-def _parts_note(surface: NDArray[np.int64]) -> tuple[str, ...]:
-    """Say how many closed surfaces there are, if more than one."""
-    parts = int(surface.max()) + 1
-    return (f"the mesh has {parts} closed surfaces; none was found to cross another",) if parts > 1 else ()

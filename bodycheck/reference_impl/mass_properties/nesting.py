@@ -7,17 +7,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from enum import Enum
 from itertools import filterfalse, islice
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.mass_properties.crossing import boxes_about, crosses
+from bodycheck.reference_impl.mass_properties.crossing import box, crosses
 from bodycheck.reference_impl.mass_properties.places import place
-from bodycheck.reference_impl.mass_properties.solid import Triangles
+from bodycheck.reference_impl.mass_properties.solid import Overlap, Triangles
 from bodycheck.reference_impl.registers import cross
 
 _PROBED = 64
@@ -30,48 +31,87 @@ _ON_FACE = 1e-9
 """How near to a triangle, over its size, a point lies on it."""
 
 
-def depths(vertices: Array, surfaces: Sequence[Triangles]) -> NDArray[np.int64]:
-    """Return for each closed surface (k,) how many of the others it lies within.
+class Nesting(NamedTuple):
+    """How closed surfaces (k,) lie to each other.
 
-    Raises ValueError where two of them cross, or lie upon each other so that neither is inside or outside.
+    depth (k,): how many others each lies within. winding (k,): how often these wind around it, as they face.
+    crossing (k,): whether it crosses another. pairs: how many cross.
     """
-    boxes = [boxes_about(vertices, triangles) for triangles in surfaces]
-    lower = np.array([box[0].min(axis=0) for box in boxes])
-    upper = np.array([box[1].max(axis=0) for box in boxes])
-    depth = np.zeros(len(surfaces), dtype=np.int64)
+
+    depth: NDArray[np.int64]
+    winding: NDArray[np.int64]
+    crossing: NDArray[np.bool_]
+    pairs: int
+
+
+class _Relation(Enum):
+    """How one closed surface lies to another."""
+
+    OUTSIDE = "outside"
+    WITHIN = "within"
+    CROSSING = "cross, so that what they share would count twice"
+    UPON = "lie upon each other"
+
+
+def nesting(
+    vertices: Array, surfaces: Sequence[Triangles], outward: NDArray[np.bool_], overlap: Overlap
+) -> Nesting:
+    """Return how closed surfaces, of which (k,) face outward, lie to each other.
+
+    Raises ValueError where two of them cross, unless the overlap is "count-twice", and where they lie upon
+    each other so that neither is inside or outside.
+    """
+    lower, upper = (np.array(corners) for corners in zip(*(box(vertices, s) for s in surfaces), strict=True))
+    depth, winding = np.zeros((2, len(surfaces)), dtype=np.int64)
+    crossing = np.zeros(len(surfaces), dtype=np.bool_)
+    pairs = 0
     for this, triangles in enumerate(surfaces):
         meeting = np.all((lower <= upper[this]) & (lower[this] <= upper), axis=1)
-        meeting[this] = False
-        for other in np.flatnonzero(meeting).tolist():
-            near = triangles[
-                np.all((boxes[this][0] <= upper[other]) & (boxes[this][1] >= lower[other]), axis=1)
-            ]
-            if crosses(vertices, near, surfaces[other]):
-                _refuse(vertices, triangles, surfaces[other], "cross; what they share would count twice")
-            depth[this] += _within(vertices, triangles, surfaces[other])
-    return depth
+        for other in (np.flatnonzero(meeting[:this])).tolist():
+            relations = _relations(vertices, triangles, surfaces[other])
+            if _Relation.UPON in relations or (_Relation.CROSSING in relations and overlap == "refuse"):
+                _refuse(vertices, surfaces[other], triangles, max(relations, key=list(_Relation).index))
+            if _Relation.CROSSING in relations:
+                pairs += 1
+                crossing[[this, other]] = True
+                continue
+            for inner, outer, relation in zip((this, other), (other, this), relations, strict=True):
+                if relation is _Relation.WITHIN:
+                    depth[inner] += 1
+                    winding[inner] += 1 if outward[outer] else -1
+    return Nesting(depth, winding, crossing, pairs)
 
 
-def _within(vertices: Array, triangles: Triangles, other: Triangles) -> bool:
-    """Say whether a surface lies within another, all of it.
+def _relations(vertices: Array, one: Triangles, other: Triangles) -> tuple[_Relation, _Relation]:
+    """Return how one surface lies to another, and the other to the one."""
+    if crosses(vertices, one, other) or crosses(vertices, other, one):
+        return _Relation.CROSSING, _Relation.CROSSING
+    return _by_points(vertices, one, other), _by_points(vertices, other, one)
 
-    The points asked also find crossings where edge meets edge, as with boxes shifted along a diagonal.
+
+def _by_points(vertices: Array, triangles: Triangles, other: Triangles) -> _Relation:
+    """Say where points of a surface lie to another.
+
+    They also find crossings where edge meets edge, as with boxes shifted along a diagonal.
     """
     corners = vertices[triangles[:: max(1, len(triangles) // _PROBED)]]
     probes = np.concatenate([corners[:, 0], corners.mean(axis=1), corners[:, 1], corners[:, 2]])
     windings = (winding_number(tuple(probe), vertices, other) for probe in probes)
     answers = {round(winding) != 0 for winding in islice(filterfalse(math.isnan, windings), _ANSWERS)}
-    if not answers:
-        _refuse(vertices, triangles, other, "lie upon each other")
-    if len(answers) > 1:
-        _refuse(vertices, triangles, other, "cross; what they share would count twice")
-    return answers.pop()
+    if len(answers) != 1:
+        return _Relation.CROSSING if answers else _Relation.UPON
+    return _Relation.WITHIN if answers.pop() else _Relation.OUTSIDE
 
 
-def _refuse(vertices: Array, one: Triangles, other: Triangles, what: str) -> NoReturn:
+def _refuse(vertices: Array, one: Triangles, other: Triangles, relation: _Relation) -> NoReturn:
     """Raise ValueError naming two surfaces."""
     places = " and ".join(place(vertices[triangles[0, 0]]) for triangles in (one, other))
-    raise ValueError(f"the mesh is ambiguous: its closed surfaces at {places} {what}")
+    remedy = (
+        '; to accept that, use --overlap count-twice (mesh_overlap = "count-twice" in a scenario)'
+        if relation is _Relation.CROSSING
+        else ""
+    )
+    raise ValueError(f"the mesh is ambiguous: its closed surfaces at {places} {relation.value}{remedy}")
 
 
 @kernel

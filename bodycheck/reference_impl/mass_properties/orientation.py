@@ -20,47 +20,46 @@ class Surfaces(NamedTuple):
     """Triangles (m, 3), consistent within each surface; the surface (m,) of each; which were turned (m,)."""
 
     triangles: Triangles
-    surface: NDArray[np.int64]
+    surface: NDArray[np.int32]
     turned: NDArray[np.bool_]
 
 
-def consistent(vertices: Array, triangles: Triangles, partner: NDArray[np.int64]) -> Surfaces:
+def consistent(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> Surfaces:
     """Turn as few triangles as make each connected surface consistently oriented, either way out.
 
     Shapes: (n, 3), (m, 3), (3 m,) from edges.partners. Raises ValueError naming an edge where a surface has
     but one side (a Möbius band or Klein bottle is in it).
     """
-    start = triangles.ravel()
-    agreeing = start != start[partner]
-    surface, turned, conflict = _spread(partner, agreeing)
+    surface, turned, conflict = _spread(triangles, partner)
     if conflict != _NONE:
         raise ValueError(
             "the mesh is not orientable: its surface has one side only; the two sides meet on the edge "
             + described(vertices, triangles, conflict)
         )
-    minority = np.bincount(surface, weights=turned) > 0.5 * np.bincount(surface)
+    minority = 2 * np.bincount(surface[turned], minlength=surface.max() + 1) > np.bincount(surface)
     turned = turned != minority[surface]
     return Surfaces(with_turned(triangles, turned), surface, turned)
 
 
 def with_turned(triangles: Triangles, turned: NDArray[np.bool_]) -> Triangles:
     """Return the triangles (m, 3), those marked (m,) run through the other way."""
-    return np.where(turned[:, None], triangles[:, ::-1], triangles)
+    return np.where(turned[:, None], triangles[:, ::-1], triangles) if turned.any() else triangles
 
 
 @kernel
 def _spread(
-    partner: NDArray[np.int64], agreeing: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_], int]:
+    triangles: Triangles, partner: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.bool_], int]:
     """Walk each surface from its first triangle over every edge, turning what disagrees with the one before.
 
     Returns the surface (m,) of each triangle, which ones are turned (m,), and a half-edge at which two walked
     triangles still disagree, or -1.
     """
     count = len(partner) // 3
-    surface = np.full(count, _UNSEEN)
+    start = triangles.ravel()
+    surface = np.full(count, _UNSEEN, dtype=np.int32)
     turned = np.zeros(count, dtype=np.bool_)
-    stack = np.empty(count, dtype=np.int64)
+    stack = np.empty(count, dtype=np.int32)
     surfaces = 0
     for seed in range(count):
         if surface[seed] != _UNSEEN:
@@ -73,7 +72,8 @@ def _spread(
             here = stack[waiting]
             for half_edge in range(3 * here, 3 * here + 3):
                 there = partner[half_edge] // 3
-                should_be = turned[here] == agreeing[half_edge]
+                agreeing = start[half_edge] != start[partner[half_edge]]
+                should_be = turned[here] == agreeing
                 if surface[there] == _UNSEEN:
                     surface[there] = surfaces
                     turned[there] = should_be

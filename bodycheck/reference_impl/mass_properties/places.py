@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import islice
 
 from bodycheck.reference_impl.arrays import Array
 
@@ -16,5 +17,5 @@ def place(point: Array) -> str:
 
 def first_few(items: Iterable[str]) -> str:
     """Return 'one; two; three; ...'."""
-    items = list(items)
-    return "; ".join(items[:_SHOWN] + ["..."] * (len(items) > _SHOWN))
+    shown = list(islice(items, _SHOWN + 1))
+    return "; ".join(shown[:_SHOWN] + ["..."] * (len(shown) > _SHOWN))

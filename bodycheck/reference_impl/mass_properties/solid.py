@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from fractions import Fraction
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from bodycheck.reference_impl.dynamics import principal_axes
 
 Triangles: TypeAlias = NDArray[np.int64]
 """Vertex numbers (m, 3), each triangle counter-clockwise seen from outside."""
+
+Overlap: TypeAlias = Literal["refuse", "count-twice"]
+"""What to do about closed parts of a mesh that share room: refuse it, or count the room twice."""
 
 LENGTHS = (1e-50, 1e50)
 """Lengths in m whose fifth powers, the second moments, are normal doubles."""
@@ -67,6 +71,15 @@ class MassProperties:
                 f"{np.diagonal(inertia).tolist()} kg m^2: beyond the range of double precision"
             )
         return replace(self, mass=mass, inertia=inertia)
+
+    def scaled(self, factor: Fraction) -> MassProperties:
+        """m' = s^3 m, c' = s c, I' = s^5 I: the solid with all its lengths times s, at one density."""
+        return replace(
+            self,
+            mass=self.mass * float(factor**3),
+            centre=self.centre * float(factor),
+            inertia=self.inertia * float(factor**5),
+        )
 
     def moved(self, displacement: Array) -> MassProperties:
         """c' = c + d: the solid displaced by d (3,), m; the inertia about its centre stays."""

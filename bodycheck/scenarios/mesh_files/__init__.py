@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from importlib.resources.abc import Traversable
+from io import BufferedIOBase
 from pathlib import PurePath
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
@@ -15,38 +16,41 @@ from bodycheck.scenarios.mesh_files.obj import parse_obj
 from bodycheck.scenarios.mesh_files.ply import parse_ply
 from bodycheck.scenarios.mesh_files.stl import parse_stl
 
-Parser: TypeAlias = Callable[[bytes], tuple[Array, Triangles]]
+Parser: TypeAlias = Callable[[BufferedIOBase], tuple[Array, Triangles]]
 
 _PARSERS: dict[str, Parser] = {".stl": parse_stl, ".obj": parse_obj, ".ply": parse_ply}
 MESH_SUFFIXES = tuple(_PARSERS)
 _MOST_BYTES = 1 << 30
 
 
-def mesh_bytes(path: Traversable) -> bytes:
-    """Return the bytes of a file that has a mesh's name.
+def open_mesh(path: Traversable) -> BufferedIOBase:
+    """Open a file that has a mesh's name, to be read and to be closed by the caller.
 
     Raises InputError with one line: the file, and why it cannot be read.
     """
     _parser(path)
     try:
-        with path.open("rb") as file:
-            size = file.seek(0, os.SEEK_END)
-            if size > _MOST_BYTES:
-                raise InputError(f"{path}: has {size} bytes; at most {_MOST_BYTES} are read")
-            file.seek(0)
-            return file.read(size)
+        file = cast(BufferedIOBase, path.open("rb"))
+        size = file.seek(0, os.SEEK_END)
+        file.seek(0)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    if size > _MOST_BYTES:
+        file.close()
+        raise InputError(f"{path}: has {size} bytes; at most {_MOST_BYTES} are read")
+    return file
 
 
-def parse_mesh(path: Traversable, data: bytes) -> tuple[Array, Triangles]:
+def parse_mesh(path: Traversable, file: BufferedIOBase) -> tuple[Array, Triangles]:
     """Return the vertices (n, 3), taken as m, and triangles (m, 3) of a file, its format told by its suffix.
 
     Polygons become fans about their first corner, which is exact for plane ones, convex or not. Raises
     InputError with one line: the file, where in it, what is wrong.
     """
     try:
-        vertices, triangles = _parser(path)(data)
+        vertices, triangles = _parser(path)(file)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
     if not len(triangles):

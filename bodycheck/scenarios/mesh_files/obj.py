@@ -6,37 +6,54 @@ Source: Alias|Wavefront (1993), Advanced Visualizer manual, appendix B1.
 from __future__ import annotations
 
 import re
+from array import array
+from io import BufferedIOBase, BytesIO
+
+import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files.words import fans, floats, integer, lines_of_words, points, shown
+from bodycheck.scenarios.mesh_files.words import (
+    fans,
+    floats,
+    integer,
+    lines_of_words,
+    points,
+    shown,
+)
 
 _CONTINUED = re.compile(rb"(?m)^(?:[^\n]*\\\r?\n)+[^\n]*")
 _CONTINUATION = re.compile(rb"\\\r?\n")
 
 
-def parse_obj(data: bytes) -> tuple[Array, Triangles]:
+def parse_obj(file: BufferedIOBase) -> tuple[Array, Triangles]:
     """Return vertices (n, 3) and triangles (m, 3). Raises ValueError naming the line and what is wrong.
 
     All objects and groups of the file are one mesh. A corner is `v`, `v/vt`, `v//vn` or `v/vt/vn`; a
     negative v counts back from the last vertex before its line.
     """
-    vertices: list[list[float]] = []
-    faces: list[tuple[int, list[int]]] = []
-    for line, words in lines_of_words(_CONTINUED.sub(_joined, data)):
+    vertices, lengths, corners = array("d"), array("i"), array("i")
+    ahead: list[tuple[int, int]] = []  # lines that name a vertex which is still to come, farther on each time
+    data = file.read()
+    for line, words in lines_of_words(BytesIO(_CONTINUED.sub(_joined, data) if b"\\" in data else data)):
         match words[0]:
             case "v":
                 if len(words) < 4:
                     raise ValueError(f"line {line}: {shown(words)} has not three coordinates")
-                vertices.append(floats(words[1:4], line))
+                vertices.extend(floats(words[1:4], line))
             case "f":
                 if len(words) < 4:
                     raise ValueError(f"line {line}: {shown(words)} has not three corners")
-                faces.append((line, [_corner(word, line, len(vertices)) for word in words[1:]]))
-    for line, face in faces:
-        if max(face) >= len(vertices):
-            raise ValueError(f"line {line}: corner {max(face) + 1} is none of the {len(vertices)} vertices")
-    return points(vertices), fans(face for _, face in faces)
+                before = len(vertices) // 3
+                face = [_corner(word, line, before) for word in words[1:]]
+                if max(face) >= max(before, ahead[-1][1] + 1 if ahead else 0):
+                    ahead.append((line, max(face)))
+                lengths.append(len(face))
+                corners.extend(face)
+    for line, corner in ahead:
+        if 3 * corner >= len(vertices):
+            raise ValueError(f"line {line}: corner {corner + 1} is none of the {len(vertices) // 3} vertices")
+    return points(vertices), fans(np.asarray(lengths), np.asarray(corners))
 
 
 def _joined(lines: re.Match[bytes]) -> bytes:

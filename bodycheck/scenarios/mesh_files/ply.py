@@ -5,10 +5,12 @@ Source: Turk (1994), The PLY polygon file format.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from io import BufferedIOBase, BytesIO
 from itertools import islice
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +37,18 @@ _INTEGERS = {code for code in _TYPES.values() if code[0] in "iu"}
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNERS = ("vertex_indices", "vertex_index")
 _AXES = ("x", "y", "z")
+_NEEDED = (*_AXES, *_CORNERS)
 
-Columns: TypeAlias = dict[str, Sequence[Any] | NDArray[Any]]
-"""Property -> its value in each row; of a list, one sequence a row."""
+
+class _Lists(NamedTuple):
+    """The length (k,) of each row's list, and the numbers of all lists, one after the other."""
+
+    lengths: NDArray[Any]
+    numbers: NDArray[Any]
+
+
+Columns: TypeAlias = dict[str, NDArray[Any] | _Lists]
+"""Property -> its value in each row."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +69,13 @@ class _Element:
     properties: list[_Property] = field(default_factory=list)
 
 
-def parse_ply(data: bytes) -> tuple[Array, Triangles]:
+def parse_ply(file: BufferedIOBase) -> tuple[Array, Triangles]:
     """Return vertices (n, 3) and triangles (m, 3). Raises ValueError saying where and what is wrong.
 
     The vertices are the x, y, z of element `vertex`, the faces the list `vertex_indices` (or `vertex_index`)
     of element `face`; everything else is skipped.
     """
+    data = file.read()
     header, end, body = data.partition(b"end_header")
     rest_of_line, _, body = body.partition(b"\n")
     if not data.startswith(b"ply") or not end or rest_of_line.strip():
@@ -81,7 +93,7 @@ def _parse_header(header: bytes) -> tuple[str, list[_Element]]:
     """Return the byte order ('' for ASCII) and the elements in their order."""
     byte_order: str | None = None
     elements: list[_Element] = []
-    for line, words in lines_of_words(header):
+    for line, words in lines_of_words(BytesIO(header)):
         match words:
             case ["ply"] | ["comment" | "obj_info", *_]:
                 pass
@@ -122,21 +134,46 @@ def _length(number: int, where: str) -> int:
     return number
 
 
+class _Rows:
+    """An element's rows as they are read one by one: what is needed of them."""
+
+    def __init__(self, element: _Element) -> None:
+        self._kept = [known for known in element.properties if known.name in _NEEDED]
+        self._numbers = {known.name: array("q" if known.item in _INTEGERS else "d") for known in self._kept}
+        self._lengths = {known.name: array("q") for known in self._kept if known.length is not None}
+
+    def add(self, row: dict[str, Sequence[Any]]) -> None:
+        """Add the numbers of each property of a row."""
+        for known in self._kept:
+            self._numbers[known.name].extend(row[known.name])
+            if known.length is not None:
+                self._lengths[known.name].append(len(row[known.name]))
+
+    def columns(self) -> Columns:
+        """Return the rows as columns."""
+        numbers = {name: np.asarray(column) for name, column in self._numbers.items()}
+        lists = {name: _Lists(np.asarray(each), numbers[name]) for name, each in self._lengths.items()}
+        return {**numbers, **lists}
+
+
 def _ascii_tables(elements: Sequence[_Element], body: bytes, first_line: int) -> dict[str, Columns]:
     """Return the columns of each element, one line of the body a row."""
-    lines = lines_of_words(body, first_line)
+    lines = lines_of_words(BytesIO(body), first_line)
     tables: dict[str, Columns] = {}
     for element in elements:
-        rows = [_ascii_row(element, words, line) for line, words in islice(lines, element.count)]
-        if len(rows) < element.count:
-            raise ValueError(f"ends after {len(rows)} of {element.count} rows of element {element.name!r}")
-        tables[element.name] = _columns(element, rows)
+        rows, count = _Rows(element), 0
+        for line, words in islice(lines, element.count):
+            rows.add(_ascii_row(element, words, line))
+            count += 1
+        if count < element.count:
+            raise ValueError(f"ends after {count} of {element.count} rows of element {element.name!r}")
+        tables[element.name] = rows.columns()
     return tables
 
 
-def _ascii_row(element: _Element, words: list[str], line: int) -> list[Any]:
-    """Return the value of each property in a line."""
-    row: list[Any] = []
+def _ascii_row(element: _Element, words: list[str], line: int) -> dict[str, Sequence[Any]]:
+    """Return the numbers of each property in a line."""
+    row: dict[str, Sequence[Any]] = {}
     at = 0
     for known in element.properties:
         count = 1
@@ -147,8 +184,9 @@ def _ascii_row(element: _Element, words: list[str], line: int) -> list[Any]:
         if len(taken) < count:
             raise ValueError(f"line {line}: {shown(words)} ends within {known.name!r}")
         at += count
-        numbers = [integer(word, line) for word in taken] if known.item in _INTEGERS else floats(taken, line)
-        row.append(numbers[0] if known.length is None else numbers)
+        row[known.name] = (
+            [integer(word, line) for word in taken] if known.item in _INTEGERS else floats(taken, line)
+        )
     if at < len(words):
         raise ValueError(f"line {line}: {shown(words)} goes on after its last property")
     return row
@@ -176,34 +214,48 @@ def _binary_columns(element: _Element, body: bytes, offset: int, byte_order: str
     """Return an element's columns and where they end: at once where all rows are as long as the first."""
     first, _ = _binary_row(element, body, offset, byte_order)
     fields: list[Any] = []
-    for known, value in zip(element.properties, first, strict=True):
+    for known in element.properties:
         if known.length is not None:
             fields.append((f"length of {known.name}", byte_order + known.length))
-        fields.append((known.name, byte_order + known.item, np.shape(value)))
+            fields.append((known.name, byte_order + known.item, len(first[known.name])))
+        else:
+            fields.append((known.name, byte_order + known.item))
     layout = np.dtype(fields)
     end = offset + element.count * layout.itemsize
     if end <= len(body):
         table = np.frombuffer(body, layout, element.count, offset)
-        lengths = [table[name] for name in layout.names or () if name.startswith("length of ")]
-        if all((length == length[0]).all() for length in lengths):
-            return {known.name: table[known.name] for known in element.properties}, end
-    rows = []
+        lengths = {
+            known.name: table[f"length of {known.name}"] for known in element.properties if known.length
+        }
+        if all((length == length[0]).all() for length in lengths.values()):
+            return {
+                known.name: (
+                    _Lists(lengths[known.name], table[known.name].reshape(-1))
+                    if known.name in lengths
+                    else table[known.name]
+                )
+                for known in element.properties
+                if known.name in _NEEDED
+            }, end
+    rows = _Rows(element)
     for _ in range(element.count):
         row, offset = _binary_row(element, body, offset, byte_order)
-        rows.append(row)
-    return _columns(element, rows), offset
+        rows.add(row)
+    return rows.columns(), offset
 
 
-def _binary_row(element: _Element, body: bytes, offset: int, byte_order: str) -> tuple[list[Any], int]:
-    """Return the value of each property in the row at an offset, and the offset of the next."""
-    row: list[Any] = []
+def _binary_row(
+    element: _Element, body: bytes, offset: int, byte_order: str
+) -> tuple[dict[str, Sequence[Any]], int]:
+    """Return the numbers of each property in the row at an offset, and the offset of the next."""
+    row: dict[str, Sequence[Any]] = {}
     for known in element.properties:
         count = 1
         if known.length is not None:
             length, offset = _take(body, byte_order + known.length, 1, offset, known.name)
             count = _length(int(length[0]), f"a list {known.name!r}")
         numbers, offset = _take(body, byte_order + known.item, count, offset, known.name)
-        row.append(numbers[0] if known.length is None else numbers)
+        row[known.name] = numbers.tolist()
     return row, offset
 
 
@@ -217,27 +269,28 @@ def _take(body: bytes, code: str, count: int, offset: int, name: str) -> tuple[N
     return np.frombuffer(body, code, count, offset), end
 
 
-def _columns(element: _Element, rows: Sequence[Sequence[Any]]) -> Columns:
-    """Return rows as columns by name."""
-    columns = zip(*rows, strict=True) if rows else ([] for _ in element.properties)
-    return {known.name: list(column) for known, column in zip(element.properties, columns, strict=True)}
-
-
 def _vertices(table: Columns) -> Array:
     """Return the vertices (n, 3)."""
-    if any(axis not in table or np.ndim(table[axis]) != 1 for axis in _AXES):
+    axes = [table.get(axis) for axis in _AXES]
+    if any(axis is None or isinstance(axis, _Lists) for axis in axes):
         raise ValueError("has no vertices: it lacks the numbers x, y, z of element 'vertex'")
-    return np.column_stack([np.asarray(table[axis], dtype=np.float64) for axis in _AXES])
+    return np.column_stack([np.asarray(axis, dtype=np.float64) for axis in axes])
 
 
 def _triangles(table: Columns, vertices: int) -> Triangles:
     """Return the faces as triangles (m, 3)."""
-    polygons = next((table[name] for name in _CORNERS if name in table), ())
-    faces = polygons.tolist() if isinstance(polygons, np.ndarray) else [list(polygon) for polygon in polygons]
-    for row, face in enumerate(faces):
-        if len(face) < 3 or min(face) < 0 or max(face) >= vertices:
-            corners = shown(str(corner) for corner in face)
-            raise ValueError(
-                f"face {row} (the first is 0) has the corners {corners}; there are {vertices} vertices"
-            )
-    return fans(faces)
+    found = next((table[name] for name in _CORNERS if name in table), None)
+    if not isinstance(found, _Lists):
+        return np.empty((0, 3), dtype=np.int64)
+    lengths, corners = found
+    wrong = (corners < 0) | (corners >= vertices)
+    if wrong.any() or (lengths < 3).any():
+        ends = np.cumsum(lengths, dtype=np.int64)
+        short = np.flatnonzero(lengths < 3)[:1].tolist()
+        beyond = np.searchsorted(ends, np.flatnonzero(wrong)[:1], side="right").tolist()
+        row = min(short + beyond)
+        corners_said = shown(str(corner) for corner in corners[ends[row] - lengths[row] : ends[row]].tolist())
+        raise ValueError(
+            f"face {row} (the first is 0) has the corners {corners_said}; there are {vertices} vertices"
+        )
+    return fans(lengths, corners)

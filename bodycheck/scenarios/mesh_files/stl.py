@@ -5,7 +5,13 @@ Source: 3D Systems (1989), StereoLithography interface specification.
 
 from __future__ import annotations
 
+import os
+from array import array
+from io import BufferedIOBase
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
@@ -15,42 +21,50 @@ _HEADER = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-def parse_stl(data: bytes) -> tuple[Array, Triangles]:
-    """Return vertices (3 m, 3) and triangles (m, 3). Raises ValueError saying where and what is wrong.
+def parse_stl(file: BufferedIOBase) -> tuple[Array, Triangles]:
+    """Return the different vertices (n, 3) and triangles (m, 3). Raises ValueError: what is wrong, where.
 
     A file is binary where its size is what its count of triangles says: "solid", with which an ASCII file
-    begins, stands at the head of binary ones too. Normals are not used; the order of the corners is.
+    begins, stands at the head of binary ones too. Normals are not used; the order of the corners is. An ASCII
+    file, which takes 250 bytes a triangle, is read line by line.
     """
-    said = int.from_bytes(data[80:_HEADER], "little")
-    if len(data) >= _HEADER and len(data) == _HEADER + said * _FACET.itemsize:
-        facets = np.frombuffer(data, dtype=_FACET, offset=_HEADER)
-        return _numbered(facets["corners"].reshape(-1, 3).astype(np.float64))
-    if data.lstrip()[:5].lower() == b"solid":
-        return _numbered(_ascii_corners(data))
-    if len(data) < _HEADER:
-        raise ValueError(f"is no STL: {len(data)} bytes are less than the {_HEADER} of a binary header")
+    header = file.read(_HEADER)
+    size = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    said = int.from_bytes(header[80:], "little")
+    expected = _HEADER + said * _FACET.itemsize
+    if size >= _HEADER and size == expected:
+        return _numbered(np.frombuffer(file.read(), dtype=_FACET, offset=_HEADER)["corners"].reshape(-1, 3))
+    if header.lstrip()[:5].lower() == b"solid":
+        return _numbered(_ascii_corners(file))
+    if size < _HEADER:
+        raise ValueError(f"is no STL: {size} bytes are less than the {_HEADER} of a binary header")
     raise ValueError(
-        f"is no STL: its header says {said} triangles, which take {_HEADER + said * _FACET.itemsize} bytes, "
-        f"but there are {len(data)}"
+        f"is no STL: its header says {said} triangles, which take {expected} bytes, but there are {size}"
     )
 
 
-def _numbered(corners: Array) -> tuple[Array, Triangles]:
-    return corners, np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
+def _numbered(corners: NDArray[np.floating[Any]]) -> tuple[Array, Triangles]:
+    """Return corners (3 m, 3), those of one facet after those of another, as vertices and triangles."""
+    # late: it is compiled, and numba takes a second to begin with
+    from bodycheck.reference_impl.mass_properties.merging import merged
+
+    vertices, number = merged(corners)
+    return vertices, number.astype(np.int64).reshape(-1, 3)
 
 
-def _ascii_corners(data: bytes) -> Array:
+def _ascii_corners(file: BufferedIOBase) -> Array:
     """Return the corners (3 m, 3) of an ASCII file."""
-    corners: list[list[float]] = []
+    corners = array("d")
     facets, keyword = 0, ""
-    for line, words in lines_of_words(data):
+    for line, words in lines_of_words(file):
         keyword = words[0].lower()
         match keyword, len(words):
             case "vertex", 4:
-                corners.append(floats(words[1:], line))
+                corners.extend(floats(words[1:], line))
             case "endfacet", _:
                 facets += 1
-                if len(corners) != 3 * facets:
+                if len(corners) != 9 * facets:
                     raise ValueError(f"line {line}: a facet ends that has not three corners")
             case ("facet", 5) | ("outer", 2) | ("endloop", 1):
                 pass

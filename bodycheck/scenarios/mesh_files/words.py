@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 
-def lines_of_words(text: bytes, first: int = 1) -> Iterator[tuple[int, list[str]]]:
+def lines_of_words(lines: Iterable[bytes], first: int = 1) -> Iterator[tuple[int, list[str]]]:
     """Yield the number of each line that is not blank, counted from `first`, and its words."""
-    for number, line in enumerate(text.decode("utf-8", errors="replace").split("\n"), first):
-        words = line.split()
+    for number, line in enumerate(lines, first):
+        words = line.decode("utf-8", errors="replace").split()
         if words:
             yield number, words
 
@@ -43,12 +46,18 @@ def shown(words: Iterable[str]) -> str:
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
-def points(rows: Sequence[Sequence[float]]) -> Array:
-    """Return rows of three coordinates as an array (n, 3), also where there are none."""
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+def points(coordinates: array[float]) -> Array:
+    """Return coordinates, three after three, as an array (n, 3), also where there are none."""
+    return np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)
 
 
-def fans(polygons: Iterable[Sequence[int]]) -> Triangles:
-    """Cut polygons into triangles (m, 3) about their first corners."""
-    triangles = [(p[0], p[k], p[k + 1]) for p in polygons for k in range(1, len(p) - 1)]
-    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+def fans(lengths: NDArray[np.integer[Any]], corners: NDArray[np.integer[Any]]) -> Triangles:
+    """Cut polygons, of so many (k,) of the corners (l,) each, into triangles (m, 3) about their first."""
+    if (lengths == 3).all():
+        return np.ascontiguousarray(corners.reshape(-1, 3), dtype=np.int64)
+    count = lengths.astype(np.int64) - 2
+    first = np.repeat(np.cumsum(lengths) - lengths, count)
+    step = np.arange(1, len(first) + 1) - np.repeat(np.cumsum(count) - count, count)
+    found = np.empty((len(first), 3), dtype=np.int64)
+    found[:, 0], found[:, 1], found[:, 2] = corners[first], corners[first + step], corners[first + step + 1]
+    return found

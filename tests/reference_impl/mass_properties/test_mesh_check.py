@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -131,7 +132,7 @@ def test_parts_that_touch_stay_parts(meshes: Any, joined: Any) -> None:
 def test_bars_that_cross_are_refused(meshes: Any, joined: Any) -> None:
     """Two bars through each other, neither with a corner inside the other, are seen to cross."""
     along, across = meshes.box((-5, -1, -1), (5, 1, 1)), meshes.box((-0.5, -6, -0.5), (0.5, 6, 0.5))
-    with pytest.raises(ValueError, match=r"its closed surfaces at .* and .* cross; what they share"):
+    with pytest.raises(ValueError, match=r"its closed surfaces at .* and .* cross, so that what they share"):
         checked_mesh(*joined(along, across))
 
 
@@ -141,6 +142,140 @@ def test_surfaces_upon_each_other_are_refused(lift: Any, meshes: Any, joined: An
     vertices, triangles = meshes.box()
     with pytest.raises(ValueError, match=r"its closed surfaces at .* and .* (lie upon each other|cross)"):
         checked_mesh(*joined((vertices, triangles), (vertices + lift, triangles)))
+
+
+def crossing_bars(meshes: Any, joined: Any) -> tuple[Any, Any]:
+    """Return bars of 40 and 12 m^3 through each other, neither with a corner in the other."""
+    return joined(meshes.box((-5, -1, -1), (5, 1, 1)), meshes.box((-0.5, -6, -0.5), (0.5, 6, 0.5)))
+
+
+def test_crossing_parts_count_twice_on_request(meshes: Any, joined: Any) -> None:
+    """Bars that cross weigh what both weigh, and a note says that what they share counts so."""
+    mesh = checked_mesh(*crossing_bars(meshes, joined), "count-twice")
+    assert volume(mesh) == 40.0 + 12.0
+    assert mesh.notes == (
+        "the mesh has 2 closed surfaces; 1 crossing pairs are among them: what they share counts as often as "
+        "it is drawn",
+    )
+
+
+def test_matter_within_matter_counts_twice_on_request(meshes: Any, joined: Any) -> None:
+    """An insert drawn over a solid block adds its own volume, less its own cavity; a cavity stays one."""
+    boxes = [meshes.box([a] * 3, [1 - a] * 3) for a in (0.0, 0.25, 0.375)]
+    inward = [(vertices, triangles[:, ::-1]) for vertices, triangles in boxes]
+    insert = checked_mesh(*joined(boxes[0], boxes[1]), "count-twice")
+    assert volume(insert) == 1.0 + 0.5**3
+    assert "1 lie within matter" in insert.notes[0]
+    assert (
+        volume(checked_mesh(*joined(boxes[0], boxes[1], inward[2]), "count-twice")) == 1.0 + 0.5**3 - 0.25**3
+    )
+    assert (
+        volume(checked_mesh(*joined(boxes[0], inward[1], boxes[2]), "count-twice")) == 1.0 - 0.5**3 + 0.25**3
+    )
+
+
+def test_counting_twice_does_not_guess(meshes: Any, joined: Any) -> None:
+    """A part that crosses another and faces inward may be a cut: it is refused all the same."""
+    box, other = meshes.box(), meshes.box([0.5] * 3, [1.5] * 3)
+    with pytest.raises(
+        ValueError, match="crosses another and does not face outward; it may be one drawn ins"
+    ):
+        checked_mesh(*joined(box, (other[0], other[1][:, ::-1])), "count-twice")
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
+@pytest.mark.parametrize("slit", [1e-17, 1e-15, 1e-12, 5e-8])
+def test_slits_of_round_off_are_joined(slit: float, scale: float, meshes: Any) -> None:
+    """A mesh whose triangles have their own corners, a hair apart, is closed, and a note reports it."""
+    vertices, triangles = meshes.sphere(2)
+    corners, rows = soup(vertices, triangles)
+    corners[:30] += slit * np.random.default_rng(0).uniform(-0.5, 0.5, (30, 3))
+    mesh = checked_mesh(scale * corners, rows)
+    assert mesh.notes[0].startswith("the mesh was open by round-off only: ")
+    exact = volume(checked_mesh(scale * vertices, triangles))
+    assert volume(mesh) == pytest.approx(exact, rel=max(1e-15, slit), abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("gap", "split"), [(1e-6, 1e-6), (1e-3, 1e-3), (1e-8, 1e-6), (1e-14, 3e-12)], ids=str
+)
+def test_real_gaps_are_not_joined(gap: float, split: float, meshes: Any) -> None:
+    """A gap of a millionth stays open, and a hair's one where other corners of the rim lie almost as near."""
+    vertices, triangles = meshes.box()
+    middle = len(vertices)
+    # the first triangle is cut in two at a point of its edge, and its neighbour there is not
+    start, end, tip = triangles[0]
+    near = vertices[start] + split * (vertices[end] - vertices[start])
+    vertices = np.vstack([vertices, near + gap * np.array([0.3, 0.5, 0.7])])
+    triangles = np.vstack([triangles[1:], [[start, middle, tip], [middle, end, tip]]])
+    with pytest.raises(ValueError, match=r"the mesh is open: \d+ edges belong to one triangle only: from "):
+        checked_mesh(vertices, triangles)
+
+
+def test_slits_are_not_looked_for_in_a_closed_mesh(meshes: Any) -> None:
+    """A closed plate thinner than the tolerances keeps both of its faces."""
+    mesh = checked_mesh(*meshes.box((0.0, 0.0, 0.0), (1.0, 1.0, 1e-12)))
+    assert volume(mesh) == pytest.approx(1e-12, rel=1e-12, abs=0.0)
+    assert mesh.notes == ()
+
+
+def test_parts_that_share_an_edge_are_taken_apart(meshes: Any, joined: Any) -> None:
+    """Two boxes with one edge in common, four triangles at it, are two boxes, also inside-out."""
+    one, other = meshes.box(), meshes.box((1.0, 1.0, 0.0), (2.0, 2.0, 1.0))
+    vertices, triangles = joined(one, other)
+    mesh = checked_mesh(vertices, triangles)
+    assert volume(mesh) == 2.0
+    assert mesh.notes[0] == "at 1 edges parts touch; they were told apart by where matter is"
+    assert mesh.notes[1].startswith("the mesh has 2 closed surfaces")
+    assert volume(checked_mesh(vertices, triangles[:, ::-1])) == 2.0
+
+
+def test_a_wall_that_two_parts_share_bounds_nothing(meshes: Any, joined: Any) -> None:
+    """Two boxes with a face in common are one of twice the length; the face, there twice, is left out."""
+    vertices, triangles = joined(meshes.box(), meshes.box((1.0, 0.0, 0.0), (2.0, 1.0, 1.0)))
+    wall = np.flatnonzero((vertices[triangles][:, :, 0] == 1.0).all(axis=1))
+    assert volume(checked_mesh(vertices, triangles)) == 2.0  # cut along different diagonals
+    mine = triangles[wall[:2]]
+    triangles[wall[2:]] = np.array([np.flatnonzero((vertices == v).all(axis=1))[-1] for v in vertices])[mine][
+        :, ::-1
+    ]
+    mesh = checked_mesh(vertices, triangles)
+    assert volume(mesh) == 2.0
+    assert mesh.notes[0].startswith("4 of the triangles lie back to back and were left out, at (1, ")
+
+
+def test_a_cavity_that_touches_its_surface_stays_a_cavity(meshes: Any, joined: Any) -> None:
+    """A hollow that meets the outside along an edge: four triangles there, matter and void in turn."""
+    hollow = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 4.0], [1.0, 2.0, 2.0], [2.0, 1.0, 2.0]])  # 2 m^3, inward
+    mesh = checked_mesh(*joined(meshes.box((0, 0, 0), (4, 4, 4)), (hollow, meshes.tetrahedron()[1])))
+    assert volume(mesh) == pytest.approx(64.0 - 2.0, rel=1e-15, abs=0.0)
+
+
+@pytest.mark.parametrize("fault", ["drawn twice", "overlapping", "three"])
+def test_edges_at_which_matter_does_not_alternate_are_refused(fault: str, meshes: Any, joined: Any) -> None:
+    """A box drawn twice, boxes that overlap from a common edge on, and a fin are refused."""
+    box = meshes.box((0.0, 0.0, 0.0), (2.0, 2.0, 1.0))
+    corners = np.array([[0.0, 0.0, 0.0], [2.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 0.0, 1.0]])
+    drawn = {
+        "drawn twice": lambda: joined(box, box),
+        "overlapping": lambda: joined(box, (corners, meshes.tetrahedron()[1])),
+        "three": lambda: (np.vstack([box[0], [[9.0, 9.0, 9.0]]]), np.vstack([box[1], [[0, 1, 8]]])),
+    }[fault]()
+    with pytest.raises(ValueError, match=r"not a surface|is open|is ambiguous"):
+        checked_mesh(*drawn)
+
+
+@pytest.mark.parametrize(("parts", "most"), [(1, 150), (2, 150)])
+def test_checking_takes_at_most_150_bytes_a_triangle(parts: int, most: int, meshes: Any, joined: Any) -> None:
+    """Peak memory beside the arrays given; with what a file takes, 50 bytes as STL, that is below 200."""
+    sphere = meshes.sphere(5)
+    mesh = joined(*(((1.0 - 0.5 * k) * sphere[0], sphere[1][:, :: 1 - 2 * k]) for k in range(parts)))
+    checked_mesh(*mesh)  # compiled
+    tracemalloc.start()
+    checked_mesh(*mesh)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak / len(mesh[1]) < most
 
 
 def klein_bottle(meshes: Any) -> tuple[Any, Any]:
@@ -159,13 +294,13 @@ def klein_bottle(meshes: Any) -> tuple[Any, Any]:
 
 FAULTS = {
     "open": "the mesh is open: 3 edges belong to one triangle only: from (0, 0, 0) to (0, 1, 1); from ",
-    "shared": "the mesh is no surface: 3 edges are shared by more than two triangles: from (",
+    "shared": "the mesh is not a surface: 3 edges are shared by more than two triangles, and matter and void",
     "one-sided": "the mesh is not orientable: its surface has one side only; the two sides meet on ",
     "flat": "the mesh is degenerate: the closed surface at (0, 0, 0) encloses no volume",
     "collapsed": "the mesh is degenerate: each triangle has two equal corners",
     "matter twice": "the mesh is ambiguous: the closed surface at (0.25, 0.25, 0.25) lies within",
     "mended cavity": "the mesh is ambiguous: the closed surface at (0.25, 0.75, 0.75) lies within",
-    "crossing": "the mesh is ambiguous: its closed surfaces at (0, 0, 0) and (0.5, 0.5, 0.5) cross;",
+    "crossing": "the mesh is ambiguous: its closed surfaces at (0, 0, 0) and (0.5, 0.5, 0.5) cross,",
     "nan": "vertex 3 is not finite: [0.0, nan, 1.0]",
     "infinite": "vertex 3 is not finite: [0.0, inf, 1.0]",
     "no such vertex": "triangle 2 has the corners [0, 4, 8], but vertices are 0 to 7",
