@@ -1,4 +1,4 @@
-"""How near two motions of one scene are: in angle, in energy, in angular momentum."""
+"""How near two motions of one scene are: in angle, energy, momentum, omega, position and velocity."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dynamics import angular_momentum, gravity_potential
+from bodycheck.reference_impl.dynamics import angular_momentum, gravity_potential, gyration_radius
 from bodycheck.reference_impl.pivot import kinetic_energies, turning_inertia
 from bodycheck.reference_impl.rotations import (
     conjugate,
@@ -17,12 +17,23 @@ from bodycheck.reference_impl.rotations import (
     quaternion_product,
     quaternion_to_matrix,
 )
-from bodycheck.reference_impl.scene import Scene, Spring, TorsionSpring
+from bodycheck.reference_impl.scene import (
+    BlackBox,
+    Drag,
+    GravityGradient,
+    Scene,
+    SineTorque,
+    Spring,
+    TorsionSpring,
+    unknown_load,
+)
 from bodycheck.reference_impl.trajectory import Trajectory
 
 _SHIFT = 2.0**-24  # large beside the round-off of a double, small beside 1
 _HALF_ULP = 2.0**-53
+_LEAST = 2.0**-1072  # of a number that is too small to have an ulp in proportion
 _MOST_ROWS = 1 << 18  # states whose distances are taken at once: some 170 MB of them
+_MOST_TURN = 2.0**-12  # of a quaternion: up to which an angle is in proportion to the change
 
 
 def potential_energy(scene: Scene, motion: Trajectory) -> Array:
@@ -38,11 +49,18 @@ def potential_energy(scene: Scene, motion: Trajectory) -> Array:
                 turned = quaternion_product(conjugate(scene.initial.quaternion), motion.attitude)
                 angle = np.linalg.norm(log_quaternion(turned), axis=-1)
                 energy = energy + 0.5 * load.stiffness * angle**2
+            case SineTorque() | Drag() | GravityGradient() | BlackBox():
+                pass  # whose work depends on the way
+            case _:
+                raise unknown_load(load, "the potential energy")
     return energy
 
 
 def distances(scene: Scene, one: Trajectory, other: Trajectory) -> Array:
-    """(3, n): angle in rad, and the differences of E and of L over the largest K and |L| of `one`."""
+    """(6, n): angle in rad, differences of E and of L over the largest K and |L| of `one`, and in SI units.
+
+    The last three are |omega - omega'| in body axes, |x - x'| and |v - v'|.
+    """
     inertia = turning_inertia(scene)
     momenta = [
         angular_momentum(quaternion_to_matrix(motion.attitude), inertia, motion.omega_body)
@@ -57,33 +75,59 @@ def distances(scene: Scene, one: Trajectory, other: Trajectory) -> Array:
             geodesic_angle(one.attitude, other.attitude),
             np.abs(energies[1] - energies[0]) / energy_scale,
             np.linalg.norm(momenta[1] - momenta[0], axis=-1) / momentum_scale,
+            np.linalg.norm(other.omega_body - one.omega_body, axis=-1),
+            np.linalg.norm(other.position_m - one.position_m, axis=-1),
+            np.linalg.norm(other.velocity_m_s - one.velocity_m_s, axis=-1),
         ]
     )
 
 
+def scales(scene: Scene, motion: Trajectory) -> Array:
+    """(6, 1): what makes `distances` dimensionless; 1 for the first three, and where nothing moves.
+
+    The largest |omega|; the largest way from the start, or the gyration radius; the largest |v|, or that
+    of the rotation.
+    """
+    radius = gyration_radius(scene.body.mass, turning_inertia(scene))
+    omega, way, speed = (
+        float(np.max(np.linalg.norm(part, axis=-1), initial=0.0))
+        for part in (motion.omega_body, motion.position_m - scene.initial.position, motion.velocity_m_s)
+    )
+    found = np.array([1.0, 1.0, 1.0, omega, max(way, radius), max(speed, omega * radius)])
+    return np.where(found > 0.0, found, 1.0)[:, None]
+
+
 def small_distances(scene: Scene, motion: Trajectory, change: Array) -> Array:
-    """(3, n): `distances` of a motion and the same changed by (n, 13), however small the change.
+    """(6, n): `distances` of a motion and the same changed by (n, 13), however small the change.
 
     The change, of q, omega_body, v and x, is magnified until doubles can show it, and the result reduced.
     """
     sizes = np.max(np.abs(change), axis=-1)
     scale = np.max([np.max(np.abs(part), axis=-1) for part in _parts(motion)], axis=0)
     factor = np.where(sizes > _SHIFT * scale, 1.0, _SHIFT * scale / np.where(sizes == 0.0, 1.0, sizes))
-    return distances(scene, motion, _changed(motion, factor[:, None] * change)) / factor
+    turn = np.max(np.abs(change[:, 0:4]), axis=-1)
+    # large numbers elsewhere must not make of a small turn one that goes around
+    factor = np.where(
+        factor * turn > _MOST_TURN, np.maximum(_MOST_TURN / np.where(turn == 0.0, 1.0, turn), 1.0), factor
+    )
+    found = distances(scene, motion, _changed(motion, factor[:, None] * change)) / factor
+    for row, part in zip((3, 4, 5), (slice(4, 7), slice(10, 13), slice(7, 10)), strict=True):
+        found[row] = np.linalg.norm(change[:, part], axis=-1)
+    return found
 
 
 def rounding(scene: Scene, motion: Trajectory) -> Array:
-    """(3, n): the distances that half an ulp in each number of the motion makes, summed."""
+    """(6, n): the distances that half an ulp in each number of the motion makes, summed."""
     states = np.concatenate(_parts(motion), axis=-1)
     n, width = states.shape
     together = min(max(_MOST_ROWS // max(n, 1), 1), width)
     columns = [range(first, min(first + together, width)) for first in range(0, width, together)]
     found = [_distances_of_shifts(scene, motion, states, some) for some in columns]
-    return np.concatenate(found, axis=1).sum(axis=1) * (_HALF_ULP / _SHIFT)
+    return np.concatenate(found, axis=1).sum(axis=1) * (_HALF_ULP / _SHIFT) + _LEAST
 
 
 def _distances_of_shifts(scene: Scene, motion: Trajectory, states: Array, columns: Sequence[int]) -> Array:
-    """(3, k, n): the distances that the shift of one number in each of k columns of the states makes."""
+    """(6, k, n): the distances that the shift of one number in each of k columns of the states makes."""
     k, (n, width) = len(columns), states.shape
     change = np.zeros((k, n, width))
     for i, column in enumerate(columns):
@@ -96,7 +140,7 @@ def _distances_of_shifts(scene: Scene, motion: Trajectory, states: Array, column
         omega_body_rad_s=np.tile(motion.omega_body, (k, 1)),
     )
     shifted = _changed(repeated, change.reshape(k * n, width))
-    return distances(scene, repeated, shifted).reshape(3, k, n)
+    return distances(scene, repeated, shifted).reshape(6, k, n)
 
 
 def _changed(motion: Trajectory, change: Array) -> Trajectory:

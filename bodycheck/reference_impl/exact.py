@@ -13,8 +13,11 @@ from bodycheck.reference_impl.closed_forms.flight import Flight
 from bodycheck.reference_impl.closed_forms.loads import Loads, loads_of
 from bodycheck.reference_impl.closed_forms.stretched import StretchedRotation, decay_rate
 from bodycheck.reference_impl.free_rotation import FreeRotation
+from bodycheck.reference_impl.paired import paired_omega
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+
+_OMEGA_ERROR = 4e-15  # of the largest until then
 
 
 class Rotation(Protocol):
@@ -52,6 +55,16 @@ class ExactMotion:
             omega_body_rad_s=omega_body,
         )
 
+    def errors(self, motion: Trajectory) -> Array:
+        """(3, n): what omega in rad/s, position in m and velocity in m/s are off by before they are rounded.
+
+        motion: what `at` returned.
+        """
+        sizes = np.linalg.norm(motion.omega_body, axis=-1)
+        if isinstance(self.rotation, FixedAxisRotation):
+            sizes = np.maximum(sizes, self.rotation.largest_rate(motion.t_s))
+        return np.stack([_OMEGA_ERROR * sizes, *self.flight.errors(motion.t_s, motion.velocity_m_s)])
+
 
 def closed_form_of(scene: Scene) -> ExactMotion | None:
     """Return the scene's motion in closed form, or None where there is none, or none as good as a truth.
@@ -71,7 +84,7 @@ def _rotation_of(scene: Scene, loads: Loads) -> Rotation | None:
     body, initial = scene.body, scene.initial
     if loads.is_torque_free:
         if not any(loads.angular_drag) or not initial.omega_body.any():
-            return FreeRotation.from_state(body.inertia, initial.quaternion, initial.omega_body)
+            return FreeRotation.from_pairs(body.inertia, initial.quaternion, *paired_omega(initial))
         decay = decay_rate(body.inertia, loads.angular_drag)
         if decay is not None:
             return StretchedRotation.of(scene, decay)

@@ -30,6 +30,7 @@ from bodycheck.reference_impl.scene import (
     Timed,
     Torque,
     TorsionSpring,
+    unknown_load,
 )
 from bodycheck.reference_impl.wrench import held_between
 
@@ -95,6 +96,9 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     """
     if scene.has_black_box:
         raise ValueError("a load that only a function knows has no Taylor series")
+    for load in scene.lasting_loads:
+        if not isinstance(load, SineTorque | Drag | Spring | TorsionSpring | GravityGradient):
+            raise unknown_load(load, "the Taylor series of a motion")
     timed = held_between(scene, begin_s, end_s)
     sines = [load for load in scene.lasting_loads if isinstance(load, SineTorque)]
     drags = [load for load in scene.lasting_loads if isinstance(load, Drag)]

@@ -11,7 +11,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.black_box import solve_black_box
-from bodycheck.reference_impl.closeness import distances
+from bodycheck.reference_impl.closeness import distances, scales
 from bodycheck.reference_impl.forcing import pivot_position
 from bodycheck.reference_impl.loads_at import sum_of_wrenches
 from bodycheck.reference_impl.pivot import turning_inertia
@@ -29,7 +29,7 @@ _ROUND_OFF = 1e-11  # a gap below this that no longer shrinks is round-off
 class Halved:
     """The finest motion, and how far the one with steps of twice the length was from it.
 
-    gaps (3, n): of angle, energy and momentum, as `distances`. agreed: whether the gaps shrank as those of a
+    gaps (6, n): as `distances`. agreed: whether the gaps shrank as those of a
     method of high order do, until round-off or the last. steps: of the finest.
     """
 
@@ -51,7 +51,7 @@ def solve_by_halving(scene: Scene, t_s: Array) -> Halved:
         steps *= 2
         fine = solve_with_steps(scene, scene.initial, t_s, until / steps)
         gaps = distances(scene, fine, coarse)
-        gap = float(np.max(gaps, initial=0.0))
+        gap = float(np.max(gaps / scales(scene, fine), initial=0.0))
         shrank = gap * _SHRINKS <= before < math.inf
         at_round_off = gap <= _AGREED or (gap <= _ROUND_OFF and not shrank)
         if at_round_off or steps >= _MOST:

@@ -29,6 +29,7 @@ from bodycheck.reference_impl.registers import (
     transposed_times,
 )
 from bodycheck.reference_impl.scene import (
+    BlackBox,
     Drag,
     GravityGradient,
     Lasting,
@@ -36,11 +37,13 @@ from bodycheck.reference_impl.scene import (
     SineTorque,
     Spring,
     TorsionSpring,
+    unknown_load,
 )
 
 _ROW = 11
 _SINE, _DRAG, _SPRING, _TORSION, _GRADIENT = range(5)
 _ZERO = (0.0, 0.0, 0.0)
+_UNKNOWN = (math.nan, math.nan, math.nan)
 
 
 def packed_lasting(scene: Scene) -> Array:
@@ -64,8 +67,10 @@ def _constants(load: Lasting, scene: Scene) -> list[float]:
             return [_GRADIENT, load.rate, *scene.body.inertia.ravel()]
         case TorsionSpring():
             return [_TORSION, load.stiffness, *scene.initial.rotation.ravel()]
-        case _:
+        case BlackBox():
             raise ValueError(f"{load.name} is known by its function alone, not by constants")
+        case _:
+            raise unknown_load(load, "the table of lasting loads")
 
 
 @kernel
@@ -92,8 +97,10 @@ def lasting_wrench(
         elif kind == _TORSION:
             turned = rotation_vector(_product_with_transposed(rotation, matrix_at(loads, row + 2)))
             torque = scaled_add(torque, -loads[row + 1], turned)
-        else:
+        elif kind == _GRADIENT:
             torque = add(torque, _gravity_gradient(t, rotation, loads, row))
+        else:  # which packed_lasting never writes
+            return _UNKNOWN, _UNKNOWN
     return force, torque
 
 

@@ -21,6 +21,7 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
     Wrenching,
+    unknown_load,
 )
 
 
@@ -74,6 +75,8 @@ def wrench_at(load: Load, scene: Scene, moment: Moment) -> tuple[Array, Array]:
             return none, 3.0 * load.rate**2 * np.cross(u, _product(inertia, u))
         case BlackBox():
             return _asked(load.function, moment)
+        case _:
+            raise unknown_load(load, "the sum of forces and torques")
 
 
 def _in_world(axes: str, value: Array, moment: Moment) -> Array:

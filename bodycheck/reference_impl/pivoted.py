@@ -9,12 +9,17 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.pivot import turning_inertia
 from bodycheck.reference_impl.scene import (
+    BlackBox,
     Drag,
     GravityGradient,
     Load,
     PointForce,
     Scene,
+    SineTorque,
     Spring,
+    Torque,
+    TorsionSpring,
+    unknown_load,
 )
 
 
@@ -57,8 +62,10 @@ def _moved(load: Load, pivot: Array) -> Load:
             return Drag(0.0, load.angular + load.linear * _across(pivot))
         case GravityGradient():
             raise ValueError("a gravity gradient turns a body about its centre of mass, not about a pivot")
-        case _:
+        case Torque() | SineTorque() | TorsionSpring() | BlackBox():
             return load
+        case _:
+            raise unknown_load(load, "the motion about a pivot")
 
 
 def load_about(pivot: Array, load: Array) -> Array:

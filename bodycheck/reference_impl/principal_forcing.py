@@ -12,7 +12,7 @@ from fractions import Fraction
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.paired import pair, unit
+from bodycheck.reference_impl.paired import pair, start_omega, unit
 from bodycheck.reference_impl.principal_axes import (
     IntegerQuaternion,
     axes_of,
@@ -49,6 +49,7 @@ from bodycheck.reference_impl.scene import (
     State,
     Timed,
     Torque,
+    unknown_load,
 )
 from bodycheck.reference_impl.wrench import held_between
 
@@ -87,7 +88,7 @@ class PrincipalFrame:
             a * y - b * z + c * w + d * x,
             a * z + b * y - c * x + d * w,
         ]
-        omega = [*(pair(x) for x in self.components(fractions(state.omega_body))), (0.0, 0.0)]
+        omega = [*(pair(x) for x in self.components(start_omega(state))), (0.0, 0.0)]
         return np.ascontiguousarray(np.array([unit(q), omega]).transpose(2, 0, 1))
 
 
@@ -96,8 +97,12 @@ def packed_rotation(
 ) -> tuple[Array, Array | None]:
     """Return the constants of the body and of its loads within [begin_s, end_s).
 
-    Nothing switches there. None for the loads where nothing at all turns the body. Springs are not known.
+    Nothing switches there. None for the loads where nothing at all turns the body. Springs are not known:
+    raises ValueError for them, and for any other kind.
     """
+    for load in scene.lasting_loads:
+        if not isinstance(load, Drag | GravityGradient | SineTorque):
+            raise unknown_load(load, "the Taylor series along principal axes")
     held, lasting = held_between(scene, begin_s, end_s), scene.lasting_loads
     body = _packed_body(frame, held)
     for drag in (load for load in lasting if isinstance(load, Drag)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, TypeAlias
 
@@ -36,13 +36,16 @@ class State:
     """Where the body is and how it moves.
 
     position (3,) and velocity (3,) of the centre of mass, world axes, m and m/s; quaternion (4,)
-    (w, x, y, z), body to world; omega_body (3,) in body axes, rad/s.
+    (w, x, y, z), body to world, of any norm but zero: the attitude is that of q / |q|; omega_body (3,) in
+    body axes, rad/s. exact_omega_world (3,): where the start is given in world axes, of which omega_body is
+    then a rounding; a truth begins from this one.
     """
 
     position: Array
     quaternion: Array
     velocity: Array
     omega_body: Array
+    exact_omega_world: Array | None = field(default=None, kw_only=True)
 
     @cached_property
     def rotation(self) -> Array:
@@ -145,6 +148,11 @@ class BlackBox:
     function: Wrenching
 
 
+def unknown_load(load: object, what: str) -> ValueError:
+    """Return what to raise where a load is of no kind that is known; what: that which knows it not."""
+    return ValueError(f"{what} does not know loads of the kind {type(load).__name__}")
+
+
 Timed: TypeAlias = Torque | PointForce
 """What comes and goes: constant in its axes between from_s and until_s."""
 Lasting: TypeAlias = SineTorque | Drag | Spring | TorsionSpring | GravityGradient | BlackBox
@@ -210,6 +218,11 @@ class Scene:
     def is_free_rotation(self) -> bool:
         """Whether nothing turns the body: no load at all; uniform gravity has no torque about the centre."""
         return not self.loads and (self.pivot is None or not self.gravity.any())
+
+    @property
+    def is_off_centre(self) -> bool:
+        """Whether the body is free and an engine's own frame of it lies off its centre of mass."""
+        return self.pivot is None and self.link is not None and bool(self.link.offset.any())
 
     @property
     def has_black_box(self) -> bool:

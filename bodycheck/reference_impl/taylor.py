@@ -12,10 +12,15 @@ import numpy as np
 from bodycheck.reference_impl.arithmetic import Numbers
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.forcing import Forcing, forcing_between
-from bodycheck.reference_impl.paired import unit_quaternion
+from bodycheck.reference_impl.paired import paired_omega, unit_quaternion
 from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.taylor_springs import SPRING_ROWS, TORSION_ROWS
-from bodycheck.reference_impl.taylor_steps import follow_parabola, integrate
+from bodycheck.reference_impl.taylor_steps import (
+    LOST_AT_ANCHOR,
+    LOST_AT_HALF_TURN,
+    follow_parabola,
+    integrate,
+)
 from bodycheck.reference_impl.taylor_terms import SINES, STATE
 
 
@@ -43,12 +48,21 @@ def resolution_for(tolerance: float) -> Resolution:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """States (n, 13): q, omega_body, v, x, each the sum of a high and a low part; and the steps made."""
+    """States (n, 13): q, omega_body, v, x, each the sum of a high and a low part; and the steps made.
+
+    lost: why the states are NaN from some time on, where that is known.
+    """
 
     high: Array
     low: Array
     steps: int
+    lost: str = ""
 
+
+_LOST = {
+    LOST_AT_ANCHOR: "a spring with a rest length is at its anchor, where its force jumps",
+    LOST_AT_HALF_TURN: "a torsion spring is turned by pi, where its torque jumps",
+}
 
 Course: TypeAlias = tuple[tuple[float, float, Forcing], ...]
 """What acts from when until when, without a gap."""
@@ -67,14 +81,16 @@ def solve(course: Course, start: State, t_s: Array, resolution: Resolution) -> S
 
 def solve_packed(course: Course, state: tuple[Array, Array], t_s: Array, resolution: Resolution) -> Solution:
     """As `solve`, from the high and low parts of a state ((13,), (13,)), which end where the course does."""
-    steps = 0
+    steps, lost = 0, ""
     high, low = np.empty((len(t_s), STATE)), np.empty((len(t_s), STATE))
     for begin, end, forcing in course:
         first, after = np.searchsorted(t_s, [begin, end])
         part = slice(first, after if end != course[-1][1] else len(t_s))
         out = high[part], low[part]
-        steps += _advance(state, forcing, resolution, t_s[part], (begin, end), out)
-    return Solution(high, low, steps)
+        made = _advance(state, forcing, resolution, t_s[part], (begin, end), out)
+        lost = lost or _LOST.get(made, "")
+        steps += max(made, 0)
+    return Solution(high, low, steps, lost)
 
 
 def packed_state(start: State) -> tuple[Array, Array]:
@@ -82,6 +98,7 @@ def packed_state(start: State) -> tuple[Array, Array]:
     state = np.concatenate([start.quaternion, start.omega_body, start.velocity, start.position])
     rest = np.zeros(STATE)
     state[:4], rest[:4] = np.array(unit_quaternion(start.quaternion)).T
+    state[4:7], rest[4:7] = paired_omega(start)
     return state, rest
 
 

@@ -43,6 +43,9 @@ from bodycheck.reference_impl.taylor_terms import (
 _D, _SQUARE, _INVERSE, _FORCE, SPRING_ROWS = 0, 3, 4, 5, 8
 """Rows of one spring: d = x + R at - anchor, |d|^2, 1 / |d|, the force."""
 
+_PLACES, _NEWTONS = 8, 4  # within a step, where a spring is looked at
+_NEAR = 1e-6
+
 _HALVINGS = 4  # of the half angle a, below pi / 2 at first and below pi / 32 then
 _NESTED = 13  # factors of the series in sin^2(a/32) < 0.0025: what is left out is below 2^-112
 _P, _COSINE, _SMALL, _NEST = 0, 4, 8, 9
@@ -120,6 +123,71 @@ def _spring_torque(series: Numbers, spring: Array, row: int, k: int) -> Three:
         minus(times(x, c), times(z, a)),
         minus(times(y, a), times(x, b)),
     )
+
+
+@kernel
+def _least_along(high: Array, first: int, rows: int, h: float) -> float:
+    """The least of d(0) . d(s) over s in [0, h], d in the rows from first on: where it is not at an end.
+
+    By Newton's method for its derivative, from the least of a few places between.
+    """
+    order = high.shape[1] - 2  # the last coefficient of d is not needed for the motion, and not there
+    place, least = h, math.inf
+    for i in range(1, _PLACES + 1):
+        value = _along(high, first, rows, order, h * i / _PLACES)[0]
+        if value < least:
+            place, least = h * i / _PLACES, value
+    for _ in range(_NEWTONS):
+        _, slope, bend = _along(high, first, rows, order, place)
+        if not bend > 0.0:
+            break
+        place = min(max(place - slope / bend, 0.0), h)
+        least = min(least, _along(high, first, rows, order, place)[0])
+    return least
+
+
+@kernel
+def _along(high: Array, first: int, rows: int, order: int, s: float) -> tuple[float, float, float]:
+    """d(0) . d(s) and its first two derivatives, by Horner's rule."""
+    value = slope = bend = 0.0
+    for k in range(order, -1, -1):
+        term = 0.0
+        for a in range(rows):
+            term += high[first + a, 0] * high[first + a, k]
+        bend = bend * s + 2.0 * slope
+        slope = slope * s + value
+        value = value * s + term
+    return value, slope, bend
+
+
+@kernel
+def passes_anchor(high: Array, springs: Array, row: int, h: float) -> bool:
+    """Whether a spring that has a rest length is turned by a right angle within the step h.
+
+    Steps are short beside the distance of a way that leads past the anchor: only one through it, where the
+    force jumps, is seen from the other side after a step. high: the series, of which doubles are enough.
+    """
+    for i in range(len(springs)):
+        first = row + SPRING_ROWS * i + _D
+        jumps = springs[i, REST_LENGTH] != 0.0 and high[row + SPRING_ROWS * i + _SQUARE, 0] > 0.0
+        if jumps and not _least_along(high, first, 3, h) > 0.0:
+            return True
+    return False
+
+
+@kernel
+def passes_half_turn(high: Array, row: int, h: float) -> bool:
+    """Whether the cosine of half a torsion spring's angle, positive before, vanishes within the step h."""
+    return not _least_along(high, row + _P, 1, h) > 0.0
+
+
+@kernel
+def is_at_anchor(high: Array, springs: Array, row: int) -> bool:
+    """Whether the length of a spring is next to nothing beside its rest length."""
+    for i in range(len(springs)):
+        if math.sqrt(high[row + SPRING_ROWS * i + _SQUARE, 0]) < _NEAR * springs[i, REST_LENGTH]:
+            return True
+    return False
 
 
 @kernel

@@ -30,8 +30,14 @@ from bodycheck.reference_impl.arithmetic import (
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.double_double import DoubleDouble
 from bodycheck.reference_impl.forcing import ACCELERATION_WORLD, ORBIT_RATE, RADIUS
-from bodycheck.reference_impl.jit import inlined_kernel, kernel
-from bodycheck.reference_impl.taylor_springs import springs_share, torsion_torque
+from bodycheck.reference_impl.jit import inlined_kernel, kernel, long_kernel
+from bodycheck.reference_impl.taylor_springs import (
+    is_at_anchor,
+    passes_anchor,
+    passes_half_turn,
+    springs_share,
+    torsion_torque,
+)
 from bodycheck.reference_impl.taylor_terms import (
     OMEGA,
     ORBIT,
@@ -54,6 +60,10 @@ from bodycheck.reference_impl.taylor_terms import (
     vector_terms,
 )
 
+LOST_AT_ANCHOR, LOST_AT_HALF_TURN = -1, -2
+"""Instead of a number of steps: a load is not smooth there."""
+
+_HALF_TURN = 1e-3  # the cosine of half an angle that is nearly pi
 _EPS = 2.0**-52
 _GRID_BITS = 6  # a step ends on a multiple of some 2^-6 of its length
 _SMALLER = 1e14  # times the tolerance: where terms are below this, 2^-53 of them is far below the tolerance
@@ -200,7 +210,7 @@ def _write(out: tuple[Array, Array], row: int, state: tuple[Array, Array]) -> No
         out[0][row, i], out[1][row, i] = state[0][i], state[1][i]
 
 
-@kernel
+@long_kernel
 def integrate(
     state: tuple[Array, Array],
     series: Numbers,
@@ -227,7 +237,7 @@ def integrate(
     (n, order + 1) is room to work in, of the precision that is wanted; rows says where the world's sines, the
     springs and the torsion spring have theirs. Coefficients beyond the paired orders are computed in doubles:
     they are small. times (n,) in [begin, end], ascending; out ((n, 13), (n, 13)). NaN from where the motion
-    cannot be followed on.
+    cannot be followed on; a negative number then tells why, where that is known.
     """
     high = high_part(series)
     order = high.shape[1] - 1
@@ -274,10 +284,21 @@ def integrate(
         if tolerance * _SMALLER < _EPS:
             step = min(step, _step_size(high, full, tolerance * _SMALLER, length))
         after = next_time(t, step, end)
+        if springs is not None:
+            while after > t and passes_anchor(high, springs, rows[1], after - t):
+                after = next_time(t, 0.5 * (after - t), end)
+        if torsion is not None:
+            while after > t and passes_half_turn(high, rows[2], after - t):
+                after = next_time(t, 0.5 * (after - t), end)
         if not after > t:
-            state[0].fill(math.nan)
+            for i in range(last):  # beyond it, the centre of mass is followed apart
+                state[0][i] = math.nan
             for lost in range(due, len(times)):
                 _write(out, lost, state)
+            if springs is not None and is_at_anchor(high, springs, rows[1]):
+                return LOST_AT_ANCHOR
+            if torsion is not None and high[rows[2], 0] < _HALF_TURN:
+                return LOST_AT_HALF_TURN
             return steps
         while due < len(times) and times[due] < after:
             for i in range(last):

@@ -8,13 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.bounded_motion import Kind, Truth
-from bodycheck.reference_impl.closeness import distances, rounding, small_distances
+from bodycheck.reference_impl.closed_forms.fixed_axis import FixedAxisRotation
+from bodycheck.reference_impl.closed_forms.neighbours import departures
+from bodycheck.reference_impl.closeness import distances, rounding, scales, small_distances
 from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.exact import ExactMotion, closed_form_of
 from bodycheck.reference_impl.halving import Halved, solve_by_halving, solve_with_steps
@@ -24,18 +27,18 @@ from bodycheck.reference_impl.taylor import Course, Resolution, Solution, course
 from bodycheck.reference_impl.taylor_scene import follow_scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
-_EXACT_BOUNDS = np.array([[4e-15], [8e-15], [8e-15]])
+_EXACT_BOUNDS = np.array([4e-15, 8e-15, 8e-15])
 """What the tests hold the closed form to: angle in rad, energy and momentum relative, from omega's 4e-15."""
 
 _FINE, _CHECK = Resolution(30, 1e-32, 19), Resolution(34, 1e-33, 21)
 _NUDGED, _NUDGED_STEPS = Resolution(18, 1e-17), 512
 _NUDGE = 1e-7  # rad, or relative to max |omega|: the size of the perturbations that measure sensitivity
-_PROPORTIONAL_RAD = 1e-2  # an angle up to which a nudge grows in proportion to its size
+_PROPORTIONAL = 1e-2  # rad, or relative: the distance up to which a nudge grows in proportion to its size
 _FINE_NUDGE = 1e-15  # of those nudges: what double-doubles still hold to nine digits
 _MARGIN = 10.0
 _EPS = float(np.finfo(np.float64).eps)
 _EPS_PAIR = 2.0**-104  # of double-double arithmetic
-_TRUSTED_RAD = 1e-10
+_TRUSTED = 1e-10  # rad, or relative: what a bound may be for others to be measured with the motion
 
 
 def solve_truth(scene: Scene, t_s: Array) -> Truth:
@@ -58,31 +61,57 @@ def _ascending(scene: Scene, t_s: Array) -> Truth:
     return certified_truth(scene, t_s) if closed is None else _exact(scene, closed, t_s)
 
 
-def _check_finite(motion: Trajectory) -> None:
-    """Refuse to hand out a truth that is none."""
+def _check_finite(motion: Trajectory, lost: str = "") -> None:
+    """Refuse to hand out a truth that is none; lost: why, where that is known."""
     parts = (motion.position_m, motion.velocity_m_s, motion.attitude, motion.omega_body)
     finite = np.all([np.isfinite(part).all(axis=-1) for part in parts], axis=0)
     if not finite.all():
         first = float(motion.t_s[np.argmin(finite)])
-        raise ValueError(f"the motion cannot be computed in double precision at t = {first!r} s")
+        before = float(motion.t_s[max(int(np.argmin(finite)) - 1, 0)])
+        why = f"{lost} (after t = {before!r} s)" if lost else "it leaves the range of double precision"
+        raise ValueError(f"there is no truth at t = {first!r} s: {why}")
 
 
 def _exact(scene: Scene, closed: ExactMotion, t_s: Array) -> Truth:
     """bound = that of the closed form, which does not grow, + half an ulp of each number, ascending times."""
     motion = closed.at(t_s)
     _check_finite(motion)
-    neighbours = [_neighbour(replace(scene, initial=start), t_s) for start in _nudges(scene, motion)]
-    bounds = np.maximum.accumulate(_EXACT_BOUNDS + rounding(scene, motion), axis=1)
-    return Truth(motion, "exact", *bounds, *_EPS * _growths(scene, motion, neighbours))
+    relative = np.broadcast_to(_EXACT_BOUNDS[:, None], (3, len(t_s)))
+    errors = np.concatenate([relative, closed.errors(motion)])
+    bounds = np.maximum.accumulate(errors + rounding(scene, motion), axis=1)
+    if isinstance(closed.rotation, FixedAxisRotation):
+        gaps = _linear_gaps(scene, motion, departures(scene, closed.rotation, t_s))
+    else:
+        starts = _nudges(scene, motion)
+        gaps = _largest_gaps(scene, motion, [_neighbour(scene, start).at(t_s) for start in starts])
+    return Truth(motion, "exact", *bounds, *_EPS * _growths(scene, motion, gaps / _NUDGE))
 
 
-def _neighbour(scene: Scene, t_s: Array) -> Trajectory:
-    """Return the motion from a nudged start, which may have left the closed form."""
-    closed = closed_form_of(scene)
-    if closed is not None:
-        return closed.at(t_s)
-    course = course_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
-    return _trajectory(t_s, follow_scene(scene, course, packed_state(scene.initial), t_s, _NUDGED))
+def _neighbour(scene: Scene, start: State) -> ExactMotion:
+    """Return the motion from a nudged start, which a body that nothing turns from its way does not leave."""
+    closed = closed_form_of(replace(scene, initial=start))
+    assert closed is not None
+    return closed
+
+
+def _linear_gaps(scene: Scene, motion: Trajectory, matrices: Array) -> Array:
+    """(6, n): the largest distance of neighbours that depart as the matrices (n, 6, 6) say.
+
+    Nudged as by `_nudges`. None is farther than half a turn, or than the largest |omega| there and back.
+    """
+    spin = _largest(motion.omega_body)
+    found = np.zeros((6, len(motion.t_s)))
+    for nudge in np.diag([_NUDGE * spin] * 3 + [_NUDGE] * 3):
+        departed = matrices @ nudge
+        faster, turned = (np.linalg.norm(part, axis=-1) for part in np.split(departed, 2, axis=1))
+        most = np.maximum(np.maximum(turned / np.pi, faster / (2.0 * spin) if spin > 0.0 else 0.0), 1.0)
+        departed = departed / most[:, None]
+        change = np.zeros((len(departed), 13))
+        half = np.concatenate([np.zeros((len(departed), 1)), 0.5 * departed[:, 3:]], axis=1)
+        change[:, 0:4] = quaternion_product(motion.attitude, half)
+        change[:, 4:7] = departed[:, :3]
+        found = np.maximum(found, small_distances(scene, motion, change))
+    return found
 
 
 def certified_truth(scene: Scene, t_s: Array) -> Truth:
@@ -97,7 +126,7 @@ def certified_truth(scene: Scene, t_s: Array) -> Truth:
         for resolution in (_FINE, _CHECK)
     )
     motion = _trajectory(t_s, fine)
-    _check_finite(motion)
+    _check_finite(motion, fine.lost)
     growths = _certified_growths(scene, course, motion, fine)
     gaps = small_distances(scene, motion, (check.high - fine.high) + (check.low - fine.low))
     noise = _EPS_PAIR * growths * (1 + max(fine.steps, check.steps))
@@ -122,37 +151,46 @@ def _halved_growths(scene: Scene, halved: Halved) -> Array:
     """The growths of nudges, by steps that are fine enough for them: neighbours err alike."""
     t_s, steps = halved.motion.t_s, min(halved.steps, _NUDGED_STEPS)
     dt_s = (float(t_s[-1]) if len(t_s) and t_s[-1] > 0.0 else 1.0) / steps
-    starts = [scene.initial, *_nudges(scene, halved.motion)]
+    starts = [_rounded(scene.initial), *_nudges(scene, halved.motion)]
     motion, *neighbours = (solve_with_steps(scene, start, t_s, dt_s) for start in starts)
-    return _growths(scene, motion, neighbours)
+    return _growths(scene, motion, _largest_gaps(scene, motion, neighbours) / _NUDGE)
 
 
 def _bounded(scene: Scene, motion: Trajectory, kind: Kind, errors: Array, growths: Array) -> Truth:
-    """Return the truth of a motion whose errors (3, n) are known but for a margin."""
-    bounds = np.maximum.accumulate(_MARGIN * errors + rounding(scene, motion), axis=1)
+    """Return the truth of a motion whose errors (6, n) are known but for a margin."""
+    errors = _MARGIN * _known(errors)
+    bounds = np.maximum.accumulate(errors + rounding(scene, motion), axis=1)
     truth = Truth(motion, kind, *bounds, *_EPS * growths)
-    lost = motion.t_s[truth.bound_rad > _TRUSTED_RAD]
-    return replace(truth, trusted_until_s=float(lost[0])) if len(lost) else truth
+    # what rounding costs is known: far from the origin it is much of a length, and no reason for distrust
+    lost = (truth.bound_rad > _TRUSTED) | np.any(errors[3:] > _TRUSTED * scales(scene, motion)[3:], axis=0)
+    return replace(truth, trusted_until_s=float(motion.t_s[np.argmax(lost)])) if lost.any() else truth
+
+
+def _known(errors: Array) -> Array:
+    """Return the errors, infinite where they are not known."""
+    return np.where(np.isnan(errors), np.inf, errors)
 
 
 def _certified_growths(scene: Scene, course: Course, motion: Trajectory, fine: Solution) -> Array:
-    """(3, n): as _growths; in double-doubles where nudges that doubles can hold grow out of proportion."""
+    """(6, n): as _growths; in double-doubles where nudges that doubles can hold grow out of proportion."""
     t_s = motion.t_s
     neighbours = [
         _trajectory(t_s, follow_scene(scene, course, packed_state(start), t_s, _NUDGED))
         for start in _nudges(scene, motion)
     ]
-    growths = _growths(scene, motion, neighbours)
-    if float(np.max(growths[0], initial=0.0)) * _NUDGE < _PROPORTIONAL_RAD:
+    gaps = _largest_gaps(scene, motion, neighbours)
+    growths = _growths(scene, motion, gaps / _NUDGE)
+    if np.max((gaps / scales(scene, motion))[[0, 3, 4, 5]], initial=0.0) < _PROPORTIONAL:
         return growths
     apart = np.zeros_like(growths)
     high, low = packed_state(scene.initial)
+    rounded_high, rounded_low = packed_state(_rounded(scene.initial))
     for start in _nudges(scene, motion):
         nudged_high, nudged_low = packed_state(start)
-        nudge = _FINE_NUDGE * ((nudged_high - high) + (nudged_low - low))
+        nudge = _FINE_NUDGE * ((nudged_high - rounded_high) + (nudged_low - rounded_low))
         found = follow_scene(scene, course, (high.copy(), low + nudge), t_s, _FINE)
         difference = (found.high - fine.high) + (found.low - fine.low)
-        apart = np.maximum(apart, small_distances(scene, motion, difference))
+        apart = np.maximum(apart, _known(small_distances(scene, motion, difference)))
     return np.maximum.accumulate(np.maximum(growths, apart / (_NUDGE * _FINE_NUDGE)), axis=1)
 
 
@@ -168,16 +206,24 @@ def _trajectory(t_s: Array, solution: Solution) -> Trajectory:
     )
 
 
-def _growths(scene: Scene, motion: Trajectory, neighbours: list[Trajectory]) -> Array:
-    """(3, n): the largest growth of a small nudge up to each time, of angle, energy and momentum."""
-    gaps = np.max([distances(scene, motion, neighbour) for neighbour in neighbours], axis=0)
-    # no motion is less sensitive than a steady spin is to an error of eps in omega
-    least = 1.0 + _largest_omega(motion) * motion.t_s
-    return np.maximum.accumulate(np.maximum(gaps / _NUDGE, least), axis=1)
+def _largest_gaps(scene: Scene, motion: Trajectory, neighbours: list[Trajectory]) -> Array:
+    """(6, n): the largest distance of any neighbour; infinite where one cannot be followed."""
+    return np.max([_known(distances(scene, motion, neighbour)) for neighbour in neighbours], axis=0)
 
 
-def _largest_omega(motion: Trajectory) -> float:
-    return float(np.max(np.linalg.norm(motion.omega_body, axis=-1), initial=0.0))
+def _growths(scene: Scene, motion: Trajectory, growths: Array) -> Array:
+    """(6, n): the largest growth of a small nudge up to each time, and what a steady motion's is at least.
+
+    No motion is less sensitive than a steady spin is to an error of eps in omega, and than a place far from
+    the origin and a steady flight are to one of eps in each.
+    """
+    least = (1.0 + _largest(motion.omega_body) * motion.t_s) * scales(scene, motion)
+    least[4] += 3.0 * _largest(motion.position_m) + _largest(motion.velocity_m_s) * motion.t_s
+    return np.maximum.accumulate(np.maximum(growths, least), axis=1)
+
+
+def _largest(vectors: Array) -> float:
+    return float(np.max(np.linalg.norm(vectors, axis=-1), initial=0.0))
 
 
 def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
@@ -186,7 +232,7 @@ def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
     Where a spring or a function may tie the rotation to the centre of mass, that is shifted and pushed along
     each axis too.
     """
-    start, omega = scene.initial, _NUDGE * _largest_omega(motion)
+    start, omega = _rounded(scene.initial), _NUDGE * _largest(motion.omega_body)
     for axis in np.eye(3):
         turned = quaternion_product(start.quaternion, exp_quaternion(_NUDGE * axis))
         yield replace(start, quaternion=normalised(turned))
@@ -194,30 +240,29 @@ def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
     tied = any(isinstance(load, Spring | BlackBox) for load in scene.loads)
     if tied and scene.pivot is None:
         radius = gyration_radius(scene.body.mass, scene.body.inertia)
-        speed = float(np.max(np.linalg.norm(motion.velocity_m_s, axis=-1), initial=0.0))
+        speed = _NUDGE * _largest(motion.velocity_m_s)
         for axis in np.eye(3):
             yield replace(start, position=start.position + _NUDGE * radius * axis)
-            yield replace(start, velocity=start.velocity + _NUDGE * speed * axis)
+            yield replace(start, velocity=start.velocity + speed * axis)
+
+
+def _rounded(start: State) -> State:
+    """Return the start in doubles: nudges are large beside what that changes."""
+    return replace(start, exact_omega_world=None)
 
 
 def _reordered(truth: Truth, order: NDArray[np.intp]) -> Truth:
     motion = truth.trajectory
     assert motion.quaternion is not None
     assert motion.omega_body_rad_s is not None
-    return Truth(
-        Trajectory(
-            t_s=motion.t_s[order],
-            position_m=motion.position_m[order],
-            velocity_m_s=motion.velocity_m_s[order],
-            quaternion=motion.quaternion[order],
-            omega_body_rad_s=motion.omega_body_rad_s[order],
-        ),
-        truth.kind,
-        truth.bound_rad[order],
-        truth.bound_energy[order],
-        truth.bound_momentum[order],
-        truth.round_off_rad[order],
-        truth.round_off_energy[order],
-        truth.round_off_momentum[order],
-        truth.trusted_until_s,
+    arrays: dict[str, Any] = {
+        name: value[order] for name, value in vars(truth).items() if isinstance(value, np.ndarray)
+    }
+    trajectory = Trajectory(
+        t_s=motion.t_s[order],
+        position_m=motion.position_m[order],
+        velocity_m_s=motion.velocity_m_s[order],
+        quaternion=motion.quaternion[order],
+        omega_body_rad_s=motion.omega_body_rad_s[order],
     )
+    return replace(truth, trajectory=trajectory, **arrays)

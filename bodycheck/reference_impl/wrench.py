@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, Timed, Torque
+from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, Timed, Torque, unknown_load
 
 _MOST_STEPS = 1e9
 _ON_GRID = 1e-9  # of a step: a switch this near to a step's end is at the step's end
@@ -73,6 +73,8 @@ def wrench_of(loads: tuple[tuple[Timed, float], ...]) -> Wrench:
                 point_forces.append((load.at, value))
             case PointForce():
                 force_world += value
+            case _:
+                raise unknown_load(load, "the sum of loads that come and go")
     return Wrench(torque_body, torque_world, force_body, force_world, tuple(point_forces))
 
 

@@ -24,10 +24,15 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 _Four: TypeAlias = tuple[Number, Number, Number, Number]
 
 
-def _unit(value: _Four, info: ValidationInfo) -> _Four:
+def _nearly_unit(value: _Four) -> _Four:
     norm = math.hypot(*value)
     if abs(norm - 1.0) > _UNIT_TOLERANCE:
         raise ValueError(f"must be a unit quaternion (w, x, y, z); its norm is {norm:.9g}")
+    return value
+
+
+def _unit(value: _Four, info: ValidationInfo) -> _Four:
+    norm = math.hypot(*_nearly_unit(value))
     if norm == 1.0 or (info.context or {}).get("written"):  # made unit twice it may move by an ulp
         return value
     w, x, y, z = normalised(np.array(value)).tolist()
@@ -36,6 +41,9 @@ def _unit(value: _Four, info: ValidationInfo) -> _Four:
 
 UnitQuaternion: TypeAlias = Annotated[_Four, AfterValidator(_unit)]
 """(w, x, y, z), made unit where it nearly is."""
+
+NearlyUnitQuaternion: TypeAlias = Annotated[_Four, AfterValidator(_nearly_unit)]
+"""(w, x, y, z) as it is written, within 1e-6 of unit."""
 
 ALIGNED: UnitQuaternion = (1.0, 0.0, 0.0, 0.0)
 

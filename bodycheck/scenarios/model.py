@@ -6,6 +6,7 @@ one pass reports all the errors of a file at once.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Annotated
 
@@ -13,23 +14,24 @@ import numpy as np
 from pydantic import Field, StrictInt, StrictStr, ValidationInfo, field_validator
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rotations import quaternion_to_matrix
+from bodycheck.reference_impl.rotations import normalised, quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.scenarios.body import Body
-from bodycheck.scenarios.fields import ALIGNED, ZERO, Positive, Table, UnitQuaternion, Vector
+from bodycheck.scenarios.fields import ALIGNED, ZERO, NearlyUnitQuaternion, Positive, Table, Vector
 from bodycheck.scenarios.forcings import Forcing, check_together, gravity_of, loads_of, pivot_of
 
 _VELOCITY_TOLERANCE = 1e-9  # relative: how far a velocity that is said may be from what a pivot allows
 _MOST_SAMPLES = 1_000_000
-_DEFAULT_STEPS_PER_SAMPLE = (5, 10, 20, 50, 100)
+_UNIT = 4.0 * float(np.finfo(np.float64).eps)  # how far from 1 the norm of a quaternion of doubles may be
+DEFAULT_STEPS_PER_SAMPLE = (5, 10, 20, 50, 100)
 
 
 class Initial(Table):
     """[initial]: where the body starts; at rest at the origin, axes aligned, unless said."""
 
     position_m: Vector = ZERO
-    quaternion: UnitQuaternion = ALIGNED
+    quaternion: NearlyUnitQuaternion = ALIGNED
     velocity_m_s: Vector | None = None
     omega_body_rad_s: Vector | None = None
     omega_world_rad_s: Vector | None = None
@@ -42,8 +44,13 @@ class Initial(Table):
         return value
 
     def state(self, pivot: Array | None) -> State:
-        """Return the same as arrays; about a pivot the centre of mass moves as the rotation says."""
+        """Return the start in doubles, as engines are handed it: a unit quaternion, omega in body axes.
+
+        About a pivot the centre of mass moves as the rotation says.
+        """
         quaternion = np.array(self.quaternion)
+        if abs(float(np.linalg.norm(quaternion)) - 1.0) > _UNIT:
+            quaternion = normalised(quaternion)
         if self.omega_world_rad_s is not None:
             omega_body = quaternion_to_matrix(quaternion).T @ np.array(self.omega_world_rad_s)
         else:
@@ -53,6 +60,15 @@ class Initial(Table):
         else:
             velocity = quaternion_to_matrix(quaternion) @ np.cross(pivot, omega_body)
         return State(np.array(self.position_m), quaternion, velocity, omega_body)
+
+    def as_written(self, pivot: Array | None) -> State:
+        """Return the start that the numbers of the file are, without rounding."""
+        omega = self.omega_world_rad_s
+        return replace(
+            self.state(pivot),
+            quaternion=np.array(self.quaternion),
+            exact_omega_world=None if omega is None else np.array(omega),
+        )
 
 
 class Scenario(Table):
@@ -122,11 +138,17 @@ class Scenario(Table):
     def steps(self) -> tuple[float, ...]:
         """The steps that a run uses unless told otherwise, in s, coarsest first."""
         interval = self.scene.sample_interval_s
-        return tuple(sorted(self.steps_s or (interval / n for n in _DEFAULT_STEPS_PER_SAMPLE), reverse=True))
+        return tuple(sorted(self.steps_s or (interval / n for n in DEFAULT_STEPS_PER_SAMPLE), reverse=True))
+
+    @property
+    def scene_as_written(self) -> Scene:
+        """The same with the start that the numbers of the file are: that of engines is rounded to doubles."""
+        scene = self.scene
+        return replace(scene, initial=self.initial.as_written(scene.pivot))
 
     @cached_property
     def scene(self) -> Scene:
-        """The mathematics of it, as plain arrays."""
+        """The mathematics of it, as plain arrays, with the start that engines are handed."""
         pivot = pivot_of(self.forcing)
         return Scene(
             body=RigidBody(self.body.mass_kg, np.array(self.body.inertia_kg_m2)),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, TypeAlias
 from pydantic import ValidationError
 
 from bodycheck.errors import InputError
+from bodycheck.outside import parse_toml
 from bodycheck.scenarios.body import BODY_FORMS
 from bodycheck.scenarios.forcings import FORCING_KINDS
 from bodycheck.scenarios.model import Scenario
@@ -42,7 +42,7 @@ def parse_members(text: str, where: str, folder: Traversable, *, allow_code: boo
     """
     context = {"folder": folder, "allow_code": allow_code}
     try:
-        data = _toml(text, where)
+        data = parse_toml(text, where)
         if "sweep" in data:
             return _family(data, where, context)
         return {None: Scenario.model_validate(data, context=context)}
@@ -50,15 +50,6 @@ def parse_members(text: str, where: str, folder: Traversable, *, allow_code: boo
         raise InputError(f"{where}: is nested too deeply") from None
     except ValidationError as error:
         raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
-
-
-def _toml(text: str, where: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{where}: is not TOML: {error}") from None
-    except ValueError:  # of int(), which reads no number of any length
-        raise InputError(f"{where}: has a whole number of too many digits") from None
 
 
 def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Members:

@@ -16,6 +16,7 @@ from bodycheck.scenarios.reader import fault_lines
 from bodycheck.scenarios.shapes import MeshSolid
 
 _LINK = ("link_offset_m", "link_quaternion")
+_MESH = ("mesh_unit", "mesh_overlap")
 _NUMBERS = ("mass_kg", "inertia_kg_m2", *_LINK)
 
 
@@ -59,8 +60,9 @@ def _shaped(told: Mapping[str, Any]) -> MeshBody | ShapeBody | None:
     if "shape" in told:
         body = ShapeBody.model_construct(None, shape=told["shape"], density_kg_m3=density, **known)
     else:
-        unit = solid.at_density(1.0 / density)
-        mesh = MeshSolid(told["mesh"]["file"], told["mesh"]["sha256"], unit)
+        known |= {name: told[name] for name in _MESH if name in told}
+        facts, light = told["mesh"], solid.at_density(1.0 / density)
+        mesh = MeshSolid(facts["file"], facts["sha256"], told.get("mesh_unit"), light)
         body = MeshBody.model_construct(None, mesh=mesh, density_kg_m3=density, **known)
     vars(body)["solid"] = solid  # what its cached property would work out anew, and from the file
     return body

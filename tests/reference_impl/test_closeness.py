@@ -28,7 +28,7 @@ def test_rounding_is_the_sum_over_all_numbers(rows: int, monkeypatch: pytest.Mon
         omega_body_rad_s=random.normal(size=(7, 3)),
     )
     step = 2.0**-24  # which doubles can show
-    expected = np.zeros((3, 7))
+    expected = np.zeros((6, 7))
     for name in ("position_m", "velocity_m_s", "quaternion", "omega_body_rad_s"):
         value = getattr(motion, name)
         for column in np.eye(value.shape[1]):

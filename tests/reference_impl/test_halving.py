@@ -41,7 +41,7 @@ def test_a_function_gives_the_motion_of_the_loads_that_it_hides(name: str) -> No
     t_s = np.linspace(0.0, 0.2 * scene.duration_s, 6)
     open_truth, truth = solve_truth(scene, t_s), solve_truth(hidden(scene), t_s)
     assert truth.kind == "certified"
-    bounds = np.array([truth.bound_rad, truth.bound_energy, truth.bound_momentum])
+    bounds = truth.bounds
     assert np.all(distances(scene, open_truth.trajectory, truth.trajectory) <= bounds + 1e-15)
     assert np.max(bounds) <= 1e-11
     apart = np.abs(truth.trajectory.position_m - open_truth.trajectory.position_m)

@@ -105,7 +105,7 @@ def test_errors_are_those_of_doubles(name: str) -> None:
     """Orientation, energy and momentum at each sample are within ten times eps x sensitivity of the truth."""
     scene, truth = truth_of(name)
     motion = TaylorMotion.of(scene, 1e-17).solve(scene.sample_times).trajectory
-    allowed = np.array([truth.round_off_rad, truth.round_off_energy, truth.round_off_momentum])
+    allowed = truth.round_offs
     assert np.all(distances(scene, truth.trajectory, motion) <= 10.0 * allowed)
 
 
@@ -140,7 +140,7 @@ def test_any_body_in_any_axes_follows_its_closed_form(name: str, turned: bool) -
     scene = scene_of(inertia)
     exact = solve_truth(scene, scene.sample_times)
     motion = TaylorMotion.of(scene, 1e-17).solve(scene.sample_times).trajectory
-    allowed = np.array([exact.round_off_rad, exact.round_off_energy, exact.round_off_momentum])
+    allowed = exact.round_offs
     assert exact.kind == "exact"
     assert np.all(distances(scene, exact.trajectory, motion) <= 10.0 * allowed)
 

@@ -11,7 +11,7 @@ from scenario_text import HERE, parse_scenario
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.scene import BlackBox, Drag, GravityGradient, SineTorque, Spring, TorsionSpring
-from bodycheck.scenarios.library import load_scenario, load_scenarios, scenario_names, suites
+from bodycheck.scenarios.library import PROBES, load_scenario, load_scenarios, scenario_names, suites
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import parse_members
 
@@ -71,10 +71,30 @@ def test_omega_in_world_axes_is_turned_into_body_axes() -> None:
     assert scene.initial.omega_body == pytest.approx([2.0, -1.0, 3.0], abs=1e-15)
 
 
-def test_a_quaternion_near_unit_is_normalised() -> None:
-    """A quaternion within 1e-6 of unit is accepted and made unit."""
-    scene = parsed("[initial]\nquaternion = [1.0000005, 0, 0, 0]\n").scene
-    assert scene.initial.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
+def test_engines_are_handed_a_unit_quaternion_and_the_truth_the_one_of_the_file() -> None:
+    """A quaternion within 1e-6 of unit is accepted: made unit for engines, as it is written for the truth."""
+    scenario = parsed("[initial]\nquaternion = [1.0000005, 0, 0, 0]\n")
+    assert scenario.scene.initial.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert scenario.scene_as_written.initial.quaternion.tolist() == [1.0000005, 0.0, 0.0, 0.0]
+    assert scenario.initial.quaternion == (1.0000005, 0.0, 0.0, 0.0)
+
+
+def test_a_unit_quaternion_of_doubles_is_handed_on_as_it_is() -> None:
+    """A norm that is off by two ulps is no reason to change the digits of the file."""
+    written = [0.5, 0.5, 0.5, 0.500000000000001]
+    assert math.hypot(*written) > 1.0
+    scenario = parsed(f"[initial]\nquaternion = {written}\n")
+    assert scenario.scene.initial.quaternion.tolist() == written
+
+
+def test_the_truth_begins_from_omega_as_it_is_written() -> None:
+    """Engines get omega in body axes, rounded; the start as written keeps that of the world."""
+    scenario = parsed("[initial]\nquaternion = [0.6, 0.8, 0, 0]\nomega_world_rad_s = [1, 2, 3]\n")
+    assert scenario.scene.initial.exact_omega_world is None
+    exact = scenario.scene_as_written.initial.exact_omega_world
+    assert exact is not None
+    assert exact.tolist() == [1.0, 2.0, 3.0]
+    assert np.array_equal(scenario.scene_as_written.initial.omega_body, scenario.scene.initial.omega_body)
 
 
 def test_a_full_tensor_is_taken_as_it_stands() -> None:
@@ -558,7 +578,8 @@ def test_the_value_may_be_a_key_that_the_file_lacks() -> None:
 LIBRARY = (
     *("sphere", "symmetric-top", "intermediate-axis", "tumbling", "full-tensor", "near-separatrix"),
     *("body-torque", "world-torque", "thruster", "boxes", "free-body", "pulsed-torque"),
-    *("t-handle", "torus-spin-up"),
+    *("t-handle", "torus-spin-up", "free-flight", "powered-flight", "fast-flight"),
+    "off-centre-link",
 )
 FORCED = suites()["forcings"]
 HARD = suites()["hard"]
@@ -566,10 +587,10 @@ HARD = suites()["hard"]
 
 def test_the_library_is_listed() -> None:
     """The list by which the library is tested leaves none of it out."""
-    assert sorted((*LIBRARY, *FORCED, *HARD)) == list(scenario_names())
+    assert sorted((*LIBRARY, *FORCED, *HARD, *PROBES)) == list(scenario_names())
 
 
-@pytest.mark.parametrize("name", [*LIBRARY, *FORCED, *HARD])
+@pytest.mark.parametrize("name", [*LIBRARY, *FORCED, *HARD, *PROBES])
 def test_the_library_has_each_scenario_with_its_source(name: str) -> None:
     """A built-in scenario or family is found by name, says where it is from, and its tags fit its loads."""
     for _, scenario in load_scenarios([name]):
@@ -583,11 +604,12 @@ def test_the_library_has_each_scenario_with_its_source(name: str) -> None:
 
 
 def test_suites_name_built_in_scenarios_only() -> None:
-    """Every member of every suite exists; standard, forcings and hard are the whole library, as is full."""
+    """Every suite's members exist; standard, forcings and hard are all but the probes, as is full."""
     for members in suites().values():
         assert set(members) <= set(scenario_names())
     parts = (suites()[part] for part in ("standard", "forcings", "hard"))
-    assert sorted(name for part in parts for name in part) == sorted(suites()["full"]) == [*scenario_names()]
+    whole = [name for name in scenario_names() if name not in PROBES]
+    assert sorted(name for part in parts for name in part) == sorted(suites()["full"]) == whole
 
 
 def test_names_suites_and_paths_may_be_mixed(tmp_path: Path) -> None:

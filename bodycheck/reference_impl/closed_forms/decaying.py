@@ -94,6 +94,18 @@ class DecayingMotion:
         """The largest |v| where a piece begins; within one it lies between that of its ends."""
         return float(np.abs(self._states[:, 1, :, 0]).max())
 
+    def errors(self, t_s: Array, rates: Array) -> tuple[Array, Array]:
+        """What x and v are off by before they are rounded, (n,) and (n,): 2^-96 of the terms of each piece.
+
+        rates: |v| at t_s (n,). No term of v exceeds twice the largest |v| until then, none of x its way.
+        """
+        largest = 4.0 * self._share * np.maximum(rates, self.largest_rate)
+        return self._share * float(np.abs(self._states[0, 0, :, 0]).max()) + largest * t_s, largest
+
+    @property
+    def _share(self) -> float:
+        return len(self._begins) * 2.0**-96
+
     def at(self, t_s: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Return x and v, each (n, k), high parts and low parts, at times t_s >= 0 (n,)."""
         out = np.empty((len(t_s), *self._states.shape[1:]))

@@ -16,7 +16,7 @@ from bodycheck.reference_impl.free_rotation.set_up import unit
 from bodycheck.reference_impl.free_rotation.state import turned
 from bodycheck.reference_impl.free_rotation.tumble import FOUR_PI
 from bodycheck.reference_impl.jit import exact_kernel, kernel
-from bodycheck.reference_impl.paired import pair, unit_quaternion
+from bodycheck.reference_impl.paired import pair, start_omega, unit_quaternion
 from bodycheck.reference_impl.rational import (
     Vector,
     added,
@@ -83,7 +83,7 @@ class FixedAxisRotation:
             fractions(sine.amplitude) if sine.axes == "body" else times(to_body, fractions(sine.amplitude))
             for sine in loads.sines
         ]
-        omega = fractions(scene.initial.omega_body)
+        omega = start_omega(scene.initial)
         axis = _principal_axis_of([omega, *torques, *amplitudes], inertia, loads.angular_drag)
         if axis is None:
             return None
@@ -116,29 +116,44 @@ class FixedAxisRotation:
             np.array(swings, dtype=np.float64).reshape(-1, 4),
         )
 
+    @property
+    def axis(self) -> Array:
+        """The axis (3,), a unit vector in body axes."""
+        return np.array(self._axis)
+
+    def angle(self, t_s: Array) -> Array:
+        """Return theta (n,) at times t_s >= 0 (n,), in rad, rounded."""
+        return self._angles_and_rates(t_s)[0][0]
+
+    def _angles_and_rates(self, t_s: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Return theta and w, each (n,) in high and low parts."""
+        angles, rates = self._motion.at(t_s)
+        angle = np.ascontiguousarray(angles[0][:, 0]), np.ascontiguousarray(angles[1][:, 0])
+        rate = np.ascontiguousarray(rates[0][:, 0]), np.ascontiguousarray(rates[1][:, 0])
+        _add_swings(self._swings, t_s, angle, rate)
+        return angle, rate
+
     def at(self, t_s: Array) -> tuple[Array, Array]:
         """Return (quaternion (n, 4), omega_body (n, 3)) at times t_s >= 0 (n,).
 
         Raises ValueError where the body has turned by some 1e15 rad: 106 bits would no longer hold the angle.
         """
-        angles, rates = self._motion.at(t_s)
-        angle = np.ascontiguousarray(angles[0][:, 0]), np.ascontiguousarray(angles[1][:, 0])
-        rate = np.ascontiguousarray(rates[0][:, 0]), np.ascontiguousarray(rates[1][:, 0])
-        _add_swings(self._swings, t_s, angle, rate)
-        way = t_s * (self._motion.largest_rate + np.abs(rate[0]) + self._largest_swing_rate(t_s))
+        angle, rate = self._angles_and_rates(t_s)
+        phases = np.max(np.abs(self._swings[:, 2]), initial=0.0)
+        way = t_s * (self.largest_rate(t_s) + np.abs(rate[0]) + phases)
         for t in t_s[~(way < _MOST_RADIANS)]:
             raise ValueError(f"the body turns by more than {_MOST_RADIANS:.0e} rad until t = {float(t)!r} s")
         quaternion = np.empty((len(t_s), 4))
         _turn(self._start, self._axis, angle, quaternion)
         return quaternion, rate[0][:, None] * np.array(self._axis)
 
-    def _largest_swing_rate(self, t_s: Array) -> Array:
-        """The largest rate that sines may give until t (n,), sum of a min(t, 2 / r), and that of a phase."""
+    def largest_rate(self, t_s: Array) -> Array:
+        """The largest |w| that there may be until t (n,): where a piece begins + of sines a min(t, 2 / r)."""
         amplitude, _, rate, _ = np.abs(self._swings.T)[:, :, None]
         # where r = 0 the first is the least
         with np.errstate(divide="ignore"):
             largest = amplitude * np.minimum(t_s, 2.0 / rate)
-        return np.asarray(np.sum(largest, axis=0) + np.max(rate, axis=0, initial=0.0))
+        return np.asarray(self._motion.largest_rate + np.sum(largest, axis=0))
 
 
 def _principal_axis_of(vectors: list[Vector], inertia: Vector, drag: Vector) -> Vector | None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
+import numpy as np
+
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closed_forms.decaying import DecayingMotion
 from bodycheck.reference_impl.closed_forms.loads import Loads
@@ -32,3 +34,8 @@ class Flight:
         """Return position and velocity (n, 3), world axes, at times t_s >= 0 (n,)."""
         (position, _), (velocity, _) = self._motion.at(t_s)
         return position, velocity
+
+    def errors(self, t_s: Array, velocity: Array) -> tuple[Array, Array]:
+        """What position and velocity are off by before they are rounded, (n,) and (n,): the velocities'."""
+        speeds = np.abs(velocity).max(axis=-1, initial=0.0)
+        return self._motion.errors(t_s, speeds)

@@ -16,7 +16,7 @@ from bodycheck.reference_impl.closed_forms.exponential import decay_means
 from bodycheck.reference_impl.double_double import DoubleDouble
 from bodycheck.reference_impl.free_rotation import FreeRotation
 from bodycheck.reference_impl.jit import exact_kernel
-from bodycheck.reference_impl.paired import pair
+from bodycheck.reference_impl.paired import pair, paired_omega
 from bodycheck.reference_impl.rational import Vector, fractions
 from bodycheck.reference_impl.scene import Scene
 
@@ -48,8 +48,8 @@ class StretchedRotation:
     @classmethod
     def of(cls, scene: Scene, decay: Fraction) -> StretchedRotation:
         """Set up for a drag torque -k L, k in 1/s."""
-        initial = scene.initial
-        free = FreeRotation.from_state(scene.body.inertia, initial.quaternion, initial.omega_body)
+        omega = paired_omega(scene.initial)
+        free = FreeRotation.from_pairs(scene.body.inertia, scene.initial.quaternion, *omega)
         return cls(free, pair(decay))
 
     def at(self, t_s: Array) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ _INERTIA, _OMEGA, _QUATERNION = (
 
 def compile_frame_and_evaluation() -> None:
     """From a tensor to its principal frame, and from a row to the motion at times."""
-    frame_of(_INERTIA, _OMEGA)
+    frame_of(_INERTIA, _OMEGA, np.zeros(3))
     nothing = np.zeros(0)
     evaluate(np.zeros((0, WIDTH)), nothing, nothing, np.zeros((0, 0, 4)), np.zeros((0, 0, 3)))
 

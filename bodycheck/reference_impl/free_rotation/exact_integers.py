@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from fractions import Fraction
 from typing import NamedTuple
 
 from bodycheck.reference_impl.arrays import Array
@@ -58,15 +60,15 @@ class ExactState(NamedTuple):
         return Separation(determinant < 0, size, exponent)
 
     @classmethod
-    def of(cls, inertia: Array, omega: Array) -> ExactState:
-        """Take over inertia (9,), symmetric, and omega (3,)."""
+    def of(cls, inertia: Array, omega: Array, rest: Array) -> ExactState:
+        """Take over inertia (9,), symmetric, and omega + rest, (3,) each."""
         xx, xy, xz, _, yy, yz, _, _, zz = inertia.tolist()
-        components, bits = _integers(omega.tolist())
+        components, bits = _integers([Fraction(x) + Fraction(y) for x, y in zip(omega, rest, strict=True)])
         kept = [n if n.bit_length() > bits - _NEGLIGIBLE_BITS else 0 for n in components]
         return cls(*_integers([xx, xy, xz, yy, yz, zz]), kept, bits)
 
 
-def _integers(values: list[float]) -> tuple[list[int], int]:
+def _integers(values: Sequence[float | Fraction]) -> tuple[list[int], int]:
     """(n, bits) with values proportional to n 2^-bits, the largest |n| in [2^bits, 2^(bits + 1))."""
     ratios = [value.as_integer_ratio() for value in values]
     common = max(denominator for _, denominator in ratios)

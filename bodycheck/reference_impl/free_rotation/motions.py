@@ -41,28 +41,39 @@ class FreeRotations:
         tensors = _checked("inertia", tensors, (m, 3, 3))
         attitudes = _checked("quaternion", quaternion, (m, 4))
         omegas = _checked("omega_body", omega_body, (m, 3))
-        return cls.from_checked(tensors, attitudes, omegas)
+        return cls.from_checked(tensors, attitudes, omegas, np.zeros((m, 3)))
 
     @classmethod
-    def from_checked(cls, inertia: Array, quaternion: Array, omega: Array) -> FreeRotations:
-        """Set up, the shapes and the finiteness of what is given being known."""
+    def from_checked(cls, inertia: Array, quaternion: Array, omega: Array, rest: Array) -> FreeRotations:
+        """Set up, the shapes and the finiteness of what is given being known.
+
+        rest (m, 3): what omega is beyond doubles.
+        """
         if not quaternion.any(axis=1).all():
             raise ValueError(f"quaternion must not be zero, got {[0.0] * 4}")
         tensors = _symmetric(inertia).reshape(-1, 9)
         m = len(tensors)
         rows, doubtful = np.empty((m, WIDTH)), np.empty(m, dtype=np.bool_)
         separations = np.zeros((m, 4))
-        begin(tensors, quaternion, omega, separations, rows, doubtful)
+        begin(tensors, quaternion, omega, rest, separations, rows, doubtful)
         for k in np.flatnonzero(doubtful):
-            state = ExactState.of(tensors[k], omega[k])
+            state = ExactState.of(tensors[k], omega[k], rest[k])
             if not state.is_positive_definite:
                 raise ValueError(f"inertia must be positive definite, got {inertia[k].tolist()}")
             if state.is_steady:
-                begin_steady(quaternion[k], omega[k], rows[k])
+                begin_steady(quaternion[k], omega[k], rest[k], rows[k])
             else:
                 one, (descending, size, exponent) = slice(k, k + 1), state.separation
                 separations[k] = -1.0 if descending else 1.0, *size, exponent
-                begin(tensors[one], quaternion[one], omega[one], separations[one], rows[one], doubtful[one])
+                begin(
+                    tensors[one],
+                    quaternion[one],
+                    omega[one],
+                    rest[one],
+                    separations[one],
+                    rows[one],
+                    doubtful[one],
+                )
         return cls(rows)
 
     @property
@@ -108,10 +119,17 @@ class FreeRotation:
     @classmethod
     def from_state(cls, inertia: ArrayLike, quaternion: ArrayLike, omega_body: ArrayLike) -> FreeRotation:
         """Set up the motion through a state at t = 0: inertia (3, 3), quaternion (4,), omega_body (3,)."""
+        return cls.from_pairs(inertia, quaternion, omega_body, np.zeros(3))
+
+    @classmethod
+    def from_pairs(
+        cls, inertia: ArrayLike, quaternion: ArrayLike, high: ArrayLike, low: ArrayLike
+    ) -> FreeRotation:
+        """Set up the same for an omega_body that is the sum of two doubles, high and low (3,)."""
         tensor = _checked("inertia", inertia, (3, 3))
         attitude = _checked("quaternion", quaternion, (4,))
-        omega = _checked("omega_body", omega_body, (3,))
-        return cls(FreeRotations.from_checked(tensor[None], attitude[None], omega[None]))
+        omega, rest = _checked("omega_body", high, (3,)), _checked("omega_body", low, (3,))
+        return cls(FreeRotations.from_checked(tensor[None], attitude[None], omega[None], rest[None]))
 
     @property
     def quarter_period_s(self) -> float:

@@ -107,11 +107,12 @@ def _congruence(inertia: Mat, turn: Mat, i: int, j: int) -> Split:
 
 
 @exact_kernel
-def _turned(turn: Mat, omega: Vec, i: int) -> DoubleDouble:
-    """(turn^T omega)_i."""
-    terms = np.empty(6)
+def _turned(turn: Mat, omega: Vec, rest: Vec, i: int) -> DoubleDouble:
+    """(turn^T (omega + rest))_i."""
+    terms = np.empty(12)
     for k in range(3):
-        put_product(terms, 2 * k, turn[3 * k + i], omega[k])
+        put_product(terms, 4 * k, turn[3 * k + i], omega[k])
+        put_product(terms, 4 * k + 2, turn[3 * k + i], rest[k])
     return rounded(summed(terms))
 
 
@@ -154,16 +155,16 @@ def _rotate_pairs(c: DoubleDouble, s: DoubleDouble, x: Array, y: Array) -> None:
 
 @exact_kernel
 def _nearly_diagonal(
-    inertia: Mat, omega: Vec, bases: Array, rests: Array, offs: Array, spin: Array, axes: Array
+    inertia: Mat, omega: Vec, rest: Vec, bases: Array, rests: Array, offs: Array, spin: Array, axes: Array
 ) -> None:
     """Fill what `principal` works on with what the short turn leaves."""
     turn, norm = _short_turn(inertia)
     for i in range(3):
-        bases[i], rest = divided(divided(_congruence(inertia, turn, i, i), norm), norm)
-        _put(rests[i], rest)
+        bases[i], remainder = divided(divided(_congruence(inertia, turn, i, i), norm), norm)
+        _put(rests[i], remainder)
         off = rounded(_congruence(inertia, turn, (i + 1) % 3, (i + 2) % 3))
         _put(offs[i], dd.divide(dd.divide(off, (norm, 0.0)), (norm, 0.0)))
-        _put(spin[i], dd.divide(_turned(turn, omega, i), (norm, 0.0)))
+        _put(spin[i], dd.divide(_turned(turn, omega, rest, i), (norm, 0.0)))
         for k in range(3):
             _put(axes[i, k], dd.divide((turn[3 * k + i], 0.0), (norm, 0.0)))
 
@@ -187,16 +188,17 @@ def _rotate_away(r: int, bases: Array, rests: Array, offs: Array, spin: Array, a
 
 
 @exact_kernel
-def principal(inertia: Mat, omega: Vec) -> Frame:
+def principal(inertia: Mat, omega: Vec, rest: Vec) -> Frame:
     """Diagonalise a symmetric tensor whose largest element is of ordinary size, by cyclic Jacobi rotations.
 
     The rests of the moments err by some 2^-150 of the largest moment, omega by 2^-128 of itself. A diagonal
-    tensor is its own answer, exactly. Source: Golub & Van Loan 2013, Matrix computations, 8.5.
+    tensor is its own answer, exactly. rest: what omega is beyond doubles. Source: Golub & Van Loan 2013,
+    Matrix computations, 8.5.
     """
     # a moment is a base and a rest; offs[r] couples the two axes other than r; an axis is a row
     bases, rests, offs = np.empty(3), np.empty((3, 2)), np.empty((3, 2))
     spin, axes = np.empty((3, 2)), np.empty((3, 3, 2))
-    _nearly_diagonal(inertia, omega, bases, rests, offs, spin, axes)
+    _nearly_diagonal(inertia, omega, rest, bases, rests, offs, spin, axes)
     settled = _SETTLED * max(abs(bases[0]), abs(bases[1]), abs(bases[2]))
     for _ in range(_SWEEPS):
         for r in range(3):

@@ -65,9 +65,17 @@ def _without_negligible(omega: Vec) -> Vec:
 
 
 @kernel
-def frame_of(inertia: Array, omega: Array) -> Frame:
+def _scaled_rest(omega: Array, rest: Array) -> Vec:
+    """What omega is beyond doubles, over what that is divided by."""
+    back = -_exponent(omega)
+    return math.ldexp(rest[0], back), math.ldexp(rest[1], back), math.ldexp(rest[2], back)
+
+
+@kernel
+def frame_of(inertia: Array, omega: Array, rest: Array) -> Frame:
     """The principal frame of the scaled state."""
-    return principal(matrix_at(_scaled(inertia), 0), _without_negligible(vector_at(_scaled(omega), 0)))
+    spin = _without_negligible(vector_at(_scaled(omega), 0))
+    return principal(matrix_at(_scaled(inertia), 0), spin, _scaled_rest(omega, rest))
 
 
 @kernel
@@ -94,15 +102,22 @@ def placed(motion: Tumble, axes: NumberedAxes, omega: Array, quaternion: Array) 
 
 @kernel
 def begin(
-    inertia: Array, quaternion: Array, omega: Array, separations: Array, rows: Array, doubtful: Array
+    inertia: Array,
+    quaternion: Array,
+    omega: Array,
+    rest: Array,
+    separations: Array,
+    rows: Array,
+    doubtful: Array,
 ) -> None:
     """Fill the rows (m, WIDTH) of the bodies that surely tumble, and tell which are doubtful (m,).
 
-    inertia (m, 9), symmetric; quaternion (m, 4), not zero; omega (m, 3), body axes. separations (m, 4): side,
+    inertia (m, 9), symmetric; quaternion (m, 4), not zero; omega (m, 3), body axes; rest
+    (m, 3): what it is beyond doubles. separations (m, 4): side,
     size, its low part, exponent; a side of 0 leaves it to floating point to find out.
     """
     for k in range(len(rows)):
-        frame = frame_of(inertia[k], omega[k])
+        frame = frame_of(inertia[k], omega[k], rest[k])
         axes = numbered(frame, False)
         side, high, low, exponent = (
             separations[k, 0],
@@ -121,10 +136,11 @@ def begin(
 
 
 @kernel
-def begin_steady(quaternion: Array, omega: Array, row: Array) -> None:
-    """Fill one row with a rotation about a fixed axis, or none for omega = 0."""
+def begin_steady(quaternion: Array, omega: Array, rest: Array, row: Array) -> None:
+    """Fill one row with a rotation about a fixed axis, or none for omega = 0; omega + rest, (3,) each."""
     x, y, z = vector_at(_scaled(omega), 0)
-    norm = hypotenuse(hypotenuse((x, 0.0), (y, 0.0)), (z, 0.0))
+    a, b, c = _scaled_rest(omega, rest)
+    norm = hypotenuse(hypotenuse((x, a), (y, b)), (z, c))
     size = norm[0] if norm[0] > 0.0 else 1.0
     axis = (x / size, y / size, z / size)
     turn_rate = dd.divide(norm, FOUR_PI)

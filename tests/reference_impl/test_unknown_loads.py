@@ -1,0 +1,105 @@
+"""A load of a kind that a consumer of loads does not know is refused by name, never left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters.case_messages import scene_message
+from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.drive import Case, record
+from bodycheck.adapters.held import HeldLoads
+from bodycheck.adapters.registry import get_adapter
+from bodycheck.reference_impl.closeness import potential_energy
+from bodycheck.reference_impl.exact import closed_form_of
+from bodycheck.reference_impl.forcing import forcing_between
+from bodycheck.reference_impl.halving import solve_by_halving
+from bodycheck.reference_impl.lasting import packed_lasting
+from bodycheck.reference_impl.loads_at import lasting_wrench_of, sum_of_wrenches
+from bodycheck.reference_impl.pivoted import about_pivot
+from bodycheck.reference_impl.principal_forcing import PrincipalFrame, packed_rotation
+from bodycheck.reference_impl.scene import Load, RigidBody, Scene, State, Torque
+from bodycheck.reference_impl.taylor_motion import TaylorMotion
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.truth import certified_truth, solve_truth
+from bodycheck.reference_impl.wrench import wrench_of
+from bodycheck.reports.measures import Motion
+from bodycheck.reports.storage.truths import known_truth
+from bodycheck.reports.work import working_loads
+
+
+@dataclass(frozen=True, eq=False)
+class Magnet:
+    """A load that nobody knows; as one that comes and goes, and as one that lasts."""
+
+    strength: float = 1.0
+    from_s: float = 0.0
+    until_s: float = 9.0
+    value: Any = None
+
+
+MAGNET = cast("Load", Magnet(value=np.ones(3)))
+START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))
+SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (MAGNET,), np.zeros(3), 1.0, 3)
+MOTION = Trajectory(
+    t_s=SCENE.sample_times,
+    position_m=np.zeros((3, 3)),
+    velocity_m_s=np.zeros((3, 3)),
+    quaternion=np.tile(START.quaternion, (3, 1)),
+    omega_body_rad_s=np.tile(START.omega_body, (3, 1)),
+)
+AT = (0.0, np.zeros(3), np.eye(3), np.zeros(3), np.ones(3))
+
+CONSUMERS: dict[str, Callable[[], object]] = {
+    "truth": lambda: solve_truth(SCENE, SCENE.sample_times),
+    "certified truth": lambda: certified_truth(SCENE, SCENE.sample_times),
+    "cached truth": lambda: known_truth(SCENE, SCENE.sample_times, None),
+    "halved steps": lambda: solve_by_halving(SCENE, SCENE.sample_times),
+    "Taylor constants": lambda: forcing_between(SCENE, 0.0, 1.0),
+    "Taylor series": lambda: TaylorMotion.of(SCENE, 1e-12),
+    "principal axes": lambda: packed_rotation(SCENE, PrincipalFrame.of(SCENE.body), 0.0, 1.0),
+    "lasting constants": lambda: packed_lasting(SCENE),
+    "lasting wrench": lambda: lasting_wrench_of(SCENE)(*AT),
+    "sum of wrenches": lambda: sum_of_wrenches(SCENE.loads, SCENE)(*AT),
+    "held between steps": lambda: HeldLoads(SCENE, 0.1),
+    "timed wrench": lambda: wrench_of(((cast("Torque", MAGNET), 1.0),)),
+    "pivot": lambda: about_pivot(replace(SCENE, pivot=np.ones(3))),
+    "potential energy": lambda: potential_energy(SCENE, MOTION),
+    "energy and momentum": lambda: Motion.of(SCENE, MOTION),
+    "work": lambda: working_loads(SCENE, 0.0, 1.0),
+    "message to a worker": lambda: scene_message(SCENE),
+}
+
+
+@pytest.mark.parametrize("name", CONSUMERS)
+def test_an_unknown_load_is_refused_by_name(name: str) -> None:
+    """Whoever is handed a load of another kind says that it does not know it, and computes nothing."""
+    with pytest.raises(ValueError, match=r"does not know loads of the kind Magnet$"):
+        CONSUMERS[name]()
+
+
+@pytest.mark.parametrize(
+    ("engine", "module", "method"),
+    [
+        ("reference", "bodycheck", "rk4"),
+        ("reference", "bodycheck", "taylor"),
+        ("mujoco", "mujoco", "rk4"),
+        ("pybullet", "pybullet", "multibody"),
+        ("dart", "dartpy", "semi-implicit"),
+    ],
+)
+def test_no_engine_steps_an_unknown_load(engine: str, module: str, method: str) -> None:
+    """An adapter refuses it when it builds its model, or makes its first step."""
+    pytest.importorskip(module)
+    setting = Setting(tolerance=1e-12) if method == "taylor" else Setting(dt_s=0.05)
+    with pytest.raises(ValueError, match="does not know loads of the kind Magnet"):
+        record(get_adapter(engine), Case(SCENE, method, setting))
+
+
+def test_no_closed_form_is_found_for_an_unknown_load() -> None:
+    """A load that no closed form knows leaves the scene without one."""
+    assert closed_form_of(SCENE) is None
