@@ -29,6 +29,7 @@ from bodycheck.reference_impl.scene import (
     State,
     Torque,
     TorsionSpring,
+    unknown_load,
 )
 from bodycheck.scenarios.user_functions import UserWrench, user_function
 
@@ -93,7 +94,7 @@ def scene_message(scene: Scene) -> Message:
     """
     message = {
         "body": _plain(scene.body),
-        "initial": _plain(scene.initial),
+        "initial": {name: value for name, value in _plain(scene.initial).items() if value is not None},
         "loads": [_load_message(load) for load in scene.loads],
         "gravity": scene.gravity.tolist(),
         "duration_s": scene.duration_s,
@@ -124,6 +125,8 @@ def _load_message(load: Load) -> Message:
     """Return a load as plain data; a function travels as its name."""
     if isinstance(load, BlackBox):
         return {"kind": _CALLABLE, "name": load.name}
+    if type(load) not in _KINDS:
+        raise unknown_load(load, "a message to a worker")
     return {"kind": _KINDS[type(load)], **_plain(load)}
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -23,9 +23,16 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import Wrench
 
 Stepping: TypeAlias = Literal["native", "python"]
-DEFAULTS = "@defaults"
+VARIANT = "@"
+"""Parts the name of a variant into the method and how the engine is set up: METHOD@VARIANT."""
+DEFAULTS = f"{VARIANT}defaults"
 """The end of a method's name that leaves the engine's defaults as they are."""
+UNALIGNED = f"{VARIANT}unaligned"
+"""The end of a method's name that steps a free body by its link's origin, wherever that is."""
 Control: TypeAlias = Literal["dt", "tolerance", "none"]
+BuildKind: TypeAlias = Literal["installed", "development", "plug-in", "handed over"]
+"""installed: a release of an engine that bodycheck knows. development: such an engine, editable or in a
+source folder. plug-in: of another package. handed over: an object of the run's own process."""
 
 
 @dataclass(frozen=True)
@@ -54,18 +61,42 @@ class Method:
 
     @property
     def on_request(self) -> bool:
-        """Whether the engine's defaults are untouched: measured only when asked for by name."""
-        return self.name.endswith(DEFAULTS)
+        """Whether this is a variant of another method, which runs only where its name is requested."""
+        return VARIANT in self.name
+
+    @property
+    def is_for_off_centre_links(self) -> bool:
+        """Whether this variant runs without a request too where a link is off the centre of mass."""
+        return self.name.endswith(UNALIGNED)
+
+
+@dataclass(frozen=True)
+class Build:
+    """What a worker has loaded of an engine.
+
+    id: a hash over all parts, by which answers of earlier runs are found again; empty where it is not known,
+    and then every case is run again. kind: where the engine comes from. parts: what the hash is over, by
+    name, for people.
+    """
+
+    id: str = ""
+    kind: BuildKind = "plug-in"
+    parts: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def short(self) -> str:
+        """As many digits of the identity as a table shows."""
+        return self.id[:12]
 
 
 @dataclass(frozen=True, eq=False)
 class Engine:
-    """An engine as it announces itself: its name, its version, its methods by name, a hash of its code."""
+    """An engine as it announces itself: its name, its version, its methods by name, what it has loaded."""
 
     name: str
     version: str
     methods: Mapping[str, Method]
-    code: str
+    build: Build = Build()
 
 
 @dataclass(frozen=True)
@@ -222,10 +253,12 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
         compare("quaternion", initial.quaternion, -state.quaternion if turned else state.quaternion)
     if state.rotation is not None:
         compare("rotation", initial.rotation, state.rotation)
+    # an engine that holds the angular momentum has omega by solving I omega = L
+    through_momentum = float(np.linalg.cond(body.inertia) * np.linalg.norm(initial.omega_body))
     if state.omega_body is not None:
-        compare("omega_body", initial.omega_body, state.omega_body)
+        compare("omega_body", initial.omega_body, state.omega_body, beside=through_momentum)
     if state.omega_world is not None:
-        compare("omega_world", initial.omega_world, state.omega_world)
+        compare("omega_world", initial.omega_world, state.omega_world, beside=through_momentum)
     return "; ".join(faults) or None
 
 

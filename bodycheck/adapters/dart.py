@@ -2,7 +2,7 @@
 
 A world would only add collision detection and deactivation to what is done here, digit for digit the
 same. A free joint's velocities are (omega, velocity) in world axes; its positions are a rotation vector
-and the place of the joint's frame, here the centre of mass. A ball joint's are omega in body axes and a
+and the place of the link's origin, whose velocity is integrated. A ball joint's are omega in body axes and a
 rotation vector.
 """
 
@@ -30,7 +30,7 @@ _SEMI_IMPLICIT = Method(
     order=1,
     evaluations=1,
     torque="held over the step",
-    keeps="R^T R = 1; linear momentum",
+    keeps="R^T R = 1; linear momentum where the link is at the centre of mass",
     source="DART World::step: Skeleton::computeForwardDynamics, integrateVelocities, integratePositions",
     changed_defaults=("no world: no collision detection, no deactivation",),
 )
@@ -45,13 +45,7 @@ class Dart:
     methods: Mapping[str, Method] = {method.name: method for method in (_SEMI_IMPLICIT, _UNTOUCHED)}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse a free body whose link is not at its centre of mass.
-
-        DART integrates the velocity of the link's origin there, and a free joint with a frame of its own
-        within the link takes its velocities for those of the link.
-        """
-        if scene.pivot is None and scene.link is not None and np.any(scene.link.offset):
-            return "DART steps a free body by its link's origin, which must be the centre of mass"
+        """Refuse nothing."""
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> DartSimulation:
@@ -68,6 +62,8 @@ class DartSimulation:
         self._initial, self._pivot = scene.initial, scene.pivot
         link = link_frame(scene)
         self._axes, self._centre = EngineAxes(link.rotation), link.point(_ORIGIN)
+        # the joint's forces act at its origin, and only there without a moment that turns with the body
+        self._by_joint = scene.pivot is None and not np.any(self._centre)
         self._skeleton = dartpy.dynamics.Skeleton("body")
         self._joint, self._body = self._jointed(scene, link)
         inertia = link.rotation.T @ scene.body.inertia @ link.rotation
@@ -107,9 +103,10 @@ class DartSimulation:
         initial = self._initial
         logarithm = dartpy.dynamics.BallJoint.convertToPositions
         if self._pivot is None:
-            turn = logarithm(initial.rotation @ self._axes.matrix)
-            self._joint.setPositions(np.concatenate([turn, initial.position]))
-            self._joint.setVelocities(np.concatenate([initial.omega_world, initial.velocity]))
+            frame = initial.rotation @ self._axes.matrix
+            arm, omega = frame @ self._centre, initial.omega_world
+            self._joint.setPositions(np.concatenate([logarithm(frame), initial.position - arm]))
+            self._joint.setVelocities(np.concatenate([omega, initial.velocity - np.cross(omega, arm)]))
         else:
             self._joint.setPositions(logarithm(initial.rotation))
             self._joint.setVelocities(initial.omega_body)
@@ -124,7 +121,7 @@ class DartSimulation:
         even one given in world axes, so the loads of the world at body points are renewed in every step.
         """
         self._wrench = wrench
-        if self._pivot is None:
+        if self._by_joint:
             self._joint.setForces(np.concatenate([wrench.torque_world, wrench.force_world]))
         self._renew_external_forces()
 
@@ -133,7 +130,7 @@ class DartSimulation:
         if self._is_lost:
             return
         skeleton = self._skeleton
-        renewed = bool(self._wrench.point_forces) or bool(self._lasting) or self._pivot is not None
+        renewed = bool(self._wrench.point_forces) or bool(self._lasting) or not self._by_joint
         dt_s = skeleton.getTimeStep()
         for _ in range(steps):
             if renewed:
@@ -162,8 +159,11 @@ class DartSimulation:
         """Return position, rotation, velocity and omega of the body, in world axes."""
         positions, velocities = self._joint.getPositions(), self._joint.getVelocities()
         rotation = self._axes.body_rotation(np.ascontiguousarray(self._body.getTransform().rotation()))
-        if self._pivot is None:
+        if self._by_joint:
             return positions[3:], rotation, velocities[3:], velocities[:3]
+        if self._pivot is None:
+            omega, arm = velocities[:3], rotation @ self._axes.body_vector(self._centre)
+            return positions[3:] + arm, rotation, velocities[3:] + np.cross(omega, arm), omega
         omega = rotation @ velocities
         arm = rotation @ -self._pivot
         place = np.array(self._joint.getTransformFromParentBodyNode().translation())
@@ -180,7 +180,7 @@ class DartSimulation:
         body.addExtForce(to_engine(wrench.force_body), self._centre, True, True)
         for at, force in wrench.point_forces:
             body.addExtForce(force, self._centre + to_engine(at), False, True)
-        if self._pivot is not None:
+        if not self._by_joint:
             body.addExtForce(wrench.force_world, self._centre, False, True)
             body.addExtTorque(wrench.torque_world, False)
 

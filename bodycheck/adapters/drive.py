@@ -44,7 +44,8 @@ class Case:
 class Answer:
     """What came of a case: a trajectory and what the engine was found to hold, or why there is none.
 
-    steps: of a solver, how many it made.
+    steps: of a solver, how many it made. build: the identity of what the worker had loaded; reused: whether
+    it answered in an earlier run.
     """
 
     outcome: Ending
@@ -53,6 +54,8 @@ class Answer:
     read_back: ReadBack | None = None
     stepping: Stepping | None = None
     steps: int | None = None
+    build: str = ""
+    reused: bool = False
 
 
 def record(adapter: Adapter, case: Case) -> Answer:

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import fcntl
+import json
+import re
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 
 from bodycheck.adapters.pins import Pin
 from bodycheck.adapters.registry import distribution_of
-from bodycheck.adapters.uv import UvError, uv
+from bodycheck.adapters.uv import UvError, index_settings, uv
 from bodycheck.errors import UnavailableError
 from bodycheck.reference_impl.cache_home import cache_home
+from bodycheck.reference_impl.remembered_digest import files_below
 
 _NEEDED = ("numpy", "numba")
 """What the worker imports; where the engine allows it, in the versions that are here."""
+_FACTS = "bodycheck.json"
+"""In an environment: what it was made for, and from where."""
 _NEVER = "bodycheck ; python_version < '0'\n"
 """An adapter's own requirement of bodycheck is not to be met by a registry: the worker has this one."""
 
@@ -50,8 +56,8 @@ def python_of(pin: Pin) -> Path:
 
 
 def _name(pin: Pin) -> str:
-    """Return the folder of an environment: another one for another Python, or for what else is in it."""
-    rest = "\n".join([sys.version, sys.base_prefix, *_as_here()])
+    """Return the folder of an environment: another one for another Python, index, or what else is in it."""
+    rest = "\n".join([sys.version, sys.base_prefix, *_as_here(), *index_settings()])
     return f"{pin.engine}-{pin.version}-{sha256(rest.encode()).hexdigest()[:12]}"
 
 
@@ -79,10 +85,50 @@ def _make(pin: Pin, place: Path) -> None:
             if not error.refused:
                 raise
             _install(pin, unfinished, [])
+        facts = {"engine": pin.engine, "version": pin.version, "from": _without_passwords(index_settings())}
+        (unfinished / _FACTS).write_text(json.dumps(facts), encoding="utf-8")
         shutil.rmtree(place, ignore_errors=True)  # one whose Python has gone
         unfinished.rename(place)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def _without_passwords(settings: Iterable[str]) -> list[str]:
+    return [re.sub(r"//[^/@\s]+@", "//", setting) for setting in settings]
+
+
+@dataclass(frozen=True)
+class Environment:
+    """An environment that was made: its folder, what for, from where its packages came, its size in bytes."""
+
+    folder: Path
+    name: str
+    packages_from: tuple[str, ...]
+    size: int
+
+
+def environments() -> list[Environment]:
+    """Return the environments that are there, by name; one that is not whole has the name of its folder."""
+    home = cache_home() / "environments"
+    folders = [folder for folder in home.iterdir() if folder.is_dir()] if home.is_dir() else []
+    return sorted((_environment(folder) for folder in folders), key=lambda found: (found.name, found.folder))
+
+
+def _environment(folder: Path) -> Environment:
+    size = sum(status.st_size for _, status in files_below(str(folder)).values())
+    try:
+        facts = json.loads((folder / _FACTS).read_text(encoding="utf-8"))
+        return Environment(folder, Pin(facts["engine"], facts["version"]).name, tuple(facts["from"]), size)
+    except (OSError, ValueError, KeyError, TypeError):
+        return Environment(folder, folder.name, (), size)
+
+
+def remove(environment: Environment) -> None:
+    """Remove an environment, once nobody makes it any more; raises OSError."""
+    lock = environment.folder.with_name(f"{environment.folder.name}.lock")
+    with _locked(lock):
+        shutil.rmtree(environment.folder)
+        lock.unlink()
 
 
 def _install(pin: Pin, environment: Path, constraints: Sequence[str]) -> None:

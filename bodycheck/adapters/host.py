@@ -9,7 +9,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Protocol, TypeAlias
 
-from bodycheck.adapters.contract import Adapter, Engine
+from bodycheck.adapters import protocol
+from bodycheck.adapters.contract import Adapter, Build, Engine
 from bodycheck.adapters.environments import python_of
 from bodycheck.adapters.pins import pin_of
 from bodycheck.adapters.protocol import Message
@@ -204,7 +205,11 @@ class InProcess:
     pid = None
 
     def __init__(self, adapter: Adapter) -> None:
-        self.engine = Engine(adapter.name, adapter.version, adapter.methods, code="")
+        try:
+            protocol.check_engine(adapter)
+        except protocol.ProtocolError as error:
+            raise UnavailableError(str(error)) from None
+        self.engine = Engine(adapter.name, adapter.version, adapter.methods, Build(kind="handed over"))
         self._desk = Desk(adapter, interruptible=True)
 
     def ask(self, request: Message, timeout_s: float) -> Message:  # noqa: ARG002 - there is no way to stop it

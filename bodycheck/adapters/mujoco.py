@@ -1,31 +1,34 @@
 """MuJoCo: one body without geometry, free or on its pivot, by every integrator of the installed version.
 
-qpos is the position of the joint's frame, at the centre of mass of a free body, and its quaternion; qvel is
-the velocity of that point in world axes and omega in the frame's axes. What mj_step leaves in xpos, xmat
-and the sensors is a step old, so everything is read from qpos and qvel.
+qpos is the position of the joint's frame and its quaternion; qvel is the velocity of that frame's origin in
+world axes and omega in the frame's axes. The origin is the centre of mass, but of a link that is not
+aligned. What mj_step leaves in xpos, xmat and the sensors is a step old, so everything is read from qpos and
+qvel.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.contract import DEFAULTS, VARIANT, Method, ReadBack, Reading, Stepping
 from bodycheck.adapters.engine_axes import EngineAxes
-from bodycheck.adapters.mujoco_methods import methods_of
+from bodycheck.adapters.mujoco_methods import methods_of, variants_of
 from bodycheck.adapters.mujoco_model import (
     BODY,
     OFF,
     PASSIVE_OFF,
+    Build,
     Point,
     compiled,
     joint_axes,
     loaded_points,
+    mass_properties,
+    matrix_of,
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
@@ -46,7 +49,13 @@ _INTEGRATORS = {
     if (label := member.removeprefix("mjINT_").lower()) in _KNOWN
 }
 
-_UNTOUCHED = replace(_KNOWN["euler"], name=f"euler{DEFAULTS}", changed_defaults=())
+_BUILDS: dict[str, Build] = {
+    "": "aligned",
+    "defaults": "unaligned",
+    "unaligned": "unaligned",
+    "welded": "welded",
+}
+"""The variant of a method -> how the body is built."""
 
 # With autoreset off, BADQPOS, BADQVEL and BADQACC only say that a number is large or not finite, and the
 # state tells that itself. After these two the engine went on with other numbers than it was given.
@@ -65,7 +74,7 @@ class MuJoCo:
     version: str = mujoco.__version__
     methods: Mapping[str, Method] = {
         **{label: _KNOWN[label] for label in _INTEGRATORS},
-        _UNTOUCHED.name: _UNTOUCHED,
+        **variants_of([_KNOWN[label] for label in _INTEGRATORS]),
     }
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
@@ -87,12 +96,16 @@ class MuJoCoSimulation:
     stepping: Stepping
 
     def __init__(self, scene: Scene, method: str, dt_s: float) -> None:
-        label = method.removesuffix(DEFAULTS)
-        off = () if label != method else OFF if scene.lasting_loads else OFF + PASSIVE_OFF
+        label, _, variant = method.partition(VARIANT)
+        untouched, build = method.endswith(DEFAULTS), _BUILDS[variant]
+        off = () if untouched else OFF if scene.lasting_loads else OFF + PASSIVE_OFF
         self._initial, self._pivot = scene.initial, scene.pivot
         self._points = loaded_points(scene)
-        self._model = compiled(scene, _INTEGRATORS[label], dt_s, self._points, off)
-        self._axes = EngineAxes(joint_axes(scene))
+        self._model = compiled(scene, _INTEGRATORS[label], dt_s, self._points, off, build)
+        self._solid = self._model.nbody - 1
+        self._axes = EngineAxes(joint_axes(scene, build))
+        self._arm = self._arm_of_the_joint()
+        self._is_off_centre = bool(np.any(self._arm))
         self.stepping = "python" if scene.has_black_box else "native"
         nodes = _NODES.get(label, (0.0,))
         self._lasting = self._passive_loads(scene, dt_s, nodes) if scene.lasting_loads else None
@@ -111,18 +124,19 @@ class MuJoCoSimulation:
         from bodycheck.adapters.mujoco_passive import PassiveLoads
         from bodycheck.reference_impl.lasting import packed_lasting
 
-        pivot = None if scene.pivot is None else (self._anchor(), -scene.pivot)
+        axes, anchor = self._axes.matrix.T, None if scene.pivot is None else self._anchor()
+        arm = self._axes.body_vector(self._arm)
         if scene.has_black_box:
-            return AskedPassiveLoads(lasting_wrench_of(scene), self._axes.matrix.T, pivot, dt_s, nodes)
-        return PassiveLoads(packed_lasting(scene), self._axes.matrix.T, pivot, dt_s, nodes)
+            return AskedPassiveLoads(lasting_wrench_of(scene), axes, anchor, arm, dt_s, nodes)
+        return PassiveLoads(packed_lasting(scene), axes, anchor, arm, dt_s, nodes)
 
     def read_back(self) -> ReadBack:
         """Read mjModel and mjData."""
-        model = self._model
-        axes = self._axes.matrix @ _matrix(model.body_iquat[BODY])
+        model, axes = self._model, self._axes.matrix
+        held, self._arm = mass_properties(model), self._arm_of_the_joint()
         return ReadBack(
-            mass=float(model.body_mass[BODY]),
-            inertia=axes @ np.diag(model.body_inertia[BODY]) @ axes.T,
+            mass=held.mass,
+            inertia=axes @ held.inertia @ axes.T,
             dt_s=float(model.opt.timestep),
             gravity=model.opt.gravity.copy(),
             state=self.read(),
@@ -135,7 +149,9 @@ class MuJoCoSimulation:
         self._qpos[-4:] = self._axes.engine_quaternion(initial.quaternion)
         self._qvel[-3:] = self._axes.engine_vector(initial.omega_body)
         if self._pivot is None:
-            self._qpos[:3], self._qvel[:3] = initial.position, initial.velocity
+            frame = matrix_of(self._qpos[-4:])
+            arm, omega = frame @ self._arm, frame @ self._qvel[-3:]
+            self._qpos[:3], self._qvel[:3] = initial.position - arm, initial.velocity - np.cross(omega, arm)
         if self._lasting is not None:
             self._lasting.reset()
 
@@ -145,9 +161,9 @@ class MuJoCoSimulation:
         Raises ValueError for a load that the scene of this simulation has not.
         """
         data = self._data
-        data.xfrc_applied[BODY, :3] = wrench.force_world
+        data.xfrc_applied[self._solid, :3] = wrench.force_world
         data.qfrc_applied[-3:] = self._axes.engine_vector(wrench.torque_body)
-        data.xfrc_applied[BODY, 3:] = wrench.torque_world
+        data.xfrc_applied[self._solid, 3:] = wrench.torque_world
         if self._model.nu:
             self._model.actuator_gear[:, :3] = 0.0
             data.ctrl[:] = 1.0
@@ -169,12 +185,14 @@ class MuJoCoSimulation:
         """
         self._raise_altering_warnings()
         qpos, qvel = self._qpos.copy(), self._qvel.copy()
-        rotation = _matrix(qpos[-4:])
-        if self._pivot is None:
-            position, velocity = qpos[:3], qvel[:3]
+        rotation = matrix_of(qpos[-4:])
+        if self._pivot is not None:
+            position, velocity = self._anchor(), np.zeros(3)
         else:
-            arm = rotation @ (self._model.body_ipos[BODY] - self._model.jnt_pos[0])
-            position, velocity = self._anchor() + arm, np.cross(rotation @ qvel[-3:], arm)
+            position, velocity = qpos[:3], qvel[:3]
+        if self._is_off_centre:
+            arm = rotation @ self._arm
+            position, velocity = position + arm, velocity + np.cross(rotation @ qvel[-3:], arm)
         return Reading(
             position=position,
             velocity=velocity,
@@ -190,6 +208,11 @@ class MuJoCoSimulation:
         """Return where in the world the ball joint is: the frame of the body was set down unturned."""
         return np.asarray(self._model.body_pos[BODY] + self._model.jnt_pos[0])
 
+    def _arm_of_the_joint(self) -> Array:
+        """Return the centre of mass from the joint's origin, in the axes of its frame: (3,), m."""
+        centre = mass_properties(self._model).centre
+        return centre if self._pivot is None else np.asarray(centre - self._model.jnt_pos[0])
+
     def _push(self, point: Point, force: Array) -> None:
         if point not in self._points:
             raise ValueError(f"no load of the scene acts at {point}")
@@ -202,13 +225,6 @@ class MuJoCoSimulation:
         for warning, place in zip(_ALTERING, _ALTERING_AT, strict=True):
             if counts[place]:
                 raise RuntimeError(f"MuJoCo warned of {warning.name} in {counts[place]} evaluations")
-
-
-def _matrix(quaternion: Array) -> Array:
-    """Return mju_quat2Mat of it: (4,) -> (3, 3)."""
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
 
 
 @contextmanager

@@ -21,11 +21,12 @@ class AskedPassiveLoads:
         self,
         wrench: Wrenching,
         axes: Array,
-        pivot: tuple[Array, Array] | None,
+        anchor: Array | None,
+        arm: Array,
         dt_s: float,
         nodes: tuple[float, ...],
     ) -> None:
-        self._wrench, self._axes, self._pivot = wrench, axes, pivot
+        self._wrench, self._axes, self._anchor, self._arm = wrench, axes, anchor, arm
         self._dt_s, self._nodes, self._evaluations = dt_s, nodes, 0
 
     def reset(self) -> None:
@@ -68,14 +69,14 @@ class AskedPassiveLoads:
         steps, stage = divmod(self._evaluations, len(self._nodes))
         frame = quaternion_to_matrix(data.qpos[-4:])
         rotation, omega = frame @ self._axes, frame @ data.qvel[-3:]
-        if self._pivot is None:
-            position, velocity, arm = data.qpos[:3].copy(), data.qvel[:3].copy(), np.zeros(3)
+        arm = rotation @ self._arm
+        position, velocity = arm, np.cross(omega, arm)
+        if self._anchor is None:
+            position, velocity = data.qpos[:3] + arm, data.qvel[:3] + velocity
         else:
-            anchor, centre = self._pivot
-            arm = rotation @ centre
-            position, velocity = anchor + arm, np.cross(omega, arm)
+            position = self._anchor + arm
         t = (steps + self._nodes[stage]) * self._dt_s
         force, torque = self._wrench(t, position, rotation, velocity, omega)
-        if self._pivot is None:
+        if self._anchor is None:
             data.qfrc_passive[:3] += force
         data.qfrc_passive[-3:] += (torque + np.cross(arm, force)) @ frame

@@ -6,12 +6,18 @@ Each change was found by `bodycheck versions mujoco --since 3.6`.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from dataclasses import replace
 
-from bodycheck.adapters.contract import Method
+from bodycheck.adapters.contract import DEFAULTS, VARIANT, Method
 
 _MANUAL = "MuJoCo documentation, Computation, Numerical integration"
 _KEEPS = "|q| = 1; linear momentum"
-_CHANGED = ("autoreset off", "constraints, contacts, springs, dampers and sensors off")
+_OFF = ("autoreset off", "constraints, contacts, springs, dampers and sensors off")
+_CHANGED = (*_OFF, "the free joint of a body with a link frame aligned")
+_BY_THE_ORIGIN = (
+    "; v and x of the link's origin are stepped, v += h (F / m - d(omega x c)/dt), c the centre of mass"
+)
 _EXPLICIT = "omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)"
 _IMPLICIT = (
     "omega += h (I + h D)^-1 (tau - omega x I omega), D = d(omega x I omega)/domega; q = q exp(h omega)"
@@ -43,6 +49,27 @@ def methods_of(version: str) -> dict[str, Method]:
         "implicitfast": _one_evaluation("implicitfast", fast),
         "discrete": _one_evaluation("discrete", _IMPLICIT),
     }
+
+
+def variants_of(methods: Iterable[Method]) -> dict[str, Method]:
+    """Return the methods as users have them: with all defaults, unaligned, and with a welded child."""
+    found: dict[str, Method] = {}
+    for method in methods:
+        if method.name == "euler":
+            found[f"euler{DEFAULTS}"] = _variant(method, DEFAULTS, ())
+        for variant in (f"{VARIANT}unaligned", f"{VARIANT}welded"):
+            found[f"{method.name}{variant}"] = _variant(method, variant, _OFF)
+    return found
+
+
+def _variant(method: Method, variant: str, changed: tuple[str, ...]) -> Method:
+    return replace(
+        method,
+        name=f"{method.name}{variant}",
+        formula=method.formula + _BY_THE_ORIGIN,
+        keeps="|q| = 1; linear momentum where the link is at the centre of mass",
+        changed_defaults=changed,
+    )
 
 
 def _one_evaluation(name: str, formula: str) -> Method:

@@ -1,11 +1,16 @@
 """The mjModel of a scene: one body without geometry, on a free joint or on a ball joint at its pivot.
 
-Built through MjSpec: XML would round every number to six digits. A free joint lies at the centre of mass
-whatever the link frame is, for MuJoCo integrates the velocity of the joint's place: where a link frame is
-asked for, the compiler's own alignment moves the frame of the body there, to its principal axes.
+Built through MjSpec: XML would round every number to six digits. MuJoCo integrates the velocity of the free
+joint's origin. Where the scene has a link frame, a body is built in one of three ways: "aligned", the
+compiler moves the frame of the body to the centre of mass and to the principal axes; "unaligned", as by
+default, the joint stays at the link's origin; "welded", as unaligned, with all mass in a child without a
+joint.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import mujoco
 import numpy as np
@@ -30,6 +35,8 @@ OFF = (
     mujoco.mjtDisableBit.mjDSBL_SENSOR,
 )
 
+Build: TypeAlias = Literal["aligned", "unaligned", "welded"]
+
 # A body-fixed point where a world force acts; None for the body-fixed forces, summed at the centre of mass.
 Point = tuple[float, ...] | None
 
@@ -46,9 +53,9 @@ def loaded_points(scene: Scene) -> tuple[Point, ...]:
     return tuple(points)
 
 
-def joint_axes(scene: Scene) -> Array:
+def joint_axes(scene: Scene, build: Build) -> Array:
     """Return the axes of the joint's frame as columns, in body axes: (3, 3)."""
-    if scene.link is not None and scene.pivot is None:  # aligned
+    if build == "aligned" and scene.link is not None and scene.pivot is None:
         return diagonalised(scene.body.inertia)[1]
     return link_frame(scene).rotation
 
@@ -59,8 +66,9 @@ def compiled(
     dt_s: float,
     points: tuple[Point, ...],
     off: tuple[mujoco.mjtDisableBit, ...],
+    build: Build,
 ) -> mujoco.MjModel:
-    """Compile the model with these features off."""
+    """Compile the model with these features off; the last of its bodies is the one that has the mass."""
     spec = mujoco.MjSpec()
     spec.option.integrator = integrator
     spec.option.timestep = dt_s
@@ -70,29 +78,67 @@ def compiled(
     moments, axes = diagonalised(scene.body.inertia)
     link = link_frame(scene)
     body = spec.worldbody.add_body(name="body")
-    _add_joint(body, scene, link)
-    body.mass = scene.body.mass
-    body.ipos = link.point(np.zeros(3))  # left unset, the compiler drops iquat without a word
-    body.iquat = link.turned(matrix_to_quaternion(axes))
+    _add_joint(body, scene, link, build)
+    centre, turn = link.point(np.zeros(3)), link.turned(matrix_to_quaternion(axes))
+    solid = body
+    if build == "welded":
+        solid = body.add_body(name="welded", pos=centre, quat=turn)
+        centre, turn = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    solid.mass = scene.body.mass
+    solid.ipos = centre  # left unset, the compiler drops iquat without a word
+    solid.iquat = turn
     # A flat plate's moments may break the triangle inequality by a round-off, which the compiler refuses.
-    body.inertia = np.minimum(moments, np.roll(moments, 1) + np.roll(moments, 2))
+    solid.inertia = np.minimum(moments, np.roll(moments, 1) + np.roll(moments, 2))
 
     if points:
         spec.worldbody.add_site(name="world")
     for number, point in enumerate(points):
         _add_force(spec, body, f"point-{number}", point, link)
     model = spec.compile()
-    if not np.array_equal(model.body_inertia[BODY], moments):
-        model.body_inertia[BODY] = moments
+    if not np.array_equal(model.body_inertia[-1], moments):
+        model.body_inertia[-1] = moments
         # The mass matrix of a simple body is not computed in a step but copied from dof_M0.
         mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
 
-def _add_joint(body: mujoco.MjsBody, scene: Scene, link: LinkFrame) -> None:
+@dataclass(frozen=True, eq=False)
+class MassProperties:
+    """Mass in kg, centre of mass (3,) in m and the inertia tensor about it (3, 3) in kg m^2."""
+
+    mass: float
+    centre: Array
+    inertia: Array
+
+
+def mass_properties(model: mujoco.MjModel) -> MassProperties:
+    """Return what the model holds, the body and what is welded to it together, in the frame of the body."""
+    masses = model.body_mass[BODY:]
+    total = float(np.sum(masses))
+    turns, places = [np.eye(3)], [model.body_ipos[BODY]]
+    for child in range(BODY + 1, model.nbody):
+        turns.append(matrix_of(model.body_quat[child]))
+        places.append(model.body_pos[child] + turns[-1] @ model.body_ipos[child])
+    centre = np.asarray((masses / total) @ np.array(places))
+    inertia = np.zeros((3, 3))
+    for k, (turn, place) in enumerate(zip(turns, places, strict=True), start=BODY):
+        axes, arm = turn @ matrix_of(model.body_iquat[k]), place - centre
+        inertia += axes @ np.diag(model.body_inertia[k]) @ axes.T
+        inertia += model.body_mass[k] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return MassProperties(total, centre, inertia)
+
+
+def matrix_of(quaternion: Array) -> Array:
+    """Return mju_quat2Mat of it: (4,) -> (3, 3)."""
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
+
+
+def _add_joint(body: mujoco.MjsBody, scene: Scene, link: LinkFrame, build: Build) -> None:
     if scene.pivot is None:
         joint = body.add_freejoint()
-        if scene.link is not None:
+        if scene.link is not None and build == "aligned":
             joint.align = mujoco.mjtAlignFree.mjALIGNFREE_TRUE
         return
     place = link.point(scene.pivot)

@@ -44,22 +44,23 @@ _STAGES = 4  # the most evaluations that a step has
 class PassiveLoads:
     """The lasting loads of one simulation.
 
-    axes (3, 3): body axes to the axes of the joint's frame. pivot: None for a free joint at the centre of
-    mass; else the anchor (3,) of a ball joint in the world, and the centre of mass (3,) from it in body
-    axes. nodes: the times of a step's evaluations, in steps.
+    axes (3, 3): body axes to the axes of the joint's frame. anchor: None for a free joint, else where a ball
+    joint is in the world, (3,). arm (3,): from the joint's origin to the centre of mass, in body axes.
+    nodes: the times of a step's evaluations, in steps.
     """
 
     def __init__(
         self,
         loads: Array,
         axes: Array,
-        pivot: tuple[Array, Array] | None,
+        anchor: Array | None,
+        arm: Array,
         dt_s: float,
         nodes: tuple[float, ...],
     ) -> None:
-        anchor, arm = (np.zeros(3), np.zeros(3)) if pivot is None else pivot
+        is_ball, place = (0.0, np.zeros(3)) if anchor is None else (1.0, anchor)
         self._loads = loads
-        self._joint = np.concatenate([[0.0 if pivot is None else 1.0], anchor, arm, axes.ravel()])
+        self._joint = np.concatenate([[is_ball], place, arm, axes.ravel()])
         self._clock = np.array([0.0, dt_s, len(nodes), *nodes], dtype=np.float64)
 
     def reset(self) -> None:
@@ -105,16 +106,15 @@ def _add_passive(
     axes = matrix_at(joint, 7)
     rotation = product(frame, axes)
     omega = times(frame, vector_at(qvel, first))
-    if is_ball:
-        arm = times(rotation, vector_at(joint, 4))
-        x, v = add(vector_at(joint, 1), arm), cross(omega, arm)
-        force, torque = lasting_wrench(t, x, rotation, v, omega, loads)
-        torque = add(torque, cross(arm, force))
-    else:
-        force, torque = lasting_wrench(t, vector_at(qpos, 0), rotation, vector_at(qvel, 0), omega, loads)
+    arm = times(rotation, vector_at(joint, 4))
+    x, v = add(vector_at(joint, 1), arm), cross(omega, arm)
+    if not is_ball:
+        x, v = add(vector_at(qpos, 0), arm), add(vector_at(qvel, 0), v)
+    force, torque = lasting_wrench(t, x, rotation, v, omega, loads)
+    if not is_ball:
         for i in range(3):
             passive[i] += force[i]
-    turning = transposed_times(frame, torque)
+    turning = transposed_times(frame, add(torque, cross(arm, force)))
     passive[first] += turning[0]
     passive[first + 1] += turning[1]
     passive[first + 2] += turning[2]

@@ -11,14 +11,27 @@ import base64
 import binascii
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, fields
-from typing import Any, TypeAlias, get_args
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from bodycheck.adapters.contract import Adapter, Control, Engine, Method, ReadBack, Reading
+from bodycheck.adapters.contract import Adapter, Build, Engine, Method, ReadBack, Reading
 from bodycheck.adapters.drive import Answer
+from bodycheck.adapters.messages import (
+    AnnouncementMessage,
+    AnswerMessage,
+    ArrayMessage,
+    LapMessage,
+    MethodMessage,
+    ReadBackMessage,
+    StableStepMessage,
+    checked,
+)
+from bodycheck.adapters.messages import ProtocolError as ProtocolError
+from bodycheck.adapters.messages import text_of as text_of
 from bodycheck.adapters.stable_step import StableStep
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -26,14 +39,22 @@ from bodycheck.reference_impl.trajectory import Trajectory
 VERSION = 1
 LARGEST_MESSAGE = 1 << 29
 """Bytes of a line: a million samples of all quantities."""
+LONGEST_ANNOUNCEMENT = 1 << 22
+"""Bytes of a line that holds no trajectory."""
+_BYTES_PER_SAMPLE = 512  # of all quantities in base64: 283, and air
 _LONGEST_TEXT = 1000
-_CONTROLS = get_args(Control)
+_STATE_SHAPES: dict[str, tuple[int, ...]] = {
+    "position": (3,),
+    "velocity": (3,),
+    "quaternion": (4,),
+    "rotation": (3, 3),
+    "omega_world": (3,),
+    "omega_body": (3,),
+}
+_KEPT = ("trajectory", "read_back", "stepping", "steps", "stable_s", "unstable_s", "reason")
+_KEPT_TEXTS = ("build", "run")
 
 Message: TypeAlias = dict[str, Any]
-
-
-class ProtocolError(ValueError):
-    """A message that is none of the protocol's."""
 
 
 def line_of(message: Mapping[str, Any]) -> bytes:
@@ -86,16 +107,29 @@ def packed(array: Array) -> Message:
     return {"shape": list(data.shape), "base64": base64.b64encode(doubles).decode("ascii")}
 
 
-def unpacked(value: Message) -> Array:
+def unpacked(value: Message | ArrayMessage) -> Array:
     """Return the array.
 
-    Raises ProtocolError where shape and data do not agree.
+    Raises ProtocolError where shape and data do not agree, before anything is decoded.
     """
+    told = value if isinstance(value, ArrayMessage) else checked(ArrayMessage, value, "an array that is none")
+    size = 8 * math.prod(told.shape)
+    if len(told.base64) != 4 * -(-size // 3):
+        raise ProtocolError(
+            f"an array that is none: of the shape {told.shape} with {len(told.base64)} letters of base64"
+        )
     try:
-        data = np.frombuffer(base64.b64decode(value["base64"], validate=True), dtype="<f8")
-        return data.reshape(value["shape"]).astype(np.float64)
-    except (KeyError, TypeError, ValueError, binascii.Error) as error:
+        data = np.frombuffer(base64.b64decode(told.base64, validate=True), dtype="<f8")
+        return data.reshape(told.shape).astype(np.float64)
+    except (ValueError, binascii.Error) as error:
         raise ProtocolError(f"an array that is none: {error}") from None
+
+
+def _unpacked_as(value: ArrayMessage, name: str, *shape: int) -> Array:
+    """Return an array of this shape; ProtocolError where it has another."""
+    if tuple(value.shape) != shape:
+        raise ProtocolError(f"{name} has the shape {value.shape}, not {list(shape)}")
+    return unpacked(value)
 
 
 def _number(value: float) -> float | None:
@@ -111,16 +145,22 @@ def _packed_fields(holder: Any) -> Message:
 # ------------------------------------------------------------------------------------------------- answers
 
 
-def announcement(adapter: Adapter, code: str) -> Message:
-    """Return a worker's first message: protocol, engine, version, methods, limits, a hash of its code."""
+def announcement(adapter: Adapter, build: Build) -> Message:
+    """Return a worker's first message: protocol, engine, version, methods, limits, what it has loaded."""
     return {
         "bodycheck": VERSION,
         "engine": adapter.name,
         "version": adapter.version,
         "methods": [asdict(method) for method in adapter.methods.values()],
         "limits": {"message_bytes": LARGEST_MESSAGE},
-        "code": code,
+        **build_message(build),
     }
+
+
+def build_message(build: Build) -> Message:
+    """Return what a worker has loaded as plain data."""
+    parts = {name: shown(text) for name, text in build.parts.items()}
+    return {"build": build.id, "kind": build.kind, "loaded": parts}
 
 
 def engine_of(message: Message) -> Engine:
@@ -128,16 +168,28 @@ def engine_of(message: Message) -> Engine:
 
     Raises ProtocolError where it lacks what an announcement has, or has more.
     """
+    said = checked(AnnouncementMessage, message, "an announcement that is none")
+    if repeated := [
+        name for name, times in Counter(method.name for method in said.methods).items() if times > 1
+    ]:
+        raise ProtocolError(f"an announcement that names the method {repeated[0]} twice")
+    methods = {method.name: _method(method) for method in said.methods}
+    build = Build(said.build, said.kind, {name: shown(text) for name, text in said.loaded.items()})
+    return Engine(said.engine, said.version, methods, build)
+
+
+def check_engine(adapter: Adapter) -> None:
+    """Raise ProtocolError where an adapter's own facts are none that a worker may announce."""
     try:
-        methods = {method["name"]: _method(method) for method in message["methods"]}
-        name, version, code = message["engine"], message["version"], message["code"]
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ProtocolError(f"an announcement without its parts: {error}") from None
-    if not all(isinstance(text, str) for text in (name, version, code, *methods)):
-        raise ProtocolError("an announcement whose names, version or code are no texts")
-    if wrong := [method.control for method in methods.values() if method.control not in _CONTROLS]:
-        raise ProtocolError(f"an announcement with the control {wrong[0]!r}, none of {', '.join(_CONTROLS)}")
-    return Engine(name, version, methods, code)
+        facts = {
+            "engine": adapter.name,
+            "version": adapter.version,
+            "methods": [asdict(method) for method in adapter.methods.values()],
+            "limits": {"message_bytes": LARGEST_MESSAGE},
+        }
+    except (TypeError, AttributeError) as error:
+        raise ProtocolError(f"an adapter whose methods are none: {error}") from None
+    checked(AnnouncementMessage, facts, "an adapter that is none")
 
 
 def request_limit_of(message: Message) -> int:
@@ -145,15 +197,20 @@ def request_limit_of(message: Message) -> int:
 
     Raises ProtocolError where it does not say.
     """
-    limits: Any = message.get("limits")
-    most = limits.get("message_bytes") if isinstance(limits, dict) else None
-    if type(most) is not int or most < 1:
-        raise ProtocolError(f"an announcement whose limits are {limits!r}")
+    most = checked(AnnouncementMessage, message, "an announcement that is none").limits.message_bytes
     return min(most, LARGEST_MESSAGE)
 
 
-def _method(message: Message) -> Method:
-    facts: Any = {name: tuple(v) if isinstance(v, list) else v for name, v in message.items()}
+def answer_limit_of(request: Message) -> int:
+    """Return the bytes of the longest answer to a request that can be meant."""
+    samples = (
+        request["case"]["scene"]["samples"] if request.get("do") == "record" and "case" in request else 0
+    )
+    return min(LONGEST_ANNOUNCEMENT + _BYTES_PER_SAMPLE * samples, LARGEST_MESSAGE)
+
+
+def _method(said: MethodMessage) -> Method:
+    facts: Any = {name: tuple(v) if isinstance(v, list) else v for name, v in said.model_dump().items()}
     return Method(**facts)
 
 
@@ -173,24 +230,27 @@ def answer_of(message: Message, t_s: Array) -> Answer:
 
     Raises ProtocolError or ValueError, which say what is wrong, where it is no answer to that.
     """
-    outcome, text = message.get("outcome"), shown(str(message.get("message", "")))
+    outcome, text = message.get("outcome"), shown(text_of(message, "message"))
     if outcome in ("unsupported", "failed", "timeout"):
         return Answer(outcome, text)
     if outcome != "ok":
-        raise ProtocolError(f"an answer whose outcome is {outcome!r}")
+        raise ProtocolError(f"an answer whose outcome is {outcome!r:.80}")
+    said = checked(AnswerMessage, message, "an answer that is none")
     try:
-        arrays = {name: unpacked(value) for name, value in message["trajectory"].items()}
-        trajectory, read_back = Trajectory(**arrays), read_back_of(message["read_back"])
-        stepping, steps = message["stepping"], message["steps"]
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ProtocolError(f"an answer without its parts: {type(error).__name__}: {error}") from None
+        trajectory = Trajectory(**{name: unpacked(array) for name, array in said.trajectory.items()})
+    except TypeError as error:
+        raise ProtocolError(f"an answer without its parts: {error}") from None
     if not np.array_equal(trajectory.t_s, t_s):
         raise ProtocolError("a trajectory that is not at the scene's samples")
-    if stepping not in ("native", "python"):
-        raise ProtocolError(f"an answer whose stepping is {stepping!r}, not native or python")
-    if steps is not None and (type(steps) is not int or steps < 0):
-        raise ProtocolError(f"an answer whose steps are {steps!r}, no count")
-    return Answer("ok", text, trajectory, read_back, stepping, steps)
+    return Answer("ok", text, trajectory, _read_back(said.read_back), said.stepping, said.steps)
+
+
+def kept(message: Message, said: Answer | StableStep) -> Message:
+    """Return what of a message is stored: what was checked, and nothing that else stood in it."""
+    checked_keys = _KEPT if said.outcome == "ok" else ()
+    texts = {name: message[name] for name in _KEPT_TEXTS if isinstance(message.get(name), str)}
+    found = {name: message[name] for name in checked_keys if name in message}
+    return {"outcome": said.outcome, "message": said.message, **texts, **found}
 
 
 def read_back_message(held: ReadBack) -> Message:
@@ -207,14 +267,23 @@ def read_back_message(held: ReadBack) -> Message:
 def read_back_of(held: Message) -> ReadBack:
     """Return what an engine says it was given, of a message of it.
 
-    Raises KeyError, TypeError or ValueError where it is none.
+    Raises ProtocolError where it is none.
     """
+    return _read_back(checked(ReadBackMessage, held, "what an engine holds"))
+
+
+def _read_back(held: ReadBackMessage) -> ReadBack:
+    if unknown := held.state.keys() - _STATE_SHAPES.keys():
+        raise ProtocolError(f"a state with {min(unknown)}; known are {', '.join(_STATE_SHAPES)}")
+    state: Any = {name: _unpacked_as(array, name, *_STATE_SHAPES[name]) for name, array in held.state.items()}
+    if missing := [name for name in ("position", "velocity") if name not in state]:
+        raise ProtocolError(f"a state without {missing[0]}")
     return ReadBack(
-        mass=math.nan if held["mass"] is None else float(held["mass"]),
-        inertia=unpacked(held["inertia"]),
-        dt_s=None if held["dt_s"] is None else float(held["dt_s"]),
-        gravity=unpacked(held["gravity"]),
-        state=Reading(**{name: unpacked(value) for name, value in held["state"].items()}),
+        mass=math.nan if held.mass is None else held.mass,
+        inertia=_unpacked_as(held.inertia, "inertia", 3, 3),
+        dt_s=held.dt_s,
+        gravity=_unpacked_as(held.gravity, "gravity", 3),
+        state=Reading(**state),
     )
 
 
@@ -223,15 +292,13 @@ def lap_of(message: Message) -> float:
 
     Raises ProtocolError where there is none.
     """
-    seconds: Any = message.get("cpu_s")
-    if type(seconds) not in (int, float) or not 0.0 <= seconds < math.inf:
-        raise ProtocolError(f"a lap whose cpu_s is {seconds!r}")
-    return float(seconds)
+    return checked(LapMessage, message, "a lap that is none").cpu_s
 
 
 def stable_step_message(found: StableStep) -> Message:
     """Return what a search found as plain data."""
-    return {**asdict(found), "message": shown(found.message)}
+    told = {**asdict(found), "message": shown(found.message)}
+    return {name: value for name, value in told.items() if name not in ("build", "reused")}
 
 
 def stable_step_of(message: Message) -> StableStep:
@@ -239,13 +306,15 @@ def stable_step_of(message: Message) -> StableStep:
 
     Raises ProtocolError where the message does not say that.
     """
-    outcome, text = message.get("outcome"), shown(str(message.get("message", "")))
+    outcome, text = message.get("outcome"), shown(text_of(message, "message"))
     if outcome in ("unsupported", "failed", "timeout"):
         return StableStep(outcome, text)
-    stable, unstable = message.get("stable_s"), message.get("unstable_s")
-    steps = [step for step in (stable, unstable) if step is not None]
-    if outcome != "ok" or not steps or any(type(step) not in (int, float) for step in steps):
-        raise ProtocolError(f"a search that ended {outcome!r} with the steps {stable!r} and {unstable!r}")
-    if not 0.0 < steps[0] <= steps[-1] < math.inf:
-        raise ProtocolError(f"a stable step of {stable!r} below an unstable one of {unstable!r}")
-    return StableStep("ok", text, stable, unstable, shown(str(message.get("reason", ""))))
+    if outcome != "ok":
+        raise ProtocolError(f"a search whose outcome is {outcome!r:.80}")
+    said = checked(StableStepMessage, message, "a search that is none")
+    steps = [step for step in (said.stable_s, said.unstable_s) if step is not None]
+    if not steps:
+        raise ProtocolError("a search without a stable or an unstable step")
+    if steps[0] > steps[-1]:
+        raise ProtocolError(f"a stable step of {steps[0]!r} above an unstable one of {steps[-1]!r}")
+    return StableStep("ok", text, said.stable_s, said.unstable_s, shown(said.reason))

@@ -16,7 +16,7 @@ from importlib.metadata import version
 import numpy as np
 import pybullet
 
-from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.contract import DEFAULTS, VARIANT, Method, ReadBack, Reading, Stepping
 from bodycheck.adapters.engine_axes import EngineAxes
 from bodycheck.adapters.held import HeldLoads
 from bodycheck.adapters.link_frame import link_frame
@@ -29,6 +29,8 @@ from bodycheck.reference_impl.rotations import hat, matrix_to_quaternion
 from bodycheck.reference_impl.scene import PointForce, Scene, Timed
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
+_REFRESHED = "one step at rest before the start, to refresh the world inertia"
+
 _MULTIBODY = Method(
     name="multibody",
     formula="omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
@@ -37,7 +39,11 @@ _MULTIBODY = Method(
     torque="held over the step",
     keeps="|q| = 1; linear momentum",
     source="Bullet btMultiBody::computeAccelerationsArticulatedBodyAlgorithmMultiDof, stepPositionsMultiDof",
-    changed_defaults=("damping 0", "velocity clamp removed", "deactivation off"),
+    changed_defaults=(
+        "damping 0",
+        "velocity clamp removed",
+        "deactivation off",
+    ),
 )
 
 _MAXIMAL = Method(
@@ -49,12 +55,24 @@ _MAXIMAL = Method(
     torque="held over the step",
     keeps="|q| = 1; linear momentum",
     source="Bullet btRigidBody::computeGyroscopicImpulseImplicit_Body (Catto 2015)",
-    changed_defaults=("deactivation off", "one step at rest before the start, to refresh the world inertia"),
+    changed_defaults=("deactivation off", _REFRESHED),
 )
 
-_UNTOUCHED = tuple(
-    replace(method, name=f"{method.name}{DEFAULTS}", changed_defaults=changed)
-    for method, changed in ((_MULTIBODY, ()), (_MAXIMAL, _MAXIMAL.changed_defaults[1:]))
+_SUBSTEPS, _SUBSTEPPED = 4, f"{VARIANT}substeps"
+
+_VARIANTS = tuple(
+    variant
+    for method, untouched in ((_MULTIBODY, ()), (_MAXIMAL, (_REFRESHED,)))
+    for variant in (
+        replace(method, name=f"{method.name}{DEFAULTS}", changed_defaults=untouched),
+        replace(
+            method,
+            name=f"{method.name}{_SUBSTEPPED}",
+            formula=f"{_SUBSTEPS} times, by h / {_SUBSTEPS}: {method.formula}",
+            evaluations=_SUBSTEPS,
+            changed_defaults=(*method.changed_defaults, f"numSubSteps {_SUBSTEPS}"),
+        ),
+    )
 )
 
 
@@ -63,7 +81,7 @@ class PyBullet:
 
     name = "pybullet"
     version: str = version("pybullet")
-    methods: Mapping[str, Method] = {method.name: method for method in (_MULTIBODY, _MAXIMAL, *_UNTOUCHED)}
+    methods: Mapping[str, Method] = {method.name: method for method in (_MULTIBODY, _MAXIMAL, *_VARIANTS)}
 
     def __init__(self) -> None:
         self._idle_clients: list[int] = []  # connecting costs a hundred times what building a body does
@@ -76,6 +94,8 @@ class PyBullet:
             return "a pivot of maximal coordinates is a soft constraint, some 1e-5 m wide at 1e-3 s"
         if method.endswith(DEFAULTS):
             return "Bullet's own motor would hold a pivoted body: its defaults cannot be left untouched"
+        if method.endswith(_SUBSTEPPED):
+            return "a pivoted body is measured without substeps only"
         if scene.link is not None:
             return "Bullet turns a pivoted link in its principal axes at the pivot, and in no other frame"
         return None
@@ -104,31 +124,44 @@ class PyBulletSimulation:
         turning = scene.lasting_loads or not all(_is_uniform(load) for load in scene.timed_loads)
         self.stepping = "python" if turning else "native"
         self._client, self._give_back, self._closed = client, give_back, False
-        self._gravity, self._dt_s = scene.gravity, dt_s
+        self._gravity = scene.gravity
+        # the substeps of a step, and how long each is: exact, for they are a power of two
+        self._substeps = _SUBSTEPS if method.endswith(_SUBSTEPPED) else 1
+        self._substep_s = dt_s / self._substeps
         moments, axes = diagonalised(scene.body.inertia)
         self._axes = EngineAxes(axes)
         self._initial = scene.initial
         self._lasting = HeldLoads(scene, dt_s)
+        self._is_maximal = method.startswith(_MAXIMAL.name)
         self._body = _add_body(client, scene, method, moments, axes)
         self.reset()
 
     def read_back(self) -> ReadBack:
         """Return what the engine holds, asked from it."""
-        return read_back(self._client, self._body, -1, self._axes.matrix, self.read())
+        held = read_back(self._client, self._body, -1, self._axes.matrix, self.read())
+        assert held.dt_s is not None
+        return replace(held, dt_s=held.dt_s * self._substeps)
 
     def reset(self) -> None:
-        """Set the initial state, no wrench, and what Bullet derives from the pose only in a step."""
+        """Set the initial state and no wrench, as freshly built."""
+        set_substeps(self._client, self._substep_s, self._substeps)
+        if self._is_maximal:
+            self._refresh_world_inertia()
         self.apply(NO_WRENCH)
-        at_rest = np.zeros(3)
-        # A btRigidBody keeps the world inertia of the pose before until it has made one step: its first
-        # torque would act on a zero inverse inertia.
-        self._set_state(at_rest, at_rest)
-        pybullet.setGravity(0.0, 0.0, 0.0, physicsClientId=self._client)
-        set_substeps(self._client, self._dt_s, 1)
-        pybullet.stepSimulation(self._client)
         pybullet.setGravity(*self._gravity, physicsClientId=self._client)
         self._set_state(self._initial.velocity, self._initial.omega_world)
         self._lasting.reset()
+
+    def _refresh_world_inertia(self) -> None:
+        """Make one step at rest in the initial pose.
+
+        A btRigidBody keeps the world inertia of the pose before until it has made one step: its first torque
+        would act on a zero inverse inertia, as it does not on that of a body loaded from a file.
+        """
+        at_rest = np.zeros(3)
+        self._set_state(at_rest, at_rest)
+        pybullet.setGravity(0.0, 0.0, 0.0, physicsClientId=self._client)
+        pybullet.stepSimulation(self._client)
 
     def apply(self, wrench: Wrench) -> None:
         """Prepare the engine's calls, which advance makes before each step or call of many steps."""
@@ -156,14 +189,14 @@ class PyBulletSimulation:
     def advance(self, steps: int) -> None:
         """Make many steps in one call, unless the wrench must be turned with the body at each of them."""
         if self._turns_with_body or self._lasting:
-            set_substeps(self._client, self._dt_s, 1)
+            set_substeps(self._client, self._substep_s, self._substeps)
             for _ in range(steps):
                 if self._lasting:
                     self._push_lasting()
                 self._step()
         else:
-            for substeps in powers_of_two(steps):
-                set_substeps(self._client, self._dt_s, substeps)
+            for substeps in powers_of_two(steps * self._substeps):
+                set_substeps(self._client, self._substep_s, substeps)
                 self._step()
 
     def read(self) -> Reading:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
-import inspect
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -13,6 +11,7 @@ from pathlib import Path
 
 from bodycheck.adapters.contract import Adapter
 from bodycheck.errors import InputError, UnavailableError
+from bodycheck.reference_impl.cache_home import digest_of
 
 _BUILT_IN = {
     "mujoco": ("bodycheck.adapters.mujoco", "MuJoCo"),
@@ -70,33 +69,11 @@ def registered_adapter(name: str) -> Adapter | None:
     return _registered.get(name)
 
 
-def code_of(adapter: Adapter) -> str:
-    """Return a hash of the code that a case of this engine runs through: its package, and our rooms.
-
-    Empty where the code cannot be read, as that of a compiled class.
-    """
-    module = type(adapter).__module__.partition(".")[0]
-    if module == "bodycheck":
-        return own_code()
-    try:
-        file = Path(inspect.getfile(type(adapter)))
-        package = next((folder for folder in file.parents if folder.name == module), None)
-        sources = [file] if package is None else sorted(package.rglob("*.py"))
-        return hashlib.sha256(own_code().encode() + _content(sources)).hexdigest()
-    except (TypeError, OSError):
-        return ""
-
-
 @cache
 def own_code() -> str:
-    """Return a hash of reference_impl and adapters."""
+    """Return a hash of the sources of reference_impl and adapters."""
     package = Path(__file__).parents[1]
-    rooms = (package / "reference_impl", package / "adapters")
-    return hashlib.sha256(_content(path for room in rooms for path in sorted(room.rglob("*.py")))).hexdigest()
-
-
-def _content(sources: Iterable[Path]) -> bytes:
-    return b"".join(hashlib.sha256(source.read_bytes()).digest() for source in sources)
+    return "".join(digest_of(package / room)[:16] for room in ("reference_impl", "adapters"))
 
 
 def get_adapter(name: str) -> Adapter:

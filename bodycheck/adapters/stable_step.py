@@ -38,7 +38,7 @@ class StableStep:
     """What a search found: the largest stable step and the next above it that is not, in s, and why.
 
     stable_s is None where the method breaks down even at the lowest step; unstable_s is None where it does
-    so nowhere up to the highest. outcome and message as of a case.
+    so nowhere up to the highest. outcome and message, build and reused as of a case.
     """
 
     outcome: Ending
@@ -46,6 +46,8 @@ class StableStep:
     stable_s: float | None = None
     unstable_s: float | None = None
     reason: str = ""
+    build: str = ""
+    reused: bool = False
 
 
 def stable_step(adapter: Adapter, search: Search) -> StableStep:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import os
 import shutil
 import subprocess
 import sys
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 
 from bodycheck.errors import UnavailableError
 
@@ -25,7 +27,9 @@ _PIP_TO_UV = {
 }
 _SEPARATORS = {"find-links": ","}
 _PIP_SECTIONS = ("global", "install", ":env:")  # the last one that says something counts
+_SYSTEM_FILES = (Path("/etc/xdg/uv/uv.toml"), Path("/etc/uv/uv.toml"))
 _UV_INDEXES = ("UV_DEFAULT_INDEX", "UV_INDEX_URL", "UV_INDEX", "UV_EXTRA_INDEX_URL")
+_SOURCES = (*_UV_INDEXES, "UV_FIND_LINKS", "UV_NO_INDEX", "UV_INDEX_STRATEGY", "UV_CONSTRAINT", "UV_OVERRIDE")
 
 
 class UvError(UnavailableError):
@@ -41,8 +45,13 @@ def uv(*words: str, given: str = "") -> str:
 
     Raises UnavailableError where there is no uv, UvError with what it said in one line where it failed.
     """
-    # no download of Pythons: an environment is to have this very one
-    environment = {**os.environ, **pip_settings(), "UV_PYTHON_DOWNLOADS": "never", "NO_COLOR": "1"}
+    environment = {
+        **os.environ,
+        **pip_settings(),
+        **_users_configuration(),
+        "UV_PYTHON_DOWNLOADS": "never",  # an environment is to have this very one
+        "NO_COLOR": "1",
+    }
     done = subprocess.run(
         [_program(), "--quiet", *words],
         input=given,
@@ -54,6 +63,28 @@ def uv(*words: str, given: str = "") -> str:
     if done.returncode != 0:
         raise UvError(_in_one_line(done.stderr), refused=done.returncode == _REFUSED)
     return done.stdout
+
+
+def _users_configuration() -> dict[str, str]:
+    """Have uv read the user's configuration, or the system's, and none of the working directory.
+
+    That may be of a project somebody else wrote, and name an index of his. A file that is named takes the
+    place of all that uv would look for.
+    """
+    own = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config", "uv", "uv.toml")
+    named = os.environ.get("UV_CONFIG_FILE")
+    files = (Path(named) if named else None, own, *_SYSTEM_FILES)
+    found = next((str(file) for file in files if file is not None and file.is_file()), None)
+    return {"UV_NO_CONFIG": "1"} if found is None else {"UV_CONFIG_FILE": found}
+
+
+def index_settings() -> list[str]:
+    """Return where packages come from: the variables that uv reads, and a hash of its configuration."""
+    told = {**os.environ, **pip_settings()}
+    settings = [f"{name}={told[name]}" for name in _SOURCES if told.get(name)]
+    if file := _users_configuration().get("UV_CONFIG_FILE"):
+        settings.append(f"{file} {hashlib.sha256(Path(file).read_bytes()).hexdigest()}")
+    return settings
 
 
 def _program() -> str:
@@ -93,7 +124,8 @@ def pip_settings() -> dict[str, str]:
 @cache
 def _pip_config() -> str:
     """Return what `pip config list` says; nothing where there is no pip."""
-    asked = [sys.executable, "-m", "pip", "config", "list"]
+    # -P: the working directory may have a folder of the name pip
+    asked = [sys.executable, "-P", "-m", "pip", "config", "list"]
     done = subprocess.run(asked, capture_output=True, text=True, check=False)
     return done.stdout if done.returncode == 0 else ""
 

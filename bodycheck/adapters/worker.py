@@ -23,8 +23,9 @@ from typing import BinaryIO
 from bodycheck.adapters import case_messages, protocol
 from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.drive import Answer, Stopwatch, record, stopwatch
+from bodycheck.adapters.identity import Loaded
 from bodycheck.adapters.protocol import Message
-from bodycheck.adapters.registry import code_of, get_adapter
+from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.stable_step import stable_step
 from bodycheck.errors import BodycheckError, InsideWorkerError, UnavailableError
 
@@ -100,22 +101,25 @@ def main() -> None:
     try:
         handed = engine == HANDED_OVER
         adapter = _handed_over(requests.readline()) if handed else get_adapter(engine)
-        # one that was handed over is being worked on: what it answered before is never taken for an answer
-        announcement = protocol.announcement(adapter, code="" if handed else code_of(adapter))
+        loaded = Loaded(adapter, handed_over=handed)
+        announcement = protocol.announcement(adapter, loaded.build)
     except BodycheckError as error:
         _say(answers, {"bodycheck": protocol.VERSION, "engine": engine, "unavailable": str(error)})
         return
     _say(answers, announcement)
     desk = Desk(adapter)
     for line in requests:
-        _answer(answers, desk, line)
+        _answer(answers, desk, loaded, line)
 
 
-def _answer(answers: BinaryIO, desk: Desk, line: bytes) -> None:
+def _answer(answers: BinaryIO, desk: Desk, loaded: Loaded, line: bytes) -> None:
     request: Message = {}
     try:
         request = protocol.message_of(line)
-        _say(answers, desk.answer(request))
+        answer = desk.answer(request)
+        if build := loaded.later():
+            answer |= protocol.build_message(build)
+        _say(answers, answer)
     except protocol.ProtocolError as error:
         _say(answers, _failed(request, error))
 

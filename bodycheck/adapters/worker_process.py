@@ -71,11 +71,12 @@ class WorkerProcess:
 
         Raises UnavailableError where the engine cannot be imported, WorkerLostError where nothing comes.
         """
-        message = self._exchange(self._first_line, _START_S)
+        message = self._exchange(self._first_line, _START_S, protocol.LONGEST_ANNOUNCEMENT)
         if message.get("bodycheck") != protocol.VERSION:
-            raise WorkerLostError(f"the worker speaks another protocol: {message.get('bodycheck')!r}")
+            told = protocol.shown(repr(message.get("bodycheck")))
+            raise WorkerLostError(f"the worker speaks another protocol: {told}")
         if "unavailable" in message:
-            raise UnavailableError(str(message["unavailable"]))
+            raise UnavailableError(protocol.shown(protocol.text_of(message, "unavailable")))
         try:
             self._takes = protocol.request_limit_of(message)
             return protocol.engine_of(message)
@@ -90,11 +91,13 @@ class WorkerProcess:
         line = protocol.line_of({"id": self._asked, **request})
         if len(line) > self._takes:
             return {"outcome": "failed", "message": f"a request of {len(line)} bytes; it takes {self._takes}"}
-        answer = self._exchange(line, timeout_s)
+        answer = self._exchange(line, timeout_s, protocol.answer_limit_of(request))
         if answer.get("id") != self._asked:
-            raise WorkerLostError(f"the worker answered request {answer.get('id')!r}, not {self._asked}")
+            told = protocol.shown(repr(answer.get("id")))
+            raise WorkerLostError(f"the worker answered request {told}, not {self._asked}")
+        answer.setdefault("build", self.engine.build.id)
         if answer.get("outcome") == "failed":
-            answer["message"] = self._with_output(str(answer.get("message", "")))
+            answer["message"] = self._with_output(protocol.text_of(answer, "message"))
         return answer
 
     def close(self) -> None:
@@ -115,8 +118,11 @@ class WorkerProcess:
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
 
-    def _exchange(self, sent: bytes, timeout_s: float) -> Message:
-        """Send, and wait for one line; meanwhile drain what the engine prints, or it would block."""
+    def _exchange(self, sent: bytes, timeout_s: float, most: int) -> Message:
+        """Send, and wait for one line of at most so many bytes.
+
+        Meanwhile what the engine prints is drained, or it would block.
+        """
         to_worker, answers, chatter = (pipe.fileno() for pipe in self._pipes)
         end = time.monotonic() + timeout_s
         with selectors.DefaultSelector() as waiting:
@@ -139,7 +145,7 @@ class WorkerProcess:
                 if chatter in ready and not self._heard():
                     waiting.unregister(chatter)
                 if answers in ready:
-                    self._received(answers)
+                    self._received(answers, most)
                 elif self._ending in ready:
                     raise self._death()
         line, self._unread = bytes(self._unread), bytearray()
@@ -167,12 +173,12 @@ class WorkerProcess:
         self._last_output = (self._last_output + piece)[-_LAST_OUTPUT:]
         return bool(piece)
 
-    def _received(self, fd: int) -> None:
+    def _received(self, fd: int, most: int) -> None:
         piece = os.read(fd, _PIECE)
         if not piece:
             raise self._death()
-        if len(self._unread) + len(piece) > protocol.LARGEST_MESSAGE:
-            raise WorkerLostError(f"an answer of more than {protocol.LARGEST_MESSAGE} bytes")
+        if len(self._unread) + len(piece) > most:
+            raise WorkerLostError(f"an answer of more than {most} bytes")
         self._unread += piece
 
     def _death(self) -> WorkerLostError:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from importlib.metadata import version
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
+from front_door import bodycheck_in
 
 from bodycheck.adapters import environments, uv
 from bodycheck.adapters.mujoco_methods import methods_of
@@ -169,6 +172,26 @@ def test_an_environment_is_made_once(fake: FakeUv) -> None:
     assert environments.python_of(Pin("mujoco", "3.7.0")) != python
 
 
+def test_uv_is_asked_for_wheels_of_the_release_alone(fake: FakeUv) -> None:
+    """For this Python, built nowhere, with numpy and numba, and never with a bodycheck of a registry's."""
+    python = environments.python_of(PIN)
+    venv, install = fake.commands
+    assert venv[:3] == ("venv", "--python", sys.executable)
+    assert install[:3] == ("pip", "install", "--python")
+    assert Path(install[3]).parts[-2:] == ("bin", "python")
+    assert "--no-build" in install
+    assert install[-3:] == ("mujoco==3.6.0", "numpy", "numba")
+    overrides = python.parents[1] / Path(install[install.index("--override") + 1]).name
+    assert overrides.read_text() == "bodycheck ; python_version < '0'\n"
+
+
+@pytest.mark.usefixtures("fake")
+def test_the_folder_of_the_cache_need_not_be_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is made, with those above it."""
+    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path / "no" / "such")
+    assert environments.python_of(PIN).exists()
+
+
 @pytest.mark.usefixtures("fake")
 def test_an_environment_is_told_of_before_it_is_made(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -220,3 +243,129 @@ def test_an_old_engine_may_need_older_libraries(fake: FakeUv) -> None:
     assert f"numpy=={version('numpy')}" in as_here
     assert f"numba=={version('numba')}" in as_here
     assert as_it_takes == ""
+
+
+SOURCES = (
+    "UV_DEFAULT_INDEX",
+    "UV_INDEX_URL",
+    "UV_INDEX",
+    "UV_EXTRA_INDEX_URL",
+    "UV_FIND_LINKS",
+    "UV_CONSTRAINT",
+)
+
+
+@pytest.mark.usefixtures("fake")
+@pytest.mark.parametrize("name", SOURCES)
+def test_packages_from_elsewhere_make_another_environment(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What one index has under a version need not be what another has."""
+    monkeypatch.setattr(uv, "_pip_config", lambda: "")
+    monkeypatch.delenv(name, raising=False)
+    places = [environments.python_of(PIN)]
+    for value in ("https://one.example/simple", "https://two.example/simple"):
+        monkeypatch.setenv(name, value)
+        places.append(environments.python_of(PIN))
+        assert environments.python_of(PIN) == places[-1]
+    assert len({*places}) == 3
+
+
+@pytest.fixture
+def users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Return where the user's configuration of uv is looked for, and the system's nowhere."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.delenv("UV_CONFIG_FILE", raising=False)
+    monkeypatch.setattr(uv, "_SYSTEM_FILES", (tmp_path / "system.toml",))
+    monkeypatch.setattr(uv, "_pip_config", lambda: "")
+    (tmp_path / "config/uv").mkdir(parents=True)
+    return tmp_path / "config/uv/uv.toml"
+
+
+def test_the_users_configuration_counts_before_the_systems(
+    users: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that a variable names counts before both; where there is none, uv looks for no other."""
+    assert uv._users_configuration() == {"UV_NO_CONFIG": "1"}
+    for file in (tmp_path / "system.toml", users, tmp_path / "named.toml"):
+        file.write_text("")
+        if file.name == "named.toml":
+            monkeypatch.setenv("UV_CONFIG_FILE", str(file))
+        assert uv._users_configuration() == {"UV_CONFIG_FILE": str(file)}
+
+
+@pytest.mark.usefixtures("fake")
+def test_another_configuration_of_the_user_makes_another_environment(users: Path) -> None:
+    """It may name another index under the same file."""
+    places = [environments.python_of(PIN)]
+    for text in ("no-index = true\n", "no-index = false\n"):
+        users.write_text(text)
+        places.append(environments.python_of(PIN))
+    assert len({*places}) == 3
+
+
+@pytest.mark.usefixtures("fake")
+def test_environments_are_listed_and_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each with its engine, version and size, and where it came from without a password; half ones too."""
+    monkeypatch.setattr(uv, "_pip_config", lambda: "")
+    monkeypatch.setenv("UV_INDEX_URL", "https://me:secret@one.example/simple")
+    assert environments.environments() == []
+    python = environments.python_of(PIN)
+    python.write_text("12345")
+    (tmp_path / "environments/mujoco-9-x.part").mkdir()
+    half, whole = sorted(environments.environments(), key=lambda found: bool(found.packages_from))
+    assert (half.name, half.packages_from, half.size) == ("mujoco-9-x.part", (), 0)
+    assert whole.name == "mujoco==3.6.0"
+    assert whole.folder == python.parents[1]
+    assert "UV_INDEX_URL=https://one.example/simple" in whole.packages_from
+    assert "secret" not in (whole.folder / "bodycheck.json").read_text()
+    assert whole.size == sum(path.stat().st_size for path in whole.folder.rglob("*") if path.is_file())
+    environments.remove(whole)
+    environments.remove(half)
+    assert list((tmp_path / "environments").iterdir()) == []
+
+
+@pytest.mark.usefixtures("fake")
+def test_the_commands_name_what_they_list_and_remove(tmp_path: Path) -> None:
+    """One line per environment; a name removes all of that version; neither a name nor --all is refused."""
+    places = [environments.python_of(pin).parents[1] for pin in (PIN, Pin("mujoco", "3.7.0"))]
+    listed = bodycheck_in(tmp_path, "environments", "list").stdout.splitlines()
+    lines = [line for line in listed if not line.startswith(" ")]
+    assert lines == [f"mujoco==3.{6 + k}.0  0 MB  {place}" for k, place in enumerate(places)]
+    for words, told in (
+        ((), "give names like mujoco==3.17.0, or --all"),
+        (("mujoco==3.6.0", "--all"), "give names like mujoco==3.17.0, or --all"),
+        (("mujoco==3.8.0",), "no environment of mujoco==3.8.0 (available: mujoco==3.6.0, mujoco==3.7.0)"),
+    ):
+        refused = bodycheck_in(tmp_path, "environments", "remove", *words)
+        assert refused.returncode == 2
+        assert told in refused.stderr
+    assert all(place.exists() for place in places)
+    removed = bodycheck_in(tmp_path, "environments", "remove", "mujoco==3.6.0")
+    assert removed.stdout.split() == [str(places[0])]
+    assert [place.exists() for place in places] == [False, True]
+    bodycheck_in(tmp_path, "environments", "remove", "--all")
+    assert bodycheck_in(tmp_path, "environments", "list").stdout == ""
+
+
+@pytest.mark.parametrize(("status", "said"), [(0, LISTED), (1, "")])
+def test_pip_is_asked_from_nowhere_in_particular(
+    status: int, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder `pip` of the working directory is not it; where there is no pip, nothing is configured."""
+    asked: list[list[str]] = []
+
+    def run(words: list[str], **_: object) -> CompletedProcess[str]:
+        asked.append(words)
+        return CompletedProcess(words, status, LISTED, "")
+
+    monkeypatch.setattr(uv.subprocess, "run", run)
+    assert uv._pip_config.__wrapped__() == said
+    assert asked == [[sys.executable, "-P", "-m", "pip", "config", "list"]]
+
+
+def test_what_uv_says_is_one_line_of_limited_length() -> None:
+    """Without the marks of its tree; 400 characters stand as they are, and a longer text is cut off."""
+    assert uv._in_one_line("error: no such package\n  ╰─▶ cause: it was withdrawn\n") == (
+        "no such package it was withdrawn"
+    )
+    assert uv._in_one_line("x" * 400) == "x" * 400
+    assert uv._in_one_line("x" * 401) == "x" * 400 + "..."

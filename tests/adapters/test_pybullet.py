@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+from spin_steps import SpinStep, explicit_step, implicit_gyroscopic_step
 
 from bodycheck.adapters.contract import read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle
-from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
+from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, SineTorque, State, Timed, Torque
 from bodycheck.reference_impl.wrench import wrench_between
 
 pybullet = pytest.importorskip("pybullet")
+
+from pybullet_utils.bullet_client import BulletClient  # noqa: E402 - it imports the engine
 
 from bodycheck.adapters.pybullet import PyBullet, PyBulletSimulation  # noqa: E402 - it imports the engine
 
@@ -270,3 +275,89 @@ def test_a_small_body_loses_its_gyroscopic_term_in_maximal_coordinates(
         simulation.close()
         assert omega_world is not None
         assert bool(np.linalg.norm(omega_world - small.initial.omega_world) > 1e-3) is expected
+
+
+URDF = """
+<robot name="body"><link name="link"><inertial>
+<mass value="1.5"/><inertia ixx="1" iyy="2" izz="2.5" ixy="0" ixz="0" iyz="0"/>
+</inertial></link></robot>
+"""
+
+
+@pytest.mark.parametrize("kind", ["multibody", "maximal"])
+def test_untouched_body_is_one_loaded_from_a_file(kind: str, tmp_path: Path) -> None:
+    """With its defaults a body makes, digit for digit, the steps of a URDF's: damping, clamps and all."""
+    inertia = np.diag([1.0, 2.0, 2.5])
+    initial = State(
+        np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.array([3.0, 0.0, 40.0]), np.array([0.9, 1.3, -0.8])
+    )
+    torque = Torque("world", np.array([0.3, -0.2, 0.1]))
+    gravity = np.array([0.0, 0.0, -9.81])
+    scene = Scene(RigidBody(1.5, inertia), initial, (torque,), gravity, duration_s=1.0, samples=2)
+    simulation = PyBullet().build(scene, f"{kind}@defaults", 1.0 / 256.0)
+    try:
+        simulation.apply(wrench_between(scene, 0.0, 1.0))
+        for _ in range(256):
+            simulation.advance(1)
+        found = simulation.read()
+    finally:
+        simulation.close()
+    file = tmp_path / "body.urdf"
+    file.write_text(URDF)
+    world = BulletClient(pybullet.DIRECT)
+    try:
+        world.setTimeStep(1.0 / 256.0)
+        world.setGravity(*gravity)
+        flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+        body = world.loadURDF(str(file), useMaximalCoordinates=kind == "maximal", flags=flags)
+        world.resetBaseVelocity(body, initial.velocity, initial.omega_world)
+        for _ in range(256):
+            world.applyExternalTorque(body, -1, torque.value, pybullet.WORLD_FRAME)
+            world.stepSimulation()
+        position, quaternion = world.getBasePositionAndOrientation(body)
+        velocity, omega = world.getBaseVelocity(body)
+    finally:
+        world.disconnect()
+    np.testing.assert_array_equal(found.position, position)
+    np.testing.assert_array_equal(found.velocity, velocity)
+    np.testing.assert_array_equal(found.quaternion, np.roll(quaternion, 1))
+    np.testing.assert_array_equal(found.omega_world, omega)
+
+
+@pytest.mark.parametrize(
+    ("method", "step"), [("multibody", explicit_step), ("maximal", implicit_gyroscopic_step)]
+)
+def test_a_load_that_varies_is_held_over_all_substeps(method: str, step: SpinStep) -> None:
+    """A sine torque in body axes stays as it was at the start of the four substeps, in world axes too."""
+    sine = SineTorque("body", np.array([0.9, -1.2, 0.7]), 2.3, 0.4)
+    scene = replace(moving(scene_of(), (0.0, 0.0, 0.0), (0.9, 1.3, -0.8)), loads=(sine,))
+    simulation = PyBullet().build(scene, f"{method}@substeps", 1e-2)
+    try:
+        simulation.advance(100)
+        omega_world = simulation.read().omega_world
+    finally:
+        simulation.close()
+    turn, omega = Rotation.from_quat(scene.initial.quaternion, scalar_first=True), scene.initial.omega_body
+    for k in range(100):
+        torque_world = turn.apply(sine.amplitude * np.sin(sine.rate * k * 1e-2 + sine.phase))
+        for _ in range(4):
+            omega = omega + step(INERTIA, omega, turn.inv().apply(torque_world), 2.5e-3)
+            turn = turn * Rotation.from_rotvec(2.5e-3 * omega)
+    np.testing.assert_allclose(omega_world, turn.apply(omega), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["multibody", "maximal"])
+def test_substeps_are_steps_of_their_length(method: str) -> None:
+    """Free, a step with four substeps makes the digits of four steps, and holds its own."""
+    scene = moving(scene_of(), (1.0, 2.0, 3.0), (0.1, 2.0, 0.1))
+    ends = []
+    for name, dt_s, steps in ((method, 2.5e-3, 400), (f"{method}@substeps", 1e-2, 100)):
+        simulation = PyBullet().build(scene, name, dt_s)
+        try:
+            assert simulation.read_back().dt_s == dt_s
+            simulation.advance(steps)
+            ends.append(simulation.read())
+        finally:
+            simulation.close()
+    np.testing.assert_array_equal(ends[0].quaternion, ends[1].quaternion)
+    np.testing.assert_array_equal(ends[0].position, ends[1].position)

@@ -56,10 +56,11 @@ def test_an_engine_is_announced_without_numba(engine: str) -> None:
     program = (
         "import sys; from bodycheck.errors import UnavailableError\n"
         "from bodycheck.adapters import protocol\n"
-        "from bodycheck.adapters.registry import code_of, get_adapter\n"
+        "from bodycheck.adapters.identity import Loaded\n"
+        "from bodycheck.adapters.registry import get_adapter\n"
         "try:\n    adapter = get_adapter(sys.argv[1])\n"
         "except UnavailableError:\n    sys.exit(3)\n"
-        "protocol.announcement(adapter, code_of(adapter))\n"
+        "protocol.announcement(adapter, Loaded(adapter).build)\n"
         "sys.exit('numba' in sys.modules)"
     )
     ended = subprocess.run([sys.executable, "-c", program, engine], capture_output=True, check=False)

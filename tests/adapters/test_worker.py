@@ -149,7 +149,7 @@ BROKEN = {
     "no search, but a lap": (
         'request["do"] == "lap"',
         "True",
-        "NOT KEPT: a search .* a search that ended 'ok'",
+        "NOT KEPT: a search .* a search that is none: stable_s: Field required",
     ),
     "anything done": (
         "raise ValueError(",
@@ -349,14 +349,36 @@ def announcing(**changes: Any) -> str:
 
 METHOD = ANNOUNCEMENT["methods"][0]
 WRONG_ANNOUNCEMENTS = {
+    "a build that is no text": (announcing(build=3), "build: should be a valid string"),
+    "a kind that is none": (announcing(kind="rare"), "kind: should be 'installed'"),
+    "parts that are none": (announcing(loaded="x"), "loaded: should be a valid dictionary"),
     "another protocol": (announcing(bodycheck=2), "the worker speaks another protocol: 2"),
     "no JSON": ("print('hello')", "a line that is not JSON"),
     "no object": ("print('[1, 2]')", "a line that is no JSON object"),
-    "no methods": (announcing(methods=None), "an announcement without its parts"),
-    "a method of another age": (announcing(methods=[{"name": "x"}]), "an announcement without its parts"),
-    "a control that is none": (announcing(methods=[{**METHOD, "control": "will"}]), "the control 'will'"),
-    "a version that is no text": (announcing(version=3), "version or code are no texts"),
-    "no limits": (announcing(limits=None), "an announcement whose limits are None"),
+    "no methods": (announcing(methods=None), "an announcement that is none: methods: should be a valid list"),
+    "a method of another age": (announcing(methods=[{"name": "x"}]), "methods.0.formula: Field required"),
+    "a control that is none": (
+        announcing(methods=[{**METHOD, "control": "will"}]),
+        "methods.0.control: should be 'dt'",
+    ),
+    "a version that is no text": (announcing(version=3), "version: should be a valid string"),
+    "no limits": (announcing(limits=None), "an announcement that is none: limits: should be"),
+    "evaluations that are a text": (
+        announcing(methods=[{**METHOD, "evaluations": "x"}]),
+        "evaluations: should be",
+    ),
+    "evaluations without end": (
+        announcing(methods=[{**METHOD, "evaluations": 10**400}]),
+        "methods.0.evaluations: should be",
+    ),
+    "a name that is half a letter": (
+        announcing(methods=[{**METHOD, "name": chr(0xD800)}]),
+        "methods.0.name: should be a valid string",
+    ),
+    "a name for the terminal": (announcing(version="\x1b[31m"), "version: Value error, should be one line"),
+    "no method at all": (announcing(methods=[]), "methods: List should have at least 1 item"),
+    "a method twice": (announcing(methods=[METHOD, METHOD]), "names the method drift twice"),
+    "a tolerance of 2": (announcing(methods=[{**METHOD, "tolerances": [2.0]}]), "methods.0.tolerances.0"),
     "another name": (announcing(engine="other"), "drift announces itself as 'other'"),
     "nothing at all": ("", "the worker ended itself with status 0"),
     "a crash": ("import os; os.abort()", "the worker died of SIGABRT"),
@@ -507,7 +529,7 @@ def test_a_case_whose_worker_was_killed_is_asked_once_more(
     say = "print(json.dumps({'id': i, 'outcome': 'ok'}))"
     employ(answering(f"{once}; {say}"), tmp_path, monkeypatch)
     hosts = Hosts()
-    assert hosts.ask("drift", {"do": "record"}, 5.0) == {"id": 1, "outcome": "ok"}
+    assert hosts.ask("drift", {"do": "record"}, 5.0) == {"id": 1, "outcome": "ok", "build": ""}
     hosts.close()
     employ(answering("os.kill(os.getpid(), 9)"), tmp_path, monkeypatch)
     hosts = Hosts()

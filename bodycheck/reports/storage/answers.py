@@ -1,8 +1,13 @@
-"""How a case comes to its answer: from this run's journal, from the cache, else from the engine."""
+"""How a case comes to its answer: from this run's journal, from the cache, else from the engine.
+
+An answer of the cache is found by the identity of what the engine's worker has loaded, and is kept only where
+the worker that answered had loaded just that.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Protocol, TypeVar
 
@@ -14,6 +19,7 @@ from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
+from bodycheck.reports.storage.reuse import Reuse
 from bodycheck.reports.storage.sealed import Entry, key_of
 
 
@@ -30,12 +36,23 @@ _Said = TypeVar("_Said", Answer, StableStep)
 class Answers:
     """Answers of engines to cases, and laps of their clocks, each asked for once.
 
-    journal: of this run; what is in it is never asked for again. cache: of all runs, None to ask anew; laps
-    are never cached. timeout_s: what one case may take.
+    journal: of this run; what is in it is never asked for again. cache: of all runs, None to keep nothing;
+    laps are never cached. timeout_s: what one case may take. reuse: which answers of the cache are used.
+    run_id: of this run, by which an answer in the journal is known for one of its own.
     """
 
-    def __init__(self, journal: Journal | None, cache: Cache | None, timeout_s: float) -> None:
+    def __init__(
+        self,
+        journal: Journal | None,
+        cache: Cache | None,
+        timeout_s: float,
+        *,
+        reuse: Reuse = "installed",
+        run_id: str = "",
+    ) -> None:
         self._journal, self._cache, self._timeout_s = journal, cache, timeout_s
+        self._reuse: Reuse = reuse
+        self._run_id = run_id
 
     def ask(self, hosts: Askable, engine: Engine, case: Case) -> Answer:
         """Return what came of a case, whatever became of the engine."""
@@ -71,21 +88,33 @@ class Answers:
         journal = self._journal_of(case)
         message = journal.get(key) if journal else None
         if message is not None:
-            return read(message)
-        cache = self._cache if engine.code and not case.scene.has_black_box else None
-        entry = cache.entry(key) if cache else None
+            return replace(read(message), reused=message.get("run") != self._run_id)
+        cache = self._cache_of(engine, case)
+        entry = cache.entry(key) if cache and self._reuses(engine) else None
+        reused = entry is not None
         if entry is None:
-            message = {**hosts.ask(engine.name, request(), self._timeout_s)}
+            message = {**hosts.ask(engine.name, request(), self._timeout_s), "run": self._run_id}
             message.pop("id", None)
-            entry, said = Entry.of(key, message), read(message)
-            if cache and _lasting(said):
+            said = read(message)
+            entry = Entry.of(key, protocol.kept(message, said))
+            if cache and _lasting(said) and message.get("build", engine.build.id) == engine.build.id:
                 cache.keep(entry)
         else:
             said = read(entry.value)
         if journal:
             # also what the cache has: it may be gone when the run goes on
             journal.append(entry)
-        return said
+        return replace(said, reused=reused)
+
+    def _cache_of(self, engine: Engine, case: Case) -> Cache | None:
+        """The cache, unless nobody can say whether the engine or a user's function will be the same."""
+        known = engine.build.id and engine.build.kind != "handed over"
+        return self._cache if known and not case.scene.has_black_box else None
+
+    def _reuses(self, engine: Engine) -> bool:
+        return self._reuse == "everything" or (
+            self._reuse == "installed" and engine.build.kind == "installed"
+        )
 
     def _journal_of(self, case: Case) -> Journal | None:
         """What a user's function does may change under its name, even before a run goes on: none is kept."""
@@ -104,16 +133,22 @@ class Answers:
 
 def _read(message: Message, case: Case) -> Answer:
     try:
-        return protocol.answer_of(message, case.scene.sample_times)
+        return replace(protocol.answer_of(message, case.scene.sample_times), build=_build(message))
     except ValueError as error:
-        return Answer("failed", protocol.shown(f"{type(error).__name__}: {error}"))
+        told = protocol.shown(f"{type(error).__name__}: {error}")
+        return Answer("failed", told, build=_build(message))
 
 
 def _read_search(message: Message) -> StableStep:
     try:
-        return protocol.stable_step_of(message)
+        return replace(protocol.stable_step_of(message), build=_build(message))
     except ValueError as error:
-        return StableStep("failed", protocol.shown(f"{type(error).__name__}: {error}"))
+        told = protocol.shown(f"{type(error).__name__}: {error}")
+        return StableStep("failed", told, build=_build(message))
+
+
+def _build(message: Message) -> str:
+    return protocol.shown(str(message.get("build", "")))
 
 
 def _lasting(answer: Answer | StableStep) -> bool:
@@ -122,7 +157,7 @@ def _lasting(answer: Answer | StableStep) -> bool:
 
 
 def _key(engine: Engine, case: Case, what: str, **within: float | None) -> str:
-    identity: dict[str, Any] = {"name": engine.name, "version": engine.version, "code": engine.code}
+    identity: dict[str, Any] = {"name": engine.name, "version": engine.version, "build": engine.build.id}
     asked = {"method": case.method, **vars(case.setting), "scene": _scene_key(case.scene)}
     return key_of(what=what, protocol=protocol.VERSION, engine=identity, case=asked, **within)
 

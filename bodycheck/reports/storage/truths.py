@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from bodycheck.adapters.protocol import Message, packed, unpacked
 from bodycheck.adapters.registry import own_code
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.bounded_motion import Truth
+from bodycheck.reference_impl.installed_libraries import numeric_parts
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.warm_up import closed_forms_compiled, compile_kernels
@@ -51,10 +51,9 @@ def is_known(scene: Scene, t_s: Array, cache: Cache) -> bool:
 
 
 def _key(scene: Scene, t_s: Array) -> str:
-    # what evaluates the formulas counts too: another release may round or order them otherwise
-    libraries = {name: version(name) for name in ("numpy", "numba")}
+    # what evaluates the formulas counts too: another build may round or order them otherwise
     scene_message = case_messages.scene_message(scene)
-    return key_of(truth=scene_message, t_s=packed(t_s), code=own_code(), libraries=libraries)
+    return key_of(truth=scene_message, t_s=packed(t_s), code=own_code(), evaluated_by=numeric_parts())
 
 
 def _message(truth: Truth) -> Message:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters import protocol
-from bodycheck.adapters.contract import Engine, Setting
+from bodycheck.adapters.contract import Build, BuildKind, Engine, Setting
 from bodycheck.adapters.drive import Case, record
 from bodycheck.adapters.host import Hosts
 from bodycheck.adapters.reference import Reference
@@ -20,11 +20,12 @@ from bodycheck.reference_impl.scene import BlackBox, RigidBody, Scene, State
 from bodycheck.reports.storage.answers import Answers
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
+from bodycheck.reports.storage.reuse import Reuse
 
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
 SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (), np.zeros(3), 1.0, 3)
 CASE = Case(SCENE, "m1", Setting(dt_s=0.1))
-ENGINE = Engine("counted", "1", {}, code="c0de")
+ENGINE = Engine("counted", "1", {}, Build("c0de", "installed"))
 GOOD = protocol.answer_message(record(Reference(), CASE))
 
 
@@ -61,8 +62,68 @@ PASSING = {
     "of wrong shapes": SHORT,
     "with a wrong stepping": {**GOOD, "stepping": "sideways"},
     "with wrong steps": {**GOOD, "steps": "many"},
+    "with steps without end": {**GOOD, "steps": 10**400},
+    "with a mass without end": {**GOOD, "read_back": {**GOOD["read_back"], "mass": 10**400}},
+    "with a mass that is a text": {**GOOD, "read_back": {**GOOD["read_back"], "mass": "1"}},
+    "with an inertia of five": {
+        **GOOD,
+        "read_back": {**GOOD["read_back"], "inertia": protocol.packed(np.ones(5))},
+    },
+    "with a state of its own": {
+        **GOOD,
+        "read_back": {**GOOD["read_back"], "state": {"mood": protocol.packed(np.ones(3))}},
+    },
+    "with an array as large as you like": {
+        **GOOD,
+        "trajectory": {**GOOD["trajectory"], "t_s": {"shape": [10**9, 10**9], "base64": ""}},
+    },
+    "with a shape that is none": {
+        **GOOD,
+        "trajectory": {**GOOD["trajectory"], "t_s": {"shape": "3", "base64": ""}},
+    },
+    "with an array that nobody knows": {
+        **GOOD,
+        "trajectory": {**GOOD["trajectory"], "spin": protocol.packed(np.zeros(3))},
+    },
     "answered when asked again": {**GOOD, "message": "asked twice; first it crashed"},
 }
+
+
+SEARCHES = {
+    "no step": {"stable_s": None, "unstable_s": None},
+    "a step without end": {"stable_s": 10**400, "unstable_s": None},
+    "not a number": {"stable_s": float("nan"), "unstable_s": None},
+    "in the wrong order": {"stable_s": 0.2, "unstable_s": 0.1},
+    "below zero": {"stable_s": -0.1, "unstable_s": None},
+    "a text": {"stable_s": "0.1", "unstable_s": None},
+}
+
+
+@pytest.mark.parametrize("what", SEARCHES)
+def test_search_that_is_none_is_a_failure_with_a_reason(what: str) -> None:
+    """No step that an engine makes up reaches a table."""
+    said = {"outcome": "ok", "message": "", "reason": "", **SEARCHES[what]}
+    found = Answers(None, None, 1.0).search(Counting(said), ENGINE, Search(CASE, 0.01, 1.0, 1.0))
+    assert (found.outcome, found.stable_s) == ("failed", None)
+    assert found.message
+
+
+@pytest.mark.parametrize("seconds", [10**400, 1e308, -1.0, float("nan"), "1", None, True, []])
+def test_lap_that_is_none_is_refused(seconds: Any) -> None:
+    """Nothing but a finite time, of a length that a person can wait for, counts as one."""
+    with pytest.raises(protocol.ProtocolError, match="a lap that is none: cpu_s"):
+        protocol.lap_of({"outcome": "ok", "cpu_s": seconds})
+
+
+def test_only_what_was_checked_is_stored(tmp_path: Path) -> None:
+    """Whatever else stands in a message, nothing of it reaches the journal, where it might not be written."""
+    nested: Any = []
+    for _ in range(2000):  # more than JSON can be written with
+        nested = [nested]
+    for said in ({**GOOD, "more": nested}, {"outcome": "failed", "message": "x", "more": nested}):
+        with Journal(tmp_path / said["outcome"]) as journal:
+            Answers(journal, None, 1.0).ask(Counting(said), ENGINE, CASE)
+        assert b"more" not in (tmp_path / said["outcome"]).read_bytes()
 
 
 @pytest.mark.parametrize("what", LASTING)
@@ -80,15 +141,57 @@ def test_what_may_be_an_accident_is_asked_again(what: str, tmp_path: Path) -> No
     assert answer.message
 
 
-def test_an_engine_whose_code_is_not_known_is_always_asked(tmp_path: Path) -> None:
-    """Without a hash of its code nobody can say that it is still the same."""
-    assert asked_twice(GOOD, Cache(tmp_path), replace(ENGINE, code="")) == 2
+def test_an_engine_whose_build_is_not_known_is_always_asked(tmp_path: Path) -> None:
+    """Without an identity of its build nobody can say that it is still the same."""
+    assert asked_twice(GOOD, Cache(tmp_path), replace(ENGINE, build=Build("", "installed"))) == 2
+
+
+REUSES = {"nothing": (), "truths": (), "installed": ("installed",)}
+KINDS: tuple[BuildKind, ...] = ("installed", "development", "plug-in", "handed over")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("reuse", ["nothing", "truths", "installed", "everything"])
+def test_answers_are_reused_of_those_engines_alone_that_a_run_allows(
+    kind: BuildKind, reuse: Reuse, tmp_path: Path
+) -> None:
+    """By default those that are installed; on request all, but never an object of the run's own process."""
+    hosts, engine = Counting(GOOD), replace(ENGINE, build=Build("c0de", kind))
+    Answers(None, Cache(tmp_path), 1.0).ask(hosts, engine, CASE)
+    answer = Answers(None, Cache(tmp_path), 1.0, reuse=reuse).ask(hosts, engine, CASE)
+    allowed = kind in REUSES.get(reuse, KINDS[:3])
+    assert answer.reused is allowed
+    assert hosts.asked == (1 if allowed else 2)
+
+
+@pytest.mark.parametrize(("said", "asked"), [({}, 1), ({"build": "c0de"}, 1), ({"build": "0dd"}, 2)])
+def test_an_answer_of_another_build_than_was_announced_is_not_kept(
+    said: dict[str, Any], asked: int, tmp_path: Path
+) -> None:
+    """An engine may be rebuilt, or load more, while a run goes on: nobody could find that answer again."""
+    assert asked_twice({**GOOD, **said}, Cache(tmp_path)) == asked
+    answer = Answers(None, None, 1.0).ask(Counting({**GOOD, **said}), ENGINE, CASE)
+    assert answer.build == said.get("build", "")
+    assert not answer.reused
+
+
+@pytest.mark.parametrize("cached", [False, True])
+def test_a_run_that_goes_on_knows_which_answers_were_its_own(cached: bool, tmp_path: Path) -> None:
+    """An answer of its journal is reused where an earlier run gave it, and not where itself did."""
+    cache, hosts = Cache(tmp_path / "cache"), Counting(GOOD)
+    if cached:
+        Answers(None, cache, 1.0, run_id="earlier").ask(hosts, ENGINE, CASE)
+    for _ in range(2):
+        with Journal(tmp_path / "journal") as journal:
+            answer = Answers(journal, cache, 1.0, run_id="this").ask(hosts, ENGINE, CASE)
+        assert answer.reused is cached
+    assert hosts.asked == 1
 
 
 CHANGES: dict[str, tuple[Engine, Case]] = {
     "engine": (replace(ENGINE, name="other"), CASE),
     "version": (replace(ENGINE, version="2"), CASE),
-    "code": (replace(ENGINE, code="c0df"), CASE),
+    "build": (replace(ENGINE, build=Build("c0df", "installed")), CASE),
     "method": (ENGINE, replace(CASE, method="m2")),
     "step": (ENGINE, replace(CASE, setting=Setting(dt_s=float(np.nextafter(0.1, 1.0))))),
     "tolerance": (ENGINE, replace(CASE, setting=Setting(tolerance=0.1))),
@@ -174,7 +277,8 @@ def test_a_search_that_an_engine_would_answer_again_is_asked_once(
     """The second run has it from the cache; another limit of the search is another search."""
     hosts, answers = Counting(said), Answers(None, Cache(tmp_path), 1.0)
     first, again = (answers.search(hosts, ENGINE, SEARCH) for _ in range(2))
-    assert first == again
+    assert first == replace(again, reused=False)
+    assert again.reused
     assert hosts.asked == 1
     answers.search(hosts, ENGINE, replace(SEARCH, highest_s=3.0))
     answers.ask(hosts, ENGINE, CASE)

@@ -182,11 +182,12 @@ def test_a_truth_is_solved_once_and_comes_back_to_the_last_bit(
     monkeypatch.setattr(truths, "own_code", lambda: "other code")
     known_truth(spinning(0.3), times, cache)
     assert len(solved) == 4
-    installed = truths.version
-    for changed in ("numpy", "numba"):
-        monkeypatch.setattr(truths, "version", lambda name, c=changed: installed(name) + "1" * (name == c))
+    installed = truths.numeric_parts()
+    for part in installed:
+        monkeypatch.setattr(truths, "numeric_parts", lambda p=part: {**installed, p: "another"})
         known_truth(spinning(0.3), times, cache)
-    assert len(solved) == 6
+    assert len(solved) == 4 + len(installed)
+    assert {"python", "numpy", "numba", "llvmlite", "processor", "environment"} <= installed.keys()
 
 
 def test_a_truth_is_known_where_it_would_be_found(tmp_path: Path) -> None:

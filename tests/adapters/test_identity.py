@@ -1,0 +1,260 @@
+"""Identity of what runs: the same where nothing changed, another where anything that counts did."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from shaky_engine import build_library, needs_a_compiler, write_shaky
+
+from bodycheck.adapters import identity
+from bodycheck.reference_impl.installed_libraries import VARIABLES
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="there is no /proc")
+
+ANNOUNCED = """
+import json, sys
+from bodycheck.adapters.identity import Loaded
+from bodycheck.adapters.registry import get_adapter
+loaded = Loaded(get_adapter(sys.argv[1]))
+first = loaded.build
+exec(sys.argv[2])
+later = loaded.later()
+print(json.dumps([vars(first), later and vars(later)]))
+"""
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """Return a folder with the package of the shaky engine."""
+    write_shaky(tmp_path / "site")
+    return tmp_path / "site"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Have all tests remember hashes in one folder: those of numba and others take a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def builds(engine: str, site: Path, then: str = "", **variables: str) -> list[Any]:
+    """Return what a process of its own announces of an engine, and what it says after a piece of code."""
+    path = os.pathsep.join((str(site), *filter(None, sys.path)))
+    ended = subprocess.run(
+        [sys.executable, "-P", "-c", ANNOUNCED, engine, then],
+        env={**os.environ, "PYTHONPATH": path, **variables},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    found: list[Any] = json.loads(ended.stdout)
+    return found
+
+
+def touched(site: Path) -> None:
+    """Give a file another time and leave it as it is."""
+    os.utime(site / "shaky" / "table.dat", (1e9, 1e9))
+
+
+UNCHANGED: dict[str, tuple[Callable[[Path], object], dict[str, str]]] = {
+    "nothing": (lambda site: None, {}),  # noqa: ARG005
+    "a time": (touched, {}),
+    "bytecode": (lambda site: (site / "shaky/__pycache__/x.pyc").write_bytes(b"x"), {}),
+    "an idle variable": (lambda site: None, {"PYTHONHASHSEED": "7", "NUMBA_CACHE_DIR": "x"}),  # noqa: ARG005
+    "a library built anew the same": (lambda site: build_library(site, 1.0), {}),
+}
+
+
+def another_numba(site: Path) -> None:
+    """Put another numba before the one that is installed."""
+    (site / "numba").mkdir()
+    (site / "numba/__init__.py").write_text("__version__ = '99'\n")
+
+
+CHANGED: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
+    "a library beside it": (lambda site: build_library(site, 1.5), {}, "adapter"),
+    "a patched module": (lambda site: (site / "shaky/second.py").write_text("FACTOR = 2.0\n"), {}, "adapter"),
+    "a data file": (lambda site: (site / "shaky/table.dat").write_text("1 2 4\n"), {}, "adapter"),
+    "a new file": (lambda site: (site / "shaky/more.py").write_text(""), {}, "adapter"),
+    "a file that is gone": (lambda site: (site / "shaky/table.dat").unlink(), {}, "adapter"),
+    "another numba": (another_numba, {}, "numba"),
+    "threads": (lambda site: None, {"OMP_NUM_THREADS": "3"}, "environment"),  # noqa: ARG005
+    "a variable of the engine": (lambda site: None, {"SHAKY_MODE": "fast"}, "environment"),  # noqa: ARG005
+}
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("what", UNCHANGED)
+def test_the_identity_is_the_same_where_nothing_changed(what: str, site: Path) -> None:
+    """Neither times nor bytecode nor variables that change nothing are part of it."""
+    before, _ = builds("shaky", site)
+    UNCHANGED[what][0](site)
+    after, _ = builds("shaky", site, **UNCHANGED[what][1])
+    assert before["id"] == after["id"] != ""
+    assert before["kind"] == "plug-in"
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("what", CHANGED)
+def test_the_identity_is_another_where_something_changed(what: str, site: Path) -> None:
+    """And the part that changed is named, alone."""
+    change, variables, part = CHANGED[what]
+    before, _ = builds("shaky", site)
+    change(site)
+    after, _ = builds("shaky", site, **variables)
+    assert before["id"] != after["id"]
+    parts = before["parts"].keys() | after["parts"].keys()
+    assert {p for p in parts if before["parts"].get(p) != after["parts"].get(p)} == {part}
+
+
+@needs_a_compiler
+@needs_proc
+@pytest.mark.parametrize(
+    ("then", "counts"),
+    [
+        ("", False),
+        ("import wave", False),
+        ("import shaky.third", False),
+        ("import bodycheck.adapters.environments", False),
+        ("import elsewhere", True),
+        ("import jinja2.sandbox", True),
+        ("import ctypes; ctypes.CDLL(sys.path[0] + '/libelsewhere.so')", True),
+    ],
+)
+def test_what_is_loaded_later_from_elsewhere_changes_the_identity(
+    then: str, counts: bool, site: Path
+) -> None:
+    """A module or a library from a folder that was not hashed; not what belongs to Python or the package."""
+    (site / "shaky/third.py").touch()
+    (site / "elsewhere.py").touch()
+    shutil.copy(site / "shaky/libshaky.so", site / "libelsewhere.so")
+    then = then.replace("sys.path[0]", repr(str(site)))
+    first, later = builds("shaky", site, then)
+    assert first["id"]
+    assert (later is not None) is counts
+    if counts:
+        assert later["id"] not in ("", first["id"])
+
+
+@needs_a_compiler
+def test_a_module_that_is_made_when_it_is_used_is_left_alone(site: Path) -> None:
+    """To look at every imported module must import no other."""
+    lazy = (
+        "import sys, types\nclass Lazy(types.ModuleType):\n"
+        "    def __getattr__(self, name):\n        raise ImportError(name)\n"
+        "sys.modules['lazy'] = Lazy('lazy')\n"
+    )
+    (site / "shaky/second.py").write_text(f"{lazy}FACTOR = 1.0\n")
+    first, _ = builds("shaky", site)
+    assert first["id"]
+
+
+@needs_a_compiler
+@needs_proc
+def test_a_library_that_was_replaced_while_it_was_loaded_has_no_identity(site: Path) -> None:
+    """What is on the disk is not what runs: nothing of it can be found again."""
+    shutil.copy(site / "shaky/libshaky.so", site / "libelsewhere.so")
+    place = str(site / "libelsewhere.so")
+    load = f"import ctypes, os; ctypes.CDLL({place!r}); os.unlink({place!r})"
+    first, later = builds("shaky", site, load)
+    assert first["id"]
+    assert later["id"] == ""
+
+
+@needs_a_compiler
+def test_a_file_that_changes_while_the_engine_is_imported_leaves_no_identity(site: Path) -> None:
+    """What was imported may be older than what was hashed."""
+    text = (site / "shaky/__init__.py").read_text()
+    slow = "import bodycheck.adapters.identity\n(Path(__file__).parent / 'table.dat').write_text('4 5 6')\n"
+    (site / "shaky/__init__.py").write_text(text + slow)
+    first, _ = builds("shaky", site)
+    assert first["id"] == ""
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference"])
+def test_an_installed_engine_says_what_it_is_made_of(engine: str, tmp_path: Path) -> None:
+    """Python, libraries, processor, our own code, and the distribution that the engine came from."""
+    name = {"dart": "dartpy"}.get(engine, engine)
+    if engine != "reference":
+        pytest.importorskip(name)
+    # what is installed beside an engine that is installed itself is taken to be as it was installed
+    first, later = builds(engine, tmp_path, "import jinja2.sandbox")
+    assert later is None
+    assert first["kind"] == "installed"
+    assert len(first["id"]) == 64
+    needed = {"python", "numpy", "numba", "llvmlite", "processor", "environment", "bodycheck", "loaded"}
+    assert needed <= first["parts"].keys()
+    assert all(len(first["parts"][name].split()[-1]) == 16 for name in ("numpy", "loaded", "bodycheck"))
+    assert first["parts"].get("distribution", "").startswith("" if engine == "reference" else f"{name} ")
+
+
+@pytest.mark.parametrize(
+    ("direct_url", "origin", "installed"),
+    [
+        (None, "site", True),
+        ({"url": "file:///x.whl", "archive_info": {}}, "site", True),
+        ({"url": "file:///x", "dir_info": {}}, "site", True),
+        ({"url": "file:///x", "dir_info": {"editable": True}}, "site", False),
+        (["no object"], "site", False),
+        (None, "sources", False),
+    ],
+)
+def test_an_editable_engine_and_one_in_a_source_folder_are_not_installed(
+    direct_url: Any,
+    origin: str,
+    installed: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What pip wrote down says the first, the place of the package the second."""
+    facts = tmp_path / "site" / "made_up_engine-1.dist-info"
+    facts.mkdir(parents=True)
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: made_up_engine\nVersion: 1\n")
+    if direct_url is not None:
+        (facts / "direct_url.json").write_text(json.dumps(direct_url))
+    package = tmp_path / origin / "made_up_engine"
+    package.mkdir(parents=True, exist_ok=True)
+    (package / "__init__.py").touch()
+    for folder in {"site", origin}:
+        monkeypatch.syspath_prepend(str(tmp_path / folder))
+    assert identity._is_installed("made_up_engine") is installed
+    assert not identity._is_installed("no_such_engine")
+
+
+def test_every_variable_has_its_reason() -> None:
+    """The one list of them says of each why it counts."""
+    assert all(reason.strip() for reason in VARIABLES.values())
+    assert {"OMP_*", "MKL_*", "OPENBLAS_*", "NUMBA_*", "LD_PRELOAD", "LD_LIBRARY_PATH"} <= VARIABLES.keys()
+
+
+VERSION = """
+import sys
+import {package}
+import importlib.metadata as metadata
+known = metadata.version
+metadata.version = lambda name: "99.9" if name == "{package}" else known(name)
+{package}.__version__ = "99.9"
+from bodycheck.adapters.registry import get_adapter
+print(get_adapter("{engine}").version)
+"""
+
+
+@pytest.mark.parametrize(
+    ("engine", "package"), [("dart", "dartpy"), ("mujoco", "mujoco"), ("pybullet", "pybullet")]
+)
+def test_an_engine_announces_the_version_that_its_package_states(engine: str, package: str) -> None:
+    """It is asked of the package that is there: no version is written down in an adapter."""
+    pytest.importorskip(package)
+    program = VERSION.format(engine=engine, package=package)
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert ended.stdout.split()[-1:] == ["99.9"], ended.stderr

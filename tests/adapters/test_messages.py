@@ -1,0 +1,32 @@
+"""The typed check of what a worker says knows every fact of the contract, and costs little."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields
+
+import pytest
+
+from bodycheck.adapters import protocol
+from bodycheck.adapters.contract import Build, Method, ReadBack
+from bodycheck.adapters.messages import MethodMessage, ReadBackMessage
+from bodycheck.adapters.registry import get_adapter
+
+
+def test_check_knows_every_fact_of_the_contract() -> None:
+    """A fact that only one of the two has would be refused, or be lost."""
+    assert {field.name for field in fields(Method)} == MethodMessage.model_fields.keys()
+    assert {field.name for field in fields(ReadBack)} == ReadBackMessage.model_fields.keys()
+
+
+@pytest.mark.parametrize("name", ["mujoco", "dart", "reference"])
+def test_announcement_of_a_built_in_engine_passes_the_check_unchanged(name: str) -> None:
+    """The facts of its methods arrive as they are."""
+    adapter = get_adapter(name)
+    protocol.check_engine(adapter)
+    build = Build("c0de", "installed", {"python": "3"})
+    said = protocol.announcement(adapter, build)
+    engine = protocol.engine_of(protocol.message_of(protocol.line_of(said)))
+    assert engine.build == build
+    assert {name: asdict(method) for name, method in engine.methods.items()} == {
+        name: asdict(method) for name, method in adapter.methods.items()
+    }
