@@ -14,8 +14,9 @@ from bodycheck.errors import InputError
 from bodycheck.manifest import Identity
 from bodycheck.manner import Manner
 from bodycheck.progress import SILENCE
-from bodycheck.reports.comparison.bisection import changes
+from bodycheck.reports.comparison.bisection import changes, every_change
 from bodycheck.reports.comparison.one_measure import Finding, OneMeasure, comparable, under_one_name
+from bodycheck.reports.comparison.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.stored import Tables
 from bodycheck.reports.version_text import Found, Track
 from bodycheck.runner import run_selection
@@ -30,7 +31,7 @@ class Search:
     """What is looked for: a measure of an engine's methods, all unless one is named, on one scenario.
 
     since, until: the first and the last release that count; until None: the newest. dt_s, allow_code: as of a
-    run.
+    run. every: run each release, none is skipped. thresholds: from which size on a change counts.
     """
 
     engine: str
@@ -41,6 +42,8 @@ class Search:
     measure: str
     dt_s: Sequence[float] | None
     allow_code: bool = False
+    every: bool = False
+    thresholds: Thresholds = DEFAULT_THRESHOLDS
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +56,7 @@ class _Release:
 
 
 def search(asked: Search, manner: Manner, told: Callable[[str], None]) -> Found:
-    """Run the first and the last release, and by bisection those between which the measure changed.
+    """Run every release, or the first, the last and by bisection those between which the measure changed.
 
     told: is given each release that is about to be run. A release that cannot be installed or run is stepped
     around. Raises InputError where the input is wrong, or no release can be run.
@@ -76,14 +79,15 @@ def search(asked: Search, manner: Manner, told: Callable[[str], None]) -> Found:
     methods = {name: method for end in ends if end is not None for name, method in end.methods.items()}
     if not methods:
         raise InputError(_nothing(asked, runs))
+    found_by = every_change if asked.every else changes
     tracks = []
     for name, method in methods.items():
         one = _measure_of(asked, scenario, method)
         findings: dict[str, Finding] = {}
-        changed = changes(versions, partial(_finding, run, one, findings), one.differ)
+        changed = found_by(versions, partial(_finding, run, one, findings), one.differ)
         tracks.append(Track(name, findings, changed))
     failed = {version: why for version, why in runs.items() if isinstance(why, str)}
-    return Found(asked.engine, scenario.name, asked.measure, versions, tuple(tracks), failed)
+    return Found(asked.engine, scenario.name, asked.measure, versions, tuple(tracks), failed, asked.every)
 
 
 def _one_scenario(asked: Search) -> tuple[str, Scenario]:
@@ -98,7 +102,8 @@ def _measure_of(asked: Search, scenario: Scenario, method: Method) -> OneMeasure
     """Return the measure of a method, at the finest step or tolerance that is asked for."""
     finest = {"dt": min(asked.dt_s or scenario.steps), "tolerance": min(method.tolerances, default=None)}
     fineness = finest.get(method.control)
-    return OneMeasure(scenario.name, asked.engine, method.name, asked.measure, method.control, fineness)
+    who = scenario.name, asked.engine, method.name
+    return OneMeasure(*who, asked.measure, method.control, fineness, asked.thresholds)
 
 
 def _finding(

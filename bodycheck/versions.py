@@ -9,7 +9,9 @@ import typer
 
 from bodycheck.manner import TIMEOUT_S
 from bodycheck.number_list import numbers
-from bodycheck.options import AllowCode, Fresh, Jobs, TimeoutS
+from bodycheck.options import AllowCode, Fresh, Jobs, Threshold, TimeoutS
+from bodycheck.reports.comparison.thresholds import THRESHOLD
+from bodycheck.weighing import thresholds_of
 
 versioning = typer.Typer()
 
@@ -31,9 +33,14 @@ def versions(
     dt: Annotated[
         str | None, typer.Option(help="Steps in s, like 1e-2,1e-3; the scenario's own, unless told.")
     ] = None,
+    every: Annotated[
+        bool,
+        typer.Option("--every", help="Run every release, so that a change that was undone is found too."),
+    ] = False,
+    threshold: Threshold = THRESHOLD,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
-    fresh: Fresh = False,
+    fresh: Fresh = None,
     allow_code: AllowCode = False,
 ) -> None:
     """Run releases of an engine, each in an environment of its own; name those in which a measure changed.
@@ -41,10 +48,16 @@ def versions(
     The status is 0 whatever changed: this informs, it does not judge.
     """
     from bodycheck.manner import Manner
+    from bodycheck.reports.storage.reuse import reuse_of
     from bodycheck.reports.version_text import print_found
     from bodycheck.version_search import Search, search
 
     steps = numbers(dt, "--dt")
-    asked = Search(engine, since, until, scenario, method, measure, steps, allow_code=allow_code)
-    manner = Manner(speed=False, jobs=jobs, timeout_s=timeout_s, fresh=fresh)
+    asked = Search(
+        *(engine, since, until, scenario, method, measure, steps),
+        allow_code=allow_code,
+        every=every,
+        thresholds=thresholds_of(threshold, None),
+    )
+    manner = Manner(speed=False, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"))
     print_found(search(asked, manner, lambda name: print(name, file=sys.stderr)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,13 +19,13 @@ from bodycheck.reports.comparison.one_measure import under_one_name
 
 STEPS = [2e-2, 1e-2, 5e-3, 2e-3]
 DT = ",".join(map(str, STEPS))
-RELEASES = {"1.0": "m1", "1.1": "m1", "1.9": "m1", "1.10": "rk4", "2.0": "rk4"}
+RELEASES = {"1.0": "m1", "1.0.5": "rk4", "1.1": "m1", "1.9": "m1", "1.10": "rk4", "2.0": "rk4"}
 BROKEN = "1.5"
 
 
 @pytest.fixture(scope="module")
 def links(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with the toy's releases: of order 1, from 1.10 on of 4; one cannot be imported."""
+    """Return a folder with the toy's releases: of order 1, in 1.0.5 and from 1.10 on of 4; one is broken."""
     folder = tmp_path_factory.mktemp("links")
     write_needed(folder)
     for release, method in RELEASES.items():
@@ -72,6 +73,30 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tu
         return done.returncode, done.stdout, done.stderr
 
     return asked
+
+
+CONFIGURATIONS = {"uv.toml": "{line}", "pyproject.toml": "[tool.uv]\n{line}"}
+
+
+@pytest.mark.usefixtures("toy")
+@pytest.mark.parametrize("name", CONFIGURATIONS)
+def test_the_configuration_of_the_working_directory_is_not_read(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody else's checkout may name an index of its own; the user's own configuration counts."""
+    monkeypatch.delenv("UV_FIND_LINKS")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    checkout, other = tmp_path / "checkout", tmp_path / "other"
+    for folder in (checkout, other, tmp_path / "config/uv"):
+        folder.mkdir(parents=True)
+    write_toy(other, "9.9", "rk4")
+    line = f'find-links = ["{other}"]\n'
+    (checkout / name).write_text(CONFIGURATIONS[name].format(line=line))
+    monkeypatch.chdir(checkout)
+    with pytest.raises(InputError, match="no release that can be installed here"):
+        releases("toy", "1.0", None)
+    (tmp_path / "config/uv/uv.toml").write_text(line)
+    assert releases("toy", "1.0", None) == ("9.9",)
 
 
 @pytest.mark.slow
@@ -134,7 +159,7 @@ def test_a_version_that_cannot_be_had_is_refused(
 @pytest.mark.parametrize(
     ("since", "until", "there"),
     [
-        ("1", "2.0", ["1.0", "1.1", BROKEN, "1.9", "1.10", "2.0"]),
+        ("1", "2.0", ["1.0", "1.0.5", "1.1", BROKEN, "1.9", "1.10", "2.0"]),
         ("1.2", "1.9", [BROKEN, "1.9"]),
         ("2.0", None, ["2.0", "3.0"]),
         ("2.1rc1", None, ["3.0"]),
@@ -162,11 +187,28 @@ def test_the_release_in_which_a_measure_changed_is_named(
     assert status == 0, error
     lines = out.splitlines()
     assert lines[-1] == "toy:m: 1.01 up to 1.9, 4.02 from 1.10"
-    assert lines[0].startswith("order.orientation_error_rad on intermediate-axis; 6 releases from 1.0 to 2.0")
+    assert lines[0].startswith("order.orientation_error_rad on intermediate-axis; 7 releases from 1.0 to 2.0")
     assert "1.10  4.02" in [" ".join(line.split()).replace(" ", "  ") for line in lines]
     assert any(
         line.startswith(f"not run: {BROKEN}: toy=={BROKEN}: toy cannot be imported: ") for line in lines
     )
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("toy")
+def test_every_release_is_run_where_that_is_asked_for(command: Callable[..., tuple[int, str, str]]) -> None:
+    """A change that was undone between two that look alike is found; the releases are named together."""
+    words = ("versions", "toy", "--since", "1.0", "--until", "1.9", "--method", "m", "--dt", "2e-2,1e-2")
+    measure = ("--measure", "orientation_error_rad")
+    status, out, error = command(*words, *measure)
+    assert status == 0, error
+    assert out.splitlines()[-1].endswith("a change between them that was undone would not be seen")
+    status, out, error = command(*words, *measure, "--every")
+    assert status == 0, error
+    assert out.splitlines()[0].endswith("; 5 releases from 1.0 to 1.9, 4 of them run")
+    *_, told, changed = out.splitlines()
+    assert re.fullmatch(r"toy:m: (\S+) up to 1.0, \S+ from 1.0.5 to 1.0.5, \1 from 1.1", told), told
+    assert changed == "changed in 1.0.5 (m), 1.1 (m)"
 
 
 @pytest.mark.slow
@@ -222,3 +264,39 @@ def test_mujocos_rk4_is_of_order_4_from_4_0_0(command: Callable[..., tuple[int, 
     status, out, error = command(*words)
     assert status == 0, error
     assert out.splitlines()[-1] == "mujoco:rk4: 2.00 up to 3.17.0, 4.00 from 4.0.0"
+
+
+@pytest.mark.slow
+def test_mujocos_4_0_0_improved_and_3_17_0_is_worse(
+    command: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    """Two nightly runs of the real releases, compared by either command: only the way back fails."""
+    try:
+        releases("mujoco", "3.17.0", "4.0.0")
+    except (InputError, UnavailableError) as error:
+        pytest.skip(f"no registry: {error}")
+    words = ("nightly", "intermediate-axis", "--history", "kept", "--no-speed", "--engine")
+    status, out, error = command(*words, "mujoco==3.17.0")
+    assert status == 3, out + error
+    status, out, error = command(*words, "mujoco==4.0.0", "--markdown", "told.md")
+    assert status == 0, out + error
+    first, headline, *_ = out.splitlines()
+    assert first == "No regression."
+    improved = r"mujoco 3.17.0 -> 4.0.0: rk4 improved, order 2 -> 4, error at 1 ms 4.3e-7 -> 2.\de-13 rad "
+    assert re.match(improved + r"\(factor 1.\de6\)(; 4 methods moved in the 1\dth digit)?\.$", headline), (
+        headline
+    )
+    search = (
+        "bodycheck versions mujoco --since 3.17.0 --until 4.0.0 --scenario intermediate-axis --method rk4"
+    )
+    found = f"To find the release: {search} --measure orientation_error_rad --dt 0.001"
+    assert found in out.splitlines()
+    assert found in Path("told.md").read_text()
+    old, new = (f"kept/{night.name}" for night in sorted((tmp_path / "kept").glob("2*")))
+    status, out, error = command("compare", old, new, "--fail-on", "worse")
+    assert (status, out.splitlines()[2]) == (0, headline), error
+    status, out, error = command("compare", new, old, "--fail-on", "worse")
+    assert status == 1, error
+    assert out.splitlines()[2].startswith("mujoco 4.0.0 -> 3.17.0: rk4 worse, order 4 -> 2, error at 1 ms 2.")
+    status, out, error = command("compare", new, new, "--fail-on", "moved")
+    assert (status, out.splitlines()[2][:16]) == (0, "Nothing changed "), error

@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from bodycheck.night import store_night
+from bodycheck.reports.comparison.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.judgement import Judgement
 from bodycheck.reports.history.nights import History
 from bodycheck.reports.run import Run
@@ -33,17 +34,24 @@ def run_of_night(run: Run, number: int, change: Change = unchanged, **manifest: 
         results=results,
         methods=run.methods.assign(run_id=run_id),
         stability=run.stability.assign(run_id=run_id),
+        probes=run.probes.assign(run_id=run_id),
         manifest={**run.manifest, "run_id": run_id, "outcomes": outcomes, **manifest},
     )
 
 
 def stored(
-    run: Run, folder: Path, changes: Iterable[Change], *, first: int = 0, **manifest: Any
+    run: Run,
+    folder: Path,
+    changes: Iterable[Change],
+    *,
+    first: int = 0,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
+    **manifest: Any,
 ) -> list[Judgement]:
     """Store one night for each change, in turn; return what was told of each."""
     history = History.at(folder)
     nights = (run_of_night(run, first + k, change, **manifest) for k, change in enumerate(changes))
-    return [store_night(night, history)[0] for night in nights]
+    return [store_night(night, history, thresholds)[0] for night in nights]
 
 
 def slower(results: pd.DataFrame, engine: str, factor: float) -> pd.DataFrame:

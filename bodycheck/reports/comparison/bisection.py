@@ -1,4 +1,4 @@
-"""Where a measure changed within an ordered list, found by measuring as few of its members as that takes."""
+"""Where a measure changed within an ordered list: by measuring few of its members, or every one."""
 
 from __future__ import annotations
 
@@ -56,3 +56,27 @@ def changes(
 def _from_the_middle(low: int, high: int) -> list[int]:
     """Return the places between two others, the middle first."""
     return sorted(range(low + 1, high), key=lambda place: abs(2 * place - low - high))
+
+
+def every_change(
+    members: Sequence[str],
+    measured: Callable[[str], Found | None],
+    differ: Callable[[Found, Found], bool],
+) -> tuple[tuple[str, str], ...]:
+    """Return each change as `changes` does, with every member measured once.
+
+    Each is compared with the first after the last change, so that small differences cannot add up unseen.
+    """
+    pairs = []
+    level: Found | None = None
+    before = ""
+    for member in members:
+        found = measured(member)
+        if found is None:
+            continue
+        if level is None or differ(level, found):
+            if level is not None:
+                pairs.append((before, member))
+            level = found
+        before = member
+    return tuple(pairs)

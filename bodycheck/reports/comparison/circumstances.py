@@ -19,13 +19,37 @@ def same_machine(before: _Manifest, after: _Manifest) -> bool:
 
 
 def circumstances(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
-    """Return each circumstance that differs, as `name: before -> after`."""
+    """Return each circumstance that differs, as `name: before -> after`; builds of one version come first."""
+    told = rebuilt(before, after)
     pairs = [(key, before.get(key), after.get(key)) for key in (*_MACHINE, *_SOFTWARE)]
     for table, words in (("engines", _version), ("libraries", str)):
         old, new = before.get(table, {}), after.get(table, {})
         pairs += [(name, words(old.get(name)), words(new.get(name))) for name in {**old, **new}]
     pairs += [(key, before.get(key), after.get(key)) for key in _SETTINGS]
-    return tuple(f"{name}: {_shown(a)} -> {_shown(b)}" for name, a, b in pairs if a != b)
+    return (*told, *(f"{name}: {_shown(a)} -> {_shown(b)}" for name, a, b in pairs if a != b))
+
+
+def rebuilt(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
+    """Return the engines of one version that were not the same build, and in which parts they differ."""
+    old, new = before.get("engines", {}), after.get("engines", {})
+    both = [(name, old[name], new[name]) for name in new if name in old]
+    return tuple(
+        f"build of {name} {b['version']}: {_ids(a)} -> {_ids(b)}{_differing(a, b)}"
+        for name, a, b in both
+        if "build" in a and "build" in b and a["version"] == b["version"] and _ids(a) != _ids(b)
+    )
+
+
+def _ids(engine: Mapping[str, Any]) -> str:
+    """Return the builds that answered; where there are none to tell, the one that was announced."""
+    return ", ".join(engine.get("builds") or [engine["build"]["id"][:12] or "unknown"])
+
+
+def _differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+    """Return the names of the parts that differ, as a clause."""
+    old, new = before["build"]["parts"], after["build"]["parts"]
+    names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
+    return f" ({', '.join(names)})" if names else ""
 
 
 def _version(engine: Mapping[str, Any] | None) -> str | None:

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bodycheck.reports.comparison.accuracy import Floors, accuracy_changes
-from bodycheck.reports.comparison.change import Change, by_rank
+from bodycheck.reports.comparison.change import FAILING, Change, Status, by_rank
 from bodycheck.reports.comparison.circumstances import circumstances, redefined, same_machine
+from bodycheck.reports.comparison.judgements import changed_judgements
+from bodycheck.reports.comparison.refinement import is_refinement
 from bodycheck.reports.comparison.speeds import Ratio, ratio, speed_changes
 from bodycheck.reports.comparison.stable_steps import stability_change
+from bodycheck.reports.comparison.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.comparison.versions_paired import paired_versions
 from bodycheck.reports.stored import Tables
 
 if TYPE_CHECKING:
     import pandas as pd
-
-_RANKS = {"converges": 2, "at-floor": 2, "does-not-converge": 0, "unstable": 0}
-"""How good a verdict is; those that leave it open are in between."""
-_OPEN = 1
-_LEAST_ORDER_CHANGE = 0.05
 
 _Row: TypeAlias = Mapping[str, Any]
 _Key: TypeAlias = tuple[Any, ...]
@@ -29,9 +29,11 @@ _Key: TypeAlias = tuple[Any, ...]
 class Comparison:
     """What changed from one run to another.
 
-    circumstances: what of machine, versions and settings differs. redefined: scenarios whose name means
-    something else in either run; their cases are not compared. paired: how many cases both runs have and
-    were compared; timed: how many of them by their speed too. changes: the largest first.
+    before, after: the two runs, an engine in two versions under one name. circumstances: what of machine,
+    versions and settings differs. redefined: scenarios whose name means something else in either run; their
+    cases are not compared. paired: how many cases both runs have and were compared; timed: how many of them
+    by their speed too; refined: how many cases only one run has, at steps that it chose itself. thresholds:
+    from which size on a change is worse or improved. changes: the largest first.
     """
 
     before: Tables
@@ -40,27 +42,44 @@ class Comparison:
     redefined: tuple[str, ...]
     paired: int
     timed: int
+    refined: int
+    thresholds: Thresholds
     changes: tuple[Change, ...]
 
+    def of_status(self, *statuses: Status) -> tuple[Change, ...]:
+        """Return the changes of these statuses, the largest first."""
+        return tuple(change for change in self.changes if change.status in statuses)
 
-def compare(before: Tables, after: Tables) -> Comparison:
+    @property
+    def failing(self) -> tuple[Change, ...]:
+        """What became worse or is not measured any more."""
+        return self.of_status(*FAILING)
+
+
+def compare(before: Tables, after: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Comparison:
     """Return what changed: cases, outcomes, verdicts, orders, stable steps, accuracy, speed.
 
     Accuracy is deterministic, so that a change counts where it exceeds what round-off can do; speed is
     judged by the quartiles of the laps and the noise of both machines.
     """
+    before, after = paired_versions(before, after)
     apart = redefined(before.manifest, after.manifest)
     old, new = (_cases(tables, apart) for tables in (before, after))
     both = [(old[key], new[key]) for key in new if key in old]
     ratios = _ratios(both, same=same_machine(before.manifest, after.manifest))
     noises = (before.manifest.get("speed_noise") or 0.0, after.manifest.get("speed_noise") or 0.0)
+    verdicts = [_judged(tables, apart) for tables in (before, after)]
+    errors = list(_accuracies(both, _floors(before), _floors(after), thresholds))
+    gone = _one_run_only(old, new, before.manifest)
+    come = _one_run_only(new, old, after.manifest)
     changes = [
-        *_came_and_went(old, new),
+        *(_of_case("case", key, "case", row["outcome"], None, "missing") for key, row in gone.items()),
+        *(_of_case("case", key, "case", None, row["outcome"], "new") for key, row in come.items()),
         *_outcomes(both),
-        *_verdicts(before, after, apart),
-        *_stable_steps(before, after, apart),
-        *_accuracies(both, _floors(before), _floors(after)),
-        *speed_changes(ratios, noises),
+        *changed_judgements(verdicts[0], verdicts[1], _theories(before, after), errors, thresholds),
+        *_stable_steps(before, after, apart, thresholds),
+        *errors,
+        *speed_changes(ratios, noises, thresholds.of("relative_cpu")),
     ]
     return Comparison(
         before=before,
@@ -69,6 +88,8 @@ def compare(before: Tables, after: Tables) -> Comparison:
         redefined=apart,
         paired=len(both),
         timed=len(ratios),
+        refined=len(old.keys() ^ new.keys()) - len(gone) - len(come),
+        thresholds=thresholds,
         changes=tuple(sorted(changes, key=lambda change: -change.size)),
     )
 
@@ -93,34 +114,38 @@ def _case_key(row: _Row) -> _Key:
     )
 
 
-def _came_and_went(old: Mapping[_Key, _Row], new: Mapping[_Key, _Row]) -> Iterator[Change]:
-    for key in dict.fromkeys((*old, *new)):
-        if (key in old) != (key in new):
-            outcomes = [rows[key]["outcome"] if key in rows else None for rows in (old, new)]
-            yield _of_case("case", key, "case", *outcomes)
+def _one_run_only(
+    here: Mapping[_Key, _Row], there: Mapping[_Key, _Row], manifest: Mapping[str, Any]
+) -> dict[_Key, _Row]:
+    """Return the cases that only the first of two runs has, without those at steps that it chose itself."""
+    return {key: row for key, row in here.items() if key not in there and not is_refinement(row, manifest)}
 
 
-def _of_case(kind: Any, key: _Key, what: str, before: Any, after: Any, direction: Any = "other") -> Change:
+def _of_case(kind: Any, key: _Key, what: str, before: Any, after: Any, status: Status) -> Change:
     scenario, engine, method, control, dt_s, tolerance = key
     fineness = tolerance if dt_s is None else dt_s
-    return Change(kind, scenario, engine, method, what, before, after, direction, control, fineness)
+    return Change(kind, scenario, engine, method, what, before, after, status, control, fineness)
 
 
 def _outcomes(both: Iterable[tuple[_Row, _Row]]) -> Iterator[Change]:
     for old, new in both:
         before, after = old["outcome"], new["outcome"]
         if before != after:
-            direction = by_rank(before == "ok", after == "ok")
-            yield _of_case("outcome", _case_key(new), "outcome", before, after, direction)
+            status = by_rank(before == "ok", after == "ok")
+            yield _of_case("outcome", _case_key(new), "outcome", before, after, status)
 
 
 def _accuracies(
-    both: Iterable[tuple[_Row, _Row]], old_floors: Mapping[_Key, Floors], new_floors: Mapping[_Key, Floors]
+    both: Iterable[tuple[_Row, _Row]],
+    old_floors: Mapping[_Key, Floors],
+    new_floors: Mapping[_Key, Floors],
+    thresholds: Thresholds,
 ) -> Iterator[Change]:
     for old, new in both:
         if old["outcome"] == new["outcome"] == "ok":
             method = _case_key(new)[:3]
-            yield from accuracy_changes(old, new, (old_floors.get(method, {}), new_floors.get(method, {})))
+            floors = old_floors.get(method, {}), new_floors.get(method, {})
+            yield from accuracy_changes(old, new, floors, thresholds)
 
 
 def _ratios(both: Iterable[tuple[_Row, _Row]], *, same: bool) -> list[Ratio]:
@@ -128,9 +153,21 @@ def _ratios(both: Iterable[tuple[_Row, _Row]], *, same: bool) -> list[Ratio]:
     return [found for found in ratios if found is not None]
 
 
-def _judged(tables: Tables) -> dict[_Key, dict[str, Any]]:
+def _judged(tables: Tables, apart: tuple[str, ...] = ()) -> dict[_Key, dict[str, Any]]:
     """Return the rows of methods.csv by scenario, engine, method and quantity, without what is empty."""
-    return _rows(tables.methods, ("scenario", "engine", "method", "quantity"))
+    rows = _rows(tables.methods, ("scenario", "engine", "method", "quantity"))
+    return {key: row for key, row in rows.items() if key[0] not in apart}
+
+
+def _theories(*runs: Tables) -> dict[tuple[str, str], float | None]:
+    """Return the higher order that theory gives each method in either run."""
+    found: dict[tuple[str, str], float | None] = {}
+    for tables in runs:
+        for engine, about in tables.manifest["engines"].items():
+            for method, facts in about.get("methods", {}).items():
+                orders = (found.get((engine, method)), facts.get("order"))
+                found[engine, method] = max((order for order in orders if order is not None), default=None)
+    return found
 
 
 def _rows(table: pd.DataFrame, names: tuple[str, ...]) -> dict[_Key, dict[str, Any]]:
@@ -149,29 +186,23 @@ def _floors(tables: Tables) -> dict[_Key, dict[str, float]]:
     return floors
 
 
-def _stable_steps(before: Tables, after: Tables, apart: tuple[str, ...]) -> Iterator[Change]:
+def _stable_steps(
+    before: Tables, after: Tables, apart: tuple[str, ...], thresholds: Thresholds
+) -> Iterator[Change]:
     old, new = (_rows(tables.stability, ("scenario", "engine", "method")) for tables in (before, after))
+    chaotic = _chaotic(before) | _chaotic(after)
     for key in new:
         if key in old and key[0] not in apart:
-            change = stability_change(old[key], new[key])
+            change = stability_change(old[key], new[key], thresholds.of("stability.dt_stable_s"))
             if change is not None:
-                yield change
+                # where nearby motions part, the step at which one breaks down is chance
+                by_chance = key[0] in chaotic and change.what == "dt_stable_s"
+                yield replace(change, status="moved") if by_chance else change
 
 
-def _verdicts(before: Tables, after: Tables, apart: tuple[str, ...]) -> Iterator[Change]:
-    old, new = _judged(before), _judged(after)
-    for key in new:
-        scenario, engine, method, quantity = key
-        if key not in old or scenario in apart:
-            continue
-        a, b = old[key], new[key]
-        about = (scenario, engine, method)
-        if a["verdict"] != b["verdict"]:
-            direction = by_rank(_RANKS.get(a["verdict"], _OPEN), _RANKS.get(b["verdict"], _OPEN))
-            what = f"verdict of {quantity}"
-            yield Change("verdict", *about, what, a["verdict"], b["verdict"], direction)
-        if "order" in a and "order" in b:
-            up, down = b["order_low"] > a["order_high"], b["order_high"] < a["order_low"]
-            if (up or down) and abs(b["order"] - a["order"]) > _LEAST_ORDER_CHANGE:
-                direction = "better" if up else "worse"
-                yield Change("order", *about, f"order of {quantity}", a["order"], b["order"], direction)
+def _chaotic(tables: Tables) -> set[str]:
+    """Return the scenarios whose truth ends before they do."""
+    rows = (case.columns for case in tables.cases)
+    return {
+        row["scenario"] for row in rows if row.get("compared_until_s", math.inf) < row.get("duration_s", 0.0)
+    }

@@ -7,12 +7,13 @@ from glob import escape
 
 from bodycheck.errors import InputError
 from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.comparison.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.gates.measure import Measure, measure_of
 from bodycheck.reports.gates.rows import rows_of
+from bodycheck.reports.measures import MEASURES
 from bodycheck.reports.run import Run
 from bodycheck.reports.stored import Tables
-from bodycheck.reports.tables import MEASURES
 
 _ABSOLUTE = "_abs"
 
@@ -45,7 +46,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class OneMeasure:
-    """A measure of one method on one scenario; fineness: of which step or tolerance, where it is of one."""
+    """A measure of one method on one scenario; fineness: of which step or tolerance, where it is of one.
+
+    thresholds: from which size on a change counts.
+    """
 
     scenario: str
     engine: str
@@ -53,6 +57,7 @@ class OneMeasure:
     name: str
     control: str
     fineness: float | None
+    thresholds: Thresholds = DEFAULT_THRESHOLDS
 
     def finding(self, tables: Tables) -> Finding:
         """Return what a run found."""
@@ -75,7 +80,8 @@ class OneMeasure:
     def differ(self, before: Finding, after: Finding) -> bool:
         """Whether two runs are different in this: words where they are not the same, numbers as in `compare`.
 
-        Where there is none in both, nothing is different; where there is one in one of them, it is.
+        What moved by less than the threshold is no difference. Where there is none in both, nothing is
+        different; where there is one in one of them, it is.
         """
         a, b = before.value, after.value
         if isinstance(a, str) or isinstance(b, str) or a is None or b is None:
@@ -86,7 +92,7 @@ class OneMeasure:
             (change.scenario, change.engine, change.method) == (self.scenario, self.engine, self.method)
             and change.what in self._told_as
             and self._is_of(change.fineness)
-            for change in compare(before.tables, after.tables).changes
+            for change in compare(before.tables, after.tables, self.thresholds).of_status("worse", "improved")
         )
 
     @property
@@ -110,4 +116,5 @@ def under_one_name(run: Run, engine: str) -> Tables:
         stability=run.stability.assign(engine=engine),
         manifest=run.manifest,
         cases=tuple(replace(case, columns={**case.columns, "engine": engine}) for case in run.cases),
+        probes=run.probes.assign(engine=engine),
     )

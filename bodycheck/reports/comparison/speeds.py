@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.reports.comparison.change import Change, Direction
+from bodycheck.reports.comparison.change import Change, Status
 
 _MOST = (0.25, 0.75)  # three quarters of the cases have to have moved one way
 _NOISES_OF_A_SCENARIO = 3.0  # its few cases are timed one after the other: what disturbs one disturbs all
@@ -49,30 +49,33 @@ def ratio(before: Mapping[str, Any], after: Mapping[str, Any], *, same_machine: 
     return Ratio(after["scenario"], after["engine"], after["method"], mid_b - mid_a, sure)
 
 
-def speed_changes(ratios: Iterable[Ratio], noises: tuple[float, float]) -> Iterator[Change]:
+def speed_changes(ratios: Iterable[Ratio], noises: tuple[float, float], threshold: float) -> Iterator[Change]:
     """Yield the methods that became slower or faster: at least three quarters of the cases, beyond the noise.
 
-    noises: the yardstick's interquartile range over its median in either run. A method is judged by all its
+    noises: the yardstick's interquartile range over its median in either run. threshold: the relative change
+    below which a method that is beyond the noise has merely moved. A method is judged by all its
     cases; where they do not agree, by those of each scenario, beyond three times the noise.
     """
     slack = math.log10(1.0 + sum(noises))
     ordered = sorted(ratios, key=lambda one: (one.engine, one.method, one.scenario))
     for _, of_method in groupby(ordered, key=lambda one: (one.engine, one.method)):
         cases = list(of_method)
-        if (found := _judged(cases, slack, None)) is not None:
+        if (found := _judged(cases, slack, threshold, None)) is not None:
             yield found
             continue
         for scenario, of_scenario in groupby(cases, key=lambda one: one.scenario):
-            one = _judged(list(of_scenario), _NOISES_OF_A_SCENARIO * slack, scenario)
+            one = _judged(list(of_scenario), _NOISES_OF_A_SCENARIO * slack, threshold, scenario)
             if one is not None:
                 yield one
 
 
-def _judged(cases: list[Ratio], slack: float, scenario: str | None) -> Change | None:
+def _judged(cases: list[Ratio], slack: float, threshold: float, scenario: str | None) -> Change | None:
     low, high = np.quantile([case.sure for case in cases], _MOST).tolist()
     if low <= slack and high >= -slack:
         return None
-    direction: Direction = "worse" if low > slack else "better"
     decades = float(np.median([case.decades for case in cases]))
+    status: Status = "worse" if low > slack else "improved"
+    if abs(decades) <= math.log10(1.0 + threshold):
+        status = "moved"
     engine, method = cases[0].engine, cases[0].method
-    return Change("speed", scenario, engine, method, "relative_cpu", None, None, direction, decades=decades)
+    return Change("speed", scenario, engine, method, "relative_cpu", None, None, status, decades=decades)

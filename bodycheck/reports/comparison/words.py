@@ -5,20 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from bodycheck.reports.comparison.change import Change, Direction, Kind
+from bodycheck.reports.comparison.change import Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
+from bodycheck.reports.comparison.headlines import headlines, moved_text
 from bodycheck.reports.stored import Tables
 from bodycheck.reports.wording import count, names, number, setting
 
-HEADINGS: dict[Direction, str] = {"worse": "Worse", "better": "Better", "other": "Otherwise different"}
+HEADINGS: dict[Status, str] = {
+    "worse": "Worse",
+    "missing": "Not measured any more",
+    "improved": "Improved",
+    "moved": "Moved",
+    "new": "New",
+}
+"""Status -> heading, the most severe first."""
+
 _KINDS: tuple[Kind, ...] = ("outcome", "verdict", "order", "stability", "accuracy", "speed", "case")
 
 
 @dataclass(frozen=True)
 class Group:
-    """Changes of one kind and direction, of one method on one scenario, the largest first."""
+    """Changes of one kind and status, of one method on one scenario, the largest first."""
 
-    direction: Direction
+    status: Status
     kind: Kind
     scenario: str | None
     method: str
@@ -41,17 +50,17 @@ class Group:
 
 
 def groups(changes: Iterable[Change]) -> list[Group]:
-    """Return the changes in groups, worse ones first, then by kind, then by size."""
-    found: dict[tuple[Direction, Kind, str | None, str], list[Change]] = {}
+    """Return the changes in groups, those that fail first, then by kind, then by size."""
+    found: dict[tuple[Status, Kind, str | None, str], list[Change]] = {}
     for change in changes:
-        key = (change.direction, change.kind, change.scenario, f"{change.engine}:{change.method}")
+        key = (change.status, change.kind, change.scenario, f"{change.engine}:{change.method}")
         found.setdefault(key, []).append(change)
     made = [Group(*key, tuple(alike)) for key, alike in found.items()]
-    directions = list(HEADINGS)
+    statuses = list(HEADINGS)
     return sorted(
         made,
         key=lambda group: (
-            directions.index(group.direction),
+            statuses.index(group.status),
             _KINDS.index(group.kind),
             -group.changes[0].size,
         ),
@@ -69,8 +78,17 @@ def change_text(change: Change) -> str:
         which, outcome = ("after", change.after) if change.before is None else ("before", change.before)
         return f"only in the run {which}{at} ({outcome})"
     before, after = _apart(change.before, change.after)
-    decades = "" if change.decades is None else f" ({_decades(change.decades)} decades)"
-    return f"{change.what} {before} -> {after}{decades}{at}"
+    return f"{change.what} {before} -> {after}{_size(change)}{at}"
+
+
+def _size(change: Change) -> str:
+    """Return how far a number went: " (factor 10 up)", " (1.2 % down)"; "" without a size."""
+    if change.decades is None or change.relative is None:
+        return ""
+    way = "up" if change.decades > 0.0 else "down"
+    if change.relative >= 1.0:
+        return f" (factor {number(10.0**change.size, 3)} {way})"
+    return f" ({number(100.0 * change.relative, 2)} % {way})"
 
 
 def _at(change: Change) -> str:
@@ -93,10 +111,6 @@ def _value(value: float | str | None, digits: int) -> str:
     return value if isinstance(value, str) else number(value, digits)
 
 
-def _decades(decades: float) -> str:
-    return f"{decades:+.2f}" if abs(decades) >= 0.01 else f"{decades:+.0e}".replace("e-0", "e-")
-
-
 def identity(tables: Tables) -> str:
     """Return which run it is."""
     manifest = tables.manifest
@@ -104,35 +118,38 @@ def identity(tables: Tables) -> str:
 
 
 def sentences(comparison: Comparison) -> list[str]:
-    """Return under what circumstances, how much was compared, and how much changed."""
-    changes = comparison.changes
-    came = sum(change.kind == "case" and change.before is None for change in changes)
-    went = sum(change.kind == "case" and change.after is None for change in changes)
-    found = [
+    """Return what changed, one sentence per engine, then how much was compared, under what circumstances."""
+    found = headlines(comparison) or [_nothing(comparison)]
+    if collapsed := _collapsed(comparison):
+        found.append(collapsed)
+    found.append(
         f"Different circumstances: {'; '.join(comparison.circumstances)}."
         if comparison.circumstances
         else "The same machine, versions and settings."
-    ]
+    )
     if comparison.redefined:
         found.append(f"Not compared, as the name means another scenario: {names(comparison.redefined)}.")
+    came, went = (
+        sum(change.kind == "case" for change in comparison.of_status(status)) for status in ("new", "missing")
+    )
     compared = f"{count(comparison.paired, 'case')} compared, {comparison.timed} of them by their speed too"
-    found.append(f"{compared}; {came} only in the run after, {went} only in the run before.")
-    found.append(_told(changes) if changes else _nothing(comparison))
-    return found
+    refined = f"; {comparison.refined} at steps that only one run chose" if comparison.refined else ""
+    return [*found, f"{compared}; {came} only in the run after, {went} only in the run before{refined}."]
+
+
+def _collapsed(comparison: Comparison) -> str:
+    """Return how many changes improved, moved and are new, which are not listed one by one."""
+    parts = []
+    if improved := comparison.of_status("improved"):
+        parts.append(f"{len(improved)} improved")
+    if moved := comparison.of_status("moved"):
+        parts.append(f"{len(moved)} moved{moved_text(moved, comparison.thresholds)}")
+    if new := comparison.of_status("new"):
+        parts.append(f"{len(new)} new")
+    return f"Changes that are not listed: {', '.join(parts)}." if parts else ""
 
 
 def _nothing(comparison: Comparison) -> str:
     if not comparison.paired:
         return "There is nothing that could be compared."
     return "Nothing changed beyond round-off and the noise of the machines."
-
-
-def _told(changes: Iterable[Change]) -> str:
-    made = groups(changes)
-    parts = []
-    for direction, heading in HEADINGS.items():
-        alike = [group for group in made if group.direction == direction and group.kind != "case"]
-        if alike:
-            methods = list(dict.fromkeys(group.method for group in alike))
-            parts.append(f"{heading}: {names(methods)}")
-    return f"{'. '.join(parts)}." if parts else "The cases that both runs have did not change."

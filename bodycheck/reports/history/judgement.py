@@ -1,16 +1,18 @@
-"""Tonight beside the past: what became worse, better, or is not measured any more."""
+"""A nightly run compared with its past: what became worse, improved, moved, or is not measured any more."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from bodycheck.errors import InputError
 from bodycheck.reports.comparison.change import Change
+from bodycheck.reports.comparison.circumstances import redefined
 from bodycheck.reports.comparison.compare import Comparison, compare, ended_well_anew
+from bodycheck.reports.comparison.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.comparison.versions_paired import paired_versions
+from bodycheck.reports.history.accepted import at_accepted, next_accepted
 from bodycheck.reports.history.nights import History
-from bodycheck.reports.history.past import Night, Past, past_of
+from bodycheck.reports.history.past import Past, past_of
 from bodycheck.reports.history.queries import recorded_cases
 from bodycheck.reports.history.series import Series, series_of
 from bodycheck.reports.history.speeds import Speeds, speeds_of
@@ -24,15 +26,18 @@ Status: TypeAlias = Literal["regression", "no regression", "past too thin", "not
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """What tonight is beside the past.
+    """Tonight's run compared with the baseline runs.
 
-    comparison: with the night before, but for the changes of speed, which the nights before that have a say
-    in; None where there is no night to compare with. speeds, errors: of all methods in the past and tonight.
+    comparison: with the accepted levels and the night before, but for the changes of speed, which the nights
+    before that have a say in; None where there is no night to compare with. accepted: the levels that the
+    next night is compared with, as rows of results.csv. speeds, errors: of all methods in the past and
+    tonight.
     """
 
     tonight: Tables
     past: Past
     comparison: Comparison | None
+    accepted: tuple[dict[str, Any], ...]
     speeds: Speeds
     errors: Series
 
@@ -43,51 +48,40 @@ class Judgement:
             return "nothing measured"
         if self.comparison is None or not self.comparison.paired:
             return "past too thin"
-        worse = any(change.direction == "worse" for change in self.comparison.changes)
-        return "regression" if worse else "no regression"
+        return "regression" if self.comparison.failing else "no regression"
 
 
-def judge_night(history: History, tonight: Tables) -> Judgement:
-    """Return what a night is beside those of the history, which it is not among."""
+def judge_night(history: History, tonight: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Judgement:
+    """Judge a nightly run against the history, which it is not yet part of."""
     past = past_of(history, tonight.manifest)
     nights, cases = _recorded(past, tonight)
     speeds = speeds_of(nights, cases)
-    comparison = None
+    comparison, accepted = None, tuple(dict(case.columns) for case in tonight.cases if case.ok)
     if past.nights:
-        before = past.nights[0].tables
-        comparison = compare(before, tonight)
-        changes = [_worse_if_lost(change) for change in comparison.changes if change.kind != "speed"]
-        changes += [*_returned(past, before, tonight), *speeds.changes]
+        levels, aligned = paired_versions(past.nights[0].accepted, tonight)
+        before, _ = paired_versions(past.nights[0].tables, tonight)
+        comparison = compare(at_accepted(before, levels), aligned, thresholds)
+        changes = [change for change in comparison.changes if change.kind != "speed"]
+        changes += [*_returned(before, levels, aligned, thresholds), *speeds.changes]
         changes.sort(key=lambda change: -change.size)
         comparison = replace(comparison, changes=tuple(changes))
+        apart = redefined(before.manifest, tonight.manifest)
+        own = {
+            a.columns["engine"]: b.columns["engine"]
+            for a, b in zip(aligned.cases, tonight.cases, strict=True)
+        }
+        accepted = tuple(
+            {**row, "engine": own.get(row["engine"], row["engine"])}
+            for row in next_accepted(levels, aligned, apart, changes)
+        )
     errors = series_of(nights, cases, "orientation_error_rad", _farthest)
-    return Judgement(tonight, past, comparison, speeds, errors)
+    return Judgement(tonight, past, comparison, accepted, speeds, errors)
 
 
-def _worse_if_lost(change: Change) -> Change:
-    """Return a change as a night sees it, where what is not measured any more is worse."""
-    lost = change.kind in ("case", "accuracy") and change.after is None
-    return replace(change, direction="worse") if lost else change
-
-
-def _returned(past: Past, before: Tables, tonight: Tables) -> Iterator[Change]:
-    """Yield how cases that end well tonight, but did not the night before, changed since they last did."""
-    waiting = ended_well_anew(before, tonight)
-    for night in past.nights[1:]:
-        if not waiting.cases:
-            return
-        older = _whole(night)
-        if older is not None:
-            yield from (change for change in compare(older, waiting).changes if change.kind == "accuracy")
-            waiting = ended_well_anew(older, waiting)
-
-
-def _whole(night: Night) -> Tables | None:
-    """Return a night's tables; None where they are damaged: then a night before it may tell."""
-    try:
-        return night.tables
-    except InputError:
-        return None
+def _returned(before: Tables, levels: Tables, tonight: Tables, thresholds: Thresholds) -> list[Change]:
+    """Return how cases that end well tonight, but did not the night before, differ from their levels."""
+    returned = compare(levels, ended_well_anew(before, tonight), thresholds)
+    return [change for change in returned.changes if change.kind == "accuracy"]
 
 
 def _recorded(past: Past, tonight: Tables) -> tuple[list[str], pd.DataFrame]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from bodycheck.reports.comparison.words import HEADINGS, groups
+from bodycheck.reports.comparison.markdown import changes_table
 from bodycheck.reports.history.judgement import Judgement
 from bodycheck.reports.history.words import headline, night_sentences
-from bodycheck.reports.markdown import escaped, markdown_table
-
-_MOST_LINES = 30
+from bodycheck.reports.markdown import escaped
 
 
 def night_markdown(judged: Judgement) -> str:
@@ -19,13 +17,6 @@ def night_markdown(judged: Judgement) -> str:
         "",
         *(f"- {escaped(sentence)}" for sentence in night_sentences(judged)),
     ]
-    made = groups(judged.comparison.changes) if judged.comparison is not None else []
-    if made:
-        rows = [
-            (HEADINGS[group.direction].lower(), group.where, group.method, group.text)
-            for group in made[:_MOST_LINES]
-        ]
-        lines += ["", *markdown_table(("", "scenario", "engine:method", "change"), rows)]
-    if len(made) > _MOST_LINES:
-        lines += ["", f"and {len(made) - _MOST_LINES} more lines, in night.html."]
+    if judged.comparison is not None:
+        lines += changes_table(judged.comparison.changes, "night.html has all")
     return "\n".join(lines) + "\n"

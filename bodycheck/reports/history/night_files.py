@@ -7,8 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bodycheck.reports.comparison.change import Change
+from bodycheck.reports.comparison.words import HEADINGS
+from bodycheck.reports.history.accepted import write_accepted
 from bodycheck.reports.history.judgement import Judgement
 from bodycheck.reports.history.machine_class import machine_class
+from bodycheck.reports.history.past import TOLD
+from bodycheck.reports.history.sums import NIGHT_FILE
 from bodycheck.reports.html import render_report
 from bodycheck.reports.run import Run
 from bodycheck.reports.store import write_tables
@@ -18,25 +22,43 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _CHANGE_COLUMNS = (
-    *("run_id", "compared_with", "kind", "direction", "scenario", "engine", "method", "control", "fineness"),
+    *("run_id", "compared_with", "kind", "status", "scenario", "engine", "method", "control", "fineness"),
     *("what", "before", "after", "decades"),
 )
 
 
 def write_run_of_night(run: Run, night: Path) -> None:
-    """Write what was measured, before it is judged: the tables and report.html."""
+    """Write what was measured, before it is judged: the tables."""
     write_tables(run, night)
     for name, table in {"results": run.results, "methods": run.methods, "stability": run.stability}.items():
         (night / f"{name}.parquet").write_bytes(as_parquet(table))
+
+
+def write_report_of_night(run: Run, night: Path) -> None:
+    """Write report.html."""
     (night / "report.html").write_text(render_report(run), encoding="utf-8")
 
 
+def write_unjudged(run: Run, night: Path) -> None:
+    """Write night.json and no change, of a run that could not be judged."""
+    import pandas as pd
+
+    known = {"run_id": run.run_id, "status": "not judged", "cases": len(run.cases)}
+    told = {**dict.fromkeys(TOLD, 0), "engines": ", ".join(run.manifest["engines"]), **known}
+    told |= {"created": run.manifest["created"], "machine": machine_class(run.manifest)}
+    (night / NIGHT_FILE).write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    empty = pd.DataFrame(columns=list(_CHANGE_COLUMNS))
+    (night / "changes.csv").write_bytes(as_csv(empty))
+    (night / "changes.parquet").write_bytes(as_parquet(empty))
+
+
 def write_judgement(judged: Judgement, night: Path) -> None:
-    """Write what was told: night.json, and each change in changes.csv and changes.parquet."""
+    """Write what was reported: night.json, changes.csv and changes.parquet; and the accepted levels."""
     (night / "night.json").write_text(json.dumps(_summary(judged), indent=2) + "\n", encoding="utf-8")
     changes = _changes_table(judged)
     (night / "changes.csv").write_bytes(as_csv(changes))
     (night / "changes.parquet").write_bytes(as_parquet(changes))
+    write_accepted(judged.accepted, judged.tonight.run_id, night)
 
 
 def _summary(judged: Judgement) -> dict[str, Any]:
@@ -51,9 +73,7 @@ def _summary(judged: Judgement) -> dict[str, Any]:
         "engines": ", ".join(f"{name} {version}" for name, version in versions.items()),
         "cases": len(judged.tonight.cases),
         "compared_with": None if comparison is None else comparison.before.run_id,
-        "worse": sum(change.direction == "worse" for change in changes),
-        "better": sum(change.direction == "better" for change in changes),
-        "other": sum(change.direction == "other" for change in changes),
+        **{status: sum(change.status == status for change in changes) for status in HEADINGS},
         "status": judged.status,
     }
 

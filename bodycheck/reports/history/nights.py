@@ -9,12 +9,14 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from bodycheck.errors import InputError
 from bodycheck.reports.whole_file import check_folder
 
 _RUN_ID = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{6}")
+_STAMP, _STAMP_LENGTH = "%Y%m%dT%H%M%SZ", 16  # what such a name begins with
 _LOCK = ".lock"
 _UNFINISHED = ".unfinished-"
 
@@ -56,6 +58,14 @@ class History:
             raise InputError(f"{self.folder}: cannot be read: {error.strerror or error}") from None
         return [entry for entry in entries if _RUN_ID.fullmatch(entry.name)]
 
+    def dated_in_future(self, run_id: str = "") -> list[Path]:
+        """Return the nights that began after now, and after a run that is named: the last of `nights`.
+
+        They are no baseline, and pruning counts none of them: a clock that was wrong once must not decide.
+        """
+        latest = max(f"{datetime.now(UTC):{_STAMP}}", run_id[:_STAMP_LENGTH])
+        return [night for night in self.nights() if night.name[:_STAMP_LENGTH] > latest]
+
     @contextmanager
     def _locked(self) -> Iterator[None]:
         """Let no other process store or prune meanwhile; a process that is killed lets go of it.
@@ -89,7 +99,7 @@ class History:
             raise InputError(f"{night}: cannot be written: {error.strerror or error}") from None
 
     def prune(self, keep: int) -> list[str]:
-        """Remove all nights but the newest `keep`; return the names of those that are gone.
+        """Remove all nights but the newest `keep` and those of the future; return the names of the removed.
 
         Raises InputError where one cannot be removed.
         """
@@ -98,7 +108,8 @@ class History:
         gone = []
         try:
             with self._locked():
-                for night in self.nights()[:-keep]:
+                coming = self.dated_in_future()
+                for night in [night for night in self.nights() if night not in coming][:-keep]:
                     leaving = self.folder / f"{_UNFINISHED}{night.name}"
                     night.rename(leaving)  # at once: a night is there whole or not at all
                     shutil.rmtree(leaving)

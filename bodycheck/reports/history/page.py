@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bodycheck.reports.comparison.page import ChangesShown
+from bodycheck.reports.comparison.words import HEADINGS
 from bodycheck.reports.history.judgement import Judgement
 from bodycheck.reports.history.trends import trends_of
 from bodycheck.reports.history.words import headline, night_sentences
@@ -22,6 +23,7 @@ def render_night(judged: Judgement) -> str:
             tint=_TINTS[judged.status],
             sentences=night_sentences(judged),
             changes=ChangesShown.of(() if judged.comparison is None else judged.comparison.changes),
+            statuses=list(HEADINGS),
             nights=len(judged.speeds.series.nights),
             trends=trends_of(judged.speeds, judged.errors),
             earlier=[night.told for night in judged.past.nights],

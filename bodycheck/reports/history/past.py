@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from bodycheck.errors import InputError
+from bodycheck.outside import from_outside
 from bodycheck.reports.comparison.circumstances import redefined
+from bodycheck.reports.history.accepted import read_accepted
 from bodycheck.reports.history.machine_class import machine_class
 from bodycheck.reports.history.nights import History
+from bodycheck.reports.history.sums import NIGHT_FILE, check_files, read_night_file
 from bodycheck.reports.stored import Tables, read_manifest, read_tables
 
 _MOST_NIGHTS = 60
 """How far back speeds are looked at, and a case that did not end well for a while."""
-_PARQUET = b"PAR1"  # a whole file begins and ends with it
 
-TOLD = ("run_id", "status", "worse", "better", "other", "cases", "engines", "machine")
-"""What night.json has to say of a night, in the order in which it is listed."""
+_COUNTS = ("worse", "missing", "improved", "moved", "new")
+TOLD = ("run_id", "status", *_COUNTS, "cases", "engines", "machine")
+"""What night.json says of a night, in the order in which it is listed."""
+_NEEDED = tuple(name for name in TOLD if name not in _COUNTS[1:])
+_FORMER_COUNTS = {"improved": "better", "moved": "other"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +43,11 @@ class Night:
     def tables(self) -> Tables:
         """What it found; InputError where that is damaged."""
         return read_tables(self.folder)
+
+    @property
+    def accepted(self) -> Tables:
+        """The accepted levels after it; InputError where they are damaged."""
+        return read_accepted(self.folder, self.tables)
 
     def same_scenarios(self, manifest: Mapping[str, Any]) -> set[str]:
         """Return the scenarios that are what another run means by their names."""
@@ -60,13 +69,16 @@ def past_of(history: History, manifest: Mapping[str, Any]) -> Past:
     """
     nights: list[Night] = []
     left_out: list[str] = []
-    for folder in reversed(history.nights()):
+    coming = history.dated_in_future(manifest["run_id"])
+    left_out += [f"{folder}: is dated in the future" for folder in coming]
+    for folder in reversed(history.nights()[: -len(coming) or None]):
         try:
-            night = Night(folder, read_manifest(folder), told_of(folder))
-            if machine_class(night.manifest) == machine_class(manifest):
-                _check_parquet(folder / "results.parquet")
-                _ = nights or night.tables  # the newest is compared in full
-                nights.append(night)
+            with from_outside(folder):
+                night = Night(folder, read_manifest(folder), told_of(folder))
+                if machine_class(night.manifest) == machine_class(manifest):
+                    check_files(folder, night.told)
+                    _ = nights or night.accepted  # the newest is compared in full
+                    nights.append(night)
         except InputError as error:
             left_out.append(str(error))
         if len(nights) == _MOST_NIGHTS:
@@ -84,10 +96,10 @@ def readable_nights(nights: Sequence[Path], tables: Sequence[str] = ()) -> tuple
     left_out: list[str] = []
     for folder in nights:
         try:
-            told_of(folder)
-            for table in tables:
-                _check_parquet(folder / f"{table}.parquet")
-            readable.append(folder)
+            with from_outside(folder):
+                told = told_of(folder)
+                check_files(folder, told, [f"{table}.parquet" for table in tables])
+                readable.append(folder)
         except InputError as error:
             left_out.append(str(error))
     if not readable:
@@ -97,22 +109,9 @@ def readable_nights(nights: Sequence[Path], tables: Sequence[str] = ()) -> tuple
 
 def told_of(folder: Path) -> dict[str, Any]:
     """Return night.json of a night: status, and how much changed; InputError where it cannot be read."""
-    path = folder / "night.json"
-    try:
-        told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: is damaged: {error}") from None
-    if lacking := [name for name in TOLD if not isinstance(told, dict) or name not in told]:
+    path, told = folder / NIGHT_FILE, read_night_file(folder)
+    if lacking := [name for name in _NEEDED if not isinstance(told, dict) or name not in told]:
         raise InputError(f"{path}: is damaged: it has no {lacking[0]}")
-    return told
-
-
-def _check_parquet(path: Path) -> None:
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if not (len(content) > 2 * len(_PARQUET) and content.startswith(_PARQUET) and content.endswith(_PARQUET)):
-        raise InputError(f"{path}: is damaged")
+    if strange := [name for name in TOLD if isinstance(told.get(name), list | dict)]:
+        raise InputError(f"{path}: is damaged: {strange[0]} is neither text nor a number")
+    return {**{name: told.get(_FORMER_COUNTS.get(name, name), 0) for name in _COUNTS}, **told}

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bodycheck.errors import InputError
+from bodycheck.outside import escaped
 from bodycheck.reports.history.past import told_of
 
 if TYPE_CHECKING:
@@ -55,7 +56,11 @@ def query(nights: Sequence[Path], sql: str) -> pd.DataFrame:
         found = database.sql(sql)
         if found is None:
             raise InputError(f"{sql}: returns no table; a query is a SELECT")
-        return found.df()
+        table = found.df()
+    for name in table.columns:
+        if table[name].dtype == object or str(table[name].dtype) in ("str", "string"):
+            table[name] = table[name].map(escaped, na_action="ignore")
+    return table
 
 
 def nights_table(nights: Sequence[Path]) -> pd.DataFrame:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bodycheck.reports.comparison.change import Change, Direction
+from bodycheck.reports.comparison.change import Change, Status
 from bodycheck.reports.history.levels import Step, level_steps
 from bodycheck.reports.history.series import Key, Series, series_of
 
@@ -28,10 +28,8 @@ class Speeds:
         for (engine, method), steps in self.steps.items():
             if steps and steps[-1].told == tonight:
                 size = steps[-1].size
-                direction: Direction = "worse" if size > 0.0 else "better"
-                yield Change(
-                    "speed", None, engine, method, "relative_cpu", None, None, direction, decades=size
-                )
+                status: Status = "worse" if size > 0.0 else "improved"
+                yield Change("speed", None, engine, method, "relative_cpu", None, None, status, decades=size)
 
 
 def speeds_of(nights: Sequence[str], cases: pd.DataFrame) -> Speeds:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from bodycheck.reports.comparison.text import print_changes
+from bodycheck.reports.comparison.words import HEADINGS
 from bodycheck.reports.console import console, print_columns
 from bodycheck.reports.history.judgement import Judgement
 from bodycheck.reports.history.past import TOLD
@@ -36,4 +37,4 @@ def print_night(judged: Judgement) -> None:
 def print_nights(nights: pd.DataFrame) -> None:
     """Print one line a night, the oldest first."""
     rows = nights[list(TOLD)].astype(str).to_numpy().tolist()
-    print_columns(console(), TOLD, rows, right=("worse", "better", "other", "cases"))
+    print_columns(console(), TOLD, rows, right=(*HEADINGS, "cases"))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodycheck.reports.comparison.bisection import changes
+from bodycheck.reports.comparison.bisection import changes, every_change
 
 # how long each value stays, and which members cannot be measured
 stretches = st.lists(st.integers(1, 12), min_size=1, max_size=5)
@@ -64,3 +65,27 @@ def test_a_pair_always_differs_and_leaves_nothing_between(values: list[int]) -> 
         assert int(after) == int(before) + 1
         assert values[int(before)] != values[int(after)]
     assert bool(found) == bool(values and values[0] != values[-1])
+
+
+@given(st.lists(st.one_of(st.none(), st.integers(0, 2)), max_size=20))
+def test_where_every_member_is_measured_no_change_is_missed(values: list[int | None]) -> None:
+    """What comes and goes between equal ends is found; those that cannot be measured are stepped around."""
+    members = [str(place) for place in range(len(values))]
+    asked: list[str] = []
+
+    def measured(member: str) -> int | None:
+        asked.append(member)
+        return values[int(member)]
+
+    found = every_change(members, measured, lambda one, other: one != other)
+    sound = [place for place, value in enumerate(values) if value is not None]
+    neighbours = pairwise(sound)
+    assert list(found) == [(str(a), str(b)) for a, b in neighbours if values[a] != values[b]]
+    assert asked == members
+
+
+def test_small_differences_add_up_where_every_member_is_measured() -> None:
+    """Each is compared with the first since the last change."""
+    values = {str(k): 1.0 + 0.4 * k for k in range(7)}
+    found = every_change(list(values), values.get, lambda one, other: abs(one - other) > 1.0)
+    assert found == (("2", "3"), ("5", "6"))

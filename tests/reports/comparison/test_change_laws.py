@@ -17,6 +17,7 @@ from bodycheck.reports.comparison.circumstances import circumstances, redefined
 from bodycheck.reports.comparison.compare import compare, ended_well_anew
 from bodycheck.reports.comparison.speeds import Ratio, ratio, speed_changes
 from bodycheck.reports.comparison.stable_steps import stability_change
+from bodycheck.reports.comparison.thresholds import Thresholds
 from bodycheck.reports.comparison.words import change_text, groups, identity, sentences
 from bodycheck.reports.stored import Tables
 
@@ -35,7 +36,7 @@ def run(*cases: dict[str, Any], **parts: Any) -> Tables:
 def change(**cells: Any) -> Change:
     """Return a worse error of one case, but for what is told."""
     usual = {"kind": "accuracy", "scenario": "brick", "engine": "mujoco", "method": "rk4", "what": ERROR}
-    told = {"before": 1e-3, "after": 1e-2, "direction": "worse", "control": "dt", "fineness": 0.01}
+    told = {"before": 1e-3, "after": 1e-2, "status": "worse", "control": "dt", "fineness": 0.01}
     return Change(**{**usual, **told, "decades": 1.0, **cells})
 
 
@@ -51,41 +52,56 @@ def change(**cells: Any) -> Change:
         (ERROR, {"truth_bound_rad": 1e-10}, {ERROR: 2e-10}, 3e-10),
         (ERROR, {"truth_bound_rad": 1e-10}, {ERROR: 4e-10}, 4e-10),
         (ERROR, {}, {"energy_drift": 1.0}, 8.0 * EPS),
+        (ERROR, {ERROR: 3.0}, {}, 24.0 * EPS),
+        (ERROR, {ERROR: 0.5}, {}, 8.0 * EPS),
         ("orientation_error_final_rad", {}, {ERROR: 1e-9}, 1e-9),
-        ("velocity_error", {}, {"omega_error": 1e-9}, 1e-9),
-        ("energy_balance", {}, {"energy_drift": 1e-9}, 1e-9),
-        ("linear_momentum_drift", {}, {"angular_momentum_drift": 1e-9}, 1e-9),
-        ("invariant_drift", {}, {"angular_momentum_drift": 1e-9}, 1e-9),
+        ("velocity_error", {}, {"velocity_error": 1e-9}, 1e-9),
+        ("energy_balance", {}, {"energy_balance": 1e-9}, 1e-9),
+        ("linear_momentum_drift", {}, {"linear_momentum_drift": 1e-9}, 1e-9),
+        ("invariant_drift", {}, {"invariant_drift": 1e-9}, 1e-9),
         (
             "rotational_energy_drift",
-            {"energy_scale_j": 6.0, "rotational_energy_scale_j": 2.0},
-            {"energy_drift": 1e-9},
-            3e-9,
+            {"energy_scale_j": 6.0, "rotational_energy_scale_j": 2.0, "truth_bound_energy": 1e-9},
+            {},
+            9e-9,
         ),
     ],
 )
 def test_the_noise_is_the_largest_of_bound_floor_and_round_off(
     measure: str, row: dict[str, Any], floors: dict[str, float], least: float
 ) -> None:
-    """max(3 bound, floor, eps (8 + sqrt(steps))), each of the measure's own."""
+    """max(3 bound, floor, eps (8 + sqrt(steps)) max(1, value)), each of the measure's own."""
     assert noise(measure, row, floors) == pytest.approx(least, rel=1e-12, abs=0.0)
 
 
 def accuracies(old: dict[str, Any], new: dict[str, Any], *floors: float) -> list[Change]:
     """Return what changed of one case whose method has these floors before and after."""
     known = tuple({ERROR: floor} for floor in floors or (LEAST, LEAST))
-    return list(accuracy_changes({**WHO, **old}, {**WHO, **new}, known))  # type: ignore[arg-type]
+    return list(accuracy_changes({**WHO, **old}, {**WHO, **new}, known, Thresholds()))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("floors", [(LEAST, LEAST), (1e-3, LEAST), (LEAST, 1e-3)])
 def test_an_error_changes_where_it_moves_by_more_than_the_smaller_noise(floors: tuple[float, float]) -> None:
-    """From nothing to twice the noise is none; one double more is worse, and better from the other side."""
-    beyond = math.nextafter(2.0 * LEAST, 1.0)
-    assert accuracies({ERROR: 0.0}, {ERROR: 2.0 * LEAST}, *floors) == []
-    (worse,) = accuracies({ERROR: 0.0}, {ERROR: beyond}, *floors)
-    assert (worse.direction, worse.before, worse.after) == ("worse", 0.0, beyond)
-    assert worse.decades == pytest.approx(math.log10(2.0))
-    assert accuracies({ERROR: beyond}, {ERROR: 0.0}, *floors) == [mirrored(worse)]
+    """From nothing to three times the noise is none; one double more has moved, seen from either side."""
+    beyond = math.nextafter(3.0 * LEAST, 1.0)
+    assert accuracies({ERROR: 0.0}, {ERROR: 3.0 * LEAST}, *floors) == []
+    (moved,) = accuracies({ERROR: 0.0}, {ERROR: beyond}, *floors)
+    assert (moved.status, moved.before, moved.after) == ("moved", 0.0, beyond)
+    assert moved.decades == pytest.approx(math.log10(3.0))
+    assert accuracies({ERROR: beyond}, {ERROR: 0.0}, *floors) == [mirrored(moved)]
+
+
+@pytest.mark.parametrize("floors", [(LEAST, LEAST), (1e-3, LEAST), (LEAST, 1e-3)])
+def test_an_error_is_worse_where_it_is_beyond_the_noise_and_the_threshold(
+    floors: tuple[float, float],
+) -> None:
+    """By 2 % of the smaller value and the noise of both; a value below its noise counts as the noise."""
+    for low in (0.0, 1e-3):
+        edge = max(low, LEAST) * 1.02 + 2.0 * LEAST
+        (moved,) = accuracies({ERROR: low}, {ERROR: edge * (1.0 - 1e-9)}, *floors)
+        (worse,) = accuracies({ERROR: low}, {ERROR: edge * (1.0 + 1e-9)}, *floors)
+        assert (moved.status, worse.status) == ("moved", "worse")
+        assert accuracies({ERROR: worse.after}, {ERROR: low}, *floors) == [mirrored(worse)]
 
 
 def test_what_has_no_scale_is_measured_by_its_own_size() -> None:
@@ -103,7 +119,7 @@ def test_a_body_that_does_not_turn_can_be_compared() -> None:
     before = {**still, "rotational_energy_drift_abs": 1e-20}
     assert accuracies(before, before) == []
     (worse,) = accuracies(before, {**still, "rotational_energy_drift_abs": 1e-19})
-    assert (worse.what, worse.direction) == ("rotational_energy_drift_abs", "worse")
+    assert (worse.what, worse.status) == ("rotational_energy_drift_abs", "worse")
 
 
 @pytest.mark.parametrize(
@@ -116,7 +132,7 @@ def test_a_change_says_whose_it_is(cells: dict[str, Any], fineness: float | None
     (gone,) = accuracies(there, cells)
     control = cells.get("control", "dt")
     who = ("brick", "mujoco", "rk4", ERROR)
-    assert gone == Change("accuracy", *who, 1e-3, None, "other", control, fineness)
+    assert gone == Change("accuracy", *who, 1e-3, None, "missing", control, fineness)
     assert accuracies(cells, there) == [mirrored(gone)]
 
 
@@ -129,8 +145,8 @@ def test_what_has_no_size_goes_before_what_has_one() -> None:
 
 
 def test_the_higher_rank_is_the_better() -> None:
-    """Upward is better, downward worse, neither is neither."""
-    assert [by_rank(*ranks) for ranks in ((0, 1), (1, 0), (1, 1))] == ["better", "worse", "other"]
+    """Upward is an improvement, downward worse; neither has moved."""
+    assert [by_rank(*ranks) for ranks in ((0, 1), (1, 0), (1, 1))] == ["improved", "worse", "moved"]
 
 
 # ------------------------------------------------------------------------------------------ stable steps
@@ -139,11 +155,13 @@ def test_the_higher_rank_is_the_better() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ((0.1, 0.2), (0.2, 0.3), ("better", math.log10(2.0))),
+        ((0.1, 0.2), (0.2, 0.3), ("improved", math.log10(2.0))),
         ((0.2, 0.3), (0.1, 0.2), ("worse", -math.log10(2.0))),
         ((0.1, 0.2), (0.19, 0.3), None),
+        ((0.1, 0.1001), (0.1015, 0.102), ("moved", math.log10(1.015))),
+        ((0.1, 0.1001), (0.1025, 0.103), ("improved", math.log10(1.025))),
         ((0.1, None), (0.05, 0.1), ("worse", -math.log10(2.0))),
-        ((None, 0.1), (0.1, 0.2), ("better", None)),
+        ((None, 0.1), (0.1, 0.2), ("improved", None)),
         ((0.1, 0.2), (None, 0.1), ("worse", None)),
         ((None, 0.1), (None, 0.2), None),
     ],
@@ -158,7 +176,7 @@ def test_a_stable_step_moved_by_the_ratio_of_the_stable_ones(
     for stable, unstable in (old, new):
         cells = {"outcome": "ok", "dt_stable_s": stable, "dt_unstable_s": unstable}
         rows.append(WHO | {name: cell for name, cell in cells.items() if cell is not None})
-    found = stability_change(rows[0], rows[1])
+    found = stability_change(rows[0], rows[1], 0.02)
     if told is None:
         assert found is None
         return
@@ -166,20 +184,20 @@ def test_a_stable_step_moved_by_the_ratio_of_the_stable_ones(
     direction, decades = told
     texts = (old[0] or "none", new[0] or "none")
     assert (found.kind, found.what, found.before, found.after) == ("stability", "dt_stable_s", *texts)
-    assert found.direction == direction
+    assert found.status == direction
     assert found.decades == (None if decades is None else pytest.approx(decades))
 
 
 @pytest.mark.parametrize(
     ("old", "new", "direction"),
-    [("ok", "failed", "worse"), ("timeout", "ok", "better"), ("failed", "timeout", "other")],
+    [("ok", "failed", "worse"), ("timeout", "ok", "improved"), ("failed", "timeout", "moved")],
 )
 def test_a_search_that_ends_otherwise_is_a_change(old: str, new: str, direction: str) -> None:
     """Ended well or not decides on better or worse; two that failed alike are no change."""
-    found = stability_change({**WHO, "outcome": old}, {**WHO, "outcome": new})
+    found = stability_change({**WHO, "outcome": old}, {**WHO, "outcome": new}, 0.02)
     who = ("brick", "mujoco", "rk4", "stable step: search")
     assert found == Change("stability", *who, old, new, direction)  # type: ignore[arg-type]
-    assert stability_change({**WHO, "outcome": "failed"}, {**WHO, "outcome": "failed"}) is None
+    assert stability_change({**WHO, "outcome": "failed"}, {**WHO, "outcome": "failed"}, 0.02) is None
 
 
 # ------------------------------------------------------------------------------------------------ speeds
@@ -258,14 +276,14 @@ def test_a_method_is_slower_where_three_quarters_of_its_cases_are_beyond_the_noi
     """The noises of both runs together are the bound; the median of all cases is told."""
     slack = math.log10(1.0 + 0.1 + 0.2)
     beyond = math.nextafter(slack, 1.0)
-    assert list(speed_changes(moved(*4 * [sign * slack]), (0.1, 0.2))) == []
-    (found,) = speed_changes(moved(*4 * [sign * beyond]), (0.1, 0.2))
-    assert found.direction == ("worse" if sign > 0.0 else "better")
+    assert list(speed_changes(moved(*4 * [sign * slack]), (0.1, 0.2), 0.02)) == []
+    (found,) = speed_changes(moved(*4 * [sign * beyond]), (0.1, 0.2), 0.02)
+    assert found.status == ("worse" if sign > 0.0 else "improved")
     assert (found.kind, found.scenario, found.what) == ("speed", None, "relative_cpu")
     assert (found.before, found.after, found.decades) == (None, None, pytest.approx(2.0 * sign * slack))
-    assert len(list(speed_changes(moved(*3 * [sign], 0.0), (0.1, 0.2)))) == 1
-    assert len(list(speed_changes(moved(sign), (0.1, 0.2)))) == 1
-    assert list(speed_changes(moved(sign, sign, 0.0, 0.0), (0.1, 0.2))) == []
+    assert len(list(speed_changes(moved(*3 * [sign], 0.0), (0.1, 0.2), 0.02))) == 1
+    assert len(list(speed_changes(moved(sign), (0.1, 0.2), 0.02))) == 1
+    assert list(speed_changes(moved(sign, sign, 0.0, 0.0), (0.1, 0.2), 0.02)) == []
 
 
 def test_where_a_methods_cases_do_not_agree_each_scenario_is_judged_by_three_noises() -> None:
@@ -273,52 +291,62 @@ def test_where_a_methods_cases_do_not_agree_each_scenario_is_judged_by_three_noi
     slack = 3.0 * math.log10(1.1)
     still = moved(0.0, 0.0, 0.0, 0.0, scenario="plate") + moved(0.0, method="euler")
     for size, told in ((slack, 0), (math.nextafter(slack, 1.0), 1)):
-        found = list(speed_changes([*still, *moved(size, size)], (0.1, 0.0)))
-        assert [(one.scenario, one.method, one.direction) for one in found] == told * [
-            ("brick", "rk4", "worse")
-        ]
+        found = list(speed_changes([*still, *moved(size, size)], (0.1, 0.0), 0.02))
+        assert [(one.scenario, one.method, one.status) for one in found] == told * [("brick", "rk4", "worse")]
 
 
 # ------------------------------------------------------------------------------------------------- compare
 
-RANKS = {
-    "converges": 2,
-    "at-floor": 2,
+SEVERITIES = {
+    "converges": 0,
+    "at-floor": 0,
     "pre-asymptotic": 1,
     "chaotic": 1,
-    "does-not-converge": 0,
-    "unstable": 0,
+    "does-not-converge": 2,
+    "unstable": 3,
 }
 
 
-@pytest.mark.parametrize("after", RANKS)
-@pytest.mark.parametrize("before", RANKS)
-def test_a_verdict_is_as_good_as_its_rank(before: str, after: str) -> None:
-    """What converges is better than what is open, and that than what does not converge."""
-    old, new = (run({}, methods=[{"verdict": verdict, "order": None}]) for verdict in (before, after))
-    rise = RANKS[after] - RANKS[before]
-    direction = "better" if rise > 0 else "worse" if rise < 0 else "other"
-    found = [(one.kind, one.what, one.before, one.after, one.direction) for one in compare(old, new).changes]
-    told = ("verdict", f"verdict of {ERROR}", before, after, direction)
+@pytest.mark.parametrize("error", [1e-9, 1e-3, 1e-15])
+@pytest.mark.parametrize("after", SEVERITIES)
+@pytest.mark.parametrize("before", SEVERITIES)
+def test_a_verdict_is_worse_where_it_is_more_severe(before: str, after: str, error: float) -> None:
+    """What accuses always is; between sound and undecided only where the error of the quantity agrees."""
+    old, new = (
+        run({ERROR: found}, methods=[{"verdict": verdict, "order": None}])
+        for verdict, found in ((before, 1e-9), (after, error))
+    )
+    rise = SEVERITIES[after] - SEVERITIES[before]
+    status = "worse" if rise > 0 else "improved" if rise < 0 else "moved"
+    agrees = (error > 1e-9) if rise > 0 else (error < 1e-9)
+    if max(SEVERITIES[after], SEVERITIES[before]) < 2 and not agrees:
+        status = "moved"
+    found = [one for one in compare(old, new).changes if one.kind == "verdict"]
+    told = Change("verdict", "brick", "mujoco", "rk4", f"verdict of {ERROR}", before, after, status)  # type: ignore[arg-type]
     assert found == ([] if before == after else [told])
+    assert [mirrored(one) for one in found] == [
+        one for one in compare(new, old).changes if one.kind == "verdict"
+    ]
 
 
 @pytest.mark.parametrize(
     ("old", "new", "direction"),
     [
-        ((2.0, 1.9, 2.1), (2.2, 2.15, 2.3), "better"),
-        ((2.2, 2.15, 2.3), (2.0, 1.9, 2.1), "worse"),
+        ((2.0, 1.9, 2.1), (2.3, 2.15, 2.4), "improved"),
+        ((2.3, 2.15, 2.4), (2.0, 1.9, 2.1), "worse"),
         ((2.0, 1.9, 2.1), (2.2, 2.1, 2.3), None),  # the intervals touch
         ((2.2, 2.1, 2.3), (2.0, 1.9, 2.1), None),
         ((2.0, 1.99, 2.01), (2.04, 2.03, 2.05), None),  # sure, and of no size
         ((0.0, -0.01, 0.01), (0.05, 0.04, 0.06), None),
-        ((2.0, 1.99, 2.01), (2.06, 2.05, 2.07), "better"),
+        ((2.0, 1.99, 2.01), (2.06, 2.05, 2.07), "moved"),  # above what it was by less than 0.1
+        ((2.0, 1.99, 2.01), (2.12, 2.11, 2.13), "improved"),
+        ((2.12, 2.11, 2.13), (2.0, 1.99, 2.01), "worse"),
     ],
 )
 def test_an_order_changed_where_its_interval_left_the_other(
     old: tuple[float, ...], new: tuple[float, ...], direction: str | None
 ) -> None:
-    """And it moved by more than 0.05."""
+    """And it moved by more than 0.05; it matters where the lower one is 0.1 below, here without a theory."""
     runs = [
         run({}, methods=[dict(zip(("order", "order_low", "order_high"), cells, strict=True))])
         for cells in (old, new)
@@ -326,6 +354,35 @@ def test_an_order_changed_where_its_interval_left_the_other(
     found = compare(*runs).changes
     who = ("order", "brick", "mujoco", "rk4", f"order of {ERROR}")
     assert found == ((Change(*who, old[0], new[0], direction),) if direction else ())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("theories", "old", "new", "status"),
+    [
+        ((4, 2), (4.0, 3.99, 4.01), (2.0, 1.99, 2.01), "worse"),  # the theory of the better version counts
+        ((2, 4), (2.0, 1.99, 2.01), (4.0, 3.99, 4.01), "improved"),
+        ((4, 4), (5.0, 4.99, 5.01), (4.0, 3.99, 4.01), "moved"),  # still what theory says
+        ((4, 4), (4.0, 3.99, 4.01), (3.92, 3.91, 3.93), "moved"),
+        ((4, 4), (4.0, 3.99, 4.01), (3.85, 3.84, 3.86), "worse"),
+        ((1, None), (1.0, 0.99, 1.01), (0.8, 0.79, 0.81), "worse"),
+    ],
+)
+def test_an_order_is_worse_where_it_fell_below_theory(
+    theories: tuple[int | None, int | None], old: tuple[float, ...], new: tuple[float, ...], status: str
+) -> None:
+    """By more than its interval and 0.1; an order above theory owes nothing. The mirror image improved."""
+    names = ("order", "order_low", "order_high")
+    before, after = (
+        run(
+            {},
+            methods=[dict(zip(names, cells, strict=True))],
+            engines={"mujoco": {"version": "1", "methods": {"rk4": {"order": theory}}}},
+        )
+        for theory, cells in zip(theories, (old, new), strict=True)
+    )
+    (change,) = compare(before, after).changes
+    assert (change.kind, change.status) == ("order", status)
+    assert compare(after, before).changes == (mirrored(change),)
 
 
 def test_what_another_scenario_of_the_same_name_did_is_no_change() -> None:
@@ -350,13 +407,13 @@ def test_what_another_scenario_of_the_same_name_did_is_no_change() -> None:
 
 @pytest.mark.parametrize(
     ("old", "new", "direction"),
-    [("ok", "failed", "worse"), ("failed", "ok", "better"), ("failed", "invalid", "other")],
+    [("ok", "failed", "worse"), ("failed", "ok", "improved"), ("failed", "invalid", "moved")],
 )
 def test_an_outcome_is_good_or_not(old: str, new: str, direction: str) -> None:
     """Between two ways of failing neither is the better, and no accuracy is compared beside it."""
     (found,) = compare(run({"outcome": old}), run({"outcome": new, ERROR: 1.0})).changes
     assert found == change(
-        kind="outcome", what="outcome", before=old, after=new, direction=direction, decades=None
+        kind="outcome", what="outcome", before=old, after=new, status=direction, decades=None
     )
 
 
@@ -364,9 +421,9 @@ def test_cases_are_told_apart_by_step_and_tolerance() -> None:
     """A case of another step came, one of a tolerance went; each has its own outcome."""
     tolerance = {"control": "tolerance", "dt_s": None, "tolerance": 1e-6, "outcome": "timeout"}
     found = compare(run({}, tolerance), run({}, {"dt_s": 0.02})).changes
-    cells = {"kind": "case", "what": "case", "direction": "other", "decades": None}
-    gone = change(**cells, before="timeout", after=None, control="tolerance", fineness=1e-6)
-    assert set(found) == {gone, change(**cells, before=None, after="ok", fineness=0.02)}
+    cells = {"kind": "case", "what": "case", "decades": None}
+    gone = change(**cells, before="timeout", after=None, status="missing", control="tolerance", fineness=1e-6)
+    assert set(found) == {gone, change(**cells, before=None, after="ok", status="new", fineness=0.02)}
 
 
 def test_changes_come_the_largest_first() -> None:
@@ -447,17 +504,20 @@ def test_words_about_a_scenario_make_it_no_other(idle: str) -> None:
 @pytest.mark.parametrize(
     ("cells", "text"),
     [
-        ({}, "orientation_error_rad 0.001 -> 0.01 (+1.00 decades) at dt 0.01 s"),
+        ({}, "orientation_error_rad 0.001 -> 0.01 (factor 10 up) at dt 0.01 s"),
         ({"after": None, "decades": None}, "orientation_error_rad 0.001 -> not measured at dt 0.01 s"),
         (
-            {"after": 1.00002e-3, "decades": 8.7e-6, "fineness": None},
-            "orientation_error_rad 0.001 -> 0.00100002 (+9e-6 decades)",
+            {"after": 1.00002e-3, "decades": math.log10(1.00002), "fineness": None},
+            "orientation_error_rad 0.001 -> 0.00100002 (0.002 % up)",
         ),
         (
             {"before": 1.23456e-3, "after": 2.34567e-3, "decades": None, "fineness": None},
             "orientation_error_rad 0.001235 -> 0.002346",
         ),
-        ({"decades": 0.01, "fineness": None}, "orientation_error_rad 0.001 -> 0.01 (+0.01 decades)"),
+        (
+            {"decades": -math.log10(1.05), "fineness": None},
+            "orientation_error_rad 0.001 -> 0.01 (5 % down)",
+        ),
         ({"kind": "speed", "decades": math.log10(2.0)}, "2 times as slow"),
         ({"kind": "speed", "decades": -math.log10(2.0)}, "2 times as fast"),
         ({"kind": "case", "before": None, "after": "ok"}, "only in the run after at dt 0.01 s (ok)"),
@@ -473,11 +533,11 @@ def test_a_change_is_told_in_its_own_words(cells: dict[str, Any], text: str) -> 
     assert change_text(change(**cells)) == text
 
 
-def test_groups_are_sorted_by_direction_then_kind_then_size() -> None:
+def test_groups_are_sorted_by_status_then_kind_then_size() -> None:
     """The worst first; alike changes of a method on a scenario together, with how many more there are."""
     small, large = change(scenario="plate", decades=0.5), change(decades=2.0)
     order = change(kind="order", decades=0.1)
-    better, other = change(direction="better"), change(direction="other", kind="outcome")
+    better, other = change(status="improved"), change(status="moved", kind="outcome")
     slow = change(kind="speed", scenario=None)
     finer = change(fineness=0.005, decades=0.2)
     made = groups([other, better, slow, small, large, finer, order])
@@ -492,7 +552,7 @@ def test_groups_are_sorted_by_direction_then_kind_then_size() -> None:
     assert [group.where for group in made[2:4]] == ["plate", "all scenarios"]
     assert made[0].method == "mujoco:rk4"
     assert made[1].text == f"{change_text(large)}; 1 more change, in 2 cases"
-    cases = [change(kind="case", before=None, after="ok", fineness=k, direction="other") for k in (1.0, 2.0)]
+    cases = [change(kind="case", before=None, after="ok", fineness=k, status="new") for k in (1.0, 2.0)]
     assert groups(cases)[0].text == f"{change_text(cases[0])}; 1 more case"
 
 
@@ -504,30 +564,27 @@ def test_what_is_gravest_goes_first_among_changes_for_the_worse() -> None:
 
 
 def test_the_sentences_say_how_much_was_compared_and_what_changed() -> None:
-    """Circumstances, scenarios left out, the numbers of cases, and who changed; each where it is so."""
+    """What changed first, then circumstances, scenarios left out, the numbers of cases; where it is so."""
     same = run({}, {"dt_s": 0.02})
     assert sentences(compare(same, same)) == [
+        "Nothing changed beyond round-off and the noise of the machines.",
         "The same machine, versions and settings.",
         "2 cases compared, 0 of them by their speed too; 0 only in the run after, 0 only in the run before.",
-        "Nothing changed beyond round-off and the noise of the machines.",
     ]
     after = run({ERROR: 1e-6}, {"method": "euler"}, {"method": "implicit"}, cpu="other")
     assert sentences(compare(same, after)) == [
+        "mujoco: rk4 worse, error at 10 ms 1e-9 -> 1e-6 rad (factor 1e3), and missing (1 case);"
+        " euler, implicit new.",
+        "Changes that are not listed: 2 new.",
         "Different circumstances: cpu: none -> other.",
         "1 case compared, 0 of them by their speed too; 2 only in the run after, 1 only in the run before.",
-        "Worse: mujoco:rk4.",
     ]
-    euler, gone = {"method": "euler", "omega_error": 1e-3}, {"method": "euler"}
-    mixed = compare(run({ERROR: 1e-6}, euler), run({}, gone))
-    assert sentences(mixed)[-1] == "Better: mujoco:rk4. Otherwise different: mujoco:euler."
-    assert sentences(compare(run({}), run({}, {"dt_s": 0.02})))[-1] == (
-        "The cases that both runs have did not change."
-    )
     other = run({}, scenarios={"brick": {"duration_s": 2.0}})
-    assert sentences(compare(run({}), other))[1:] == [
+    assert sentences(compare(run({}), other)) == [
+        "There is nothing that could be compared.",
+        "The same machine, versions and settings.",
         "Not compared, as the name means another scenario: brick.",
         "0 cases compared, 0 of them by their speed too; 0 only in the run after, 0 only in the run before.",
-        "There is nothing that could be compared.",
     ]
 
 

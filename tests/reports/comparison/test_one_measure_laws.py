@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 from gated import a_run
+from markupsafe import escape
 from rich.console import Console
 
 from bodycheck.errors import InputError
 from bodycheck.reports.comparison import text
-from bodycheck.reports.comparison.change import Change
+from bodycheck.reports.comparison.change import FAILING, Change, Status
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.one_measure import Finding, OneMeasure, comparable, under_one_name
 from bodycheck.reports.comparison.page import render_comparison
@@ -188,7 +189,7 @@ def test_the_terminal_names_both_runs_and_then_what_changed(capsys: pytest.Captu
         *sentences(found),
         "",
         "Worse",
-        "brick  mujoco:rk4  orientation_error_rad 1e-9 -> 1e-6 (+3.00 decades) at dt 0.01 s",
+        "brick  mujoco:rk4  orientation_error_rad 1e-9 -> 1e-6 (factor 1e3 up) at dt 0.01 s",
     ]
 
 
@@ -196,11 +197,15 @@ def test_the_terminal_names_both_runs_and_then_what_changed(capsys: pytest.Captu
 def test_of_a_long_list_twenty_lines_are_shown(
     amount: int, more: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """And where the rest is; better and otherwise different have headings of their own."""
+    """And where the rest is; what is missing has a heading of its own; what does not fail is not listed."""
     who = ("accuracy", "brick", "mujoco")
-    changes = [Change(*who, f"m{k}", ERROR, 1.0, 2.0, "worse", decades=0.3) for k in range(amount)]
-    changes += [Change(*who, "b", ERROR, 2.0, 1.0, "better", decades=-0.3)]
-    changes += [Change(*who, "o", ERROR, None, 1.0, "other")]
+    changes = [
+        Change(*who, f"m{k}", ERROR, 1.0, 2.0, "worse", decades=math.log10(2.0)) for k in range(amount)
+    ]
+    changes += [Change(*who, "b", ERROR, 2.0, 1.0, "improved", decades=-0.3)]
+    changes += [Change(*who, "p", ERROR, 1.0, 1.01, "moved", decades=0.004)]
+    changes += [Change(*who, "n", ERROR, None, 1.0, "new")]
+    changes += [Change(*who, "o", ERROR, 1.0, None, "missing")]
     print_changes(changes, "there")
     shown = capsys.readouterr().out.splitlines()
     assert shown[:2] == ["", "Worse"]
@@ -208,33 +213,31 @@ def test_of_a_long_list_twenty_lines_are_shown(
     assert all("mujoco:m" in line for line in shown[2:end])
     assert shown[end:] == [
         *more,
-        *["", "Better", "brick  mujoco:b  orientation_error_rad 2 -> 1 (-0.30 decades)"],
-        *["", "Otherwise different", "brick  mujoco:o  orientation_error_rad not measured -> 1"],
+        *["", "Not measured any more", "brick  mujoco:o  orientation_error_rad 1 -> not measured"],
     ]
 
 
-@pytest.mark.parametrize(("direction", "colour"), [("worse", 31), ("better", 32), ("other", 33)])
-def test_on_a_terminal_each_heading_has_its_colour(
-    direction: Any, colour: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Red, green or yellow, and bold."""
+@pytest.mark.parametrize("status", FAILING)
+def test_on_a_terminal_what_fails_is_red(status: Status, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And bold."""
     shown = StringIO()
     console = Console(file=shown, width=100, force_terminal=True, color_system="standard", highlight=False)
     monkeypatch.setattr(text, "console", lambda: console)
-    print_changes([Change("case", "brick", "mujoco", "rk4", "case", None, "ok", direction)], "there")
-    assert f"\x1b[1;{colour}m{HEADINGS[direction]}" in shown.getvalue()
+    print_changes([Change("case", "brick", "mujoco", "rk4", "case", "ok", None, status)], "there")
+    assert f"\x1b[1;31m{HEADINGS[status]}" in shown.getvalue()
 
 
 def test_the_page_has_all_of_it_under_the_tints_of_a_report() -> None:
-    """Who, the sentences, and each heading once, bad, good and open in this order."""
+    """Who, the sentences, and each heading once, what fails first."""
     before = run({ERROR: 1e-3}, {"dt_s": 0.02, ERROR: 1e-3}, {"dt_s": 0.03})
     after = replace(run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-4}, {"dt_s": 0.04}), run_id="other")
     found = compare(before, after)
     page = render_comparison(found)
     for words in ("made-up, today, bodycheck 1", "other, today, bodycheck 1", *sentences(found)):
-        assert words in page
-    places = [page.index(head) for head in ("Worse</h2>", "Better</h2>", "Otherwise different</h2>")]
+        assert str(escape(words)) in page
+    heads = ("Worse</h2>", "Not measured any more</h2>", "Improved</h2>", "New</h2>")
+    places = [page.index(head) for head in heads]
     assert places == sorted(places)
-    assert math.isclose(page.count("0.001 -&gt; 0.01"), 1)
+    assert math.isclose(page.count("orientation_error_rad 0.001 -&gt; 0.01"), 1)
     assert "only in the run after at dt 0.04 s (ok)" in page
     assert "--good" in page  # the report's own style

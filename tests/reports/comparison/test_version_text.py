@@ -70,3 +70,22 @@ def test_what_could_not_be_run_is_shown(capsys: pytest.CaptureFixture[str]) -> N
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "energy_drift on free; 5 releases from 1.0 to 2.1, 2 of them run"
     assert "not run: 1.1: toy==1.1 cannot be installed: :x: [no]" in lines
+
+
+def test_where_every_release_was_run_it_is_said_in_which_anything_changed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """With the methods that changed in it; equal values are those of all, and no change is left open."""
+    still = {version: Finding(1e-3, "") for version in VERSIONS}
+    there = {**still, "1.1": Finding(2e-3, ""), "2.1": Finding(3e-3, "")}
+    tracks = (
+        Track("a", still, ()),
+        Track("b", there, (("1.0", "1.1"), ("1.1", "1.2"), ("2.0", "2.1"))),
+        Track("c", there, (("1.0", "1.1"), ("1.1", "1.2"), ("2.0", "2.1"))),
+    )
+    print_found(Found("toy", "free", "energy_drift", VERSIONS, tracks, {}, every=True))
+    lines = capsys.readouterr().out.splitlines()
+    assert "toy:a: 0.001 in all 5 that were run" in lines
+    assert lines[-1] == "changed in 1.1 (b, c), 1.2 (b, c), 2.1 (b, c)"
+    print_found(Found("toy", "free", "energy_drift", VERSIONS, tracks[:1], {}, every=True))
+    assert capsys.readouterr().out.splitlines()[-1] == "changed in no release"

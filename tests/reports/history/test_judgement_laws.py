@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from gated import a_run
 
-from bodycheck.errors import InputError
+from bodycheck.reports.case import CaseResult
 from bodycheck.reports.history import judgement
 from bodycheck.reports.history.judgement import Judgement, judge_night
 from bodycheck.reports.stored import Tables
@@ -27,38 +27,53 @@ def tables(number: int, *cases: dict[str, Any], **parts: Any) -> Tables:
     return replace(made, run_id=f"night {number}")
 
 
-def judged(*nights: Tables, monkeypatch: pytest.MonkeyPatch, damaged: tuple[str, ...] = ()) -> Judgement:
-    """Return what the last of these nights is beside the others; damaged ones cannot be read whole."""
+def judged(*nights: Tables, monkeypatch: pytest.MonkeyPatch) -> Judgement:
+    """Return what the last of these nights is beside the others, each judged when it came."""
+    before: list[SimpleNamespace] = []
+    for tonight in nights:
+        found = judged_after(before, tonight, monkeypatch)
+        levels = tuple(CaseResult(dict(row)) for row in found.accepted)
+        before.insert(0, night_of(tonight, replace(tonight, cases=levels)))
+    return found
 
-    class Night(SimpleNamespace):
-        @property
-        def tables(self) -> Tables:
-            if self.name in damaged:
-                raise InputError(f"{self.name} is damaged")
-            return self.found
 
-        def same_scenarios(self, manifest: dict[str, Any]) -> set[str]:
-            mine = self.found.manifest["scenarios"]
-            return {name for name, about in mine.items() if manifest["scenarios"].get(name) == about}
+def night_of(found: Tables, accepted: Tables) -> SimpleNamespace:
+    """Return a night of the past, with the levels that were accepted after it."""
 
-    *past, tonight = nights
-    made = [Night(name=one.run_id, folder=Path(one.run_id), found=one) for one in past[::-1]]
-    by_folder = {night.folder: night.found for night in made}
+    def same_scenarios(manifest: dict[str, Any]) -> set[str]:
+        mine = found.manifest["scenarios"]
+        return {name for name, about in mine.items() if manifest["scenarios"].get(name) == about}
+
+    return SimpleNamespace(
+        name=found.run_id,
+        folder=Path(found.run_id),
+        tables=found,
+        accepted=accepted,
+        same_scenarios=same_scenarios,
+    )
+
+
+def judged_after(
+    before: list[SimpleNamespace], tonight: Tables, monkeypatch: pytest.MonkeyPatch
+) -> Judgement:
+    """Return what a night is beside those before, the newest of which comes first."""
+    by_folder = {night.folder: night.tables for night in before}
 
     def recorded(folders: list[Path]) -> pd.DataFrame:
         found = [by_folder[one].results.assign(night=one.name) for one in folders]
         well = [cases.loc[cases["outcome"] == "ok", ["night", *COLUMNS]] for cases in found]
         return pd.concat(well) if well else pd.DataFrame(columns=["night", *COLUMNS])
 
-    monkeypatch.setattr(judgement, "past_of", lambda _, manifest: SimpleNamespace(nights=made, of=manifest))
+    past = SimpleNamespace(nights=list(before))
+    monkeypatch.setattr(judgement, "past_of", lambda _, manifest: past if manifest else None)
     monkeypatch.setattr(judgement, "recorded_cases", recorded)
     return judge_night(None, tonight)  # type: ignore[arg-type]
 
 
 def told(found: Judgement) -> list[tuple[str, str, float | None]]:
-    """Return kind, direction and step of each change."""
+    """Return kind, status and step of each change."""
     assert found.comparison is not None
-    return [(one.kind, one.direction, one.fineness) for one in found.comparison.changes]
+    return [(one.kind, one.status, one.fineness) for one in found.comparison.changes]
 
 
 FAILED = {"outcome": "failed", ERROR: None}
@@ -94,7 +109,7 @@ def test_a_night_is_a_regression_where_anything_is_worse_or_lost(
 def test_what_comes_back_is_compared_with_the_last_night_on_which_it_ended_well(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """However long ago, each case with its own; a night that is damaged is passed over."""
+    """However long ago, each case with its own."""
     other = {"dt_s": 0.02}
     nights = [
         tables(0, {ERROR: 1e-3}, {**other, ERROR: 1e-3}),  # too long ago for either
@@ -105,15 +120,79 @@ def test_what_comes_back_is_compared_with_the_last_night_on_which_it_ended_well(
     ]
     found = judged(*nights, monkeypatch=monkeypatch)
     assert told(found) == [
-        ("outcome", "better", 0.01),
-        ("outcome", "better", 0.02),
+        ("outcome", "improved", 0.01),
+        ("outcome", "improved", 0.02),
         ("accuracy", "worse", 0.01),
         ("accuracy", "worse", 0.02),
     ]
     assert found.comparison is not None
     assert [one.before for one in found.comparison.changes[2:]] == [1e-9, 1e-8]
-    passed_over = judged(*nights, monkeypatch=monkeypatch, damaged=("night 1",))
-    assert ("accuracy", "better", 0.01) in told(passed_over)
+
+
+def creeping(*errors: float | None, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return what was said of the error on each night after the first; None: the case failed."""
+    nights = [tables(k, FAILED if error is None else {ERROR: error}, OTHER) for k, error in enumerate(errors)]
+    found = []
+    for place in range(1, len(nights)):
+        changes = judged(*nights[: place + 1], monkeypatch=monkeypatch).comparison
+        assert changes is not None
+        found.append(" ".join(one.status for one in changes.changes if one.kind == "accuracy"))
+    return found
+
+
+OTHER = {"method": "euler"}  # a case that always ends well
+
+
+@pytest.mark.parametrize(
+    ("errors", "statuses"),
+    [
+        ((1.0, 1.01, 1.02, 1.03, 1.03), ["moved", "moved", "worse", ""]),
+        ((1.0, 0.99, 0.98, 0.97, 0.96), ["moved", "improved", "moved", "improved"]),
+        ((1.0, 1.01, 1.0, 1.01, 1.0), ["moved", "", "moved", ""]),
+        ((1.0, 1.05, 1.04, 1.03, 1.02), ["worse", "moved", "moved", "improved"]),
+        ((1.0, 1.01, None, 1.025, 1.025), ["moved", "", "worse", ""]),
+        ((1.0, 1.0 + 1e-15, 1.0, 2.0, 1.0), ["", "", "worse", "improved"]),
+    ],
+)
+def test_an_error_is_compared_with_its_accepted_level(
+    errors: tuple[float | None, ...], statuses: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Small steps add up until they are reported; what was reported is the level; a crash changes none."""
+    scaled = (error if error is None else 1e-3 * error for error in errors)
+    assert creeping(*scaled, monkeypatch=monkeypatch) == statuses
+
+
+def test_each_measure_has_its_own_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report of one leaves the others at theirs."""
+    nights = [
+        tables(k, {ERROR: 1e-3 * error, "omega_error": 1e-3 * omega})
+        for k, (error, omega) in enumerate(((1.0, 1.0), (2.0, 1.015), (2.0, 1.03)))
+    ]
+    found = judged(*nights, monkeypatch=monkeypatch)
+    assert found.comparison is not None
+    assert [(one.what, one.status, one.before) for one in found.comparison.changes] == [
+        ("omega_error", "worse", 1e-3)
+    ]
+
+
+def test_a_scenario_that_means_another_thing_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No level of the old one counts for the new one."""
+    scenarios = {"brick": {"mass": 2.0}, "plate": {}}
+    nights = [tables(0), tables(1, WORSE, scenarios=scenarios), tables(2, WORSE, scenarios=scenarios)]
+    found = judged(*nights, monkeypatch=monkeypatch)
+    assert told(found) == []
+    assert [row[ERROR] for row in found.accepted] == [1e-6]
+
+
+def test_another_version_of_an_engine_keeps_its_levels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`mujoco==3.16.0`, `mujoco==3.17.0`, then as it is installed: one engine, and one creeping error."""
+    nights = [
+        tables(k, {"engine": name, ERROR: 1e-3 * error})
+        for k, (name, error) in enumerate(
+            (("mujoco==3.16.0", 1.0), ("mujoco==3.17.0", 1.015), ("mujoco", 1.03))
+        )
+    ]
+    assert told(judged(*nights, monkeypatch=monkeypatch)) == [("accuracy", "worse", 0.01)]
 
 
 def test_speed_is_judged_by_all_nights_and_not_by_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:

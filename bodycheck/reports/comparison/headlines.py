@@ -1,0 +1,221 @@
+"""What changed between two runs in one sentence per engine: net per method, the largest factor first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from bodycheck.reports.comparison.change import FAILING, Change, Status
+from bodycheck.reports.comparison.compare import Comparison
+from bodycheck.reports.comparison.thresholds import Thresholds
+from bodycheck.reports.wording import count, number, setting
+
+ORIENTATION = "orientation_error_rad"
+_MOST_METHODS = 6
+_FARTHER_DECADES = 1.0  # a measure that changed by so much more than the orientation is named next to it
+_DIGITS_BELOW = 1e-3  # a relative change beneath it is worded by the digit it is in, above it in percent
+
+
+@dataclass(frozen=True)
+class MethodChanges:
+    """All that changed of one method, the largest first."""
+
+    engine: str
+    method: str
+    changes: tuple[Change, ...]
+
+    def of(self, status: Status) -> list[Change]:
+        """Return the changes of one status."""
+        return [change for change in self.changes if change.status == status]
+
+    @property
+    def net(self) -> Status:
+        """What dominates: worse or improved by the larger factor, where there is either; else the rest.
+
+        A case that ends otherwise, which has no factor, outweighs any; a lost case outweighs an improvement.
+        """
+        worse, improved = (_weight(self.of(status)) for status in ("worse", "improved"))
+        if self.of("improved") and improved > worse:
+            return "improved"
+        present = {change.status for change in self.changes}
+        return next(
+            status for status in ("worse", "missing", "improved", "moved", "new") if status in present
+        )
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """By what methods are sorted: those that fail first, then by factor."""
+        failing = bool(self.of("worse") or self.of("missing"))
+        return not failing, -max(_weight(self.of("worse")), _weight(self.of("improved")))
+
+
+def _weight(changes: Iterable[Change]) -> float:
+    """Return the largest size in decades; infinite where cases end otherwise, 0 of what has no size."""
+    sizes = (math.inf if change.kind == "outcome" else abs(change.decades or 0.0) for change in changes)
+    return max(sizes, default=-1.0)
+
+
+def by_method(changes: Iterable[Change]) -> list[MethodChanges]:
+    """Return the changes of each method together; what fails first, then by the factor."""
+    found: dict[tuple[str, str], list[Change]] = {}
+    for change in changes:
+        found.setdefault((change.engine, change.method), []).append(change)
+    return sorted((MethodChanges(*key, tuple(of_it)) for key, of_it in found.items()), key=lambda m: m.rank)
+
+
+def headlines(comparison: Comparison) -> list[str]:
+    """Return one sentence for each engine of which anything changed; the engine that fails worst first."""
+    found: dict[str, list[MethodChanges]] = {}
+    for one in by_method(comparison.changes):
+        found.setdefault(one.engine, []).append(one)
+    several = len({change.scenario for change in comparison.changes} - {None}) > 1
+    return [
+        f"{_versions(comparison, engine)}: "
+        f"{'; '.join(_clauses(methods, comparison.thresholds, several=several))}."
+        for engine, methods in found.items()
+    ]
+
+
+def _versions(comparison: Comparison, engine: str) -> str:
+    """Return "mujoco 3.17.0 -> 4.0.0", or "mujoco 4.0.0" where the version is the same."""
+    runs = comparison.before, comparison.after
+    both = [run.manifest["engines"].get(engine, {}).get("version") for run in runs]
+    versions = [str(version) for version in dict.fromkeys(both) if version]
+    return f"{engine} {' -> '.join(versions)}" if versions else engine
+
+
+def _clauses(methods: Sequence[MethodChanges], thresholds: Thresholds, *, several: bool) -> list[str]:
+    """Return what there is to say of each method, those that moved and those that are new together."""
+    told = [one for one in methods if one.net in ("worse", "missing", "improved")]
+    clauses = [_clause(one, several=several) for one in told[:_MOST_METHODS]]
+    rest = [one.net for one in told[_MOST_METHODS:]]
+    clauses += [f"{count(rest.count(net), 'more method')} {net}" for net in dict.fromkeys(rest)]
+    if moved := [one for one in methods if one.net == "moved"]:
+        size = moved_text((change for one in moved for change in one.of("moved")), thresholds)
+        clauses.append(f"{count(len(moved), 'method')} moved{size}")
+    if new := [one for one in methods if one.net == "new"]:
+        clauses.append(f"{', '.join(one.method for one in new)} new")
+    return clauses
+
+
+def _clause(one: MethodChanges, *, several: bool) -> str:
+    """Return one method in words; what stands against its net direction is named after "but"."""
+    parts: dict[Status, str] = {
+        "worse": _direction("worse", one.of("worse"), several=several),
+        "missing": _missing(one.of("missing")),
+        "improved": _direction("improved", one.of("improved"), several=several),
+    }
+    first = parts.pop(one.net)
+    failing = one.net in FAILING
+    rest = [
+        f", {'and' if failing and status in FAILING else 'but'} {part}"
+        for status, part in parts.items()
+        if part
+    ]
+    return f"{one.method} {first}{''.join(rest)}"
+
+
+def _missing(changes: Sequence[Change]) -> str:
+    """Return what is not measured any more."""
+    cases = sum(change.kind == "case" for change in changes)
+    measures = dict.fromkeys(change.what for change in changes if change.kind != "case")
+    lost = [count(cases, "case")] if cases else []
+    return f"missing ({', '.join([*lost, *measures])})" if changes else ""
+
+
+def _direction(status: Status, changes: Sequence[Change], *, several: bool) -> str:
+    """Return "improved, order 2 -> 4, error at 1 ms 4.3e-7 -> 2.3e-13 rad (factor 1.9e6)"."""
+    if not changes:
+        return ""
+    errors = [change for change in changes if change.kind == "accuracy"]
+    of_orientation = [change for change in errors if change.what == ORIENTATION]
+    parts = []
+    largest = max(of_orientation or errors, key=lambda change: change.size, default=None)
+    orders = [change for change in changes if change.kind == "order"]
+    if order := _of_scenario(orders, largest):
+        quantity = order.what.removeprefix("order of ")
+        of_it = "" if quantity == ORIENTATION else f" of {quantity}"
+        parts.append(f"order{of_it} {_pair(order)}")
+    if largest is not None:
+        worst = max(errors, key=lambda change: change.size)
+        named = [largest, worst] if worst.size > largest.size + _FARTHER_DECADES else [largest]
+        parts += [error_text(change) + _where(change, several=several) for change in named]
+    others = [change for change in changes if change.kind not in ("accuracy", "order")]
+    largest_of_kind = {change.kind: change for change in reversed(others)}
+    parts += [_other(change, several=several) for change in reversed(largest_of_kind.values())]
+    return f"{status}, {', '.join(parts)}"
+
+
+def _of_scenario(orders: Sequence[Change], error: Change | None) -> Change | None:
+    """Return the order that belongs to an error: of its quantity, if any, and of its scenario."""
+    if error is not None:
+        wanted = f"order of {error.what}"
+        of_it = [one for one in orders if one.what == wanted]
+        return next((one for one in of_it if one.scenario == error.scenario), next(iter(of_it), None))
+    return next(iter(orders), None)
+
+
+def error_text(change: Change) -> str:
+    """Return "error at 1 ms 4.3e-7 -> 2.3e-13 rad (factor 1.9e6)" of one change of accuracy."""
+    name, unit = ("error", " rad") if change.what == ORIENTATION else (change.what, "")
+    at = "" if change.fineness is None else f" at {_step(change)}"
+    factor = "" if change.decades is None else f" (factor {number(10.0**change.size, 2)})"
+    return f"{name}{at} {_pair(change)}{unit}{factor}"
+
+
+def _other(change: Change, *, several: bool) -> str:
+    """Return an outcome, a verdict, a stable step or a speed in words."""
+    if change.kind == "speed":
+        assert change.decades is not None
+        how = "slower" if change.decades > 0.0 else "faster"
+        return f"{number(10.0**change.size, 3)} times {how}{_where(change, several=several)}"
+    at = "" if change.fineness is None else f" at {_step(change)}"
+    return f"{change.what}{at} {_pair(change)}{_where(change, several=several)}"
+
+
+def _where(change: Change, *, several: bool) -> str:
+    return f" in {change.scenario}" if several and change.scenario is not None else ""
+
+
+def _step(change: Change) -> str:
+    """Return "1 ms", or "tolerance 1e-6"."""
+    assert change.fineness is not None
+    if change.control == "dt":
+        return f"{number(1e3 * change.fineness, 4)} ms"
+    return setting(change.control, change.fineness)
+
+
+def _pair(change: Change) -> str:
+    """Return both values, to as many digits as tell them apart, but at least two."""
+    for digits in range(2, 18):
+        texts = [_value(value, digits) for value in (change.before, change.after)]
+        if texts[0] != texts[1]:
+            break
+    return f"{texts[0]} -> {texts[1]}"
+
+
+def _value(value: float | str | None, digits: int) -> str:
+    if value is None:
+        return "not measured"
+    return value if isinstance(value, str) else number(value, digits)
+
+
+def moved_text(changes: Iterable[Change], thresholds: Thresholds) -> str:
+    """Return the largest size of what moved: " by up to 1.2 %", " in the 12th digit"; "" without a size.
+
+    What differs by more than the threshold and has moved all the same is within round-off, or left to chance.
+    """
+    sizes = [(one.relative, thresholds.of(one.what)) for one in changes if one.relative is not None]
+    below = [size for size, threshold in sizes if size <= threshold]
+    if not sizes:
+        return ""
+    return _size_text(max(below)) if below else " within round-off"
+
+
+def _size_text(relative: float) -> str:
+    if relative >= _DIGITS_BELOW:
+        return f" by up to {number(100.0 * relative, 2)} %"
+    digit = math.floor(-math.log10(relative)) + 1
+    ending = {1: "st", 2: "nd", 3: "rd"}.get(digit % 10 if digit not in (11, 12, 13) else 0, "th")
+    return f" in the {digit}{ending} digit"

@@ -1,0 +1,336 @@
+"""What a comparison says first: one sentence per engine, net per method, the largest factor first."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from gated import a_run
+from markupsafe import escape
+from mirrored import TURNED
+
+from bodycheck.reports.comparison.change import Status
+from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.comparison.headlines import by_method, headlines
+from bodycheck.reports.comparison.markdown import comparison_markdown
+from bodycheck.reports.comparison.page import render_comparison
+from bodycheck.reports.comparison.refinement import is_refinement
+from bodycheck.reports.comparison.release_search import release_searches
+from bodycheck.reports.comparison.text import print_comparison
+from bodycheck.reports.comparison.thresholds import Thresholds
+from bodycheck.reports.comparison.words import sentences
+from bodycheck.reports.markdown import escaped
+from bodycheck.reports.stored import Tables
+
+ERROR = "orientation_error_rad"
+ORDER = ("order", "order_low", "order_high")
+SCENARIOS = {"brick": {"duration_s": 1.0}, "plate": {"duration_s": 1.0}}
+
+
+def run(*cases: dict[str, Any], version: str = "3.17.0", engine: str = "mujoco", **parts: Any) -> Tables:
+    """Return a run of one engine in one version."""
+    named = [{"engine": engine, **cells} for cells in cases]
+    methods = [{"engine": engine, **cells} for cells in parts.pop("methods", [])]
+    about = {"version": version, "methods": {"rk4": {"order": 4 if version == "4.0.0" else 2}}}
+    manifest = {"scenarios": SCENARIOS, "engines": {engine: about}, "created": "today", "bodycheck": "1"}
+    return a_run(named, methods, **{**manifest, **parts})
+
+
+def of_order(order: float) -> dict[str, float]:
+    """Return an order with its interval."""
+    return dict(zip(ORDER, (order, order - 0.01, order + 0.01), strict=True))
+
+
+OTHERS = ("euler", "implicit", "implicitfast", "discrete")
+
+
+def release(version: str, error: float, order: float, *, digits: float = 0.0, **names: Any) -> Tables:
+    """Return a run of rk4 with an error and an order, and of four methods that hardly differ."""
+    others = [{"method": name, "dt_s": 1e-3, ERROR: 1.4e-2 * (1.0 + digits)} for name in OTHERS]
+    rk4 = {"dt_s": 1e-3, ERROR: error}
+    return run(rk4, *others, version=version, methods=[of_order(order)], **names)
+
+
+OLD, NEW = release("3.17.0", 4.3e-7, 2.0), release("4.0.0", 2.3e-13, 4.0, digits=5e-12)
+
+
+def test_a_better_release_is_one_sentence() -> None:
+    """Versions, method, order, error with its step and factor; what moved is counted, with its digit."""
+    assert headlines(compare(OLD, NEW)) == [
+        "mujoco 3.17.0 -> 4.0.0: rk4 improved, order 2 -> 4, error at 1 ms 4.3e-7 -> 2.3e-13 rad "
+        "(factor 1.9e6); 4 methods moved in the 12th digit."
+    ]
+    assert not compare(OLD, NEW).failing
+
+
+def test_the_release_before_is_worse_by_the_same_factor() -> None:
+    """The mirror image, and it fails."""
+    found = compare(NEW, OLD)
+    assert headlines(found) == [
+        "mujoco 4.0.0 -> 3.17.0: rk4 worse, order 4 -> 2, error at 1 ms 2.3e-13 -> 4.3e-7 rad "
+        "(factor 1.9e6); 4 methods moved in the 12th digit."
+    ]
+    assert {change.method for change in found.failing} == {"rk4"}
+
+
+def test_two_versions_that_stand_alone_are_compared_under_one_name() -> None:
+    """`mujoco==3.17.0` of one run and `mujoco==4.0.0` of the other; where a run has both, each is itself."""
+    old = release("3.17.0", 4.3e-7, 2.0, engine="mujoco==3.17.0")
+    new = release("4.0.0", 2.3e-13, 4.0, digits=5e-12, engine="mujoco==4.0.0")
+    assert headlines(compare(old, new)) == headlines(compare(OLD, NEW))
+    assert headlines(compare(OLD, new)) == headlines(compare(OLD, NEW))
+    assert compare(old, new).circumstances == ("mujoco: 3.17.0 -> 4.0.0",)
+    engines = {name: {"version": name[8:]} for name in ("mujoco==3.17.0", "mujoco==4.0.0")}
+    both = replace(old, cases=old.cases + new.cases, manifest={**old.manifest, "engines": engines})
+    assert compare(both, both).changes == ()
+    assert {change.engine for change in compare(both, new).changes} == {"mujoco==3.17.0"}
+
+
+def test_what_dominates_leads_and_a_real_worsening_is_named() -> None:
+    """Better in orientation by decades and worse in energy by a tenth is one clause that says both."""
+    before = run({ERROR: 1e-4, "energy_drift": 1e-3, "dt_s": 1e-3})
+    after = run({ERROR: 1e-8, "energy_drift": 1.1e-3, "dt_s": 1e-3})
+    assert headlines(compare(before, after)) == [
+        "mujoco 3.17.0: rk4 improved, error at 1 ms 0.0001 -> 1e-8 rad (factor 1e4), "
+        "but worse, energy_drift at 1 ms 0.001 -> 0.0011 (factor 1.1)."
+    ]
+    assert headlines(compare(after, before)) == [
+        "mujoco 3.17.0: rk4 worse, error at 1 ms 1e-8 -> 0.0001 rad (factor 1e4), "
+        "but improved, energy_drift at 1 ms 0.0011 -> 0.001 (factor 1.1)."
+    ]
+    assert compare(before, after).failing
+
+
+@pytest.mark.parametrize(("factor", "named"), [(5.0, False), (1e3, True)])
+def test_a_measure_that_is_far_worse_than_the_orientation_is_named(factor: float, named: bool) -> None:
+    """By more than a decade; the orientation stands before it all the same."""
+    before = run({ERROR: 1e-4, "energy_drift": 1e-6})
+    after = run({ERROR: 2e-4, "energy_drift": 2e-6 * factor})
+    (told,) = headlines(compare(before, after))
+    assert "rk4 worse, error at 10 ms 0.0001 -> 0.0002 rad (factor 2)" in told
+    assert ("energy_drift at 10 ms 1e-6 -> 0.002 (factor 2e3)" in told) == named
+
+
+def test_a_method_stands_in_one_clause_however_many_of_its_digits_moved() -> None:
+    """Last digits up and down are one count; no method is both worse and improved by them."""
+    before = run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-2}, {"method": "euler", ERROR: 1e-2})
+    after = run({ERROR: 1e-2 + 3e-13}, {"dt_s": 0.02, ERROR: 1e-2 - 3e-13}, {"method": "euler", ERROR: 2e-2})
+    (told,) = headlines(compare(before, after))
+    assert told == (
+        "mujoco 3.17.0: euler worse, error at 10 ms 0.01 -> 0.02 rad (factor 2);"
+        " 1 method moved in the 11th digit."
+    )
+
+
+def test_methods_are_sorted_by_what_fails_and_by_factor() -> None:
+    """The worst first, then what is missing, then improvements; each engine has its sentence."""
+    factors = {"a": 1.5, "b": 30.0, "c": 1e-3, "d": 0.5, "e": 1.01}
+    before = run(*({"method": name, ERROR: 1e-5} for name in factors), {"method": "gone"})
+    after = run(
+        *({"method": name, ERROR: 1e-5 * factor} for name, factor in factors.items()), {"method": "came"}
+    )
+    found = compare(before, after)
+    assert [one.method for one in by_method(found.changes)][:5] == ["b", "a", "gone", "c", "d"]
+    (told,) = headlines(found)
+    places = [told.index(words) for words in ("b worse", "a worse", "gone missing (1 case)", "c improved")]
+    assert places == sorted(places)
+    assert told.endswith(
+        "d improved, error at 10 ms 1e-5 -> 5e-6 rad (factor 2); 1 method moved by up to 1 %; came new."
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "status"),
+    [("ok", "failed", "worse"), ("failed", "ok", "improved")],
+)
+def test_a_case_that_ends_otherwise_outweighs_any_factor(old: str, new: str, status: Status) -> None:
+    """A method of which a case fails now is worse, whatever else improved."""
+    factor = {"worse": 1e-6, "improved": 1e6}[status]
+    before = run({"outcome": old}, {"dt_s": 0.02, ERROR: 1e-3})
+    after = run({"outcome": new}, {"dt_s": 0.02, ERROR: 1e-3 * factor})
+    (one,) = by_method(compare(before, after).changes)
+    assert one.net == status
+    opposite = TURNED[status]
+    assert (
+        f"rk4 {status}, outcome at 10 ms {old} -> {new}, but {opposite}, error"
+        in headlines(compare(before, after))[0]
+    )
+
+
+def test_a_step_that_a_run_chose_itself_is_neither_new_nor_missing() -> None:
+    """Refinement follows the errors; a step that was asked for and is gone, is missing."""
+    asked = {"dt_s": [0.02, 0.01], "tolerances": None}
+    few = run({"dt_s": 0.02}, {"dt_s": 0.01}, **asked)
+    more = run({"dt_s": 0.02}, {"dt_s": 0.01}, {"dt_s": 0.005}, {"dt_s": 0.05}, **asked)
+    for found in (compare(few, more), compare(more, few)):
+        assert (found.changes, found.refined) == ((), 2)
+    assert "2 at steps that only one run chose" in sentences(compare(few, more))[-1]
+    lost = run({"dt_s": 0.02}, **asked)
+    assert [(one.status, one.fineness) for one in compare(few, lost).changes] == [("missing", 0.01)]
+    assert [(one.status, one.fineness) for one in compare(lost, few).changes] == [("new", 0.01)]
+
+
+@pytest.mark.parametrize(
+    ("row", "manifest", "chosen"),
+    [
+        ({"dt_s": 0.02}, {"dt_s": None, "scenarios": {"brick": {"steps_s": [0.02]}}}, False),
+        ({"dt_s": 0.01}, {"dt_s": None, "scenarios": {"brick": {"steps_s": [0.02]}}}, True),
+        ({"dt_s": 0.02}, {"dt_s": [0.1], "scenarios": {"brick": {"steps_s": [0.02]}}}, True),
+        ({"dt_s": 0.02}, {"dt_s": None, "scenarios": {"brick": {"duration_s": 10.0, "samples": 101}}}, False),
+        (
+            {"dt_s": 0.0005},
+            {"dt_s": None, "scenarios": {"brick": {"duration_s": 10.0, "samples": 101}}},
+            True,
+        ),
+        ({"dt_s": 0.02}, {"dt_s": None, "scenarios": {"brick": {}}}, False),
+        ({"dt_s": None, "control": "none"}, {"dt_s": [0.1], "scenarios": {}}, False),
+        ({"dt_s": None, "tolerance": 1e-6, "control": "tolerance"}, {"dt_s": [0.1], "scenarios": {}}, False),
+    ],
+)
+def test_the_steps_of_a_run_are_those_it_was_asked_for(
+    row: dict[str, Any], manifest: dict[str, Any], chosen: bool
+) -> None:
+    """By its option, else by the scenario's own, else five per sampling interval."""
+    assert is_refinement({"scenario": "brick", "control": "dt", **row}, manifest) == chosen
+
+
+def test_an_instant_error_is_weighed_against_its_maximum_over_time() -> None:
+    """An error at the end that passes through zero is no better for it; one that grew to a part of it is."""
+    final = "orientation_error_final_rad"
+    before = run({ERROR: 1e-2, final: 1e-9})
+    for now, status in ((1e-4, "moved"), (1e-3, "worse")):
+        (change,) = compare(before, run({ERROR: 1e-2, final: now})).changes
+        assert (change.what, change.status) == (final, status)
+
+
+def test_round_off_that_drifts_accuses_nobody() -> None:
+    """Of a hundred thousand steps 1e-11 may be round-off that falls one way; 1e-10 is none."""
+    before = run({ERROR: 1e-12, "steps": 100_000})
+    for now, status in ((1e-11, "moved"), (1e-10, "worse")):
+        (change,) = compare(before, run({ERROR: now, "steps": 100_000})).changes
+        assert change.status == status
+
+
+def test_a_stable_step_in_chaos_accuses_nobody() -> None:
+    """Where the truth ends before the scenario, the step at which a motion breaks down is chance."""
+    row = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "outcome": "ok", "dt_unstable_s": 0.3}
+    for until, status in ((0.5, "moved"), (1.0, "worse")):
+        case = {"compared_until_s": until, "duration_s": 1.0}
+        before = run(case, stability=[{**row, "dt_stable_s": 0.2}])
+        after = run(case, stability=[{**row, "dt_stable_s": 0.1, "dt_unstable_s": 0.11}])
+        (change,) = compare(before, after).changes
+        assert (change.kind, change.status) == ("stability", status)
+
+
+def test_a_balance_that_the_samples_cannot_resolve_is_not_missing() -> None:
+    """It is empty where it is small; the energy's drift from the truth stands next to it."""
+    there, empty = run({"energy_balance": 1e-9}), run({})
+    assert compare(there, empty).changes == compare(empty, there).changes == ()
+    gone = compare(run({"omega_error": 1e-9}), empty).changes
+    assert [(one.what, one.status) for one in gone] == [("omega_error", "missing")]
+
+
+def test_each_measure_has_its_own_threshold() -> None:
+    """One named in a file, its absolute column with it, and the default for all others."""
+    thresholds = Thresholds(0.1, {"energy_drift": 0.5, f"order.{ERROR}": 0.3, "stability.dt_stable_s": 2.0})
+    row = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "outcome": "ok"}
+    before, after = (
+        run(
+            {ERROR: 1e-3 * factor, "energy_drift": 1e-3 * factor, "position_error_abs": 1e-3 * factor},
+            methods=[of_order(4.0 - 0.2 * place)],
+            stability=[{**row, "dt_stable_s": 0.2 / factor, "dt_unstable_s": 0.21 / factor}],
+            version="4.0.0",
+        )
+        for place, factor in enumerate((1.0, 1.3))
+    )
+    found = {(one.kind, one.what): one.status for one in compare(before, after, thresholds).changes}
+    assert found == {
+        ("accuracy", ERROR): "worse",
+        ("accuracy", "energy_drift"): "moved",
+        ("accuracy", "position_error_abs"): "worse",
+        ("order", f"order of {ERROR}"): "moved",
+        ("stability", "dt_stable_s"): "moved",
+    }
+    assert Thresholds(0.1, {"energy_drift": 0.5}).of("energy_drift_abs") == 0.5
+    assert {one.status for one in compare(before, after).changes} == {"worse"}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "command"),
+    [
+        (
+            OLD,
+            NEW,
+            "bodycheck versions mujoco --since 3.17.0 --until 4.0.0 --scenario brick --method rk4 "
+            "--measure orientation_error_rad --dt 0.001",
+        ),
+        (
+            NEW,
+            OLD,
+            "bodycheck versions mujoco --since 3.17.0 --until 4.0.0 --scenario brick --method rk4 "
+            "--measure orientation_error_rad --dt 0.001",
+        ),
+        (
+            run({"omega_error": 1e-3}, version="3.9.0"),
+            run({"omega_error": 1.01e-3}, version="3.10.0"),
+            "bodycheck versions mujoco --since 3.9.0 --until 3.10.0 --scenario brick --method rk4 "
+            "--measure omega_error --dt 0.01 --threshold 0",
+        ),
+        (
+            run({}, methods=[of_order(2.0)], version="3.9.0"),
+            run({}, methods=[of_order(1.0)], version="3.10.0"),
+            "bodycheck versions mujoco --since 3.9.0 --until 3.10.0 --scenario brick --method rk4 "
+            f"--measure order.{ERROR}",
+        ),
+        (run({ERROR: 1e-3}), run({ERROR: 1e-2}), None),  # the same release
+        (run({}), run({}, version="4.0.0"), None),  # nothing changed with it
+        (
+            run({"engine": "reference"}, engine="reference", version="1"),
+            run({"engine": "reference", ERROR: 1.0}, engine="reference", version="2"),
+            None,  # it has no releases of its own
+        ),
+    ],
+)
+def test_the_command_that_finds_the_release_is_named(
+    before: Tables, after: Tables, command: str | None
+) -> None:
+    """Of the largest change, between the two releases, the older first; a moved measure at threshold 0."""
+    assert list(release_searches(compare(before, after))) == ([command] if command else [])
+
+
+def test_terminal_markdown_and_page_say_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    """Every sentence, and each group of what fails, stands in all three."""
+    lost = {"method": "lost", "dt_s": 1e-3}
+    before = replace(NEW, cases=(*NEW.cases, *run(lost).cases))
+    found = compare(before, OLD)
+    print_comparison(found)
+    shown, page, markdown = capsys.readouterr().out, render_comparison(found), comparison_markdown(found)
+    assert len(markdown.splitlines()) < 60
+    lines = shown.splitlines()
+    listed = [line for line in lines if line.startswith("brick")]
+    assert len(listed) == 3
+    for line in listed:
+        words = line.split(maxsplit=2)
+        for text in words:
+            assert str(escape(text)) in page
+            assert escaped(text) in markdown
+    for sentence in sentences(found):
+        assert sentence in lines
+        assert escaped(sentence) in markdown
+        assert str(escape(sentence)) in page
+    for heading in ("Worse", "Not measured any more"):
+        assert heading in lines
+        assert f"{heading}</h2>" in page
+        assert f"| {heading.lower()} |" in markdown
+
+
+@pytest.mark.parametrize("size", [1.0, 1e3])
+def test_a_relative_size_is_the_larger_over_the_smaller_value(size: float) -> None:
+    """Less 1, whichever way it went."""
+    up = compare(run({ERROR: 1e-6 * size}), run({ERROR: 1.5e-6 * size})).changes[0]
+    down = compare(run({ERROR: 1.5e-6 * size}), run({ERROR: 1e-6 * size})).changes[0]
+    assert up.relative == pytest.approx(0.5)
+    assert down.relative == pytest.approx(0.5)
+    assert math.isclose(up.size, down.size)

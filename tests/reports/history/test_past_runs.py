@@ -1,0 +1,141 @@
+"""A past run is data from outside: damage to it is named, costs that run alone, and stops no other."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from made_nights import run_of_night, stored, unchanged
+
+from bodycheck.errors import InputError
+from bodycheck.night import store_night
+from bodycheck.reports.history.nights import History
+from bodycheck.reports.history.past import told_of
+from bodycheck.reports.history.queries import query
+from bodycheck.reports.run import Run
+
+pytestmark = pytest.mark.slow
+
+
+def test_night_that_cannot_be_judged_is_stored(night_run: Run, tmp_path: Path) -> None:
+    """A run whose tables do not belong together is refused once it is stored, and is no baseline."""
+    stored(night_run, tmp_path, [unchanged])
+    with pytest.raises(InputError, match="is damaged"):
+        store_night(run_of_night(night_run, 1, outcomes={"ok": 1}), History(tmp_path))
+    nights = History(tmp_path).nights()
+    assert [told_of(night)["status"] for night in nights] == ["past too thin", "not judged"]
+    (judged,) = stored(night_run, tmp_path, [unchanged], first=2)
+    assert judged.comparison is not None
+    assert judged.comparison.before.run_id == nights[0].name
+    assert [why.startswith(str(nights[1] / "results.csv")) for why in judged.past.left_out] == [True]
+
+
+def test_fault_of_judging_costs_no_night(
+    night_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever nobody expected is raised after the run is stored; it says where, and a query reads it."""
+
+    def broken(*_: object) -> None:
+        raise TypeError("nobody expected this")
+
+    monkeypatch.setattr("bodycheck.night.judge_night", broken)
+    with pytest.raises(TypeError) as raised:
+        stored(night_run, tmp_path, [unchanged])
+    (night,) = History(tmp_path).nights()
+    assert raised.value.__notes__ == [f"the run is stored in {night}, but could not be judged"]
+    assert told_of(night)["status"] == "not judged"
+    count = query([night], "SELECT count(*) AS n FROM results")["n"].tolist()
+    assert count == [len(night_run.results)]
+
+
+def _text(old: str, new: str) -> Callable[[Path], None]:
+    def damage(path: Path) -> None:
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+
+    return damage
+
+
+def _footer(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    for place in range(len(content) - 200, len(content) - 100):
+        content[place] ^= 0xFF
+    path.write_bytes(content)
+
+
+def _unsealed(damage: Callable[[Path], None]) -> Callable[[Path], None]:
+    """Return the same damage of a run that was stored before there were sums."""
+
+    def damage_both(path: Path) -> None:
+        damage(path)
+        told = json.loads((path.parent / "night.json").read_text())
+        del told["sha256"], told["seal"]
+        (path.parent / "night.json").write_text(json.dumps(told))
+
+    return damage_both
+
+
+DAMAGES: dict[str, tuple[str, Callable[[Path], None]]] = {
+    "no libraries": ("manifest.json", _text('"libraries": {', '"libraries": [], "were": {')),
+    "no libraries, before sums": (
+        "manifest.json",
+        _unsealed(_text('"libraries": {', '"libraries": [], "were": {')),
+    ),
+    "nested without end": ("manifest.json", lambda path: path.write_text("[" * 200_000)),
+    "another number": ("results.csv", _text("0.05", "0.06")),
+    "an unknown verdict": ("methods.csv", _unsealed(_text("converges", "convulses"))),
+    "an open quotation mark": ("results.csv", _unsealed(_text("bodycheck run", "bodycheck 'run"))),
+    "a footer": ("results.parquet", _footer),
+    "a footer, before sums": ("results.parquet", _unsealed(_footer)),
+    "a page": ("report.html", lambda path: path.unlink()),
+    "a status": ("night.json", _text("no regression", "no repression")),
+    "a number in place of the run": ("night.json", lambda path: path.write_text("3")),
+}
+
+
+@pytest.mark.parametrize("what", DAMAGES)
+def test_damaged_past_run_is_named_and_is_no_baseline(
+    what: str, pair: Path, night_run: Run, tmp_path: Path
+) -> None:
+    """The next run is stored and judged by the one before; the damaged file is named."""
+    history = tmp_path / "history"
+    shutil.copytree(pair, history)
+    older, newer = History(history).nights()
+    name, damage = DAMAGES[what]
+    damage(newer / name)
+    (judged,) = stored(night_run, history, [unchanged], first=2)
+    (why,) = judged.past.left_out
+    assert why.startswith(f"{newer / name}: ")
+    assert judged.comparison is not None
+    assert judged.comparison.before.run_id == older.name
+    assert judged.status == "no regression"
+    assert f"{newer / name}: " in (History(history).nights()[-1] / "night.md").read_text()
+
+
+@pytest.fixture(scope="module")
+def pair(night_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a history of two nights."""
+    folder = tmp_path_factory.mktemp("pair")
+    stored(night_run, folder, [unchanged, unchanged])
+    return folder
+
+
+def test_run_dated_in_the_future_is_reported_and_no_baseline(
+    night_run: Run, pair: Path, tmp_path: Path
+) -> None:
+    """A clock that was wrong once decides neither what is compared nor what is pruned."""
+    history = tmp_path / "history"
+    shutil.copytree(pair, history)
+    older, newer = History(history).nights()
+    coming = history / "29990101T000000Z-00000f"
+    shutil.copytree(newer, coming)
+    (judged,) = stored(night_run, history, [unchanged], first=2)
+    assert judged.past.left_out == (f"{coming}: is dated in the future",)
+    assert judged.comparison is not None
+    assert judged.comparison.before.run_id == newer.name
+    assert History(history).prune(1) == [older.name, newer.name]
+    assert [night.name for night in History(history).nights()] == [judged.tonight.run_id, coming.name]
