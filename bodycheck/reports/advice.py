@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,10 @@ from bodycheck.errors import InputError
 from bodycheck.reports.case import ALLOW_CODE, CaseResult, asked_as
 from bodycheck.reports.findings import MethodKey
 from bodycheck.reports.keeping import keeping, ladders_of, largest_error
-from bodycheck.reports.study import QUANTITIES
+from bodycheck.reports.measures import MEASURES, QUANTITIES
+from bodycheck.shell_words import joined, parted
+
+_ADVISED = tuple(name for name in QUANTITIES if MEASURES[name].judged == "limit")
 
 
 @dataclass(frozen=True)
@@ -52,10 +54,8 @@ def check_question(error: float, quantity: str) -> None:
     """Raise InputError where there is no such question."""
     if not 0.0 < error < math.inf:
         raise InputError(f"--error {error!r}: must be a positive number")
-    if quantity not in QUANTITIES:
-        raise InputError(
-            f"--quantity {quantity}: is none that can be kept; there are {', '.join(QUANTITIES)}"
-        )
+    if quantity not in _ADVISED:
+        raise InputError(f"--quantity {quantity}: is none that can be kept; there are {', '.join(_ADVISED)}")
 
 
 def advise(
@@ -137,5 +137,5 @@ def _on_all(found: Mapping[str, Mapping[MethodKey, Option]]) -> dict[MethodKey, 
 def _command(key: MethodKey, each: Sequence[str]) -> str:
     """Return the one command that runs a method on the scenarios of several commands."""
     asked = [name for command in each if (name := asked_as(command)) is not None]
-    code = [ALLOW_CODE] if any(ALLOW_CODE in shlex.split(command) for command in each) else []
-    return shlex.join(["bodycheck", "run", *asked, "--engine", ":".join(key), *code])
+    code = [ALLOW_CODE] if any(ALLOW_CODE in parted(command) for command in each) else []
+    return joined(["bodycheck", "run", *asked, "--engine", ":".join(key), *code])

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from bodycheck.adapters.breakdown import defect, kinetic_limit, runaway
-from bodycheck.adapters.contract import Engine, Method, ReadBack, Setting, read_back_mismatch
+from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Setting, read_back_mismatch
 from bodycheck.adapters.drive import Answer, Case
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
@@ -18,8 +17,19 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
 from bodycheck.reports.convergence import LARGEST_ERROR
 from bodycheck.reports.invariants import worst_drift
-from bodycheck.reports.measures import Motion, error_series, reduced
+from bodycheck.reports.measures import (
+    MEASURES,
+    ORIENTATION,
+    QUANTITIES,
+    Compared,
+    Motion,
+    departures_of,
+    reduced,
+    scale_of,
+    series_of,
+)
 from bodycheck.reports.subject import Subject
+from bodycheck.shell_words import joined, parted
 
 Asking: TypeAlias = Callable[[Engine, Case], Answer]
 """How a case comes to its answer: from the engine, or from what it answered before."""
@@ -35,13 +45,16 @@ ALLOW_CODE = "--allow-code"
 class CaseResult:
     """How a case ended: columns (all of results.csv but run_id), and what it returned, if it did.
 
-    series: every measure over time (compared,), in SI units; the invariant's over its size. read_back: what
-    the engine says it was given.
+    series: every measure over time (compared,), in SI units; the invariant's over its size. departures: of
+    every judged measure the signed departure from the truth (compared, k), over its scale. floors: what
+    limits a measure in this case besides the truth. read_back: what the engine says it was given.
     """
 
     columns: dict[str, Any]
     trajectory: Trajectory | None = None
     series: dict[str, Array] = field(default_factory=dict)
+    departures: dict[str, Array] = field(default_factory=dict)
+    floors: dict[str, float] = field(default_factory=dict)
     read_back: ReadBack | None = None
 
     @property
@@ -65,6 +78,7 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
     scene = subject.scenario.scene
     columns = _who(subject, engine, method, setting)
     answer = ask(engine, Case(scene, method.name, setting))
+    columns |= {"reused": answer.reused, "build": Build(answer.build).short}
     if answer.outcome == "unsupported":
         return CaseResult({**columns, "outcome": "unsupported", "message": answer.message})
     plan = None if setting.dt_s is None else plan_steps(scene, setting.dt_s)
@@ -82,10 +96,10 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
     motion = stable_motion(scene, trajectory, subject.motion)
     if isinstance(motion, str):
         return ended("unstable", motion)
-    measured, series = measured_by(subject, trajectory, motion)
-    columns |= measured
+    found = measured_by(subject, trajectory, motion)
+    columns |= found.columns
     columns |= {"outcome": "ok", "message": _note(subject, plan, answer.message)}
-    return CaseResult(columns, trajectory, series, held)
+    return replace(found, columns=columns, trajectory=trajectory, read_back=held)
 
 
 def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion | str:
@@ -97,25 +111,29 @@ def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion 
     return runaway(motion.kinetic, kinetic_limit(true.kinetic), trajectory.t_s) or motion
 
 
-def measured_by(
-    subject: Subject, trajectory: Trajectory, motion: Motion
-) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Return the columns of every measure of a trajectory, and each over time (compared,), in SI units.
+def measured_by(subject: Subject, trajectory: Trajectory, motion: Motion) -> CaseResult:
+    """Return every measure of a trajectory: its columns, its series and its departures.
 
     motion: the energy and momentum along the trajectory.
     """
-    scene = subject.scenario.scene
-    whole = error_series(scene, subject.truth.trajectory, subject.motion, trajectory, motion)
-    series = {name: values[: subject.compared] for name, values in whole.items()}
+    scene, n = subject.scenario.scene, subject.compared
+    compared = Compared(
+        scene, subject.truth.trajectory, subject.motion, trajectory, motion, subject.invariants, n
+    )
+    departures = departures_of(compared)
+    series = {name: values[:n] for name, values in series_of(compared, departures).items()}
     columns: dict[str, Any] = dict(reduced(series, subject.scales))
     if subject.is_chaotic:
-        columns["horizon_s"] = _horizon(subject.times, series["orientation_error_rad"])
-    compared = slice(subject.compared)
-    if worst := worst_drift(subject.invariants, subject.truth.trajectory, trajectory, compared):
+        columns["horizon_s"] = _horizon(subject.times, series[ORIENTATION])
+    if worst := worst_drift(compared.invariant_drifts):
         columns |= worst.columns
-        if worst.relative is not None:
-            series["invariant_drift"] = worst.relative
-    return columns, series
+    judged = {name: scale_of(subject.columns, name) for name in QUANTITIES if name in columns}
+    return CaseResult(
+        columns,
+        series=series,
+        departures={name: departures[name][:n] / scale for name, scale in judged.items()},
+        floors={name: MEASURES[name].floor(compared) / scale for name, scale in judged.items()},
+    )
 
 
 def _horizon(t_s: Array, error_rad: Array) -> float:
@@ -159,12 +177,12 @@ def _reproducing_command(subject: Subject, engine: str, method: str, setting: Se
         words += ["--tolerance", repr(setting.tolerance)]
     if subject.scenario.scene.has_black_box:
         words.append(ALLOW_CODE)
-    return shlex.join(words)
+    return joined(words)
 
 
 def asked_as(reproduce: str) -> str | None:
     """Return what names the scenario in the command of a case: the word after `bodycheck run`."""
-    words = shlex.split(reproduce)
+    words = parted(reproduce)
     return words[2] if len(words) > 2 else None
 
 

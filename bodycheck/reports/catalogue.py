@@ -10,7 +10,7 @@ from rich.text import Text
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.host import announced
 from bodycheck.adapters.registry import engine_names
-from bodycheck.reports.tables import ABSOLUTE, MEASURES
+from bodycheck.reports.measures import MEASURES
 from bodycheck.scenarios.library import scenario_summaries, suites
 
 
@@ -31,8 +31,10 @@ def print_catalogue(what: str) -> None:
 
 
 def _measure_rows() -> list[tuple[str, str]]:
-    units = {name: f"; as {name}_abs in {unit}" for name, unit in ABSOLUTE.items()}
-    return [(name, text + units.get(name, "")) for name, text in MEASURES.items()]
+    return [
+        (name, measure.formula + (f"; as {name}_abs in {measure.unit}" if measure.unit else ""))
+        for name, measure in MEASURES.items()
+    ]
 
 
 def _engine_rows() -> list[tuple[str, str]]:
@@ -50,7 +52,9 @@ def _method_rows() -> list[tuple[str, str]]:
             order = "" if method.order is None else f"; order {method.order}, torque {method.torque}"
             if method.lasting != method.torque:
                 order += f", varying loads {method.lasting}"
-            only = "; run only when asked for by name" if method.on_request else ""
+            only = "; run only when requested by name" if method.on_request else ""
+            if method.is_for_off_centre_links:
+                only += ", or where a link is off the centre of mass"
             row = (f"{name}:{method.name}", f"{method.formula}{order}; keeps {method.keeps}{only}")
             (apart if method.on_request else rows).append(row)
     return rows + apart

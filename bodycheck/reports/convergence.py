@@ -3,40 +3,62 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cache
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise, takewhile
 
 import numpy as np
 
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.limits import Limit, limit_of
+from bodycheck.reports.measures import Judgement
+from bodycheck.reports.order import LEAST_POINTS, settled_order
+
 LARGEST_ERROR = 0.3  # rad, or of the scale: beyond it an error says nothing about the order
-LEAST_POINTS = 4
 ABOVE_FLOOR = 10.0
 LARGEST_LIMIT = LARGEST_ERROR / 100.0  # where even the truth, or round-off, is that far off, nothing shows
-_PLATEAU_DECADES = 2.0
-_PLATEAU_SPREAD = 2.0
-_SETTLED = 0.1  # of the error: two steps whose motions agree this well have converged to something
-_WIDEST_ORDERS = (0.05, 0.1, 0.25)  # half-widths of its interval at which an order is settled, best first
-_LEAST_ORDER = 0.5
 LARGEST_ROUND_OFF = 1e-9  # an error above it that stops shrinking is no round-off in double precision
+_LEAST_CERTAIN = 1e-12
+_LEAST_LIMIT_POINTS = 3  # usable ones, where the limit alone tells that a method converges
+_LEAST_FALL = 0.5  # order in the tolerance at which errors are to fall
+_PLATEAU_DECADES = 2.0  # of the tolerance, over which they must fall
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Point:
-    """One case of a method: its step, its error, and how far it moved from the next coarser step.
+    """One case of a method: its step or tolerance, its error, and its signed departure from the truth.
 
-    settling is the largest angle to that coarser case over the orientation error; None without one.
-    error is None where the case did not end well.
+    error: None where the case did not end well. motion (samples, k): over the scale; by default the error
+    itself, which serves as one while it is small.
     """
 
     dt_s: float
     error: float | None
-    settling: float | None = None
+    motion: Array | None = None
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How a quantity is judged.
+
+    floor: the larger of 3 times the truth's bound and eps times the motion's sensitivity, of the scale; below
+    it an error says nothing. growing: round-off as it grows with the number of steps of the finest case.
+    extrapolated: False where errors follow no power of the step. judged: by its limit, or as a property.
+    """
+
+    floor: float
+    growing: float = 0.0
+    extrapolated: bool = True
+    judged: Judgement = "limit"
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """The observed order with its 95 % interval, the points it rests on, the floor, and the verdict."""
+    """The observed order with its 95 % interval, the points it rests on, the floor, the limit, the verdict.
+
+    limit_distance, limit_uncertainty: how far the limit of ever finer steps is from the truth, and how far
+    that may be off, as root mean squares over the samples.
+    """
 
     verdict: str
     points: int
@@ -44,9 +66,16 @@ class Convergence:
     order: float | None = None
     order_low: float | None = None
     order_high: float | None = None
+    limit_distance: float | None = None
+    limit_uncertainty: float | None = None
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether finer steps would change nothing about the verdict."""
+        return self.verdict in ("converges", "does-not-converge", "at-floor", "chaotic")
 
 
-def usable(points: list[Point], floor: float) -> list[Point]:
+def usable(points: Sequence[Point], floor: float) -> list[Point]:
     """Return the points that an order can rest on, coarsest first: 10 floor < error < 0.3."""
     return [
         p
@@ -55,132 +84,94 @@ def usable(points: list[Point], floor: float) -> list[Point]:
     ]
 
 
-def round_off_floor(points: list[Point], limit: float) -> float:
-    """Return the limit, or the error at which finer steps stopped helping, if that is small as round-off.
+def round_off_floor(points: Sequence[Point], least: float) -> float:
+    """Return `least`, or the error at which finer steps stopped helping, if that is small as round-off.
 
-    limit: the larger of 3 times the truth's bound and eps times the motion's sensitivity.
+    least: the larger of 3 times the truth's bound and eps times the motion's sensitivity.
 
     Where a finer step gains less than order 1/2 would, on errors that round-off can make, both errors
     lie on the floor.
     """
-    floor = limit
-    errors = [(p.dt_s, p.error) for p in sorted(points, key=lambda p: p.dt_s) if p.error is not None]
-    for (fine_dt, finer), (coarse_dt, coarser) in pairwise(errors):
+    floor = least
+    errors = [(p.dt_s, p.error) for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
+    for (coarse_dt, coarser), (fine_dt, finer) in pairwise(errors):
         if coarser < min(finer * math.sqrt(coarse_dt / fine_dt), LARGEST_ROUND_OFF):
             floor = max(floor, finer, coarser)
     return floor
 
 
-def convergence_of(points: list[Point], limit: float) -> Convergence:
-    """Return order and verdict of one quantity from the cases of one method on one scenario.
+def convergence_of(points: Sequence[Point], how: Judged) -> Convergence:
+    """Return order, limit and verdict of one quantity from the cases of one method on one scenario.
 
-    points in any order; limit as for round_off_floor.
+    points in any order.
     """
-    if limit > LARGEST_LIMIT:
-        return Convergence("chaotic", 0, limit)
-    ended = [p for p in points if p.error is not None]
+    if how.floor > LARGEST_LIMIT:
+        return Convergence("chaotic", 0, how.floor)
+    ended = sorted((p for p in points if p.error is not None), key=lambda p: -p.dt_s)
     if not ended:
-        return Convergence("unstable", 0, limit)
-    floor = round_off_floor(points, limit)
-    fit = usable(points, floor)
-    count = len(fit)
-    if found := _settled_order(fit):
-        points_used, order, half_width = found
-        return Convergence("converges", points_used, floor, order, order - half_width, order + half_width)
-    if all(p.error <= ABOVE_FLOOR * floor for p in ended if p.error is not None):
-        return Convergence("at-floor", count, floor)
-    if _is_plateau(ended, floor):
-        return Convergence("does-not-converge", count, floor)
-    saturated = any(p.error >= LARGEST_ERROR for p in ended if p.error is not None)
-    if count >= LEAST_POINTS or saturated or len(ended) < len(points):
-        return Convergence("pre-asymptotic", count, floor)
-    return Convergence("too-few-points", count, floor)
-
-
-def obedience_of(points: list[Point], limit: float) -> Convergence:
-    """Return the verdict on a method told a tolerance: its errors are to fall with it, down to the floor.
-
-    points: dt_s is the tolerance; limit as for round_off_floor. An order in the step is not to be had.
-    """
-    if limit > LARGEST_LIMIT:
-        return Convergence("chaotic", 0, limit)
-    ended = sorted((p.dt_s, p.error) for p in points if p.error is not None)
-    if not ended:
-        return Convergence("unstable", 0, limit)
-    count = len(usable(points, limit))
-    (finest, least), (coarsest, largest) = ended[0], ended[-1]
-    if largest <= ABOVE_FLOOR * limit:
-        return Convergence("at-floor", count, limit)
-    if least <= ABOVE_FLOOR * limit or least < largest * (finest / coarsest) ** _LEAST_ORDER:
-        return Convergence("converges", count, limit)
-    few = math.log10(coarsest / finest) < _PLATEAU_DECADES
-    return Convergence("too-few-points" if few else "does-not-converge", count, limit)
-
-
-def is_flat(points: list[Point], floor: float) -> bool:
-    """Whether the errors, well above the floor, hardly shrink from the coarsest to the finest step."""
-    ended = [p for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
-    if len(ended) < 2:
-        return False
+        return Convergence("unstable", 0, how.floor)
+    floor = round_off_floor(ended, how.floor)
     errors = [p.error for p in ended if p.error is not None]
-    return min(errors) > ABOVE_FLOOR * floor and errors[0] < _PLATEAU_SPREAD * errors[-1]
+    if max(errors) <= ABOVE_FLOOR * floor:
+        return Convergence("at-floor", 0, floor)
+    fit = usable(ended, floor)
+    order = settled_order([p.dt_s for p in fit], [p.error for p in fit if p.error is not None], floor)
+    limit = _limit(ended, how)
+    found = Convergence("pre-asymptotic", len(fit), floor)
+    if limit is not None:
+        found = replace(found, limit_distance=limit.distance, limit_uncertainty=limit.uncertainty)
+        if limit.is_off and errors[-1] > LARGEST_ROUND_OFF and how.judged == "limit":
+            return replace(found, verdict="does-not-converge")
+    if order is not None:
+        interval = {"order": order.order, "order_low": order.low, "order_high": order.high}
+        return replace(found, verdict="converges", points=order.points, **interval)
+    if limit is not None and limit.is_truth and len(fit) >= _LEAST_LIMIT_POINTS:
+        return replace(found, verdict="converges")
+    all_usable = len(ended) == len(points) and max(errors) < LARGEST_ERROR
+    return replace(found, verdict="too-few-points") if all_usable and len(fit) < LEAST_POINTS else found
 
 
-def decades(points: list[Point]) -> float:
-    """Return log10 of the coarsest over the finest step."""
-    steps = [p.dt_s for p in points]
-    return math.log10(max(steps) / min(steps))
-
-
-def _is_plateau(ended: list[Point], floor: float) -> bool:
-    """Whether errors stay flat over two decades of step while the motion itself has settled.
-
-    An error that is merely saturated is flat too, but there finer steps still change the motion.
-    """
-    finest = min(ended, key=lambda p: p.dt_s)
-    return (
-        decades(ended) >= _PLATEAU_DECADES - 1e-6
-        and is_flat(ended, floor)
-        and finest.settling is not None
-        and finest.settling <= _SETTLED
+def _limit(ended: Sequence[Point], how: Judged) -> Limit | None:
+    """Return the limit of the motions, coarsest step first; from the finest up to one that has none."""
+    fine_first = takewhile(lambda pair: pair[1] is not None, ((p, _motion_of(p)) for p in reversed(ended)))
+    known = [(point.dt_s, motion) for point, motion in fine_first if motion is not None][::-1]
+    steps, motions = [dt_s for dt_s, _ in known], [motion for _, motion in known]
+    return limit_of(
+        steps, motions, max(how.floor, how.growing, _LEAST_CERTAIN), extrapolated=how.extrapolated
     )
 
 
-def _settled_order(points: list[Point]) -> tuple[int, float, float] | None:
-    """Return number of points, order and half-width of the longest run of steps that agree on an order.
+def _motion_of(point: Point) -> Array | None:
+    """Return the motion of a case; without one its error, unless that is saturated and so stands still."""
+    if point.motion is None and point.error is not None and point.error < LARGEST_ERROR:
+        return np.array([[point.error]])
+    return point.motion
 
-    The coarsest steps may not be asymptotic yet and the finest may feel round-off: of runs of the same
-    length the finer is taken, and a tighter interval goes before a longer run.
+
+def tolerance_convergence(points: Sequence[Point], how: Judged) -> Convergence:
+    """Return the verdict on a method that is given a tolerance: its errors must fall with it, to the floor.
+
+    points: dt_s is the tolerance. There is no order in the step.
     """
-    runs = [
-        points[first : first + length]
-        for length in range(len(points), LEAST_POINTS - 1, -1)
-        for first in range(len(points) - length, -1, -1)
-    ]
-    slopes = [(len(run), *_slope(run)) for run in runs]
-    for widest in _WIDEST_ORDERS:
-        for found in slopes:
-            if found[2] <= widest and found[1] >= max(_LEAST_ORDER, found[2]):
-                return found
-    return None
+    if how.floor > LARGEST_LIMIT:
+        return Convergence("chaotic", 0, how.floor)
+    ended = sorted((p.dt_s, p.error) for p in points if p.error is not None)
+    if not ended:
+        return Convergence("unstable", 0, how.floor)
+    found = Convergence("converges", len(usable(points, how.floor)), how.floor)
+    (finest, least), (coarsest, largest) = ended[0], ended[-1]
+    if largest <= ABOVE_FLOOR * how.floor:
+        return replace(found, verdict="at-floor")
+    if least <= ABOVE_FLOOR * how.floor or least < largest * (finest / coarsest) ** _LEAST_FALL:
+        return found
+    if math.log10(coarsest / finest) < _PLATEAU_DECADES:
+        return replace(found, verdict="too-few-points")
+    return replace(found, verdict="does-not-converge" if how.judged == "limit" else "pre-asymptotic")
 
 
-def _slope(points: list[Point]) -> tuple[float, float]:
-    """Return d log(error) / d log(dt) by least squares, and the half-width of its 95 % interval."""
-    x = np.log([p.dt_s for p in points])
-    y = np.log(np.array([p.error for p in points], dtype=np.float64))
-    deviation = x - x.mean()
-    spread = float(deviation @ deviation)
-    slope = float(deviation @ y) / spread
-    residual = y - y.mean() - slope * deviation
-    freedom = len(points) - 2
-    error = math.sqrt(float(residual @ residual) / freedom / spread)
-    return slope, _student(freedom) * error
-
-
-@cache
-def _student(freedom: int) -> float:
-    """Return what Student's t exceeds, in size, in one of twenty cases."""
-    from scipy.special import stdtrit  # late: half a second
-
-    return float(stdtrit(freedom, 0.975))
+def stepless_verdict(points: Sequence[Point], how: Judged) -> Convergence:
+    """Return the verdict on a method that has neither steps nor a tolerance: exact, or off."""
+    error = points[0].error
+    if how.floor > LARGEST_LIMIT or error is None:
+        return Convergence("unstable" if error is None else "chaotic", 0, how.floor)
+    return Convergence("exact" if error <= ABOVE_FLOOR * how.floor else "off", 0, how.floor)

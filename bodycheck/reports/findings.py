@@ -31,6 +31,10 @@ class Findings(Protocol):
         """One row a scenario and method that is told a step."""
 
     @property
+    def probes(self) -> pd.DataFrame:
+        """One row per method and check of its probes; none in a run from before there were any."""
+
+    @property
     def cases(self) -> tuple[CaseResult, ...]:
         """Every case, in the order of the run."""
 

@@ -13,9 +13,10 @@ from bodycheck.reports.page.section import anchor_of, sections_of
 from bodycheck.reports.run import Run
 from bodycheck.reports.states import STATES
 from bodycheck.reports.styles import styles
-from bodycheck.reports.summary import faults_of, summary_cells, worst_state
+from bodycheck.reports.summary import faults_of, summary_cells
 from bodycheck.reports.summary_words import verdict_sentences
 from bodycheck.reports.templating import asset, environment
+from bodycheck.reports.worst_results import worst_methods
 
 _SCRIPTS = ("page", "looks", "plots", "overall", "sections", "turning", "drawing", "motion", "links")
 """In the order in which they build on one another."""
@@ -38,11 +39,8 @@ def render_report(run: Run) -> str:
             styles=drawn,
             styles_data=[asdict(style) for style in drawn.values()],
             sections=sections_of(run, cells, drawn),
-            worst={
-                (scenario, key): worst_state(run, key, cell)
-                for scenario, methods in cells.items()
-                for key, cell in methods.items()
-            },
+            worst=worst_methods(run),
+            shown_states={cell.state for methods in cells.values() for cell in methods.values()},
             faults=faults_of(run.cases),
             fronts=front,
             has_speed=any("cpu_s" in case.columns for case in run.cases),

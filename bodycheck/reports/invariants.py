@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, principal_axes, rotational_energy
@@ -34,7 +33,7 @@ class Invariant:
 
 @dataclass(frozen=True, eq=False)
 class InvariantDrift:
-    """How far an invariant departs over time (n,), in its SI unit, and its size."""
+    """How far an invariant departs from the truth's over time (n,), signed, in its SI unit, and its size."""
 
     name: str
     departure: Array
@@ -48,23 +47,22 @@ class InvariantDrift:
     @property
     def columns(self) -> dict[str, Any]:
         """The columns of results.csv."""
-        columns = {"invariant": self.name, "invariant_drift_abs": float(np.max(self.departure))}
-        if self.relative is not None:
-            columns["invariant_drift"] = float(np.max(self.relative))
-        return columns
+        largest = float(np.max(np.abs(self.departure)))
+        columns = {"invariant": self.name, "invariant_drift_abs": largest}
+        return columns | ({"invariant_drift": largest / self.size} if self.size > 0.0 else {})
 
 
-def worst_drift(
-    invariants: Sequence[Invariant],
-    truth: Trajectory,
-    trajectory: Trajectory,
-    compared: NDArray[np.bool_] | slice,
-) -> InvariantDrift | None:
-    """Return the drift that is largest beside its size over the samples compared; None of no invariants."""
-    drifts = [
-        InvariantDrift(one.name, np.abs(one.of(trajectory) - one.of(truth))[compared], one.size(truth))
-        for one in invariants
+def invariant_drifts(
+    invariants: Sequence[Invariant], truth: Trajectory, trajectory: Trajectory
+) -> list[InvariantDrift]:
+    """Return the drift of each invariant along a trajectory at the samples of the truth."""
+    return [
+        InvariantDrift(one.name, one.of(trajectory) - one.of(truth), one.size(truth)) for one in invariants
     ]
+
+
+def worst_drift(drifts: Sequence[InvariantDrift]) -> InvariantDrift | None:
+    """Return the drift that is largest relative to its size; None of no invariants."""
     return max(drifts, key=lambda drift: drift.columns.get("invariant_drift", -1.0), default=None)
 
 

@@ -5,34 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.scene import Scene, Spring, TorsionSpring
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.case import stable_motion
 from bodycheck.reports.invariants import invariants_of, worst_drift
-from bodycheck.reports.measures import Motion, error_series, reduced
+from bodycheck.reports.measures import MEASURES, Compared, Motion, departures_of, reduced, series_of
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.truths import known_truth
 from bodycheck.reports.subject import Subject
 from bodycheck.reports.trajectory_files import read_arrays
 from bodycheck.scenarios.model import Scenario
-
-_NEEDS = {
-    "energy_drift": {"velocity", "omega"},
-    "rotational_energy_drift": {"omega"},
-    "energy_balance": {"position", "velocity", "omega", "attitude"},
-    "angular_momentum_drift": {"attitude", "omega"},
-    "linear_momentum_drift": {"velocity"},
-    "orientation_error_rad": {"attitude"},
-    "orthogonality": {"attitude"},
-    "determinant_error": {"attitude"},
-    "quaternion_norm_error": {"attitude"},
-    "omega_error": {"omega"},
-    "position_error": {"position"},
-    "velocity_error": {"velocity"},
-}
-"""What a trajectory must have for each measure; the energy's potential needs the place of the body too."""
 
 
 def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | None) -> dict[str, Any]:
@@ -65,17 +50,18 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | Non
         until = f"t = {truth.trusted_until_s:.6g} s"
         columns["message"] = f"chaotic: compared until {until}, where the truth ends"
     had = _quantities(arrays)
-    whole = error_series(scene, truth.trajectory, true, trajectory, motion)
-    measured = reduced({name: values[trusted] for name, values in whole.items()}, scales)
-    for name in whole:
-        if not _needed(name, scene) <= had:
-            for column in (name, f"{name}_abs"):
-                measured.pop(column, None)
-    if "attitude" not in had:
-        del measured["orientation_error_final_rad"]
     kept = [one for one in invariants_of(scene) if one.needs <= had]
-    worst = worst_drift(kept, truth.trajectory, trajectory, trusted)
-    return columns | measured | (worst.columns if worst else {})
+    compared = Compared(
+        scene, truth.trajectory, true, trajectory, motion, kept, until=int(np.count_nonzero(trusted))
+    )
+    series = series_of(compared, departures_of(compared))
+    founded = {
+        name: values[: compared.until]
+        for name, values in series.items()
+        if MEASURES[name].needs(scene) <= had
+    }
+    worst = worst_drift(compared.invariant_drifts)
+    return columns | reduced(founded, scales) | (worst.columns if worst else {})
 
 
 def _quantities(arrays: dict[str, Array]) -> set[str]:
@@ -98,12 +84,3 @@ def _completed(arrays: dict[str, Array], truth: Trajectory) -> Trajectory:
     if "omega_body_rad_s" not in filled and "omega_world_rad_s" not in filled:
         filled["omega_body_rad_s"] = truth.omega_body
     return Trajectory(**filled)
-
-
-def _needed(measure: str, scene: Scene) -> set[str]:
-    needs = set(_NEEDS[measure])
-    if measure != "energy_drift":
-        return needs
-    springs = {type(load) for load in scene.loads} & {Spring, TorsionSpring}
-    needs |= {"position"} if scene.gravity.any() or Spring in springs else set()
-    return needs | ({"attitude"} if springs else set())

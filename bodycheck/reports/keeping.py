@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TypeAlias
 
-from bodycheck.reports.bounds import TRUTH_BOUNDS
+from bodycheck.reports.bounds import bound_of
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.convergence import LARGEST_ROUND_OFF
 from bodycheck.reports.findings import MethodKey, cases_by_method
@@ -29,7 +29,7 @@ def largest_error(case: CaseResult, quantity: str) -> float:
     columns = case.columns
     if not case.ok or quantity not in columns:
         return math.inf
-    return float(columns[quantity] + columns[TRUTH_BOUNDS[quantity]])
+    return float(columns[quantity] + bound_of(columns, quantity))
 
 
 def keeping(ladder: Ladder, error: float, quantity: str) -> Iterator[CaseResult]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console
@@ -10,11 +12,22 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    SpinnerColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.text import Text
+
+
+@contextmanager
+def watched(what: str) -> Iterator[None]:
+    """Show what goes on and for how long, on standard error where that is a terminal, while it goes on."""
+    console = Console(stderr=True, highlight=False)
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+        shown.add_task(what, total=None)
+        yield
 
 
 class LiveProgress:
@@ -59,6 +72,10 @@ class LiveProgress:
         self._bar.update(self._task, description=what)
         if not self._console.is_terminal:
             self._console.print(Text(what))
+
+    def truth_begun(self, scenario: str) -> None:
+        """Name the scenario whose truth is solved, where that can be overwritten."""
+        self._bar.update(self._task, description=f"solving the truth of {scenario}")
 
     def case_done(self) -> None:
         """Count one more case, from any thread; steps that were added on the way raise the total."""

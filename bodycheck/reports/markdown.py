@@ -1,4 +1,4 @@
-"""A run in under 60 lines of Markdown, fit for a comment on a pull request."""
+"""A run in some 60 lines of Markdown, fit for a comment on a pull request."""
 
 from __future__ import annotations
 
@@ -6,19 +6,18 @@ import re
 from collections.abc import Sequence
 
 from bodycheck.reports.findings import Findings, MethodKey
-from bodycheck.reports.offenders import offenders
 from bodycheck.reports.overview import overviews
 from bodycheck.reports.states import STATES
 from bodycheck.reports.summary import Cell, summary_cells
 from bodycheck.reports.summary_words import verdict_sentences
 from bodycheck.reports.wording import count
+from bodycheck.reports.worst_results import worst_methods
 
-_MOST_OFFENDERS = 8
 _MOST_METHODS = 24
 
 
 def markdown_summary(run: Findings) -> str:
-    """Return verdict, outcomes, the worst offenders with their commands, the methods, and the machine."""
+    """Return verdict, outcomes, the worst of each method with its command, the methods, and the machine."""
     manifest = run.manifest
     cells = summary_cells(run)
     ended = ", ".join(f"{amount} {outcome}" for outcome, amount in manifest["outcomes"].items())
@@ -34,23 +33,19 @@ def markdown_summary(run: Findings) -> str:
         "",
         f"Cases: {ended}.",
         "",
-        *_offender_lines(run),
+        *_worst_lines(run),
         *_method_lines(cells),
         *_machine_lines(run),
     ]
     return "\n".join(lines)
 
 
-def _offender_lines(run: Findings) -> list[str]:
-    worst = offenders(run)
+def _worst_lines(run: Findings) -> list[str]:
+    worst = worst_methods(run)
     if not worst:
         return []
-    rows = [
-        (f"{one.method} in {one.scenario}", one.text, f"`{one.reproduce}`") for one in worst[:_MOST_OFFENDERS]
-    ]
-    lines = ["**The worst**", "", *markdown_table(("where", "what", "see it again"), rows)]
-    if len(worst) > _MOST_OFFENDERS:
-        lines.append(f"\nand {len(worst) - _MOST_OFFENDERS} more, in report.html.")
+    rows = [(one.method, one.sentence, f"`{one.worst.reproduce}`") for one in worst]
+    lines = ["**The worst of each method**", "", *markdown_table(("method", "what", "see it again"), rows)]
     return [*lines, ""]
 
 

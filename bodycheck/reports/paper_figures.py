@@ -14,9 +14,8 @@ from bodycheck.errors import InputError, UnavailableError
 from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.findings import Findings, MethodKey, cases_by_method, common_step, key_of, shown_case
-from bodycheck.reports.measures import scale_of
+from bodycheck.reports.measures import MEASURES, scale_of
 from bodycheck.reports.styles import Style, styles
-from bodycheck.reports.tables import ABSOLUTE
 from bodycheck.reports.wording import setting
 
 if TYPE_CHECKING:
@@ -122,7 +121,7 @@ def _drift(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity
     every = [case for cases in lines.values() for case in cases]
     at_s = common_step(every)
     scale = scale_of(every[0].columns, quantity)
-    what = _words(quantity) if scale > 0.0 else f"{_words(quantity)}, {ABSOLUTE[quantity]}"
+    what = _words(quantity) if scale > 0.0 else f"{_words(quantity)}, {MEASURES[quantity].unit}"
     axes.set(yscale="log", xlabel=f"time, s ({setting('dt', at_s)})", ylabel=what)
     for key, cases in lines.items():
         case = shown_case(cases, at_s)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.subject import Subject
+from bodycheck.reports.tables import no_probes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,6 +22,7 @@ class Run:
     for.
     manifest: versions, machine, settings (manifest.json). subjects: the scenarios with their truths.
     cases: the rows of results in the same order, each with its trajectory and its measures over time.
+    probes: one row per method and check (probes.csv).
     """
 
     run_id: str
@@ -30,3 +32,4 @@ class Run:
     manifest: dict[str, Any]
     subjects: tuple[Subject, ...]
     cases: tuple[CaseResult, ...]
+    probes: pd.DataFrame = field(default_factory=no_probes)

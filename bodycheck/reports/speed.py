@@ -136,7 +136,9 @@ class _Clock:
                 except protocol.ProtocolError as error:
                     answer = {"outcome": "failed", "message": str(error)}
         if answer.get("outcome") != "ok":
-            return {"lost": protocol.shown(str(answer.get("message", "")))}, answer.get("outcome") == "failed"
+            return {"lost": protocol.shown(protocol.text_of(answer, "message"))}, answer.get(
+                "outcome"
+            ) == "failed"
         return {"own_s": own, "yardstick_s": others}, False
 
     def close(self) -> None:
@@ -158,7 +160,7 @@ class _Yardstick:
             engine, method = _YARDSTICK
             case = Case(subject.scenario.scene, method, Setting(dt_s=min(subject.scenario.steps)))
             answer = self._hosts.ask(engine, _preparation(case), self._timeout_s)
-            self._prepared = subject if answer["outcome"] == "ok" else None
+            self._prepared = subject if answer.get("outcome") == "ok" else None
 
     def lap(self) -> float | None:
         """Return one lap's time in s; None on a scenario that the yardstick cannot run."""

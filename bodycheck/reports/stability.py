@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 from bodycheck.adapters.breakdown import kinetic_limit
-from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.adapters.contract import Build, Engine, Method, Setting
 from bodycheck.adapters.drive import Case
 from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reports.case import CaseResult
@@ -43,6 +43,8 @@ def stability_row(
         "reason": found.reason,
         "outcome": found.outcome,
         "message": found.message,
+        "reused": found.reused,
+        "build": Build(found.build).short,
     }
 
 

@@ -16,7 +16,7 @@ class State:
 
 
 STATES = {
-    "converges": State("✓", "converges", "the error shrinks with the step at a steady order", "good"),
+    "converges": State("✓", "converges", "ever finer steps lead to the truth, in every quantity", "good"),
     "at-floor": State("≈", "at floor", "all errors lie at round-off or at the truth's own bound", "floor"),
     "exact": State("=", "exact", "a method without steps, at the truth's own bound", "floor"),
     "pre-asymptotic": State(
@@ -28,7 +28,7 @@ STATES = {
     "too-few-points": State("?", "too few points", "fewer than four steps with a usable error", "open"),
     "chaotic": State("≋", "chaotic", "nearby motions part too fast for an error to mean much", "open"),
     "does-not-converge": State(
-        "✗", "does not converge", "the error stays flat over two decades of step, well above the floor", "bad"
+        "✗", "does not converge", "ever finer steps lead to something else than the truth", "bad"
     ),
     "off": State("✗", "no steps, off", "a method without steps, above the truth's own bound", "bad"),
     "unstable": State(
@@ -43,3 +43,14 @@ STATES = {
 
 FAULTS = ("invalid", "failed", "timeout", "unstable")
 """The outcomes of cases that did not end well, the gravest first."""
+
+UNDECIDED = 1
+"""The severity of a verdict that neither confirms nor accuses."""
+
+_SEVERITIES = {"good": 0, "floor": 0, "open": UNDECIDED, "none": UNDECIDED, "bad": 2, "fault": 3}
+"""Tint -> how severe the states of that tint are."""
+
+
+def severity(word: str) -> int:
+    """Return how severe a verdict is: 0 sound, 1 undecided, 2 wrong, 3 broken; an unknown word: 1."""
+    return _SEVERITIES[STATES[word].tint] if word in STATES else UNDECIDED

@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import tempfile
 from hashlib import sha256
 from pathlib import Path
 
 from bodycheck.adapters.protocol import Message, read_back_message
 from bodycheck.errors import InputError
+from bodycheck.reference_impl.bounded_motion import QUANTITIES
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.html import render_report
 from bodycheck.reports.run import Run
 from bodycheck.reports.trajectory_files import npz, stored_arrays
-from bodycheck.reports.whole_file import check_folder
+from bodycheck.reports.whole_file import check_folder, unfinished_name
 
 
 def check_output(out: Path) -> None:
@@ -40,10 +40,10 @@ def write_run(run: Run, out: str | Path, *, beside: Path | None = None) -> Path:
     beside = out.absolute().parent if beside is None else beside
     try:
         beside.mkdir(parents=True, exist_ok=True)
-        unfinished = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=beside))
+        unfinished = unfinished_name(beside / out.absolute().name)
         try:
+            unfinished.mkdir()  # not mkdtemp, which keeps others out: the umask says who may read a run
             _write_files(run, unfinished)
-            unfinished.chmod(0o755)  # mkdtemp keeps others out; a run is for everyone
             unfinished.replace(out)
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
@@ -57,6 +57,7 @@ def write_tables(run: Run, folder: Path) -> None:
     run.results.to_csv(folder / "results.csv", index=False)
     run.methods.to_csv(folder / "methods.csv", index=False)
     run.stability.to_csv(folder / "stability.csv", index=False)
+    run.probes.to_csv(folder / "probes.csv", index=False)
     (folder / "manifest.json").write_text(json.dumps(run.manifest, indent=2) + "\n", encoding="utf-8")
     (folder / "read_back.json").write_text(json.dumps(_read_backs(run)) + "\n", encoding="utf-8")
 
@@ -69,7 +70,7 @@ def _write_files(run: Run, folder: Path) -> None:
         place = trajectories / file_name(subject.scenario.name)
         place.mkdir(parents=True)
         truth = subject.truth
-        bounds = {name: getattr(truth, name) for name in ("bound_rad", "bound_energy", "bound_momentum")}
+        bounds = {name: getattr(truth, name) for name in (f"bound_{q}" for q in QUANTITIES)}
         (place / "truth.npz").write_bytes(npz({**stored_arrays(truth.trajectory), **bounds}))
     for case in run.cases:
         if case.trajectory is not None:
@@ -77,9 +78,12 @@ def _write_files(run: Run, folder: Path) -> None:
 
 
 def _read_backs(run: Run) -> dict[str, Message]:
-    """Return what the engines held, by the files of the cases' trajectories."""
-    held = ((trajectory_file(case), case.read_back) for case in run.cases)
-    return {str(name): read_back_message(what) for name, what in held if what is not None}
+    """Return what the engines held and by which build, by the files of the cases' trajectories."""
+    return {
+        str(trajectory_file(case)): {**read_back_message(case.read_back), "build": case.columns.get("build")}
+        for case in run.cases
+        if case.read_back is not None
+    }
 
 
 def trajectory_file(case: CaseResult) -> Path:

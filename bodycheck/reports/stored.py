@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,17 +13,29 @@ import numpy as np
 
 from bodycheck.adapters.protocol import read_back_of
 from bodycheck.errors import InputError
+from bodycheck.outside import read_json
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.case import CaseResult, asked_as, measured_by
+from bodycheck.reports.manifest_check import check_manifest
 from bodycheck.reports.measures import Motion
 from bodycheck.reports.run import Run
+from bodycheck.reports.states import STATES
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.store import file_name, trajectory_file
 from bodycheck.reports.subject import Subject
-from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table, read_rows
+from bodycheck.reports.tables import (
+    METHOD_COLUMNS,
+    PROBE_COLUMNS,
+    RESULT_COLUMNS,
+    STABILITY_COLUMNS,
+    as_table,
+    no_probes,
+    read_rows,
+)
 from bodycheck.reports.trajectory_files import read_arrays
 from bodycheck.scenarios.written import as_written
+from bodycheck.shell_words import parted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,8 +43,7 @@ if TYPE_CHECKING:
 _OF_EVERY_CASE = ("run_id", "scenario", "engine", "method", "control", "outcome", "reproduce")
 _OF_EVERY_METHOD = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
 _OF_EVERY_SEARCH = ("run_id", "scenario", "engine", "method", "outcome")
-_MANIFEST_TABLES = ("engines", "outcomes", "scenarios")
-_IN_THE_MANIFEST = ("run_id", "created", "bodycheck", "cpu", "cores", "system", *_MANIFEST_TABLES)
+_OF_EVERY_CHECK = ("run_id", "engine", "method", "check", "verdict", "reproduce")
 _SAME = 1e-6  # relative: how well a motion that is measured anew gives the error that stands in the table
 
 
@@ -41,7 +51,8 @@ _SAME = 1e-6  # relative: how well a motion that is measured anew gives the erro
 class Tables:
     """What a run found, as its tables say it: enough to compare, to advise and to sum up.
 
-    results, methods, stability, manifest: as those of a Run. cases: the rows of results, without motions.
+    results, methods, stability, probes, manifest: as those of a Run. cases: the rows of results, without
+    motions.
     """
 
     run_id: str
@@ -50,10 +61,11 @@ class Tables:
     stability: pd.DataFrame
     manifest: dict[str, Any]
     cases: tuple[CaseResult, ...]
+    probes: pd.DataFrame = field(default_factory=no_probes)
 
 
 def read_tables(folder: Path) -> Tables:
-    """Read results.csv, methods.csv, stability.csv and manifest.json of a run.
+    """Read results.csv, methods.csv, stability.csv, probes.csv (if there is one) and manifest.json of a run.
 
     Raises InputError with one line where the folder is of no run, or its files are damaged or do not belong
     together.
@@ -62,8 +74,15 @@ def read_tables(folder: Path) -> Tables:
     results = read_rows(folder / "results.csv", RESULT_COLUMNS, _OF_EVERY_CASE)
     methods = read_rows(folder / "methods.csv", METHOD_COLUMNS, _OF_EVERY_METHOD)
     stability = read_rows(folder / "stability.csv", STABILITY_COLUMNS, _OF_EVERY_SEARCH)
+    path = folder / "probes.csv"  # which runs of earlier versions have not
+    probes = read_rows(path, PROBE_COLUMNS, _OF_EVERY_CHECK) if path.exists() else []
+    _check_words(folder / "results.csv", results, "outcome")
+    _check_commands(folder / "results.csv", results)
+    _check_commands(path, probes)
+    _check_words(folder / "methods.csv", methods, "verdict")
+    _check_words(folder / "stability.csv", stability, "outcome")
     run_id, rows = manifest["run_id"], (*results, *methods, *stability)
-    if others := {row["run_id"] for row in rows} - {run_id}:
+    if others := {row["run_id"] for row in (*rows, *probes)} - {run_id}:
         raise InputError(f"{folder}: its manifest is of run {run_id}, its tables of {', '.join(others)}")
     if Counter(row["outcome"] for row in results) != manifest["outcomes"]:
         raise InputError(
@@ -71,6 +90,10 @@ def read_tables(folder: Path) -> Tables:
         )
     if strange := {row["scenario"] for row in rows} - manifest["scenarios"].keys():
         raise InputError(f"{folder}: manifest.json has no scenario {', '.join(sorted(strange))}")
+    engines = manifest["engines"]
+    known = {(name, method) for name, entry in engines.items() for method in entry.get("methods", ())}
+    if strange := {(row["engine"], row["method"]) for row in rows} - known:
+        raise InputError(f"{folder}: manifest.json has no method {':'.join(min(strange))}")
     return Tables(
         run_id=run_id,
         results=as_table(({"message": "", **row} for row in results), RESULT_COLUMNS),
@@ -78,29 +101,34 @@ def read_tables(folder: Path) -> Tables:
         stability=as_table(stability, STABILITY_COLUMNS),
         manifest=manifest,
         cases=tuple(_case(row) for row in results),
+        probes=as_table(({"message": "", **row} for row in probes), PROBE_COLUMNS),
     )
 
 
 def _json(folder: Path, name: str) -> Any:
-    path = folder / name
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return read_json(folder / name)
     except FileNotFoundError:
         raise InputError(f"{folder}: is no folder of a run: it has no {name}") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: is not JSON: {error}") from None
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Read manifest.json of a run; InputError with one line where it is missing or damaged."""
-    path, manifest = folder / "manifest.json", _json(folder, "manifest.json")
-    if not isinstance(manifest, dict) or any(key not in manifest for key in _IN_THE_MANIFEST):
-        raise InputError(f"{path}: is no manifest of a run: it must have {', '.join(_IN_THE_MANIFEST)}")
-    if wrong := [key for key in _MANIFEST_TABLES if not isinstance(manifest[key], dict)]:
-        raise InputError(f"{path}: is no manifest of a run: {', '.join(wrong)} must be an object")
-    return manifest
+    return check_manifest(folder / "manifest.json", _json(folder, "manifest.json"))
+
+
+def _check_words(path: Path, rows: Iterable[dict[str, Any]], column: str) -> None:
+    """Raise InputError where a row has a word that no run of this version writes."""
+    if unknown := {row[column] for row in rows} - {"ok", *STATES}:
+        raise InputError(f"{path}: {column} {sorted(unknown)[0]!r} is not known (known: {', '.join(STATES)})")
+
+
+def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    for command in {row["reproduce"] for row in rows}:
+        try:
+            parted(command)
+        except ValueError as error:
+            raise InputError(f"{path}: reproduce is no command: {error}: {command!r:.80}") from None
 
 
 def _case(row: dict[str, Any]) -> CaseResult:
@@ -126,6 +154,7 @@ def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = No
         manifest=tables.manifest,
         subjects=tuple(subjects.values()),
         cases=tuple(_with_motion(folder, subjects[case.columns["scenario"]], case) for case in cases),
+        probes=tables.probes,
     )
 
 
@@ -152,6 +181,8 @@ def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[Case
         raise InputError(f"{folder / 'read_back.json'}: should be an object, one entry a case")
     for case in cases:
         message = held.get(str(trajectory_file(case)))
+        if isinstance(message, dict):
+            message.pop("build", None)  # for people: the row of the case has it too
         try:
             yield replace(case, read_back=None if message is None else read_back_of(message))
         except (KeyError, TypeError, ValueError) as error:
@@ -173,9 +204,9 @@ def _with_motion(folder: Path, subject: Subject, case: CaseResult) -> CaseResult
         return replace(case, trajectory=trajectory)
     if not np.array_equal(trajectory.t_s, subject.truth.trajectory.t_s):
         raise InputError(f"{path}: its times are not the samples of {subject.scenario.name}")
-    columns, series = measured_by(subject, trajectory, Motion.of(subject.scenario.scene, trajectory))
-    found, told = columns["orientation_error_rad"], case.columns.get("orientation_error_rad", math.nan)
+    found = measured_by(subject, trajectory, Motion.of(subject.scenario.scene, trajectory))
+    angle, told = found.columns["orientation_error_rad"], case.columns.get("orientation_error_rad", math.nan)
     slack = 2.0 * subject.largest(subject.truth.bound_rad)
-    if not math.isclose(found, told, rel_tol=_SAME, abs_tol=slack):
-        raise InputError(f"{path}: is off by {found:.4g} rad, but results.csv says {told:.4g} rad")
-    return replace(case, trajectory=trajectory, series=series)
+    if not math.isclose(angle, told, rel_tol=_SAME, abs_tol=slack):
+        raise InputError(f"{path}: is off by {angle:.4g} rad, but results.csv says {told:.4g} rad")
+    return replace(found, columns=case.columns, trajectory=trajectory, read_back=case.read_back)

@@ -12,7 +12,7 @@ import numpy as np
 
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.bounded_motion import Truth
+from bodycheck.reference_impl.bounded_motion import QUANTITIES, Truth
 from bodycheck.reports.convergence import LARGEST_LIMIT
 from bodycheck.reports.invariants import Invariant, invariants_of
 from bodycheck.reports.measures import Motion
@@ -20,6 +20,9 @@ from bodycheck.reports.scales import Scales, scene_scales
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.truths import known_truth
 from bodycheck.scenarios.model import Scenario
+
+ENDS = "neighbours of the start leave all bounds, as where a load is not smooth"
+"""Why a truth ends whose bounds are not finite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +56,8 @@ class Subject:
             raise InputError(f"{asked_as}: its energy or momentum is beyond the range of double precision")
         compared = int(np.count_nonzero(truth.trajectory.t_s < truth.trusted_until_s))
         if compared < 2:
-            raise InputError(
-                f"{asked_as}: the motion is chaotic, and lost before the second sample: take more samples"
-            )
+            why = "the motion is chaotic" if np.isfinite(truth.bounds).all() else ENDS
+            raise InputError(f"{asked_as}: {why}, and lost before the second sample: take more samples")
         return cls(scenario, truth, Motion.of(scene, truth.trajectory), scales, str(asked_as), compared)
 
     @property
@@ -84,9 +86,7 @@ class Subject:
             "duration_s": scenario.duration_s,
             **vars(self.scales),
             "truth": truth.kind,
-            "truth_bound_rad": self.largest(truth.bound_rad),
-            "truth_bound_energy": self.largest(truth.bound_energy),
-            "truth_bound_momentum": self.largest(truth.bound_momentum),
+            **{f"truth_bound_{name}": self.largest(getattr(truth, f"bound_{name}")) for name in QUANTITIES},
             "compared_until_s": float(self.times[-1]),
         }
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from bodycheck.reports.case import CaseResult
+from bodycheck.reports.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.findings import (
     Findings,
     MethodKey,
@@ -16,36 +16,44 @@ from bodycheck.reports.findings import (
     key_of,
     shown_case,
 )
+from bodycheck.reports.measures import ORIENTATION
+from bodycheck.reports.quantity_verdicts import QuantityVerdict, method_verdict, most_severe
 from bodycheck.reports.states import FAULTS, STATES
 from bodycheck.reports.wording import number
 
-_ORIENTATION = "orientation_error_rad"
-_FLOORS = 30.0  # times the truth's bound: the largest error of a method without steps that is the truth
-_ORDER_SLACK = 0.2  # how far below its theory an observed order may lie and still be called its own
-_GRAVITY = ("none", "floor", "good", "open", "bad", "fault")
+_SEVERITY = ("none", "floor", "good", "open", "bad", "fault")
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One method on one scenario: its state, its order, its error at the common step, what went wrong.
+    """One method on one scenario: the most severe of all that is known of it.
 
-    faults: how many of the cases ended so. cases: how many there are. plateaus: the other measures that do
-    not converge.
+    verdict: of the quantities the most severe, None where no case ended well. order: of the orientation.
+    error: of the orientation at the common step. faults: how many of the cases ended so. cases: how many
+    there are. wrong: the quantities that speak against the method, the most severe first. properties: of the
+    engine's state, no faults. detail: what the verdict rests on.
     """
 
     state: str
+    verdict: QuantityVerdict | None = None
     order: float | None = None
     error: float | None = None
     faults: Mapping[str, int] = field(default_factory=dict)
     cases: int = 0
-    plateaus: tuple[str, ...] = ()
+    wrong: tuple[QuantityVerdict, ...] = ()
+    properties: tuple[QuantityVerdict, ...] = ()
     detail: str = ""
 
     @property
     def notes(self) -> list[str]:
-        """What went wrong beside the state itself."""
+        """What went wrong, and what the state holds besides."""
         faults = [f"{amount} of {self.cases} {fault}" for fault, amount in self.faults.items()]
-        return faults + [f"{measure} does not converge" for measure in self.plateaus]
+        return [*faults, *(one.text for one in (*self.wrong, *self.properties))]
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the method does what theory says of it, as far as was measured."""
+        return self.state in ("converges", "at-floor", "exact")
 
 
 def summary_cell(
@@ -56,35 +64,40 @@ def summary_cell(
     found: their rows of methods.csv by quantity; at_s: the common step.
     """
     at_step = shown_case(cases, at_s)
-    error = at_step.columns[_ORIENTATION] if at_step and at_step.ok else None
+    error = at_step.columns[ORIENTATION] if at_step and at_step.ok else None
     ended = Counter(case.columns["outcome"] for case in cases)
     faults = {fault: ended[fault] for fault in FAULTS if ended[fault]}
-    if not ended["ok"]:
+    verdicts = {quantity: QuantityVerdict.of(row) for quantity, row in found.items()}
+    verdict = method_verdict(verdicts)
+    if not ended["ok"] or verdict is None:
         worst = next(iter(faults), "unsupported")
         reasons = dict.fromkeys(str(case.columns["message"]) for case in cases)
         return Cell(worst, faults=faults, cases=len(cases), detail="; ".join(reasons))
-    if _ORIENTATION not in found:
-        bound = _FLOORS * cases[0].columns["truth_bound_rad"]
-        exact = error is not None and error <= bound
-        return Cell("exact" if exact else "off", error=error, faults=faults, cases=len(cases))
-    row = found[_ORIENTATION]
+    said = [*faults, verdict.state]
     return Cell(
-        row["verdict"],
-        row["order"] if row["order"] == row["order"] else None,
+        max(said, key=lambda state: _SEVERITY.index(STATES[state].tint)),
+        verdict,
+        verdicts[ORIENTATION].order if ORIENTATION in verdicts else None,
         error,
         faults,
         len(cases),
-        tuple(q for q in found if q != _ORIENTATION and found[q]["verdict"] == "does-not-converge"),
-        _detail(row),
+        tuple(most_severe(verdicts.values())),
+        tuple(one for one in verdicts.values() if one.is_property),
+        _detail(cases, found.get(ORIENTATION)),
     )
 
 
-def _detail(found: Mapping[str, Any]) -> str:
-    floor = f"floor {number(found['floor'], 2)} rad"
-    if found["verdict"] != "converges":
-        return floor
-    low, high = number(found["order_low"], 3), number(found["order_high"], 3)
-    return f"order between {low} and {high}, from {found['points']} steps; {floor}"
+def _detail(cases: Sequence[CaseResult], row: Mapping[str, Any] | None) -> str:
+    """Return what the verdict on the orientation rests on, and what lowers orders here."""
+    if row is None:
+        return ""
+    parts = [f"floor {number(row['floor'], 2)} rad"]
+    if row["verdict"] == "converges" and row["order"] == row["order"] and row["order"] is not None:
+        low, high = number(row["order_low"], 3), number(row["order_high"], 3)
+        parts.insert(0, f"order between {low} and {high}, from {row['points']} steps")
+    if any(SWITCH_NOTE in str(case.columns["message"]) for case in cases):
+        parts.append("a load switches inside a step, which lowers the order")
+    return "; ".join(parts)
 
 
 def summary_cells(run: Findings) -> dict[str, dict[MethodKey, Cell]]:
@@ -102,27 +115,6 @@ def summary_cells(run: Findings) -> dict[str, dict[MethodKey, Cell]]:
             key: summary_cell(cases, found.get((scenario, *key), {}), at_s) for key, cases in methods.items()
         }
     return cells
-
-
-def theory(run: Findings, key: MethodKey) -> float:
-    """Return the order that the method has in theory, 0 where it has none."""
-    engine, method = key
-    return run.manifest["engines"][engine]["methods"][method]["order"] or 0
-
-
-def is_lower(run: Findings, key: MethodKey, cell: Cell) -> bool:
-    """Whether a method shows a lower order than it has in theory."""
-    return cell.order is not None and cell.order < theory(run, key) - _ORDER_SLACK
-
-
-def worst_state(run: Findings, key: MethodKey, cell: Cell) -> str:
-    """Return the gravest of what a cell says: how a case ended, a plateau, a lower order, or its verdict."""
-    said = [*cell.faults, cell.state]
-    if cell.plateaus:
-        said.append("does-not-converge")
-    if is_lower(run, key, cell):
-        said.append("lower-order")
-    return max(said, key=lambda state: _GRAVITY.index(STATES[state].tint))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The tables of a run: the columns of results.csv, methods.csv and stability.csv, in their order."""
+"""The tables of a run: the columns of results, methods, stability and probes.csv, in their order."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bodycheck.errors import InputError
+from bodycheck.outside import escaped
+from bodycheck.reference_impl.bounded_motion import QUANTITIES
+from bodycheck.reports.measures import MEASURES
 
 if TYPE_CHECKING:
     import pandas as pd
 
 WHO = ("scenario", "family", "engine", "engine_version", "method")
-"""Whose a row is, in each of the three tables."""
+"""Whose a row is, in each table but probes.csv."""
 
 _CASE = (
     "run_id",
@@ -26,6 +29,8 @@ _CASE = (
     "outcome",
     "message",
     "reproduce",
+    "reused",
+    "build",
 )
 _SCALES = (
     "length_scale_m",
@@ -36,40 +41,9 @@ _SCALES = (
     "angular_momentum_scale_kg_m2_s",
     "linear_momentum_scale_kg_m_s",
 )
-MEASURES = {
-    "energy_drift": "max |E - E*| over the largest true kinetic energy; E = K + U",
-    "rotational_energy_drift": "max |Kr - Kr*| over max Kr*; Kr = omega . I omega / 2",
-    "energy_balance": "max |E - E(0) - W| over the largest true kinetic energy; W = work of the loads",
-    "angular_momentum_drift": "max |L - L*| over max |L*|; the vector in world axes",
-    "linear_momentum_drift": "max |P - P*| over mass x speed scale",
-    "invariant_drift": "max |C - C*| of the scene's worst invariant, named in `invariant`, over its size",
-    "orthogonality": "max ||R^T R - I||_F of the matrix that the engine itself gives",
-    "determinant_error": "max |det R - 1| of the same matrix",
-    "quaternion_norm_error": "max ||q| - 1| of the quaternion that the engine itself holds",
-    "orientation_error_rad": "max geodesic angle to the truth",
-    "orientation_error_final_rad": "geodesic angle to the truth at the end",
-    "omega_error": "max |omega - omega*| in body axes over max |omega*|",
-    "position_error": "max |x - x*| over the length scale",
-    "velocity_error": "max |v - v*| over the speed scale",
-}
-"""Measure -> formula; a star marks the truth. Those with a scale stand also as `_abs`, in SI units."""
-
-ABSOLUTE = {
-    "energy_drift": "J",
-    "rotational_energy_drift": "J",
-    "energy_balance": "J",
-    "angular_momentum_drift": "kg m^2/s",
-    "linear_momentum_drift": "kg m/s",
-    "invariant_drift": "SI unit of the invariant",
-    "omega_error": "rad/s",
-    "position_error": "m",
-    "velocity_error": "m/s",
-}
 _TRUTH = (
     "truth",
-    "truth_bound_rad",
-    "truth_bound_energy",
-    "truth_bound_momentum",
+    *(f"truth_bound_{quantity}" for quantity in QUANTITIES),
     "compared_until_s",
     "horizon_s",
 )
@@ -86,7 +60,7 @@ _SPEED = (
 RESULT_COLUMNS = (
     *_CASE,
     *_SCALES,
-    *(c for name in MEASURES for c in ((name, f"{name}_abs") if name in ABSOLUTE else (name,))),
+    *(column for measure in MEASURES.values() for column in measure.columns),
     "invariant",
     "step_change_rad",
     *_TRUTH,
@@ -96,11 +70,17 @@ METHOD_COLUMNS = (
     "run_id",
     *WHO,
     "quantity",
+    "expected_order",
     "order",
     "order_low",
     "order_high",
     "points",
     "floor",
+    "finest_dt_s",
+    "finest_tolerance",
+    "finest_error",
+    "limit_distance",
+    "limit_uncertainty",
     "verdict",
     "growth",
     "growth_exponent",
@@ -115,13 +95,22 @@ STABILITY_COLUMNS = (
     "reason",
     "outcome",
     "message",
+    "reused",
+    "build",
 )
+PROBE_COLUMNS = (
+    *("run_id", "engine", "engine_version", "method"),
+    *("check", "measured", "expected", "deviation", "tolerance"),
+    *("dt_s", "verdict", "message", "reproduce"),
+)
+_YES_OR_NO = ("reused",)
 _WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
+_LARGEST_WHOLE = 2**63 - 1
 _TEXTS = frozenset(
     (
         *("run_id", *WHO, "control", "outcome"),
         *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
-        *("growth", "reason"),
+        *("growth", "reason", "check", "build"),
     )
 )
 
@@ -142,11 +131,24 @@ def as_table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.
     )
 
 
+def no_probes() -> pd.DataFrame:
+    """Return the table of a run that made no probes."""
+    return as_table((), PROBE_COLUMNS)
+
+
 def _dtype(column: str) -> str | None:
     """Return what a column holds; None where pandas is to see for itself which kind of text."""
     if column in _WHOLE_NUMBERS:
         return "Int64"
+    if column in _YES_OR_NO:
+        return "boolean"
     return None if column in _TEXTS else "float64"
+
+
+def _yes_or_no(cell: str) -> bool:
+    if cell not in ("True", "False"):
+        raise ValueError(cell)
+    return cell == "True"
 
 
 def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> list[dict[str, Any]]:
@@ -170,6 +172,19 @@ def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> 
     return [_row(path, number, head, line, needed) for number, line in enumerate(lines[1:], 1)]
 
 
+def _value(column: str, cell: str) -> Any:
+    """Return what a cell says; ValueError where it is not of its column."""
+    if column in _YES_OR_NO:
+        return _yes_or_no(cell)
+    if column in _TEXTS:
+        return escaped(cell)
+    if column not in _WHOLE_NUMBERS:
+        return float(cell)
+    if abs(whole := int(cell)) > _LARGEST_WHOLE:
+        raise ValueError(cell)
+    return whole
+
+
 def _row(
     path: Path, number: int, head: list[str], line: list[str], needed: tuple[str, ...]
 ) -> dict[str, Any]:
@@ -179,9 +194,10 @@ def _row(
     for name, cell in zip(head, line, strict=True):
         if cell:
             try:
-                row[name] = (str if name in _TEXTS else int if name in _WHOLE_NUMBERS else float)(cell)
+                row[name] = _value(name, cell)
             except ValueError:
-                raise InputError(f"{path}: row {number}: {name} is {cell!r}, not a number") from None
+                wanted = "True or False" if name in _YES_OR_NO else "a number"
+                raise InputError(f"{path}: row {number}: {name} is {cell!r}, not {wanted}") from None
     if missing := [name for name in needed if name not in row]:
         raise InputError(f"{path}: row {number} has no {', '.join(missing)}")
     return row

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from bodycheck.reports.console import console, print_columns
-from bodycheck.reports.offenders import offenders
 from bodycheck.reports.overview import Overview, overviews
 from bodycheck.reports.states import STATES
 from bodycheck.reports.summary import summary_cells
+from bodycheck.reports.summary_words import verdict_sentences
 from bodycheck.reports.wording import count
+from bodycheck.reports.worst_results import worst_methods
 
 if TYPE_CHECKING:
     from bodycheck.reports.run import Run
 
 _TINT_STYLES = {"good": "green", "floor": "green", "open": "yellow", "bad": "red", "fault": "red", "none": ""}
-_MOST_OFFENDERS = 10
 
 
 def print_summary(run: Run) -> None:
@@ -33,19 +33,19 @@ def print_summary(run: Run) -> None:
     for scenario in (subject.scenario for subject in run.subjects):
         for note in scenario.body.notes:
             out.print(Text(f"{scenario.name}: {note}", style="yellow"))
-    rows = [
-        (one.method, one.order, one.largest_error, _verdicts(one)) for one in overviews(summary_cells(run))
-    ]
+    cells = summary_cells(run)
+    for sentence in verdict_sentences(run, cells):
+        out.print(Text(sentence))
+    rows = [(one.method, one.order, one.largest_error, _verdicts(one)) for one in overviews(cells)]
     heads = ("engine:method", "order of orientation", "largest error", "scenarios")
     print_columns(out, heads, rows, right=heads[1:2])
-    worst = offenders(run)
+    worst = worst_methods(run)
     if worst:
-        out.print(Text("\nThe worst", style="bold"))
-    for one in worst[:_MOST_OFFENDERS]:
-        out.print(Text(f"{one.method} in {one.scenario}: {one.text}", style="red"))
-        out.print(Text(f"    {one.reproduce}"), soft_wrap=True)
-    if len(worst) > _MOST_OFFENDERS:
-        out.print(f"and {len(worst) - _MOST_OFFENDERS} more, in the report")
+        out.print(Text("\nThe worst of each method", style="bold"))
+    for one in worst:
+        style = "yellow" if one.worst.kind in ("property", "lower-order") else "red"
+        out.print(Text(f"{one.method}: {one.sentence}", style=style))
+        out.print(Text(f"    {one.worst.reproduce}"), soft_wrap=True)
 
 
 def _verdicts(overview: Overview) -> Text:

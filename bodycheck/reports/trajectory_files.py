@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import warnings
 import zipfile
-import zlib
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from bodycheck.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.npz_files import doubles, read_npz
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,7 +83,7 @@ def read_arrays(path: Path) -> dict[str, Array]:
     Raises InputError with one line that names the file and what is wrong with it.
     """
     try:
-        arrays = _read_npz(path) if path.suffix == ".npz" else _read_csv(path)
+        arrays = read_npz(path, ("t_s", *_ARRAYS)) if path.suffix == ".npz" else _read_csv(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     t_s = arrays.get("t_s")
@@ -107,9 +107,14 @@ def _read_csv(path: Path) -> dict[str, Array]:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # a row of the wrong width
             table = pd.read_csv(
-                path, skipinitialspace=True, index_col=False, keep_default_na=False, na_values=["nan", "NaN"]
+                path,
+                skipinitialspace=True,
+                index_col=False,
+                keep_default_na=False,
+                na_values=["nan", "NaN"],
+                compression=None,  # never guessed from the file's name
             )
-    except (ValueError, pd.errors.ParserWarning) as error:
+    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
         raise InputError(f"{path}: is not CSV: {' '.join(str(error).split())}") from None
     known = {"t_s", *_IGNORED, *(column for columns in _ARRAYS.values() for column in columns)}
     if unknown := [str(column) for column in table.columns if column not in known]:
@@ -117,30 +122,24 @@ def _read_csv(path: Path) -> dict[str, Array]:
     if table.empty:
         raise InputError(f"{path}: has no rows")
     for column in table.columns:
-        if not pd.api.types.is_numeric_dtype(table[column]):
+        kind = table[column].dtype.kind
+        if kind == "b":
+            raise InputError(f"{path}: {column} holds truth values, not numbers")
+        if kind not in "fiu":
             row = int(np.argmax(pd.to_numeric(table[column], errors="coerce").isna().to_numpy()))
             found = table[column].iloc[row]
             raise InputError(f"{path}: line {row + 2}: {column} is {found!r}, not a number")
-    arrays: dict[str, Array] = {"t_s": table["t_s"].to_numpy(np.float64)} if "t_s" in table else {}
+    try:
+        values = {str(column): doubles(table[column].to_numpy(), str(column)) for column in table.columns}
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    arrays: dict[str, Array] = {"t_s": values["t_s"]} if "t_s" in values else {}
     for array, columns in _ARRAYS.items():
         there = [column for column in columns if column in table]
         if there and len(there) < len(columns):
             missing = ", ".join(column for column in columns if column not in table)
             raise InputError(f"{path}: has {there[0]} but not {missing}")
         if there:
-            values = table[there].to_numpy(np.float64)
-            arrays[array] = values.reshape(-1, 3, 3) if array == "rotation" else values
+            together = np.stack([values[column] for column in there], axis=-1)
+            arrays[array] = together.reshape(-1, 3, 3) if array == "rotation" else together
     return arrays
-
-
-def _read_npz(path: Path) -> dict[str, Array]:
-    try:
-        # np.load would take a single array by this name too
-        with path.open("rb") as file, np.lib.npyio.NpzFile(file, allow_pickle=False) as stored:
-            return {
-                name: np.asarray(stored[name], dtype=np.float64)
-                for name in ("t_s", *_ARRAYS)
-                if name in stored.files
-            }
-    except (ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"{path}: is not an npz of numbers: {' '.join(str(error).split())}") from None

@@ -25,7 +25,10 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What came of a search. versions: all releases, oldest first. failed: why those that failed did."""
+    """What came of a search.
+
+    versions: all releases, oldest first. failed: why those that failed did. every: whether none was skipped.
+    """
 
     engine: str
     scenario: str
@@ -33,6 +36,7 @@ class Found:
     versions: tuple[str, ...]
     tracks: tuple[Track, ...]
     failed: Mapping[str, str]
+    every: bool = False
 
 
 def print_found(found: Found) -> None:
@@ -49,6 +53,8 @@ def print_found(found: Found) -> None:
     for track in found.tracks:
         told = sentence(found, track, texts[track.method])
         out.print(Text(f"{found.engine}:{track.method}: {told}"), soft_wrap=True)
+    if found.every:
+        out.print(Text(_changed_in(found)), soft_wrap=True)
 
 
 def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:
@@ -57,6 +63,8 @@ def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:
     if not track.changes:
         if len(run) == 1:
             return f"{texts[run[0]]} in {run[0]}, the only one that was run"
+        if found.every:
+            return f"{texts[run[-1]]} in all {len(run)} that were run"
         same = f"{texts[run[-1]]} in {run[-1]}, as in {run[0]}"
         return f"{same}; a change between them that was undone would not be seen"
     befores, afters = zip(*track.changes, strict=True)
@@ -66,6 +74,16 @@ def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:
     ]
     parts.append(f"{texts[afters[-1]]} from {afters[-1]}")
     return "; ".join([", ".join(parts), *_left_open(found, track)])
+
+
+def _changed_in(found: Found) -> str:
+    """Return the releases in which anything changed, with the methods that did."""
+    changed = {
+        version: [track.method for track in found.tracks if version in (after for _, after in track.changes)]
+        for version in found.versions
+    }
+    told = [f"{version} ({', '.join(methods)})" for version, methods in changed.items() if methods]
+    return f"changed in {', '.join(told)}" if told else "changed in no release"
 
 
 def _left_open(found: Found, track: Track) -> list[str]:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import secrets
 import tempfile
 from contextlib import suppress
 from pathlib import Path
 
 from bodycheck.errors import InputError
+
+_LONGEST_STEM = 50  # a name may have 255 bytes
 
 
 def check_file(option: str, path: Path | None) -> None:
@@ -18,9 +21,9 @@ def check_file(option: str, path: Path | None) -> None:
     if path is None:
         return
     folder = path.absolute().parent
-    if path.is_dir():
+    if os.path.isdir(path):  # noqa: PTH112 - no name is too long for it
         raise InputError(f"{option} {path}: is a folder; name a file")
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # noqa: PTH112
         raise InputError(f"{option} {path}: cannot be written: there is no folder {folder}")
     check_folder(f"{option} {path}", folder)
 
@@ -48,13 +51,17 @@ def write_whole(path: Path, content: bytes) -> None:
 
 def put_whole(path: Path, content: bytes) -> None:
     """Write a file under a temporary name, beside it, and rename it; raises OSError."""
-    descriptor, unfinished = tempfile.mkstemp(dir=path.absolute().parent, prefix=f".{path.name}-")
+    unfinished = unfinished_name(path.absolute())
     try:
-        with os.fdopen(descriptor, "wb") as file:
+        with unfinished.open("xb") as file:  # not mkstemp: the umask says who may read it
             file.write(content)
-        Path(unfinished).chmod(0o644)  # mkstemp keeps others out; what is handed over is for everyone
-        Path(unfinished).replace(path)
+        unfinished.replace(path)
     except BaseException:
         with suppress(OSError):
-            Path(unfinished).unlink()
+            unfinished.unlink()
         raise
+
+
+def unfinished_name(path: Path) -> Path:
+    """Return a name beside a file or a folder that nothing else has, for the time until it is whole."""
+    return path.with_name(f".{path.name[:_LONGEST_STEM]}-{secrets.token_hex(8)}")

@@ -10,7 +10,17 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads_at import Moment, wrench_at
-from bodycheck.reference_impl.scene import Load, Scene, Spring, TorsionSpring
+from bodycheck.reference_impl.scene import (
+    BlackBox,
+    Drag,
+    GravityGradient,
+    Load,
+    Scene,
+    SineTorque,
+    Spring,
+    TorsionSpring,
+    unknown_load,
+)
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import held_between
 
@@ -19,7 +29,15 @@ _DEGREES = (7, 5)  # of the splines through the power; their difference tells wh
 
 def working_loads(scene: Scene, begin_s: float, end_s: float) -> list[Load]:
     """Return what acts within [begin_s, end_s) and has no potential energy."""
-    lasting = [load for load in scene.lasting_loads if not isinstance(load, Spring | TorsionSpring)]
+    lasting: list[Load] = []
+    for load in scene.lasting_loads:
+        match load:
+            case SineTorque() | Drag() | GravityGradient() | BlackBox():
+                lasting.append(load)
+            case Spring() | TorsionSpring():
+                pass
+            case _:
+                raise unknown_load(load, "the balance of energy")
     return [*held_between(scene, begin_s, end_s), *lasting]
 
 

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bodycheck.reports.comparison.change import Change, Direction
+from bodycheck.reports.comparison.change import Change, Status
 
-_TURNED: dict[Direction, Direction] = {"worse": "better", "better": "worse", "other": "other"}
+TURNED: dict[Status, Status] = {
+    "worse": "improved",
+    "improved": "worse",
+    "moved": "moved",
+    "new": "missing",
+    "missing": "new",
+}
+"""Status -> the status as seen from the other run."""
 
 
 def mirrored(change: Change) -> Change:
@@ -15,6 +22,6 @@ def mirrored(change: Change) -> Change:
         change,
         before=change.after,
         after=change.before,
-        direction=_TURNED[change.direction],
+        status=TURNED[change.status],
         decades=None if change.decades is None else -change.decades,
     )

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bodycheck
-from bodycheck.reports.convergence import Point, obedience_of
+from bodycheck.reports.convergence import Judged, Point, tolerance_convergence
 from bodycheck.reports.page.facts import scenario_facts
 from bodycheck.reports.wording import number
 
@@ -96,12 +96,12 @@ def points(*errors: float | None) -> list[Point]:
 )
 def test_obedience_is_judged_from_the_coarsest_to_the_finest(found: list[Point], verdict: str) -> None:
     """Errors that fall as the tolerance's root or reach the floor obey; flat ones do not."""
-    assert obedience_of(found, 1e-14).verdict == verdict
+    assert tolerance_convergence(found, Judged(1e-14)).verdict == verdict
 
 
 def test_nothing_is_said_of_a_tolerance_where_the_motion_is_lost() -> None:
     """Where round-off alone is beyond a hundredth of 0.3, the verdict is chaotic."""
-    assert obedience_of(points(0.1, 0.2), 0.01).verdict == "chaotic"
+    assert tolerance_convergence(points(0.1, 0.2), Judged(0.01)).verdict == "chaotic"
 
 
 @pytest.mark.slow

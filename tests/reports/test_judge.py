@@ -96,7 +96,7 @@ def test_a_rotation_matrix_does_for_a_quaternion(tmp_path: Path) -> None:
     table = pd.DataFrame({"t_s": truth.t_s} | {name: matrices[:, i] for i, name in enumerate(names)})
     judged = bodycheck.judge(write(table, tmp_path / "matrix.csv"), "boxes")
     assert judged["orientation_error_rad"] < 1e-15
-    assert judged["orthogonality"] < 1e-15
+    assert judged["orthogonality_error"] < 1e-15
 
 
 def test_a_trajectory_with_nan_is_unstable(tmp_path: Path) -> None:

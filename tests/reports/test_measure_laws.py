@@ -26,8 +26,15 @@ from bodycheck.reference_impl.scene import (
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports import measures
 from bodycheck.reports.case import measured_by
-from bodycheck.reports.invariants import Invariant, InvariantDrift, invariants_of, symmetry_axis, worst_drift
-from bodycheck.reports.measures import SERIES_SCALES, Motion, error_series, reduced
+from bodycheck.reports.invariants import (
+    Invariant,
+    InvariantDrift,
+    invariant_drifts,
+    invariants_of,
+    symmetry_axis,
+    worst_drift,
+)
+from bodycheck.reports.measures import SCALES, Compared, Motion, departures_of, reduced
 from bodycheck.reports.scales import Scales, scene_scales
 from bodycheck.reports.work import power, work_done, working_loads
 
@@ -105,7 +112,10 @@ def test_the_scales_are_the_largest_of_the_true_motion(
 def series_of(found: Trajectory, truth: Trajectory, made: Scene | None = None) -> dict[str, Array]:
     """Return every measure over time."""
     made = made or scene()
-    return error_series(made, truth, Motion.of(made, truth), found, Motion.of(made, found))
+    compared = Compared(
+        made, truth, Motion.of(made, truth), found, Motion.of(made, found), (), len(truth.t_s)
+    )
+    return measures.series_of(compared, departures_of(compared))
 
 
 SPINNING = {"omega_body_rad_s": np.tile([0.0, 0.0, 2.0], (4, 1))}
@@ -146,7 +156,7 @@ def test_each_error_is_in_its_own_measures_and_no_other(
 ) -> None:
     """By hand, of a brick that turns about its third axis; all else is 0, and at the end nothing is wrong."""
     found = reduced(series_of(still(**{**SPINNING, **arrays}), still(**SPINNING)), ONES)
-    names = [*SERIES_SCALES, "orientation_error_rad", "quaternion_norm_error"]
+    names = [*SCALES, "orientation_error_rad", "quaternion_norm_error"]
     assert {name: found[name] for name in names} == pytest.approx(
         {**dict.fromkeys(names, 0.0), **told}, abs=1e-15
     )
@@ -161,19 +171,19 @@ def test_a_matrix_is_measured_as_the_engine_gives_it() -> None:
     twice = np.tile(np.eye(3), (4, 1, 1))
     twice[1] *= 2.0
     found = series_of(still(quaternion=None, rotation=twice), still())
-    assert found["orthogonality"] == pytest.approx([0.0, 3.0 * math.sqrt(3.0), 0.0, 0.0])
+    assert found["orthogonality_error"] == pytest.approx([0.0, 3.0 * math.sqrt(3.0), 0.0, 0.0])
     assert found["determinant_error"] == pytest.approx([0.0, 7.0, 0.0, 0.0])
     assert "quaternion_norm_error" not in found
-    assert {"orthogonality", "determinant_error"}.isdisjoint(series_of(still(), still()))
+    assert {"orthogonality_error", "determinant_error"}.isdisjoint(series_of(still(), still()))
 
 
 def test_each_measure_is_divided_by_its_own_scale() -> None:
     """Seven scales, all different; 0 divides nothing, and the measure stands as `_abs` alone."""
     scales = Scales(2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 0.0)
-    series = {name: np.array([0.0, 1.0, 0.5]) for name in SERIES_SCALES}
+    series = {name: np.array([0.0, 1.0, 0.5]) for name in SCALES}
     found = reduced({**series, "orientation_error_rad": np.array([3.0, 1.0, 0.25])}, scales)
     assert found == {
-        **{f"{name}_abs": 1.0 for name in SERIES_SCALES},
+        **{f"{name}_abs": 1.0 for name in SCALES},
         "energy_drift": 1.0 / 7.0,
         "energy_balance": 1.0 / 7.0,
         "rotational_energy_drift": 1.0 / 11.0,
@@ -228,6 +238,7 @@ def subject(compared: int, chaotic: bool, invariants: list[Invariant]) -> Any:
         truth=SimpleNamespace(trajectory=truth),
         motion=Motion.of(scene(), truth),
         scales=ONES,
+        columns=vars(ONES),
         compared=compared,
         times=truth.t_s[:compared],
         is_chaotic=chaotic,
@@ -245,13 +256,16 @@ def test_beyond_the_samples_compared_nothing_counts() -> None:
     """Neither an error nor an invariant's drift; what is measured of the first three is that of them."""
     found = still(quaternion=turned(0.0, 0.1, 0.05, 3.0), position_m=PLACE + at(3, 9.0, 0.0, 0.0))
     x = Invariant("x", frozenset(), lambda motion: 2.0 * motion.position_m[:, 0], lambda _: 2.0)
-    columns, series = measured_by(subject(3, False, [x]), found, Motion.of(scene(), found))
+    measured = measured_by(subject(3, False, [x]), found, Motion.of(scene(), found))
+    columns, series = measured.columns, measured.series
+    assert {len(values) for values in measured.departures.values()} == {3}
     assert columns["orientation_error_rad"] == pytest.approx(0.1)
     assert columns["orientation_error_final_rad"] == pytest.approx(0.05)
     assert (columns["position_error"], columns["invariant"], columns["invariant_drift"]) == (0.0, "x", 0.0)
     assert {len(values) for values in series.values()} == {3}
     assert "horizon_s" not in columns
-    columns, series = measured_by(subject(4, False, [x]), found, Motion.of(scene(), found))
+    measured = measured_by(subject(4, False, [x]), found, Motion.of(scene(), found))
+    columns, series = measured.columns, measured.series
     assert (columns["invariant_drift_abs"], columns["invariant_drift"]) == (18.0, 9.0)
     assert series["invariant_drift"].tolist() == [0.0, 0.0, 0.0, 9.0]
 
@@ -265,7 +279,8 @@ def test_the_horizon_is_the_last_time_before_an_error_of_three_tenths(
 ) -> None:
     """The end, where there is no such error; only a chaotic motion has one."""
     found = still(quaternion=turned(*angles))
-    columns, series = measured_by(subject(4, True, []), found, Motion.of(scene(), found))
+    measured = measured_by(subject(4, True, []), found, Motion.of(scene(), found))
+    columns, series = measured.columns, measured.series
     assert columns["horizon_s"] == horizon
     assert "invariant" not in columns
     assert "invariant_drift" not in series
@@ -283,14 +298,14 @@ def test_the_worst_invariant_is_the_one_that_departs_most_beside_its_size() -> N
     found = still(position_m=PLACE + at(2, -1.0, 0.0, 0.0))
     small, large, none = made("small", 2.0, 10.0), made("large", 1.0, 6.0), made("none", 0.0, 100.0)
     for order in ((small, large, none), (none, large, small)):
-        worst = worst_drift(order, still(), found, slice(None))
+        worst = worst_drift(invariant_drifts(order, still(), found))
         assert worst is not None
         assert worst.columns == {"invariant": "large", "invariant_drift_abs": 6.0, "invariant_drift": 6.0}
-    unsized = worst_drift([none], still(), found, slice(None))
+    unsized = worst_drift(invariant_drifts([none], still(), found))
     assert unsized is not None
     assert unsized.columns == {"invariant": "none", "invariant_drift_abs": 100.0}
     assert unsized.relative is None
-    assert worst_drift([], still(), found, slice(None)) is None
+    assert worst_drift([]) is None
     relative = InvariantDrift("x", np.array([1.0, 3.0]), 2.0).relative
     assert relative is not None
     assert relative.tolist() == [0.5, 1.5]

@@ -18,7 +18,7 @@ from bodycheck.reports.page.limits import limit_of
 from bodycheck.reports.page.section import anchor_of
 from bodycheck.reports.run import Run
 from bodycheck.reports.states import STATES
-from bodycheck.reports.summary import summary_cells, worst_state
+from bodycheck.reports.summary import summary_cells
 from bodycheck.reports.summary_words import verdict_sentences
 from bodycheck.reports.tables import RESULT_COLUMNS, as_table
 
@@ -121,8 +121,8 @@ def test_the_methods_of_a_scenario_stand_as_in_the_tables(page: Page, run: Run) 
     assert seen > 2 * 12
 
 
-def test_the_heat_map_has_every_cell_with_its_gravest_word(page: Page, run: Run) -> None:
-    """A row a scenario, a column a method: the gravest state, the order, and a link to the cell's part."""
+def test_the_heat_map_has_every_cell_with_its_most_severe_verdict(page: Page, run: Run) -> None:
+    """One row per scenario, one column per method: the most severe state, the order, and a link."""
     cells = summary_cells(run)
     (heat,) = page.with_class("heat")
     links = iter([a["href"] for tag, a in page.tags if tag == "a" and a.get("href", "").startswith("#cell-")])
@@ -131,7 +131,7 @@ def test_the_heat_map_has_every_cell_with_its_gravest_word(page: Page, run: Run)
     for scenario, *marks in heat.rows[1:]:
         for (engine, method), mark in zip(keys, marks, strict=True):
             cell = cells[scenario][engine, method]
-            state = STATES[worst_state(run, (engine, method), cell)]
+            state = STATES[cell.state]
             order = "" if cell.order is None else f" {cell.order:.1f}"
             assert mark == f"{state.symbol}{state.word}{order}"
             assert next(links) == f"#{anchor_of(scenario, (engine, method))}"

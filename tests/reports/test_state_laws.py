@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,22 +15,26 @@ from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.findings import common_step, shown_case
-from bodycheck.reports.offenders import Offender, offenders
+from bodycheck.reports.quantity_verdicts import QuantityVerdict, method_verdict, most_severe
 from bodycheck.reports.stability import stability_row
 from bodycheck.reports.stored import Tables
-from bodycheck.reports.summary import (
-    Cell,
-    Fault,
-    faults_of,
-    is_lower,
-    summary_cell,
-    summary_cells,
-    worst_state,
-)
+from bodycheck.reports.summary import Cell, Fault, faults_of, summary_cell, summary_cells
+from bodycheck.reports.tables import PROBE_COLUMNS, as_table
+from bodycheck.reports.worst_results import MethodResults, Result, headline, worst_methods, worst_results
 
 ERROR = "orientation_error_rad"
-ROW = {**METHOD, "order_low": 3.9, "order_high": 4.1, "points": 5, "floor": 1e-14}
+ROW = {
+    **METHOD,
+    "order_low": 3.9,
+    "order_high": 4.1,
+    "expected_order": 4,
+    "points": 5,
+    "floor": 1e-14,
+    "finest_dt_s": 0.01,
+    "finest_error": 1e-9,
+}
 FOUND = {ERROR: ROW}
+FLAT = {"verdict": "does-not-converge", "order": math.nan, "order_low": math.nan, "order_high": math.nan}
 THEORY = {"mujoco": {"methods": {"rk4": {"order": 4}, "euler": {"order": None}}}}
 
 
@@ -79,34 +84,44 @@ def test_a_method_is_shown_at_the_common_step_or_at_its_finest_tolerance() -> No
     assert common_step([case(dt_s=0.1), *unsupported]) == 0.1
 
 
-def test_a_cell_says_state_order_error_and_faults() -> None:
-    """By the verdict of the orientation; other measures that do not converge stand beside."""
-    cases = [case(), case(dt_s=0.02, outcome="unstable"), case(dt_s=0.03, outcome="unstable")]
-    flat = {"verdict": "does-not-converge"}
-    found = {**FOUND, "energy_drift": {**ROW, **flat}, "omega_error": ROW, "position_error": {**ROW, **flat}}
-    cell = summary_cell(cases, found, 0.01)
-    assert cell == Cell(
-        "converges",
-        4.0,
-        1e-9,
-        {"unstable": 2},
-        3,
-        ("energy_drift", "position_error"),
-        "order between 3.9 and 4.1, from 5 steps; floor 1e-14 rad",
-    )
-    assert cell.notes == [
-        "2 of 3 unstable",
-        "energy_drift does not converge",
-        "position_error does not converge",
-    ]
-    assert summary_cell(cases, FOUND, 0.02).error is None
-    assert summary_cell(cases, FOUND, 0.5).error is None
-    flat_row = {ERROR: {**ROW, **flat, "order": math.nan}}
-    plateau = summary_cell(cases[:1], flat_row, 0.01)
-    assert plateau == Cell("does-not-converge", None, 1e-9, {}, 1, (), "floor 1e-14 rad")
+def verdict(quantity: str = ERROR, **cells: Any) -> QuantityVerdict:
+    """Return the verdict of a row of methods.csv."""
+    return QuantityVerdict.of({**ROW, "quantity": quantity, **cells})
 
 
-def test_where_nothing_ended_well_the_gravest_end_is_the_state() -> None:
+def test_a_cell_says_the_most_severe_of_all_quantities() -> None:
+    """A wrong limit of the energy outweighs the order that the orientation shows; the faults outweigh it."""
+    found = {
+        **FOUND,
+        "energy_drift": {**ROW, **FLAT, "quantity": "energy_drift", "finest_error": 0.2},
+        "omega_error": {**ROW, "quantity": "omega_error"},
+        "position_error": {**ROW, **FLAT, "quantity": "position_error", "finest_error": 0.9},
+    }
+    cell = summary_cell([case()], found, 0.01)
+    assert (cell.state, cell.order, cell.error) == ("does-not-converge", 4.0, 1e-9)
+    assert [one.quantity for one in cell.wrong] == ["position_error", "energy_drift"]
+    assert cell.verdict is not None
+    assert cell.verdict.text == "position_error does not converge to the truth: 0.9 of its scale at dt 0.01 s"
+    assert not cell.is_sound
+    unstable = [case(), case(dt_s=0.02, outcome="unstable"), case(dt_s=0.03, outcome="unstable")]
+    worse = summary_cell(unstable, found, 0.01)
+    assert (worse.state, worse.faults, worse.cases) == ("unstable", {"unstable": 2}, 3)
+    assert worse.notes[0] == "2 of 3 unstable"
+    assert len(worse.notes) == 3
+    assert summary_cell(unstable, FOUND, 0.02).error is None
+    assert summary_cell(unstable, FOUND, 0.5).error is None
+
+
+def test_a_sound_cell_tells_what_its_order_rests_on() -> None:
+    """The interval, the points and the floor; and that a load switches inside a step, where one does."""
+    cell = summary_cell([case()], FOUND, 0.01)
+    assert cell.is_sound
+    assert cell.detail == "order between 3.9 and 4.1, from 5 steps; floor 1e-14 rad"
+    switched = summary_cell([case(message="load switches inside a step: 1")], FOUND, 0.01)
+    assert switched.detail.endswith("; a load switches inside a step, which lowers the order")
+
+
+def test_where_nothing_ended_well_the_worst_end_is_the_state() -> None:
     """With every reason once; what is merely unsupported is no fault."""
     ends = (("timeout", "slow"), ("failed", "no"), ("failed", "no"))
     cell = summary_cell([case(outcome=one, message=why) for one, why in ends], FOUND, 0.01)
@@ -115,11 +130,38 @@ def test_where_nothing_ended_well_the_gravest_end_is_the_state() -> None:
     assert none == Cell("unsupported", cases=1, detail="no pivot")
 
 
-@pytest.mark.parametrize(("error", "state"), [(3e-11, "exact"), (3.01e-11, "off")])
-def test_a_method_without_steps_is_exact_within_thirty_bounds_of_the_truth(error: float, state: str) -> None:
-    """It has no order; one error decides."""
-    cell = summary_cell([case(dt_s=None, **{ERROR: error})], {}, 0.01)
-    assert cell == Cell(state, error=error, cases=1)
+@pytest.mark.parametrize(
+    ("high", "expected", "state"),
+    [(3.49, 4, "lower-order"), (3.51, 4, "converges"), (1.2, 1, "converges"), (1.2, math.nan, "converges")],
+)
+def test_an_order_is_lower_where_its_whole_interval_is(high: float, expected: float, state: str) -> None:
+    """By half an order or more; orders are whole numbers. Without an expected order none is lower."""
+    assert verdict(order_high=high, expected_order=expected).state == state
+
+
+def test_a_method_is_judged_by_its_worst_quantity() -> None:
+    """A wrong limit before a lower order, the larger first; else the orientation, unless one is open."""
+    lower = verdict("omega_error", order=1.0, order_high=1.1)
+    flat = verdict("velocity_error", **FLAT)
+    sound = verdict()
+    assert most_severe([sound, lower, flat]) == [flat, lower]
+    assert method_verdict({ERROR: sound, "omega_error": lower}) == lower
+    assert method_verdict({ERROR: sound}) == sound
+    open_one = verdict("position_error", verdict="pre-asymptotic", finest_error=0.9)
+    small = verdict("position_error", verdict="pre-asymptotic", finest_error=1e-3)
+    assert method_verdict({ERROR: sound, "position_error": open_one}) == open_one
+    assert method_verdict({ERROR: sound, "position_error": small}) == sound
+    assert method_verdict({}) is None
+
+
+def test_what_the_state_holds_is_a_property_and_no_fault() -> None:
+    """A quaternion that is not normalised is reported with size, step and order, and judges nothing."""
+    norm = verdict("quaternion_norm_error", order=1.0, finest_error=5e-3, floor=1e-12)
+    assert norm.is_property
+    assert norm.text == "quaternion_norm_error 0.005 at dt 0.01 s, order 1 (the state is not normalised)"
+    assert most_severe([norm]) == []
+    assert not verdict("quaternion_norm_error", finest_error=1e-12, floor=1e-12).is_property
+    assert not verdict().is_property
 
 
 def test_cells_are_those_of_each_scenario_at_its_own_common_step() -> None:
@@ -131,7 +173,8 @@ def test_cells_are_those_of_each_scenario_at_its_own_common_step() -> None:
         {**plate, "dt_s": 0.5},
         methods=(
             {},
-            {"quantity": "energy_drift", "verdict": "does-not-converge"},
+            {"quantity": "energy_drift", **FLAT},
+            {"method": "euler", "verdict": "off"},
             {"scenario": "plate", "order": 3.0},
         ),
     )
@@ -141,70 +184,98 @@ def test_cells_are_those_of_each_scenario_at_its_own_common_step() -> None:
         "plate": [("mujoco", "rk4")],
     }
     first, second = cells["brick"]["mujoco", "rk4"], cells["plate"]["mujoco", "rk4"]
-    assert (first.order, first.error, first.plateaus) == (4.0, 1e-9, ("energy_drift",))
-    assert (second.order, second.error, second.plateaus) == (3.0, 1e-3, ())
+    assert (first.order, first.error, first.state) == (4.0, 1e-9, "does-not-converge")
+    assert (second.order, second.error, second.state) == (3.0, 1e-3, "converges")
     assert cells["brick"]["mujoco", "euler"].state == "off"
 
 
-@pytest.mark.parametrize(
-    ("cell", "lower", "worst"),
-    [
-        (Cell("converges", 4.0), False, "converges"),
-        (Cell("converges", 3.8), False, "converges"),
-        (Cell("converges", 3.79), True, "lower-order"),
-        (Cell("at-floor"), False, "at-floor"),
-        (Cell("converges", 3.0, plateaus=("omega_error",)), True, "does-not-converge"),
-        (Cell("converges", 3.0, faults={"timeout": 1}, plateaus=("omega_error",)), True, "timeout"),
-    ],
-)
-def test_the_worst_state_is_the_gravest_of_all_that_a_cell_says(cell: Cell, lower: bool, worst: str) -> None:
-    """A fault, then a plateau, then an order more than 0.2 below that of theory, then the verdict."""
-    key = ("mujoco", "rk4")
-    assert is_lower(findings({}), key, cell) == lower
-    assert worst_state(findings({}), key, cell) == worst
-    assert not is_lower(findings({}), ("mujoco", "euler"), cell)
-
-
-# ----------------------------------------------------------------------------------------------- offenders
+# ----------------------------------------------------------------------------------------- worst results
 
 
 def test_all_that_is_wrong_is_listed_with_its_words_and_command() -> None:
-    """Faults first, then what does not converge by its error, then other measures, then lower orders."""
+    """What failed first, then wrong limits by their size, then lower orders, then what timed out."""
     run = findings(
         {"reproduce": "a", "scenario": "plate", ERROR: 1e-3, "dt_s": 0.02},
         {"reproduce": "b", "scenario": "plate", ERROR: 2e-3, "dt_s": 0.01},
         {"reproduce": "c", "scenario": "plate", "outcome": "failed", "message": "no", "dt_s": 0.005},
         {"reproduce": "d", "scenario": "plate", "outcome": "failed", "message": "no", "dt_s": 0.004},
-        {"reproduce": "e", "method": "euler", "dt_s": None, ERROR: 0.5, "control": "none"},
         {"reproduce": "f"},
         {"reproduce": "g", "scenario": "plate", "method": "euler", "outcome": "timeout", "message": "slow"},
-        methods=({"scenario": "plate", "verdict": "does-not-converge"}, {"order": 3.0}),
-    )
-    assert offenders(run) == [
-        Offender("failed", "plate", "mujoco:rk4", "failed in 2 cases: no", "c"),
-        Offender("timeout", "plate", "mujoco:euler", "timeout in 1 case: slow", "g"),
-        Offender(
-            *("does-not-converge", "plate", "mujoco:rk4", "does not converge: 0.002 rad, dt 0.01 s", "b"),
-            2e-3,
+        methods=(
+            {"scenario": "plate", **FLAT, "finest_error": 2e-3},
+            {"order": 3.0, "order_high": 3.1},
         ),
-        Offender("off", "brick", "mujoco:euler", "does not converge: 0.5 rad, no steps", "e", 0.5),
-        Offender("lower-order", "brick", "mujoco:rk4", "order 3, in theory 4", "f"),
-    ]
-
-
-def test_of_two_that_do_not_converge_the_larger_error_comes_first() -> None:
-    """Whatever their order in the run; and a plateau of another measure goes before a lower order."""
-    flat = {"verdict": "does-not-converge"}
-    run = findings(
-        {},
-        {"scenario": "plate", ERROR: 1e-3},
-        methods=(flat, {**flat, "scenario": "plate"}, {**flat, "quantity": "omega_error"}),
     )
-    assert [(one.scenario, one.error) for one in offenders(run)] == [("plate", 1e-3), ("brick", 1e-9)]
-    plateau = findings({}, methods=({"order": 3.0}, {**flat, "quantity": "omega_error"}))
-    (found,) = offenders(plateau)
-    assert (found.kind, found.text) == ("plateau", "omega_error do not shrink with the step")
-    assert offenders(findings({}, methods=({},))) == []
+    about = "orientation_error_rad"
+    assert worst_results(run) == [
+        Result("failed", "mujoco:rk4", "", "failed in 2 cases: no", "c", ("plate",), 2),
+        Result(
+            *("does-not-converge", "mujoco:rk4", about),
+            f"{about} does not converge to the truth: 0.002 rad at dt 0.01 s",
+            *("b", ("plate",), 2e-3),
+        ),
+        Result(
+            *("lower-order", "mujoco:rk4", about),
+            f"{about} of order 3, expected 4: 1e-9 rad at dt 0.01 s",
+            *("f", ("brick",), 1e-9),
+        ),
+        Result("timeout", "mujoco:euler", "", "timeout in 1 case: slow", "g", ("plate",), 1),
+    ]
+    first, second = worst_methods(run)
+    assert first.method == "mujoco:rk4"
+    assert first.sentence == "failed in 2 cases: no in plate; 2 more findings"
+    assert headline([first, second]) == "2 methods with findings: mujoco:rk4, mujoco:euler."
+
+
+def test_what_repeats_in_several_scenarios_is_one_result() -> None:
+    """Of the largest size, with its command, and how many more scenarios show it."""
+    run = findings(
+        {"reproduce": "a"},
+        {"scenario": "plate", "reproduce": "b", ERROR: 1e-3},
+        methods=({**FLAT}, {**FLAT, "scenario": "plate", "finest_error": 1e-3}),
+    )
+    (found,) = worst_results(run)
+    assert (found.scenarios, found.size, found.reproduce) == (("plate", "brick"), 1e-3, "b")
+    assert found.sentence.endswith("in plate and 1 more scenario")
+    assert worst_results(findings({}, methods=({},))) == []
+
+
+def test_a_probe_that_is_not_passed_is_a_result() -> None:
+    """With what was measured, what was expected, and the step; a consistent one is none."""
+    probe = {
+        "run_id": "r",
+        "engine": "mujoco",
+        "engine_version": "4",
+        "method": "rk4",
+        "message": "late",
+        "check": "gravity_delay",
+        "measured": 1.0,
+        "expected": 0.0,
+        "deviation": 1.0,
+        "tolerance": 0.75,
+        "dt_s": 1e-3,
+        "reproduce": "bodycheck run probe",
+    }
+    rows = [{**probe, "verdict": "inconsistent"}, {**probe, "verdict": "consistent", "check": "x"}]
+    run = replace(findings({}, methods=({},)), probes=as_table(rows, PROBE_COLUMNS))
+    (found,) = worst_results(run)
+    assert found.kind == "inconsistent"
+    assert found.sentence == "gravity_delay 1, expected 0 at dt 0.001 s: late"
+
+
+def test_a_property_alone_is_no_finding() -> None:
+    """The headline names faulty methods alone."""
+    norm = Result("property", "mujoco:rk4", "quaternion_norm_error", "q", "a", ("brick",), 1e-3)
+    assert headline([MethodResults("mujoco:rk4", (norm,))]) == ""
+
+
+def test_the_headline_tells_instability_from_faults() -> None:
+    """A step beyond a method's limit of stability is not held against it in one breath with a fault."""
+    grown = MethodResults("mujoco:rk4", (Result("unstable", "mujoco:rk4", "", "u", "a", ("brick",), 1),))
+    wrong = MethodResults("dart:x", (Result("does-not-converge", "dart:x", "e", "w", "a", ("brick",), 1),))
+    unstable = "1 method unstable in some cases: mujoco:rk4."
+    assert headline([grown]) == unstable
+    assert headline([wrong, grown]) == f"1 method with findings: dart:x. {unstable}"
 
 
 # --------------------------------------------------------------------------------------------- stable step
@@ -252,7 +323,7 @@ def test_a_row_says_what_the_search_found() -> None:
     """Both steps, the reason, the outcome and the message."""
     row, _ = stable_row((0.02, "ok"))
     told = {"dt_stable_s": 0.5, "dt_unstable_s": 0.505, "reason": "why", "outcome": "ok", "message": "said"}
-    assert row == {**WHO, **told}
+    assert row == {**WHO, **told, "reused": False, "build": ""}
 
 
 @pytest.mark.parametrize(

@@ -82,11 +82,11 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
     "a foreign manifest": (_text("manifest.json", lambda _: "{}"), "is no manifest of a run"),
     "no machine": (
         _text("manifest.json", lambda text: text.replace('"system"', '"sistem"')),
-        "is no manifest of a run: it must have run_id, ",
+        "is no manifest of a run: system: is required",
     ),
     "a list for a table": (
         _text("manifest.json", lambda text: re.sub(r'"outcomes": {[^}]*}', '"outcomes": []', text)),
-        "is no manifest of a run: outcomes must be an object",
+        "is no manifest of a run: outcomes: should be a valid dictionary",
     ),
     "a row lost": (_text("results.csv", lambda text: text[: text[:-1].rindex("\n") + 1]), "is damaged"),
     "half a row": (_text("results.csv", lambda text: text[:-200]), "cells, not"),

@@ -39,7 +39,7 @@ def test_the_step_change_is_the_angle_to_the_next_coarser_case(
 ) -> None:
     """It is max over the samples of the angle between the two motions, where both ended well, else absent."""
     adapter = Reference()
-    engine = Engine(adapter.name, adapter.version, adapter.methods, code="")
+    engine = Engine(adapter.name, adapter.version, adapter.methods)
     found = study(
         subject,
         engine,

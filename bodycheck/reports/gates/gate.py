@@ -1,19 +1,21 @@
-"""A tolerance file: one [[gate]] a bound, with its reason; read whole, or refused with all its errors."""
+"""A tolerance file: [[gate]] for bounds, [[change]] for thresholds; refused with all its errors."""
 
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import Field, StrictStr, ValidationError, field_validator
 
 from bodycheck.errors import InputError
-from bodycheck.reports.gates.measure import Measure, measure_of
+from bodycheck.outside import parse_toml
+from bodycheck.reports.comparison.thresholds import Thresholds
+from bodycheck.reports.gates.measure import UNCOMPARED, Measure, measure_of
 from bodycheck.reports.wording import number, step
 from bodycheck.scenarios.fields import NotNegative, Number, Positive, Table
 from bodycheck.scenarios.reader import fault_lines
@@ -22,6 +24,8 @@ _Pattern = Annotated[StrictStr, Field(min_length=1)]
 """A name, with * for any letters, ? for any one, [ab] for one of these."""
 
 _MOST_DECADES = 300.0  # a factor of more would be no number
+
+_Made = TypeVar("_Made")
 
 _BOUNDS = ("upper", "lower", "near", "equals")
 
@@ -110,42 +114,106 @@ class Gate(Table):
         return _same(self.dt_s, dt_s) and _same(self.tolerance, tolerance)
 
 
+class ChangeThreshold(Table):
+    """From which size on a change of one measure matters.
+
+    measure: one that runs are compared by. threshold: relative to the smaller of the two values; of
+    order.MEASURE, how far an order may lie below theory.
+    """
+
+    measure: StrictStr
+    threshold: NotNegative
+    reason: StrictStr
+
+    @field_validator("measure")
+    @classmethod
+    def _is_compared(cls, value: str) -> str:
+        measure = measure_of(value)
+        if measure.words or value in UNCOMPARED:
+            raise ValueError(f"{value} has no threshold: runs are not compared by its size")
+        return value
+
+    @field_validator("reason")
+    @classmethod
+    def _says_something(cls, value: str) -> str:
+        if not value.strip():
+            raise ValueError("must say why this threshold")
+        return value
+
+
 def _same(asked: float | None, found: float | None) -> bool:
     return asked is None or (found is not None and math.isclose(asked, found, rel_tol=1e-9))
 
 
 def read_gates(path: Path) -> tuple[Gate, ...]:
     """Read a tolerance file; raises InputError with one line an error, each with its place in the file."""
+    return parse_gates(text_of(path), str(path))
+
+
+def parse_gates(text: str, where: str) -> tuple[Gate, ...]:
+    """Read TOML text as read_gates does; `where` names it in messages."""
+    gates, _, faults = parsed(text, where)
+    if not gates and not any(fault.startswith((f"{where}: gate[", f"{where}: gate:")) for fault in faults):
+        faults.append(f"{where}: gate: needs at least one [[gate]] table: what gates nothing must not pass")
+    if faults:
+        raise InputError("\n".join(faults))
+    return gates
+
+
+def read_thresholds(path: Path, default: float) -> Thresholds:
+    """Read the [[change]] tables of a tolerance file; default: the threshold of all other measures.
+
+    Raises InputError as read_gates does.
+    """
+    _, changes, faults = parsed(text_of(path), str(path))
+    if faults:
+        raise InputError("\n".join(faults))
+    return Thresholds(default, {change.measure: change.threshold for change in changes})
+
+
+def text_of(path: Path) -> str:
+    """Read the text of a tolerance file; InputError where it cannot be read."""
     try:
-        return parse_gates(path.read_bytes().decode("utf-8-sig"), str(path))
+        return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
 
 
-def parse_gates(text: str, where: str) -> tuple[Gate, ...]:
-    """Read TOML text as read_gates does; `where` names it in messages."""
-    try:
-        data = tomllib.loads(text)
-    except RecursionError:
-        raise InputError(f"{where}: is nested too deeply") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{where}: is not TOML: {error}") from None
-    tables = data.pop("gate", [])
-    faults = [f"{key}: is no key of this file: it has [[gate]] tables" for key in data]
-    if not isinstance(tables, list) or not tables:
-        faults.append("gate: needs at least one [[gate]] table: what gates nothing must not pass")
-        tables = []
-    gates = []
+def parsed(text: str, where: str) -> tuple[tuple[Gate, ...], tuple[ChangeThreshold, ...], list[str]]:
+    """Return the [[gate]] and [[change]] tables of TOML text, and all that is wrong with them."""
+    data = parse_toml(text, where)
+    gates, faults = _tables(data.pop("gate", []), "gate", gate_of)
+    changes, more = _tables(data.pop("change", []), "change", threshold_of)
+    faults += more
+    twice = [name for name, times in Counter(change.measure for change in changes).items() if times > 1]
+    faults += [f"change: {name} has more than one threshold" for name in twice]
+    unknown = [f"{key}: is no key of this file: it has [[gate]] and [[change]] tables" for key in data]
+    return tuple(gates), tuple(changes), [f"{where}: {fault}" for fault in (*unknown, *faults)]
+
+
+def _tables(tables: Any, name: str, made: Callable[[Any, str], _Made]) -> tuple[list[_Made], list[str]]:
+    """Return what is made of each table of one name, and the faults of those of which nothing can be made."""
+    if not isinstance(tables, list):
+        return [], [f"{name}: needs [[{name}]] tables, not one [{name}]"]
+    found: list[_Made] = []
+    faults: list[str] = []
     for place, table in enumerate(tables):
         try:
-            gates.append(gate_of(table, f"gate[{place}]"))
+            found.append(made(table, f"{name}[{place}]"))
         except InputError as error:
             faults += str(error).splitlines()
-    if faults:
-        raise InputError("\n".join(f"{where}: {fault}" for fault in faults))
-    return tuple(gates)
+    return found, faults
+
+
+def threshold_of(table: Any, where: str) -> ChangeThreshold:
+    """Return the threshold of one table; raises InputError with one line an error, `where` before each."""
+    try:
+        return ChangeThreshold.model_validate(table)
+    except ValidationError as error:
+        lines = (f"{where}.{line}" if line[0] != ":" else where + line for line in fault_lines(error))
+        raise InputError("\n".join(lines)) from None
 
 
 def gate_of(table: Any, where: str) -> Gate:

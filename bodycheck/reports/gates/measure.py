@@ -5,21 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from bodycheck.reports.measures import MEASURES, QUANTITIES
 from bodycheck.reports.states import STATES
-from bodycheck.reports.study import QUANTITIES
-from bodycheck.reports.tables import ABSOLUTE, MEASURES
 
 Source: TypeAlias = Literal["results", "methods", "stability"]
 
-_ORIENTATION = "orientation_error_rad"
 _SPEEDS = ("cpu_s", "ns_per_step", "relative_cpu")
 _COUNTS = ("steps", "rhs_evaluations")
+UNCOMPARED = ("step_change_rad", "cpu_s", "ns_per_step", *_COUNTS)
+"""Columns of results.csv that a gate can look at and by which runs are not compared."""
 _COLUMNS = (
-    *MEASURES,
-    *(f"{name}_abs" for name in MEASURES if name in ABSOLUTE),
+    *(column for measure in MEASURES.values() for column in measure.columns),
     *("step_change_rad", *_SPEEDS, *_COUNTS),
 )
-_NOT_VERDICTS = ("exact", "off", "failed", "timeout", "invalid", "unsupported")
+_NOT_VERDICTS = ("failed", "timeout", "invalid", "unsupported", "inconsistent")
 _VERDICTS = tuple(state for state in STATES if state not in _NOT_VERDICTS)
 _OUTCOMES = ("ok", "unstable", "failed", "timeout", "unsupported", "invalid")
 _GROWTHS = ("bounded", "sqrt", "linear", "quadratic", "exponential")
@@ -52,7 +51,7 @@ def measure_of(name: str) -> Measure:
         case "stability", "dt_stable_s":
             return Measure("stability", "dt_stable_s")
         case "verdict", "":
-            return Measure("methods", "verdict", _ORIENTATION, words=_VERDICTS)
+            return Measure("methods", "verdict", words=_VERDICTS)
         case "verdict", _ if quantity in QUANTITIES:
             return Measure("methods", "verdict", quantity, words=_VERDICTS)
         case "growth", _ if quantity in QUANTITIES:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any
 
 from bodycheck.reports.findings import Findings
 from bodycheck.reports.gates.gate import Gate
+from bodycheck.reports.quantity_verdicts import QuantityVerdict, method_verdict
 from bodycheck.reports.wording import names, setting, step
+from bodycheck.shell_words import joined, parted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,7 +22,7 @@ class Row:
     """One case, or one method on one scenario: what was obtained, or why nothing was.
 
     at: the step or the tolerance in words; "" where a row is of all steps. obtained: a finite number or a
-    word; None where there is none, and then why.
+    word; None where there is none, and then why. about: the quantity behind a word, with its size and step.
     """
 
     scenario: str
@@ -31,6 +32,7 @@ class Row:
     obtained: float | str | None
     why: str
     reproduce: str
+    about: str = ""
 
 
 def rows_of(gate: Gate, run: Findings) -> list[Row]:
@@ -39,18 +41,36 @@ def rows_of(gate: Gate, run: Findings) -> list[Row]:
     if measure.source == "results":
         return [_row_of_case(gate, case.columns) for case in run.cases if _wanted(gate, case.columns)]
     table: pd.DataFrame = run.methods if measure.source == "methods" else run.stability
-    found: dict[tuple[str, str, str], Mapping[str, Any]] = {
-        (row["scenario"], row["engine"], row["method"]): _present(row)
-        for row in table.to_dict("records")
-        if measure.quantity is None or row["quantity"] == measure.quantity
-    }
+    rows = [_present(row) for row in table.to_dict("records")]
+    found: Mapping[tuple[str, str, str], Mapping[str, Any]] = (
+        _worst_verdicts(rows)
+        if measure.column == "verdict" and measure.quantity is None
+        else {_pair(row): row for row in rows if measure.quantity in (None, row.get("quantity"))}
+    )
     # a method of which nothing could be told on a scenario has no row there: it has cases, and must not pass
-    pairs = {(c.columns["scenario"], c.columns["engine"], c.columns["method"]): c.columns for c in run.cases}
+    pairs = {_pair(case.columns): case.columns for case in run.cases}
     return [
         _row_of_method(gate, columns, found.get(pair, {}), run)
         for pair, columns in pairs.items()
         if _wanted(gate, columns)
     ]
+
+
+def _pair(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    return row["scenario"], row["engine"], row["method"]
+
+
+def _worst_verdicts(rows: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str, str], Mapping[str, Any]]:
+    """Return the most severe verdict of each method on each scenario, with what it is about."""
+    quantities: dict[tuple[str, str, str], dict[str, QuantityVerdict]] = {}
+    for row in rows:
+        quantities.setdefault(_pair(row), {})[row["quantity"]] = QuantityVerdict.of(row)
+    worst = {pair: method_verdict(verdicts) for pair, verdicts in quantities.items()}
+    return {
+        pair: {"verdict": one.state, "about": one.text if one.is_wrong else ""}
+        for pair, one in worst.items()
+        if one is not None
+    }
 
 
 def _wanted(gate: Gate, columns: Mapping[str, Any]) -> bool:
@@ -77,7 +97,8 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
         told = found.get("verdict") or found.get("message") or columns["message"] or "nothing tells of it"
         why = f"there is no {gate.measure}: {told}"
     command = _whole_command(columns, run.manifest)
-    return Row(**_who(columns), at="", obtained=value, why=why, reproduce=command)
+    about = found.get("about", "")
+    return Row(**_who(columns), at="", obtained=value, why=why, reproduce=command, about=about)
 
 
 def _who(columns: Mapping[str, Any]) -> dict[str, str]:
@@ -97,12 +118,12 @@ def _present(row: Mapping[Any, Any]) -> dict[str, Any]:
 
 def _whole_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
     """Return the command of all steps of a case's method: its own, with the steps of the run."""
-    words = shlex.split(columns["reproduce"])
+    words = parted(columns["reproduce"])
     for option, asked in (("--dt", manifest["dt_s"]), ("--tolerance", manifest["tolerances"])):
         if option in words:
             place = words.index(option)
             words[place : place + 2] = [option, ",".join(map(repr, asked))] if asked else []
-    return shlex.join(words)
+    return joined(words)
 
 
 def why_none(gate: Gate, run: Findings) -> str:

@@ -38,7 +38,9 @@ def obtained(check: Check) -> str:
     value = check.row.obtained
     if value is None:
         return check.row.why
-    return value if isinstance(value, str) else number(value)
+    if not isinstance(value, str):
+        return number(value)
+    return f"{value}: {check.row.about}" if check.row.about else value
 
 
 def failure_rows(results: Sequence[GateResult]) -> list[tuple[str, ...]]:

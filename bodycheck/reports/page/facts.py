@@ -21,6 +21,9 @@ def scenario_facts(subject: Subject) -> list[tuple[str, str]]:
         "rad": truth.bound_rad,
         "of the energy": truth.bound_energy,
         "of the angular momentum": truth.bound_momentum,
+        "rad/s": truth.bound_omega_rad_s,
+        "m": truth.bound_m,
+        "m/s": truth.bound_m_s,
     }
     bound = ", ".join(f"{wording.number(subject.largest(b), 2)} {unit}" for unit, b in bounds.items())
     facts = [

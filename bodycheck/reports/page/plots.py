@@ -9,13 +9,12 @@ from typing import Any
 from bodycheck.reports.bounds import floor_of
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.findings import MethodKey, cases_by_method, key_of, shown_case
-from bodycheck.reports.measures import scale_of
+from bodycheck.reports.measures import MEASURES, scale_of
 from bodycheck.reports.page.coinciding import ranks
 from bodycheck.reports.page.front import ERRORS, Cost
 from bodycheck.reports.page.packing import packed_line, rounded, thinned_times
 from bodycheck.reports.styles import Style
 from bodycheck.reports.subject import Subject
-from bodycheck.reports.tables import ABSOLUTE
 from bodycheck.reports.wording import number
 
 _FIRST_MEASURES = ("energy_drift", "angular_momentum_drift", "orientation_error_rad")
@@ -63,7 +62,7 @@ def _drifts(
     drifts = []
     for measure in measures:
         scale = scale_of(subject.columns, measure)
-        name = measure if scale > 0.0 else f"{measure}_abs, {ABSOLUTE[measure]}"
+        name = measure if scale > 0.0 else f"{measure}_abs, {MEASURES[measure].unit}"
         lines = {
             m: packed_line(case.series[measure] / (scale or 1.0))
             for m, case in shown.items()

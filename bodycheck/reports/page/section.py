@@ -27,7 +27,7 @@ _CASE_MEASURES = (
     "energy_drift",
     "angular_momentum_drift",
     "position_error",
-    "orthogonality",
+    "orthogonality_error",
     "quaternion_norm_error",
     "cpu_s",
     "ns_per_step",
@@ -39,7 +39,7 @@ _METHOD_MEASURES = ("orientation_error_rad", "energy_drift", "angular_momentum_d
 
 _ORDER_COLUMNS = (
     *("quantity", "verdict", "order", "order_low", "order_high", "points", "floor"),
-    *("growth", "growth_exponent", "growth_low", "growth_high"),
+    *("growth", "growth_exponent"),
 )
 """The columns of methods.csv that the page repeats."""
 

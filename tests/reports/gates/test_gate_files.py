@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from bodycheck.errors import InputError
-from bodycheck.reports.gates.gate import parse_gates, read_gates
+from bodycheck.reports.comparison.thresholds import THRESHOLD, Thresholds
+from bodycheck.reports.gates.gate import parse_gates, read_gates, read_thresholds
 from bodycheck.reports.gates.measure import measure_of
 from bodycheck.reports.study import QUANTITIES
 from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
@@ -17,7 +18,7 @@ GATE = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "because"\n'
 WRONG = {
     "no TOML": ("[[gate", "tolerances.toml: is not TOML"),
     "empty": ("", "gate: needs at least one [[gate]] table"),
-    "one table": ("[gate]\nupper = 1\n", "gate: needs at least one [[gate]] table"),
+    "one table": ("[gate]\nupper = 1\n", "gate: needs [[gate]] tables, not one [gate]"),
     "gates that are numbers": ("gate = [1]\n", "gate[0]: should be a table (it is 1)"),
     "other tables": (GATE + "[gates]\n", "gates: is no key of this file"),
     "unknown key": (GATE + "margin = 1.0\n", "gate[0].margin: is no key of this table"),
@@ -124,3 +125,47 @@ def test_every_measure_of_the_tables_can_be_gated() -> None:
     for quantity in QUANTITIES:
         assert measure_of(f"order.{quantity}").column in METHOD_COLUMNS
         assert measure_of(f"verdict.{quantity}").quantity == quantity
+
+
+CHANGE = '[[change]]\nmeasure = "energy_drift"\nthreshold = 0.05\nreason = "noisy"\n'
+
+
+def test_thresholds_stand_next_to_gates(tmp_path: Path) -> None:
+    """Each command reads its own tables of one file; without gates there is nothing to gate."""
+    file = tmp_path / "t.toml"
+    gate = '[[gate]]\nmeasure = "omega_error"\nupper = 1.0\nreason = "r"\n'
+    order = '[[change]]\nmeasure = "order.omega_error"\nthreshold = 0.3\nreason = "few points"\n'
+    file.write_text(CHANGE + gate + order)
+    assert [one.measure for one in read_gates(file)] == ["omega_error"]
+    told = {"energy_drift": 0.05, "order.omega_error": 0.3}
+    assert read_thresholds(file, THRESHOLD) == Thresholds(THRESHOLD, told)
+    file.write_text(CHANGE)
+    assert read_thresholds(file, 0.5) == Thresholds(0.5, {"energy_drift": 0.05})
+    with pytest.raises(InputError, match="needs at least one"):
+        read_gates(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (CHANGE + CHANGE, "change: energy_drift has more than one threshold"),
+        (CHANGE.replace("0.05", "-0.05"), "change[0].threshold: "),
+        (CHANGE.replace("energy_drift", "beauty"), "change[0].measure: no measure is named 'beauty'"),
+        (CHANGE.replace("energy_drift", "verdict"), "change[0].measure: verdict has no threshold"),
+        (CHANGE.replace("energy_drift", "cpu_s"), "change[0].measure: cpu_s has no threshold"),
+        (CHANGE.replace("noisy", " "), "change[0].reason: must say why"),
+        (CHANGE.replace("[[change]]", "[change]"), "change: needs [[change]] tables, not one [change]"),
+        (CHANGE + 'scenario = "x"\n', "change[0].scenario: "),
+        (CHANGE + "[other]\n", "other: is no key of this file: it has [[gate]] and [[change]] tables"),
+    ],
+)
+def test_a_wrong_threshold_is_refused_with_its_place_in_the_file(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    """Whichever command reads the file."""
+    file = tmp_path / "t.toml"
+    file.write_text(text)
+    for read in (lambda: read_thresholds(file, THRESHOLD), lambda: read_gates(file)):
+        with pytest.raises(InputError) as refused:
+            read()
+        assert any(line.startswith(f"{file}: {message}") for line in str(refused.value).splitlines())

@@ -217,6 +217,7 @@ def test_json_has_every_number_in_full() -> None:
             "obtained": 1e-9,
             "why": "",
             "reproduce": COMMAND,
+            "about": "",
             "passed": True,
             "beyond_decades": pytest.approx(-1.0),
         }
@@ -264,8 +265,8 @@ def test_a_measure_stands_for_one_column(name: str, measure: Measure) -> None:
     assert measure_of(name) == measure
 
 
-@pytest.mark.parametrize(("name", "quantity"), [("verdict", ERROR), ("verdict.energy_drift", "energy_drift")])
-def test_a_verdict_is_of_the_orientation_unless_told_otherwise(name: str, quantity: str) -> None:
+@pytest.mark.parametrize(("name", "quantity"), [("verdict", None), ("verdict.energy_drift", "energy_drift")])
+def test_a_verdict_is_of_all_quantities_unless_one_is_named(name: str, quantity: str | None) -> None:
     """Its words are the verdicts, and none of the outcomes."""
     found = measure_of(name)
     assert (found.source, found.column, found.quantity, found.in_decades) == (
@@ -274,7 +275,7 @@ def test_a_verdict_is_of_the_orientation_unless_told_otherwise(name: str, quanti
         quantity,
         True,
     )
-    assert set(found.words) == {*VERDICTS, "does-not-converge", "unstable"}
+    assert set(found.words) == {*VERDICTS, "does-not-converge", "unstable", "exact", "off"}
 
 
 @pytest.mark.parametrize(
@@ -287,7 +288,7 @@ def test_a_verdict_is_of_the_orientation_unless_told_otherwise(name: str, quanti
         "stability.x",
         "order.x",
         "energy_scale_j",
-        "orthogonality_abs",
+        "orthogonality_error_abs",
     ],
 )
 def test_what_is_no_measure_is_refused_with_what_there_is(name: str) -> None:

@@ -1,0 +1,171 @@
+"""The probes of one method: two short scenes, each at several steps, and what they say of it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from bodycheck.adapters.breakdown import defect
+from bodycheck.adapters.contract import Engine, Method, Setting, read_back_mismatch
+from bodycheck.adapters.drive import Answer, Case
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.probes.finding import Finding, Sampled
+from bodycheck.reports.probes.readings import reading_findings
+from bodycheck.reports.probes.responses import gravity_finding, response_findings
+from bodycheck.scenarios.library import PROBES, load_scenario
+from bodycheck.scenarios.model import Scenario
+
+Asking: TypeAlias = Callable[[Engine, Case], Answer]
+"""How a case comes to its answer: from the engine, or from what it answered before."""
+
+_EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A short scene and the steps that it is made at, coarsest first; name: of its built-in scenario."""
+
+    name: str
+    scene: Scene
+    steps_s: tuple[float, ...]
+
+
+@cache
+def built_in_probes() -> tuple[Probe, Probe]:
+    """Return the one under loads, from rest, and the one that is free."""
+    loaded, free = (load_scenario(name) for name in PROBES)
+    return _probe_of(loaded), _probe_of(free)
+
+
+def _probe_of(scenario: Scenario) -> Probe:
+    return Probe(scenario.name, scenario.scene, tuple(sorted(scenario.steps, reverse=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Probed:
+    """A probe's motions at all its steps, coarsest first, or why there are none.
+
+    mismatch: what the engine held wrongly before the first step.
+    """
+
+    probe: Probe
+    motions: tuple[Sampled, ...] = ()
+    reason: str = ""
+    mismatch: str | None = None
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the engine did not answer."""
+        return self.reason.startswith("timeout")
+
+    def resolution(self, tolerance: float | None) -> float:
+        """Return the relative round-off of the finest motion: each step may add one, always the same way.
+
+        tolerance: what the method was given, which a step may use up.
+        """
+        if not self.motions:
+            return 0.0
+        path = self.motions[-1].trajectory
+        omega = path.omega_world_rad_s if path.omega_body_rad_s is None else path.omega_body_rad_s
+        single = all(_is_single(values[1:]) for values in (path.velocity_m_s, omega) if values is not None)
+        eps = _SINGLE_EPS if single else _EPS
+        return (len(path.t_s) - 1) * max(eps, tolerance or 0.0)
+
+
+def probe_rows(
+    engine: Engine, method: Method, ask: Asking, probes: tuple[Probe, Probe] | None = None
+) -> list[dict[str, Any]]:
+    """Return the rows of probes.csv of one method, all but their run_id; whatever goes wrong is in them.
+
+    probes: under loads from rest, and free; the built-in ones by default.
+    """
+    first, second = probes or built_in_probes()
+    tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
+    rows: list[dict[str, Any]] = []
+    loaded = _probed(first, engine, method, tolerance, ask)
+    # what did not answer in time is not waited for again
+    free = (
+        replace(loaded, probe=second) if loaded.timed_out else _probed(second, engine, method, tolerance, ask)
+    )
+    for probed, findings in (
+        (loaded, _loaded_findings(loaded, loaded.resolution(tolerance))),
+        (free, _free_findings(free, loaded, free.resolution(tolerance))),
+    ):
+        finest = probed.probe.steps_s[-1] if method.control == "dt" else None
+        shared = {
+            "engine": engine.name,
+            "engine_version": engine.version,
+            "method": method.name,
+            "dt_s": finest,
+            "reproduce": _command(probed.probe.name, engine, method, finest, tolerance),
+        }
+        rows += [{**shared, **_cells(finding)} for finding in findings]
+    return rows
+
+
+def _is_single(values: Array) -> bool:
+    """Whether all of it is what single precision can hold, as where an engine computes in that."""
+    return bool(np.all(values == values.astype(np.float32)))
+
+
+def _cells(finding: Finding) -> dict[str, Any]:
+    return {**vars(finding), "verdict": finding.verdict}
+
+
+def _probed(probe: Probe, engine: Engine, method: Method, tolerance: float | None, ask: Asking) -> _Probed:
+    """Have one probe answered at each of its steps, sampled after every step, until one fails."""
+    motions = []
+    mismatch = None
+    for dt_s in probe.steps_s:
+        scene = replace(probe.scene, samples=round(probe.scene.duration_s / dt_s) + 1)
+        told = dt_s if method.control == "dt" else None
+        answer = ask(engine, Case(scene, method.name, Setting(dt_s=told, tolerance=tolerance)))
+        if answer.trajectory is None or answer.read_back is None:
+            return _Probed(probe, reason=f"{answer.outcome}: {answer.message}")
+        mismatch = mismatch or read_back_mismatch(scene, told, answer.read_back)
+        if reason := defect(answer.trajectory):
+            return _Probed(probe, reason=f"unstable: {reason}", mismatch=mismatch)
+        motions.append(Sampled(scene, answer.trajectory))
+    return _Probed(probe, tuple(motions), "", mismatch)
+
+
+def _loaded_findings(loaded: _Probed, resolution: float) -> Iterator[Finding]:
+    yield from _read_back("read_back", loaded)
+    if loaded.motions:
+        with np.errstate(all="ignore"):  # finite numbers may still be beyond all bounds
+            yield from response_findings(loaded.motions, resolution)
+    else:
+        yield Finding("responses", message=loaded.reason)
+
+
+def _free_findings(free: _Probed, loaded: _Probed, resolution: float) -> Iterator[Finding]:
+    yield from _read_back("free_read_back", free)
+    if not free.motions:
+        yield Finding("readings", message=free.reason)
+        return
+    with np.errstate(all="ignore"):
+        if not loaded.motions:
+            yield gravity_finding(free.motions, resolution)
+        yield from reading_findings(free.motions, resolution)
+
+
+def _read_back(check: str, probed: _Probed) -> Iterator[Finding]:
+    """Yield a finding where the engine holds other numbers than it was given: how many, none being right."""
+    if probed.mismatch is not None:
+        yield Finding(check, 1.0, 0.0, 1.0, 0.0, probed.mismatch)
+
+
+def _command(name: str, engine: Engine, method: Method, dt_s: float | None, tolerance: float | None) -> str:
+    """Return the command line that runs a probe again, with this one method."""
+    words = ["bodycheck", "run", name, "--engine", f"{engine.name}:{method.name}"]
+    if dt_s is not None:
+        words += ["--dt", repr(dt_s)]
+    if tolerance is not None:
+        words += ["--tolerance", repr(tolerance)]
+    return shlex.join(words)

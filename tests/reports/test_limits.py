@@ -1,0 +1,168 @@
+"""Where ever finer steps lead, on motions made up to have a known limit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.convergence import Judged, Point, convergence_of
+from bodycheck.reports.limits import limit_of
+
+SAMPLES = np.linspace(0.0, 1.0, 61)
+LADDERS = (
+    (2e-2, 1e-2, 5e-3, 2e-3, 1e-3),
+    (1e-2, 5e-3, 2e-3, 1e-3),
+    (4e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4),
+    tuple(2.0**-k for k in range(4, 11)),
+)
+FLOOR = 1e-13
+
+
+def field(rng: np.random.Generator) -> Array:
+    """Return a smooth motion (samples, 3) from 0, of size one."""
+    terms = [
+        rng.normal(size=3) * np.sin(np.outer(SAMPLES, rng.uniform(0.5, 9.0, size=3)) + rng.uniform(0.0, 3.0))
+        for _ in range(3)
+    ]
+    values = np.sum(terms, axis=0)
+    values -= values[0]
+    return np.asarray(values / np.linalg.norm(values, axis=-1).max())
+
+
+def departures(
+    rng: np.random.Generator, steps: Sequence[float], limit: float, *, saturating: bool = False
+) -> tuple[list[Array], float]:
+    """Return L + C h^p + C' h^(p + 1), with noise of up to 1 % and round-off, and C h^p at the finest."""
+    order, at_coarsest = rng.choice([1.0, 2.0, 3.0, 4.0, 5.0]), 10.0 ** rng.uniform(-3.0, -0.5)
+    if saturating:
+        at_coarsest *= 100.0
+    main, next_one, off = field(rng), field(rng) * rng.uniform(-0.5, 0.5), field(rng)
+    noise = 10.0 ** rng.uniform(-4.0, -2.0)
+    motions, own = [], 0.0
+    for step in steps:
+        z = step / steps[0]
+        own = at_coarsest * z**order
+        part = own * (main + z * next_one + noise * rng.normal() * main + noise * rng.normal() * field(rng))
+        if saturating:
+            part = np.sin(part)
+        motions.append(limit * off + part + FLOOR * rng.normal(size=part.shape))
+    return motions, own
+
+
+def judged(steps: Sequence[float], motions: Sequence[Array], how: Judged | None = None) -> str:
+    """Return the verdict on a quantity with these motions."""
+    points = [
+        Point(step, float(np.max(np.linalg.norm(motion, axis=-1))), motion)
+        for step, motion in zip(steps, motions, strict=True)
+    ]
+    return convergence_of(points, how or Judged(floor=FLOOR, growing=10.0 * FLOOR)).verdict
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("saturating", [False, True])
+def test_no_healthy_method_is_accused(saturating: bool) -> None:
+    """Of 1,000 motions that go to the truth, saturated at coarse steps or not, none is accused."""
+    rng = np.random.default_rng(5 + saturating)
+    for number in range(1000):
+        steps = LADDERS[number % len(LADDERS)]
+        motions, _ = departures(rng, steps, 0.0, saturating=saturating)
+        assert judged(steps, motions) != "does-not-converge"
+
+
+@pytest.mark.parametrize("whole_motions", [True, False])
+def test_a_plateau_that_was_reached_is_reported(whole_motions: bool) -> None:
+    """Of 200 motions flat to a fifth over their three finest steps, at least 95 % are named.
+
+    Also where only the errors are known.
+    """
+    named = 0
+    for number in range(200):
+        steps = LADDERS[number % len(LADDERS)]
+        healthy, _ = departures(np.random.default_rng(number), steps, 0.0)
+        limit = 5.0 * float(np.max(np.linalg.norm(healthy[-3], axis=-1)))
+        motions, _ = departures(np.random.default_rng(number), steps, limit)
+        if whole_motions:
+            named += judged(steps, motions) == "does-not-converge"
+        else:
+            errors = [float(np.max(np.linalg.norm(motion, axis=-1))) for motion in motions]
+            points = [Point(step, min(error, 0.29)) for step, error in zip(steps, errors, strict=True)]
+            named += convergence_of(points, Judged(floor=FLOOR)).verdict == "does-not-converge"
+    assert named >= 190
+
+
+def test_a_limit_is_told_before_the_error_stops_falling() -> None:
+    """Of order 1, an error that still falls by a third at each step already has a wrong limit."""
+    rng = np.random.default_rng(3)
+    main, off = field(rng), field(rng)
+    steps = [8e-3, 4e-3, 2e-3, 1e-3]
+    motions = [0.05 * off + 10.0 * step * main for step in steps]
+    found = limit_of(steps, motions, FLOOR)
+    assert found is not None
+    rms = math.sqrt(float(np.mean(np.sum((0.05 * off) ** 2, axis=-1))))
+    assert found.distance == pytest.approx(rms, rel=1e-9)
+    assert found.order == pytest.approx(1.0, abs=1e-6)
+    assert found.is_off == (rms > 30.0 * found.uncertainty)
+
+
+@pytest.mark.parametrize(("steps", "order"), [((4e-3, 2e-3, 1e-3), 2.0), ((1e-2, 5e-3, 2e-3), 4.0)])
+def test_the_limit_of_a_power_law_is_found(steps: tuple[float, ...], order: float) -> None:
+    """Three motions L + C h^p give p and L, whatever the ratio of the steps."""
+    rng = np.random.default_rng(1)
+    main, off = field(rng), field(rng)
+    found = limit_of(steps, [1e-3 * off + 1e3 * h**order * main for h in steps], 1e-15)
+    assert found is not None
+    assert found.order == pytest.approx(order, abs=1e-5)
+    truth = limit_of(steps, [1e3 * h**order * main for h in steps], 1e-15)
+    assert truth is not None
+    assert truth.distance <= 1e-9
+    assert truth.is_truth
+
+
+def test_saturated_motions_are_not_accused() -> None:
+    """Errors of pi at every step whose motions still move have no limit yet."""
+    rng = np.random.default_rng(2)
+    assert judged(LADDERS[0], [3.1 * field(rng) for _ in LADDERS[0]]) == "pre-asymptotic"
+
+
+def test_nothing_is_extrapolated_where_a_load_switches_inside_a_step() -> None:
+    """There only a motion that has stopped moving far from the truth counts."""
+    rng = np.random.default_rng(4)
+    main, off = field(rng), field(rng)
+    steps = (8e-3, 4e-3, 2e-3, 1e-3)
+    moving = [0.2 * off + 30.0 * h * main for h in steps]
+    how = Judged(floor=FLOOR, extrapolated=False)
+    assert judged(steps, moving) == "does-not-converge"
+    assert judged(steps, moving, how) != "does-not-converge"
+    still = [0.2 * off + 0.05 * h * main for h in steps]
+    assert judged(steps, still, how) == "does-not-converge"
+
+
+def test_errors_that_rise_with_finer_steps_are_not_accused_by_extrapolation() -> None:
+    """Round-off that grows with the number of steps leads away from the truth, and is no wrong limit."""
+    rng = np.random.default_rng(6)
+    off = field(rng)
+    assert judged(LADDERS[0], [1e-7 / h * off for h in LADDERS[0]]) != "does-not-converge"
+
+
+def test_a_property_is_never_wrong() -> None:
+    """A quaternion whose norm is off by as much at every step is a design, however large."""
+    off = field(np.random.default_rng(8))
+    motions = [1e-3 * off for _ in LADDERS[0]]
+    assert judged(LADDERS[0], motions) == "does-not-converge"
+    assert judged(LADDERS[0], motions, Judged(floor=FLOOR, judged="property")) != "does-not-converge"
+
+
+def test_what_is_as_small_as_round_off_is_not_accused() -> None:
+    """An error of 1e-10 that finer steps do not reduce may be an engine's own rounding."""
+    off = field(np.random.default_rng(9))
+    assert judged(LADDERS[0], [1e-10 * off for _ in LADDERS[0]]) == "at-floor"
+    assert judged(LADDERS[0], [1e-8 * off for _ in LADDERS[0]]) == "does-not-converge"
+
+
+def test_two_steps_have_no_limit() -> None:
+    """Three are needed."""
+    assert limit_of([2e-2, 1e-2], [np.ones((3, 1))] * 2, FLOOR) is None

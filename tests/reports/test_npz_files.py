@@ -1,0 +1,145 @@
+"""Trajectories of any program: sizes are checked before they are allocated, no part of a number is lost."""
+
+from __future__ import annotations
+
+import io
+import random
+import tracemalloc
+import zipfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mutations import npz_member
+
+from bodycheck.errors import InputError
+from bodycheck.reports.npz_files import read_npz
+from bodycheck.reports.trajectory_files import npz, read_arrays
+
+T_S = np.linspace(0.0, 1.0, 11)
+GOOD = {"t_s": T_S, "position_m": np.zeros((11, 3))}
+
+
+def member(header: str, content: bytes = bytes(88)) -> bytes:
+    """Return an npy file with a header as it is written here."""
+    head = header.ljust(117).encode() + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + content
+
+
+def archive(content: bytes, method: int = zipfile.ZIP_STORED) -> bytes:
+    """Return an npz whose t_s is this npy file."""
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w", method) as made:
+        made.writestr("t_s.npy", content)
+    return whole.getvalue()
+
+
+def shaped(shape: str, kind: str = "<f8") -> bytes:
+    """Return an npz whose t_s declares this shape and type."""
+    return archive(member(f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}"))
+
+
+def bomb() -> bytes:
+    """Return an npz of less than 1 MB whose t_s truly has 64 MB."""
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as made, made.open("t_s.npy", "w") as stream:
+        stream.write(member("{'descr': '<f8', 'fortran_order': False, 'shape': (8000000,), }", b""))
+        for _ in range(8):
+            stream.write(bytes(8_000_000))
+    return whole.getvalue()
+
+
+def saved(values: Any) -> bytes:
+    """Return an npz whose t_s numpy wrote."""
+    whole = io.BytesIO()
+    np.savez(whole, t_s=values)
+    return whole.getvalue()
+
+
+def encrypted() -> bytes:
+    """Return an npz whose only member says that it is encrypted."""
+    content = bytearray(saved(T_S))
+    content[6] |= 1
+    content[content.index(b"PK\x01\x02") + 8] |= 1
+    return bytes(content)
+
+
+REFUSED = {
+    "a shape without end": (shaped("(1000000000000,)"), "t_s declares the shape"),
+    "a shape beyond all integers": (shaped("(99999999999999999999999, 4)"), "t_s declares the shape"),
+    "a negative shape": (shaped("(-1,)"), "t_s has the shape"),
+    "more than it has": (shaped("(12,)"), "but 88 bytes, not 96"),
+    "less than it has": (shaped("(10,)"), "bytes, not 80"),
+    "four dimensions": (shaped("(11, 1, 1, 1)"), "t_s has the shape"),
+    "complex numbers": (saved(T_S + 1j), "is of complex128, not of real numbers"),
+    "a structure": (saved(np.zeros(11, "f8,i4")), "not of real numbers"),
+    "text": (saved(np.full(11, "1.0")), "not of real numbers"),
+    "more than a double": (saved(T_S.astype(np.longdouble)), "which no double holds in full"),
+    "whole numbers beyond a double": (saved(np.arange(11) + 2**60), "which no double holds in full"),
+    "objects": (saved(np.array([None, 1.0], dtype=object)), "is of object, not of real numbers"),
+    "encrypted": (encrypted(), "t_s is encrypted"),
+    "another packing": (archive(member(""), zipfile.ZIP_LZMA), "t_s is packed in a way"),
+    "a bomb": (bomb(), "t_s declares the shape"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_npz_that_is_none_is_refused_before_anything_is_allocated(what: str, tmp_path: Path) -> None:
+    """One line names the file and what is wrong; no more memory is taken than the file itself has."""
+    path = tmp_path / "judged.npz"
+    content, why = REFUSED[what]
+    path.write_bytes(content)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="is not an npz of numbers") as refused:
+            read_npz(path, ["t_s"])
+        assert tracemalloc.get_traced_memory()[1] < 4_000_000
+    finally:
+        tracemalloc.stop()
+    assert why in str(refused.value)
+    assert str(refused.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", "<i4", "u1"])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_npz_of_any_real_numbers_is_read_as_numpy_reads_it(kind: str, order: Any, tmp_path: Path) -> None:
+    """Whatever the type, the order of bytes and of the axes, packed or not."""
+    values = np.asarray(np.arange(33).reshape(11, 3), dtype=kind, order=order)
+    for save in (np.savez, np.savez_compressed):
+        save(tmp_path / "a.npz", t_s=values)
+        found = read_npz(tmp_path / "a.npz", ["t_s", "quaternion"])
+        assert list(found) == ["t_s"]
+        np.testing.assert_array_equal(found["t_s"], values)
+        assert found["t_s"].dtype == np.float64
+
+
+def test_mutated_npz_is_read_or_refused(tmp_path: Path) -> None:
+    """Sixty seeded mutations of a sound file: nothing but an InputError ever comes of one."""
+    sound, path = npz(GOOD), tmp_path / "judged.npz"
+    for seed in range(60):
+        path.write_bytes(npz_member(sound, random.Random(seed)))
+        with suppress(InputError):
+            read_arrays(path)
+
+
+@pytest.mark.parametrize("suffix", [".zip", ".gz", ".bz2", ".xz", ".zst", ".tar", ".tar.gz"])
+def test_compression_is_never_guessed_from_a_name(suffix: str, tmp_path: Path) -> None:
+    """A file that is text is read as text, whatever its name; one that is not is refused in one line."""
+    path = tmp_path / f"judged.csv{suffix}"
+    path.write_text("t_s,x_m,y_m,z_m\n0.0,1.0,2.0,3.0\n")
+    assert read_arrays(path)["position_m"].tolist() == [[1.0, 2.0, 3.0]]
+    path.write_bytes(b"PK\x03\x04\xff\xfe" + bytes(50))
+    with pytest.raises(InputError) as refused:
+        read_arrays(path)
+    assert str(refused.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("cell", ["1+2j", "9007199254740993", "True", "x"])
+def test_cell_that_is_no_double_is_refused(cell: str, tmp_path: Path) -> None:
+    """No part of a number is dropped, and no truth value counts as one."""
+    path = tmp_path / "judged.csv"
+    path.write_text(f"t_s,x_m,y_m,z_m\n0.0,{cell},2.0,3.0\n")
+    with pytest.raises(InputError, match="x_m"):
+        read_arrays(path)

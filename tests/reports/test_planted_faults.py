@@ -1,0 +1,109 @@
+"""Each kind of fault that is planted in a healthy method is reported by a run with default options."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import pytest
+from fault_reports import results_of
+from markupsafe import escape
+from planted_faults import BASES, FAULTS, SOUND, Fault, Faulty
+from registered import registered
+
+import bodycheck
+from bodycheck.adapters.contract import Engine
+from bodycheck.adapters.drive import record
+from bodycheck.reports.html import render_report
+from bodycheck.reports.markdown import escaped, markdown_summary
+from bodycheck.reports.probes.probe import probe_rows
+from bodycheck.reports.summary import summary_cells
+from bodycheck.reports.summary_words import verdict_sentences
+from bodycheck.reports.terminal import print_summary
+
+if TYPE_CHECKING:
+    from bodycheck.reports.run import Run
+
+NOT_BY_PROBES = {
+    "position-by-old-velocity": "an error of order 1 in the position, and no wrong reading",
+    "single-precision-stage": "round-off, which a probe measures and does not accuse",
+    "speed-clamped": "a probe is no faster than 4 m/s",
+}
+"""What takes a whole run: verdicts and orders."""
+
+EVERY = 6
+"""A push runs one fault of so many through smoke, and all of them through the probes."""
+
+
+def test_the_table_of_faults_is_long_and_clear() -> None:
+    """At least 27 kinds, each with a name of its own; what nothing can see has its reason."""
+    assert len({fault.name for fault in FAULTS}) == len(FAULTS) >= 27
+    for fault in FAULTS:
+        assert fault.planted
+        assert set(fault.undetectable) <= set(BASES)
+        assert all(fault.undetectable.values())
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_probes_see_each_planted_fault_but_those_that_they_cannot(base: str) -> None:
+    """A finding or a property for each; nothing for the sound base, nor where the table says so."""
+    adapter = Faulty(base)
+    engine = Engine(adapter.name, adapter.version, adapter.methods, "")
+    silent = set()
+    for name, method in adapter.methods.items():
+        rows = probe_rows(engine, method, lambda _, case: record(adapter, case))
+        if not any(row["verdict"] == "inconsistent" or row["message"] for row in rows):
+            silent.add(name)
+    undetectable = {fault.name for fault in FAULTS if base in fault.undetectable}
+    assert silent == {SOUND, *undetectable, *NOT_BY_PROBES}
+
+
+def check_reports(base: str, faults: Sequence[Fault], capsys: pytest.CaptureFixture[str]) -> None:
+    """Run smoke by default options: each fault must be reported, with quantity and size, on every page.
+
+    So must nothing that the table calls undetectable, nor the sound base.
+    """
+    adapter = Faulty(base)
+    methods = [f"{adapter.name}:{name}" for name in (SOUND, *(fault.name for fault in faults))]
+    with registered(adapter):
+        run = bodycheck.run(["smoke"], engines=methods, speed=False)
+    found = results_of(run)
+    reported = {f"{adapter.name}:{fault.name}" for fault in faults if base not in fault.undetectable}
+    assert set(found) == reported
+    pages = pages_of(run, capsys)
+    sentences = " ".join(verdict_sentences(run, summary_cells(run)))
+    for method, results in found.items():
+        assert any(one.quantity and one.size > 0.0 and one.quantity in one.text for one in results), method
+        assert method in sentences
+        for page, text in pages.items():
+            sentence = results[0].sentence
+            shown = {"html": str(escape(sentence)), "markdown": escaped(sentence)}.get(page, sentence)
+            assert shown in text, (page, method)
+            assert results[0].reproduce in text, (page, method)
+
+
+def pages_of(run: Run, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
+    """Return what a run says in the terminal, in Markdown and in its report."""
+    capsys.readouterr()
+    print_summary(run)
+    return {
+        "terminal": capsys.readouterr().out,
+        "markdown": markdown_summary(run),
+        "html": render_report(run),
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("base", "first"), [(base, place) for place, base in enumerate(BASES)])
+def test_smoke_reports_a_sample_of_the_planted_faults(
+    base: str, first: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the limit, the order, the probes or a property; the sound base is accused of nothing."""
+    check_reports(base, FAULTS[first * EVERY // 2 :: EVERY], capsys)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("base", BASES)
+def test_smoke_reports_each_planted_fault(base: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same of all of them."""
+    check_reports(base, FAULTS, capsys)

@@ -1,0 +1,57 @@
+"""Files and folders of results are written whole, and the umask says who may read them."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from front_door import bodycheck_in
+from scenario_file import SCENARIO
+
+from bodycheck.reports.whole_file import put_whole
+
+
+@pytest.fixture(params=[0o077, 0o022, 0o027])
+def umask(request: pytest.FixtureRequest) -> Iterator[int]:
+    """Set a umask for a test."""
+    before = os.umask(request.param)
+    yield request.param
+    os.umask(before)
+
+
+def mode(path: Path) -> int:
+    """Return the rights of a file or a folder."""
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+def test_file_has_the_mode_of_any_new_file(umask: int, tmp_path: Path) -> None:
+    """Neither wider nor narrower than the umask leaves it; nothing else is left beside it."""
+    for content in (b"first", b"second"):
+        put_whole(tmp_path / "table.csv", content)
+        assert (tmp_path / "table.csv").read_bytes() == content
+    assert mode(tmp_path / "table.csv") == 0o666 & ~umask
+    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
+
+
+@pytest.mark.slow
+def test_run_of_a_path_that_is_not_utf8_is_stored_and_named(tmp_path: Path) -> None:
+    """The command of each case runs it again as it stands; folders and files have the modes of the umask."""
+    name = os.fsdecode(b"caf\xe9.toml")
+    (tmp_path / name).write_text(SCENARIO)
+    before = os.umask(0o077)
+    try:
+        words = ["--engine", "reference:m1", "--dt", "0.05", "--no-speed", "--out", os.fsdecode(b"out\xff")]
+        done = bodycheck_in(tmp_path, "run", name, *words)
+    finally:
+        os.umask(before)
+    assert done.returncode == 0, done.stderr
+    out = tmp_path / os.fsdecode(b"out\xff")
+    assert mode(out) == 0o700
+    assert {mode(path) for path in out.rglob("*") if path.is_file()} == {0o600}
+    (line,) = (out / "results.csv").read_text().splitlines()[1:]
+    assert r"bodycheck run $'caf\xe9.toml' --engine reference:m1 --dt 0.05" in line
+    again = bodycheck_in(tmp_path, "report", os.fsdecode(b"out\xff"))
+    assert again.returncode == 0, again.stderr
