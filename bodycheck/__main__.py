@@ -16,6 +16,10 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.stderr.write("stopped, before anything began\n")
         sys.exit(INTERRUPTED)
+    except Exception as error:  # noqa: BLE001 - the command itself could not be imported
+        from bodycheck.carry_out import report_fault
+
+        sys.exit(report_fault(error, "bodycheck"))
 
 
 if __name__ == "__main__":

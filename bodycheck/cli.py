@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bodycheck.carry_out import carry_out
+from bodycheck.environment_commands import environment_commands
 from bodycheck.errors import InputError
 from bodycheck.gating import gating
 from bodycheck.manner import TIMEOUT_S
@@ -71,7 +72,7 @@ def run(
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,
-    fresh: Fresh = False,
+    fresh: Fresh = None,
     allow_code: AllowCode = False,
     resume: Annotated[
         Path | None, typer.Option(help="The --out of a run that was stopped: go on with it, as it was asked.")
@@ -112,9 +113,11 @@ def truth(
 ) -> None:
     """Print the truth at the times given as CSV; the last column bounds the orientation's error."""
     from bodycheck import runner
+    from bodycheck.reports.live_progress import watched
     from bodycheck.reports.trajectory_files import trajectory_table
 
-    solved = runner.truth(scenario, numbers(at, "--at") or [], allow_code=allow_code)
+    with watched(f"solving the truth of {scenario}"):
+        solved = runner.truth(scenario, numbers(at, "--at") or [], allow_code=allow_code)
     table = trajectory_table(solved.trajectory)
     table["bound_rad"] = solved.bound_rad
     _print_csv(table)
@@ -140,7 +143,7 @@ def body(
     solid: Annotated[
         str,
         typer.Argument(
-            help="A closed mesh (.stl, .obj, .ply, in m), a shape (box, torus, ...), "
+            help="A closed mesh (.stl, .obj, .ply), a shape (box, torus, ...), "
             "or package.module:function, f <= 0 inside."
         ),
     ],
@@ -148,6 +151,18 @@ def body(
     size_m: Annotated[str | None, typer.Option(help="The sizes of a shape in m, like 1.0,0.3.")] = None,
     box_m: Annotated[
         str | None, typer.Option(help="A box around f <= 0: xmin,ymin,zmin,xmax,ymax,zmax in m.")
+    ] = None,
+    unit: Annotated[
+        Literal["mm", "cm", "m", "in"] | None,
+        typer.Option(help="The unit of the lengths in a mesh file.", show_default="m"),
+    ] = None,
+    overlap: Annotated[
+        Literal["refuse", "count-twice"] | None,
+        typer.Option(
+            help="Closed parts of a mesh that cross or lie within each other: refuse the mesh, or count the "
+            "matter that they share as often as it is drawn.",
+            show_default="refuse",
+        ),
     ] = None,
     monte_carlo: Annotated[
         bool, typer.Option("--monte-carlo", help="Estimate a torus or an ellipsoid all the same.")
@@ -158,7 +173,8 @@ def body(
     from bodycheck.scenarios.solids import Asked, as_toml, mass_properties
 
     size, box = numbers(size_m, "--size-m"), numbers(box_m, "--box-m")
-    for line in as_toml(mass_properties(Asked(solid, density_kg_m3, size, box, monte_carlo, allow_code))):
+    asked = Asked(solid, density_kg_m3, size, box, monte_carlo, allow_code, unit, overlap)
+    for line in as_toml(mass_properties(asked)):
         print(line)
 
 
@@ -178,6 +194,7 @@ app.add_typer(gating)
 app.add_typer(questions)
 app.add_typer(nightly)
 app.add_typer(versioning)
+app.add_typer(environment_commands, name="environments")
 
 
 def _print_csv(table: pd.DataFrame) -> None:

@@ -30,6 +30,12 @@ class WorkerLostError(BodycheckError):
         self.timed_out, self.killed = timed_out, killed
 
 
+INPUT = 2
+"""The status of a command whose input was wrong."""
+
+FAULT = 70
+"""The status of a command that met an exception which nobody expected: EX_SOFTWARE of sysexits.h."""
+
 INTERRUPTED = 130
 """The status that a shell expects of a command that Ctrl-C ended."""
 

@@ -45,7 +45,7 @@ def gate(
     ] = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
-    fresh: Fresh = False,
+    fresh: Fresh = None,
     allow_code: AllowCode = False,
 ) -> None:
     """Hold engines to the bounds of a file; the status is 1 where one fails or measured nothing."""
@@ -57,6 +57,7 @@ def gate(
     from bodycheck.reports.gates.gate import read_gates
     from bodycheck.reports.gates.text import print_results
     from bodycheck.reports.gates.verdict import held
+    from bodycheck.reports.storage.reuse import reuse_of
     from bodycheck.reports.stored import read_tables
     from bodycheck.reports.whole_file import check_file, write_whole
 
@@ -66,7 +67,7 @@ def gate(
         check_file(option, path)
     measured: Run | Tables
     if run is None:
-        manner = Manner(jobs=jobs, timeout_s=timeout_s, fresh=fresh)
+        manner = Manner(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
         measured = _new_run(gates, scenarios or ["standard"], manner, allow_code=allow_code)
     else:
         measured = read_tables(run)

@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
+from bodycheck.adapters.contract import Engine
 from bodycheck.manner import Manner
 from bodycheck.reports.case import CaseResult
 from bodycheck.reports.machine import cpu_model
@@ -34,6 +35,13 @@ class Identity:
         return cls(f"{created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}", created)
 
 
+def _engine(engine: Engine, cases: Sequence[CaseResult]) -> dict[str, Any]:
+    """Return an engine's version and build as announced, and the builds by which its cases were answered."""
+    columns = (case.columns for case in cases if case.columns["engine"] == engine.name)
+    builds = sorted({row["build"] for row in columns if row.get("build")})
+    return {"version": engine.version, "build": asdict(engine.build), "builds": builds, "methods": {}}
+
+
 def manifest_of(
     identity: Identity,
     selection: Selection,
@@ -45,7 +53,7 @@ def manifest_of(
     """Return versions, machine and settings, as plain data."""
     engines: dict[str, Any] = {name: {"unavailable": why} for name, why in selection.unavailable.items()}
     for engine, method in selection.methods:
-        entry = engines.setdefault(engine.name, {"version": engine.version, "methods": {}})
+        entry = engines.setdefault(engine.name, _engine(engine, cases))
         entry["methods"][method.name] = asdict(method)
     return {
         "run_id": identity.run_id,

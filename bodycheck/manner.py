@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass
 
 from bodycheck.errors import InputError
+from bodycheck.reports.storage.reuse import Reuse
 
 TIMEOUT_S = 120.0
 """What one case may take unless told otherwise."""
@@ -16,7 +17,7 @@ class Manner:
     """How a run is made, whatever it measures.
 
     speed: whether processor time is measured. jobs: how many cases run side by side, None for as many as
-    there are cores. timeout_s: what one case may take. fresh: whether answers of earlier runs are not used.
+    there are cores. timeout_s: what one case may take. reuse: what is used of earlier runs.
     stable_steps: whether the largest stable step of each method is looked for. speed_passes: how often all
     cases are timed.
     """
@@ -24,7 +25,7 @@ class Manner:
     speed: bool = True
     jobs: int | None = None
     timeout_s: float = TIMEOUT_S
-    fresh: bool = False
+    reuse: Reuse = "installed"
     stable_steps: bool = True
     speed_passes: int = 1
 

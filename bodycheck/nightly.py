@@ -11,7 +11,9 @@ import typer
 
 from bodycheck.errors import InputError, StoppedError
 from bodycheck.manner import TIMEOUT_S
-from bodycheck.options import AllowCode, Jobs, NoSpeed, Scenarios, TimeoutS
+from bodycheck.options import AllowCode, Jobs, NoSpeed, Scenarios, Threshold, TimeoutS, Tolerances
+from bodycheck.reports.comparison.thresholds import THRESHOLD
+from bodycheck.weighing import thresholds_of
 
 nightly = typer.Typer()
 history = typer.Typer(help="Ask and prune a history of nights.", no_args_is_help=True)
@@ -32,6 +34,8 @@ def nightly_(
         str | None, typer.Option(help="NAME[:METHOD],...; every engine that is installed, unless told.")
     ] = None,
     markdown: Annotated[Path | None, typer.Option(help="Write what is told to this file too.")] = None,
+    threshold: Threshold = THRESHOLD,
+    tolerances: Tolerances = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,
@@ -47,6 +51,7 @@ def nightly_(
     from bodycheck.reports.whole_file import check_file, write_whole
     from bodycheck.stored_run import Asked
 
+    thresholds = thresholds_of(threshold, tolerances)
     check_file("--markdown", markdown)
     asked = Asked(
         scenarios=scenarios or ["standard"],
@@ -58,7 +63,7 @@ def nightly_(
         allow_code=allow_code,
     )
     try:
-        judged, night = run_night(asked, history, LiveProgress)
+        judged, night = run_night(asked, history, LiveProgress, thresholds)
     except KeyboardInterrupt:
         raise StoppedError("stopped; nothing was stored") from None
     print_night(judged)
@@ -114,7 +119,10 @@ def prune(
 
     if keep < 1:
         raise InputError(f"--keep {keep}: must be 1 or more nights")
-    for name in History.existing(folder).prune(keep):
+    history = History.existing(folder)
+    for night in history.dated_in_future():
+        print(f"{night}: is dated in the future: not counted, and not removed", file=sys.stderr)
+    for name in history.prune(keep):
         print(name)
 
 

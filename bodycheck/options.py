@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
@@ -15,9 +16,21 @@ Jobs: TypeAlias = Annotated[
 ]
 TimeoutS: TypeAlias = Annotated[float, typer.Option(help="Seconds that one case may take.")]
 Fresh: TypeAlias = Annotated[
-    bool, typer.Option("--fresh", help="Ask every engine anew, whatever it answered before.")
+    bool | None,
+    typer.Option(
+        "--fresh/--reuse",
+        help="Run every case again, or use answers of earlier runs by the same build of an engine.",
+        show_default=False,
+    ),
 ]
 NoSpeed: TypeAlias = Annotated[bool, typer.Option("--no-speed", help="Do not measure processor time.")]
+Threshold: TypeAlias = Annotated[
+    float,
+    typer.Option(help="The relative change of a measure from which on it is worse or improved, not moved."),
+]
+Tolerances: TypeAlias = Annotated[
+    Path | None, typer.Option(help="A file with [[change]] tables: thresholds of single measures.")
+]
 AllowCode: TypeAlias = Annotated[
     bool, typer.Option("--allow-code", help="Let functions that a file names be imported.")
 ]

@@ -13,6 +13,9 @@ class Progress(Protocol):
     def phase(self, what: str) -> None:
         """Something has begun: compiling, the truths, the motions, the speeds."""
 
+    def truth_begun(self, scenario: str) -> None:
+        """A truth that is not known yet is solved, which may take long."""
+
     def case_done(self) -> None:
         """One more case has ended."""
 
@@ -22,6 +25,9 @@ class Progress(Protocol):
 
 class _Silence:
     def phase(self, what: str) -> None:
+        pass
+
+    def truth_begun(self, scenario: str) -> None:
         pass
 
     def case_done(self) -> None:

@@ -24,6 +24,7 @@ from bodycheck.pytest_measured import Measured, Record, assert_passed
 from bodycheck.reports.gates.gate import Gate, read_gates
 from bodycheck.reports.gates.verdict import held
 from bodycheck.reports.run import Run
+from bodycheck.reports.storage.reuse import Reuse
 from bodycheck.scenarios.library import load_scenarios
 from bodycheck.selection import select
 
@@ -159,6 +160,7 @@ class HeldGate:
     gate: Gate
     beside: tuple[Gate, ...]
     scenarios: tuple[str, ...]
+    reuse: Reuse
     record: Record | None = None
 
     def within(self, request: pytest.FixtureRequest) -> HeldGate:
@@ -169,13 +171,13 @@ class HeldGate:
         """Assert that the gate holds; what matched nothing or measured nothing does not."""
         __tracebackhide__ = True
         assert self.record is not None
-        (result,) = held([self.gate], _run_of(self.beside, self.scenarios))
+        (result,) = held([self.gate], _run_of(self.beside, self.scenarios, self.reuse))
         assert_passed(result, self.record)
 
 
 @cache
-def _run_of(gates: tuple[Gate, ...], scenarios: tuple[str, ...]) -> Run:
-    return run_for_gates(gates, scenarios, Manner(), lambda _: nullcontext(SILENCE))
+def _run_of(gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse) -> Run:
+    return run_for_gates(gates, scenarios, Manner(reuse=reuse), lambda _: nullcontext(SILENCE))
 
 
 def parametrize_gates(metafunc: pytest.Metafunc) -> None:
@@ -191,6 +193,7 @@ def parametrize_gates(metafunc: pytest.Metafunc) -> None:
     scenarios = tuple(suite.split(","))
     # side by side, each process runs what its own gates need; alone, it runs all of it at once
     shared = hasattr(metafunc.config, "workerinput")
-    params = [HeldGate(gate, (gate,) if shared else gates, scenarios) for gate in gates]
+    reuse: Reuse = "everything" if metafunc.config.getoption("--bodycheck-reuse") else "truths"
+    params = [HeldGate(gate, (gate,) if shared else gates, scenarios, reuse) for gate in gates]
     names = [f"{place}-{gate.scenario}-{gate.engine}-{gate.method}" for place, gate in enumerate(gates)]
     metafunc.parametrize("bodycheck_gate", params, ids=names, indirect=True)

@@ -32,6 +32,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="FILE",
         help="run tests that use bodycheck_gate once for each gate of this file",
     )
+    group.addoption(
+        "--bodycheck-reuse",
+        action="store_true",
+        help="let gates use answers of earlier runs by the same build of an engine [default: run every case]",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:

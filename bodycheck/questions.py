@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from bodycheck.errors import InputError
-from bodycheck.options import AllowCode
+from bodycheck.options import AllowCode, Threshold, Tolerances
+from bodycheck.reports.comparison.thresholds import THRESHOLD
+from bodycheck.weighing import thresholds_of
+
+if TYPE_CHECKING:
+    from bodycheck.reports.comparison.change import Status
+
+FAIL_ON: dict[str, tuple[Status, ...]] = {
+    "worse": ("worse", "missing"),
+    "moved": ("worse", "missing", "moved"),
+    "never": (),
+}
+"""--fail-on -> the changes that end `compare` with status 1."""
+
+_FAILED = 1
 
 questions = typer.Typer()
 
@@ -22,22 +36,41 @@ _AllowCode = Annotated[
 def compare(
     before: Annotated[Path, typer.Argument(metavar="RUN_A", help="The folder of the run before.")],
     after: Annotated[Path, typer.Argument(metavar="RUN_B", help="The folder of the run after.")],
+    fail_on: Annotated[
+        Literal["worse", "moved", "never"],
+        typer.Option(
+            help="End with status 1 where anything is worse or missing; moved: where anything moved, too."
+        ),
+    ] = "never",
+    threshold: Threshold = THRESHOLD,
+    tolerances: Tolerances = None,
     html: Annotated[Path | None, typer.Option(help="Write all that changed to this page too.")] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write what is printed to this file too.")] = None,
 ) -> None:
     """Print what changed between two runs: outcomes, verdicts, orders, accuracy, speed.
 
-    The status is 0 whatever changed: this informs, it does not judge.
+    A change is worse or improved beyond the threshold, moved below it, new or missing. With --fail-on, the
+    status is 1 too where there is nothing that could be compared.
     """
     from bodycheck.reports.comparison.compare import compare as compared
+    from bodycheck.reports.comparison.markdown import comparison_markdown
     from bodycheck.reports.comparison.page import render_comparison
     from bodycheck.reports.comparison.text import print_comparison
     from bodycheck.reports.stored import read_tables
-    from bodycheck.reports.whole_file import write_whole
+    from bodycheck.reports.whole_file import check_file, write_whole
 
-    comparison = compared(read_tables(before), read_tables(after))
+    thresholds = thresholds_of(threshold, tolerances)
+    check_file("--html", html)
+    check_file("--markdown", markdown)
+    comparison = compared(read_tables(before), read_tables(after), thresholds)
     if html is not None:
         write_whole(html, render_comparison(comparison).encode())
+    if markdown is not None:
+        write_whole(markdown, comparison_markdown(comparison).encode())
     print_comparison(comparison)
+    nothing = fail_on != "never" and not comparison.paired
+    if nothing or comparison.of_status(*FAIL_ON[fail_on]):
+        raise typer.Exit(_FAILED)
 
 
 @questions.command(short_help="Print what keeps an error at least cost.")
@@ -99,8 +132,8 @@ def report(
 def table(
     run: _Run,
     which: Annotated[
-        Literal["results", "methods", "stability"],
-        typer.Argument(metavar="TABLE", help="results, methods or stability."),
+        Literal["results", "methods", "stability", "probes"],
+        typer.Argument(metavar="TABLE", help="results, methods, stability or probes."),
     ] = "results",
     as_: Annotated[
         Literal["csv", "json", "md", "parquet"], typer.Option("--format", help="Of the table.")
@@ -118,7 +151,12 @@ def table(
     if as_ == "parquet" and out is None:
         raise InputError("--format parquet: is no text; name a file with --out")
     tables = read_tables(run)
-    found = {"results": tables.results, "methods": tables.methods, "stability": tables.stability}[which]
+    found = {
+        "results": tables.results,
+        "methods": tables.methods,
+        "stability": tables.stability,
+        "probes": tables.probes,
+    }[which]
     if columns is not None:
         asked = [name.strip() for name in columns.split(",")]
         if unknown := [name for name in asked if name not in found.columns]:

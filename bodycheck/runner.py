@@ -23,16 +23,25 @@ from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.warm_up import compile_kernels
 from bodycheck.reports.crew import Task, share_out
 from bodycheck.reports.judge import judge_file
+from bodycheck.reports.probes.probe import probe_rows
 from bodycheck.reports.run import Run
 from bodycheck.reports.speed import measure_speeds
 from bodycheck.reports.storage.answers import Answers
 from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.journal import Journal
+from bodycheck.reports.storage.reuse import reuse_of
 from bodycheck.reports.storage.truths import is_known, known_truth
 from bodycheck.reports.study import Study, study
-from bodycheck.reports.subject import Subject
-from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table
-from bodycheck.scenarios.library import load_scenario
+from bodycheck.reports.subject import ENDS, Subject
+from bodycheck.reports.tables import (
+    METHOD_COLUMNS,
+    PROBE_COLUMNS,
+    RESULT_COLUMNS,
+    STABILITY_COLUMNS,
+    as_table,
+)
+from bodycheck.scenarios.library import PROBES, load_scenario
+from bodycheck.scenarios.model import Scenario
 from bodycheck.selection import Selection, select
 
 
@@ -45,7 +54,7 @@ def run(
     speed: bool = True,
     jobs: int | None = None,
     timeout_s: float = TIMEOUT_S,
-    fresh: bool = False,
+    fresh: bool | None = None,
     allow_code: bool = False,
 ) -> Run:
     """Measure scenarios x methods x steps and return the tables with the motions behind them.
@@ -54,13 +63,14 @@ def run(
     be imported by default. dt_s: the steps in s, a list or an array; by default each scenario's own, and more
     where an order needs them. tolerances: of the methods that are told one, instead of their own. speed:
     whether processor time is measured. jobs: how many cases run side by side, by default one a core.
-    timeout_s: what one case may take. fresh: whether to ask every engine anew, where else what it answered
-    before is taken. allow_code: whether scenarios may name functions, whose code runs. Raises InputError for
+    timeout_s: what one case may take. fresh: True to run every case again, False to use what the same build
+    of an engine answered in earlier runs, None to use it of installed engines, and not of plug-ins and
+    editable ones. allow_code: whether scenarios may name functions, whose code runs. Raises InputError for
     wrong input.
     """
     if not scenarios:
         raise InputError("scenarios: name one at least")
-    manner = Manner(speed=speed, jobs=jobs, timeout_s=timeout_s, fresh=fresh)
+    manner = Manner(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"))
     selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
     return run_selection(selection, manner, Identity.new(), journal=None, progress=SILENCE)
 
@@ -76,15 +86,15 @@ def run_selection(
     progress.phase("the reference's kernels: compiled once on a machine")
     cache = Cache.default()
     cache.prune()
-    cache = cache.write_only() if manner.fresh else cache
+    cache = cache.write_only() if manner.reuse == "nothing" else cache
     _compile(selection, cache)
     compiled = time.perf_counter()
-    answers = Answers(journal, cache, manner.timeout_s)
+    answers = Answers(journal, cache, manner.timeout_s, reuse=manner.reuse, run_id=identity.run_id)
     progress.phase("solving the truths")
-    subjects = [Subject.of(scenario, asked_as, cache) for asked_as, scenario in selection.scenarios]
+    subjects = [_solved(scenario, asked_as, cache, progress) for asked_as, scenario in selection.scenarios]
     progress.phase("motions")
     solved = time.perf_counter()
-    studies = _studies(selection, subjects, answers, manner, progress)
+    studies, probed = _studies_and_probes(selection, subjects, answers, manner, progress)
     recorded = time.perf_counter()
     cases = tuple(case for studied in studies for case in studied.cases)
     quietness = None
@@ -118,7 +128,16 @@ def run_selection(
         manifest=manifest_of(identity, selection, manner, cases, seconds, quietness),
         subjects=tuple(subjects),
         cases=cases,
+        probes=as_table(({"run_id": run_id, **row} for row in probed), PROBE_COLUMNS),
     )
+
+
+def _solved(scenario: Scenario, asked_as: str, cache: Cache, progress: Progress) -> Subject:
+    """Return a scenario with its truth; name it before, where it is not known yet and may take long."""
+    scene = scenario.scene
+    if not is_known(scene, scene.sample_times, cache):
+        progress.truth_begun(scenario.name)
+    return Subject.of(scenario, asked_as, cache)
 
 
 def _compile(selection: Selection, cache: Cache) -> None:
@@ -126,6 +145,8 @@ def _compile(selection: Selection, cache: Cache) -> None:
     scenes = [scenario.scene for _, scenario in selection.scenarios]
     # a user's function is asked first where its truth is solved: what goes wrong with it is told there
     scenes = [scene for scene in scenes if not scene.has_black_box]
+    if any((engine.name, method.name) == ("reference", "exact") for engine, method in selection.methods):
+        scenes += [load_scenario(name).scene for name in PROBES]
     integrators = [
         method.name
         for engine, method in selection.methods
@@ -134,12 +155,18 @@ def _compile(selection: Selection, cache: Cache) -> None:
     compile_kernels(scenes, integrators, lambda scene: is_known(scene, scene.sample_times, cache))
 
 
-def _studies(
+def _studies_and_probes(
     selection: Selection, subjects: Sequence[Subject], answers: Answers, manner: Manner, progress: Progress
-) -> list[Study]:
-    """Return the studies of every scenario by every method, in this order, made side by side."""
-    pairs = [(subject, engine, method) for subject in subjects for engine, method in selection.methods]
+) -> tuple[list[Study], list[dict[str, Any]]]:
+    """Return the studies of every scenario by every method, and every method's probes, made side by side."""
+    pairs = [
+        (subject, engine, method)
+        for subject in subjects
+        for engine, method in selection.methods
+        if selection.runs_on(subject.scenario, engine, method)
+    ]
     done: dict[int, Study] = {}
+    probed: dict[int, list[dict[str, Any]]] = {}
     # Python runs one thread at a time anyway: two that measure would only take turns within each sample
     measuring = threading.Lock()
 
@@ -164,8 +191,19 @@ def _studies(
         steps = sum(subject.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
         return Task(engine.name, steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0), do)
 
-    share_out([task(place, *pair) for place, pair in enumerate(pairs)], manner.strands)
-    return [done[place] for place in range(len(pairs))]
+    def probe(place: int, engine: Engine, method: Method) -> Task:
+        def do(hosts: Hosts) -> None:
+            with measuring:
+                asked = _OthersMeasureMeanwhile(hosts, measuring)
+                probed[place] = probe_rows(engine, method, partial(answers.ask, asked))
+
+        return Task(engine.name, 0.0, do)  # what it costs is little: it is done last
+
+    tasks = [task(place, *pair) for place, pair in enumerate(pairs)]
+    probes = [probe(place, *method) for place, method in enumerate(selection.methods)]
+    share_out([*tasks, *probes], manner.strands)
+    rows = [row for place in range(len(probes)) for row in probed[place]]
+    return [done[place] for place in range(len(pairs))], rows
 
 
 @dataclass(frozen=True)
@@ -192,17 +230,23 @@ def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False
     """Return the true motion at the times given, with its bounds at each.
 
     scenario: a built-in name or the path of a TOML file. at: n times in s, from 0 on, in any order; the
-    arrays of the truth are (n,), (n, 3) and (n, 4) in the same order. allow_code: whether the file may name
-    functions. Raises InputError where the scenario is wrong, or a time is negative or not finite.
+    arrays of the truth are (n,), (n, 3) and (n, 4) in the same order. The start is what the numbers in the
+    file are, of which engines are handed a rounding. allow_code: whether the file may name functions. Raises
+    InputError where the scenario is wrong, a time is negative or not finite, or the truth ends before it.
     """
-    scene = load_scenario(scenario, allow_code=allow_code).scene
+    scene = load_scenario(scenario, allow_code=allow_code).scene_as_written
     try:
         times = np.array(at, dtype=np.float64)
         if times.ndim != 1:
             raise ValueError(f"at must be a list of times in s, like [0.0, 1.0], not {at!r}")
-        return known_truth(scene, times, Cache.default())
+        solved = known_truth(scene, times, Cache.default())
     except ValueError as error:
         raise InputError(str(error)) from None
+    known = np.isfinite(solved.bounds).all(axis=0)
+    if not known.all():
+        first = float(times[~known].min())
+        raise InputError(f"{scenario}: the truth ends before t = {first!r} s: {ENDS}")
+    return solved
 
 
 def judge(trajectory: str | Path, scenario: str | Path, *, allow_code: bool = False) -> dict[str, Any]:

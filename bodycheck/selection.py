@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -32,6 +32,12 @@ class Selection:
     unavailable: dict[str, str]
     dt_s: tuple[float, ...] | None
     tolerances: tuple[float, ...] | None
+    off_centre_only: frozenset[tuple[str, str]] = frozenset()
+    """Engine and name of the methods that nobody requested, to run where a link is off the centre of mass."""
+
+    def runs_on(self, scenario: Scenario, engine: Engine, method: Method) -> bool:
+        """Whether the method is to run on this scenario."""
+        return (engine.name, method.name) not in self.off_centre_only or scenario.scene.is_off_centre
 
     def settings(self, scenario: Scenario, method: Method) -> list[Setting]:
         """Return how finely a method is to work on a scenario, coarsest first."""
@@ -46,8 +52,12 @@ class Selection:
 
     def cases_listed(self) -> int:
         """Return how many cases there are at least; a run adds steps where an order needs them."""
-        pairs = ((scenario, method) for _, scenario in self.scenarios for _, method in self.methods)
-        return sum(len(self.settings(scenario, method)) for scenario, method in pairs)
+        return sum(
+            len(self.settings(scenario, method))
+            for _, scenario in self.scenarios
+            for engine, method in self.methods
+            if self.runs_on(scenario, engine, method)
+        )
 
 
 def select(
@@ -80,7 +90,24 @@ def select(
             methods, unavailable = _methods(names, announcement, by_name=bool(engines))
         else:
             methods, unavailable = _wanted_methods(wanted, announcement())
-    return Selection(tuple(loaded), methods, unavailable, steps or None, asked_tolerances or None)
+    selection = Selection(tuple(loaded), methods, unavailable, steps or None, asked_tolerances or None)
+    off_centre = wanted is None and any(scenario.scene.is_off_centre for _, scenario in loaded)
+    return _with_off_centre_methods(selection, names) if off_centre else selection
+
+
+def _with_off_centre_methods(selection: Selection, names: Sequence[tuple[str, str, str]]) -> Selection:
+    """Add the variants of methods for links off the centre of mass, of engines requested as a whole."""
+    whole = {name for name, colon, _ in names if not colon}
+    engines = {engine.name: engine for engine, _ in selection.methods if engine.name in whole}
+    present = {(engine.name, method.name) for engine, method in selection.methods}
+    added = tuple(
+        (engine, method)
+        for engine in engines.values()
+        for method in engine.methods.values()
+        if method.is_for_off_centre_links and (engine.name, method.name) not in present
+    )
+    only = frozenset((engine.name, method.name) for engine, method in added)
+    return replace(selection, methods=selection.methods + added, off_centre_only=only)
 
 
 def _doubles(what: str, numbers: Iterable[float] | None) -> tuple[float, ...]:

@@ -3,23 +3,37 @@
 from __future__ import annotations
 
 import json
-import shlex
 import shutil
 from dataclasses import asdict, dataclass, field
-from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StrictBool,
+    StrictFloat,
+    StrictInt,
+    StrictStr,
+    ValidationError,
+)
 
 from bodycheck.errors import InputError, StoppedError
 from bodycheck.manifest import Identity
 from bodycheck.manner import TIMEOUT_S, Manner
+from bodycheck.outside import read_json
 from bodycheck.progress import Watching
 from bodycheck.reports.run import Run
 from bodycheck.reports.storage.journal import Journal
+from bodycheck.reports.storage.reuse import reuse_of
 from bodycheck.reports.store import check_output, write_run
 from bodycheck.reports.whole_file import put_whole
 from bodycheck.runner import run_selection
+from bodycheck.scenarios.reader import fault_lines
 from bodycheck.selection import Selection, select
+from bodycheck.shell_words import quoted
 
 RUNS = Path("bodycheck-runs")
 """Where runs go for which no other folder is named."""
@@ -31,15 +45,17 @@ _ASKED = "asked.json"
 class Asked:
     """What was asked of a run, as plain data: enough to ask it again."""
 
-    scenarios: list[str] = field(default_factory=lambda: ["standard"])
-    engines: list[str] | None = None
-    dt_s: list[float] | None = None
-    tolerances: list[float] | None = None
-    speed: bool = True
-    jobs: int | None = None
-    timeout_s: float = TIMEOUT_S
-    fresh: bool = False
-    allow_code: bool = False
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    scenarios: list[StrictStr] = field(default_factory=lambda: ["standard"])
+    engines: list[StrictStr] | None = None
+    dt_s: list[StrictFloat] | None = None
+    tolerances: list[StrictFloat] | None = None
+    speed: StrictBool = True
+    jobs: StrictInt | None = None
+    timeout_s: StrictFloat = TIMEOUT_S
+    fresh: StrictBool | None = None
+    allow_code: StrictBool = False
 
     @property
     def selection(self) -> Selection:
@@ -49,7 +65,16 @@ class Asked:
     @property
     def manner(self) -> Manner:
         """How the run is made; InputError where that is wrong."""
-        return Manner(speed=self.speed, jobs=self.jobs, timeout_s=self.timeout_s, fresh=self.fresh)
+        reuse = reuse_of(self.fresh, "installed")
+        return Manner(speed=self.speed, jobs=self.jobs, timeout_s=self.timeout_s, reuse=reuse)
+
+
+class _Description(BaseModel):
+    """What asked.json holds; a run's name is part of the names of files."""
+
+    run_id: Annotated[str, Field(strict=True, pattern=r"^[0-9A-Za-z-]{1,100}$")]
+    created: AwareDatetime
+    asked: Asked
 
 
 def run_to_folder(asked: Asked, out: Path | None, watching: Watching) -> tuple[Run, Path]:
@@ -98,14 +123,12 @@ def resume(out: Path, watching: Watching) -> tuple[Run, Path]:
     """
     partial = partial_of(out)
     try:
-        description: dict[str, Any] = json.loads((partial / _ASKED).read_text(encoding="utf-8"))
-        asked = Asked(**description["asked"])
-        identity = Identity(description["run_id"], datetime.fromisoformat(description["created"]))
+        asked, identity = _description(partial / _ASKED)
     except FileNotFoundError:
         state = "that run is complete" if _run_id(out) else "no run was stopped there"
         raise InputError(f"--resume {out}: {state}") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"--resume {out}: {partial / _ASKED} cannot be read: {error}") from None
+    except InputError as error:
+        raise InputError(f"--resume {out}: {error}") from None
     if _run_id(out) == identity.run_id:  # stopped between its last two strokes
         shutil.rmtree(partial, ignore_errors=True)
         raise InputError(f"--resume {out}: that run is complete")
@@ -116,13 +139,22 @@ def resume(out: Path, watching: Watching) -> tuple[Run, Path]:
     return _carried_out(selection, asked.manner, identity, out, watching)
 
 
+def _description(path: Path) -> tuple[Asked, Identity]:
+    """Read what was asked of a run; FileNotFoundError where nothing was, InputError where it is damaged."""
+    try:
+        told = _Description.model_validate(read_json(path, escape=False))
+    except ValidationError as error:
+        raise InputError("\n".join(f"{path}: {line}" for line in fault_lines(error))) from None
+    return told.asked, Identity(told.run_id, told.created)
+
+
 def _run_id(out: Path) -> str | None:
     """Return the name of the run whose results are there, if there are any."""
     try:
-        run_id: str = json.loads((out / "manifest.json").read_text(encoding="utf-8"))["run_id"]
-    except (OSError, ValueError, KeyError, TypeError):
+        manifest = read_json(out / "manifest.json")
+    except (OSError, InputError):
         return None
-    return run_id
+    return str(manifest["run_id"]) if isinstance(manifest, dict) and "run_id" in manifest else None
 
 
 def partial_of(out: Path) -> Path:
@@ -151,4 +183,4 @@ def _carried_out(
 
 
 def _go_on(out: Path) -> str:
-    return f"go on with: bodycheck run --resume {shlex.quote(str(out))}"
+    return f"go on with: bodycheck run --resume {quoted(str(out))}"

@@ -21,7 +21,8 @@ from doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, 
 
 import bodycheck
 from bodycheck.cli import app
-from bodycheck.reports.gates.gate import read_gates
+from bodycheck.reports.comparison.thresholds import THRESHOLD
+from bodycheck.reports.gates.gate import read_gates, read_thresholds
 from bodycheck.reports.trajectory_files import trajectory_table
 from bodycheck.scenarios.reader import parse_members
 
@@ -40,6 +41,12 @@ NOT_RUN = {
     ),
     "bodycheck versions mujoco --since 3.6": "installs, and takes minutes",
     "bodycheck versions mujoco --since 3.6 --measure order.orientation_error_rad": "the same",
+    "bodycheck versions mujoco --since 3.6 --scenario spinning-box.toml --every": "the same",
+    "bodycheck run intermediate-axis --engine mujoco==3.17.0 --no-speed --out old": (
+        "installs; tests/test_versions.py compares these two releases"
+    ),
+    "bodycheck run intermediate-axis --engine mujoco==4.0.0 --no-speed --out new": "the same",
+    "bodycheck compare old new --fail-on worse": "needs the two before",
     "bodycheck run --out whole && python docs/report_picture.py whole": "takes minutes",
 }
 """Commands that are shown and not run here, and why."""
@@ -252,8 +259,12 @@ def a_scenario_with(text: str) -> str:
     "block", [block for page in pages() for block in blocks(page, "toml")], ids=lambda block: block.page
 )
 def test_toml_of_the_docs_is_accepted(block: Block, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Gates are read as gates; a scenario is a good one, and so is the first with each other table."""
+    """Gates and thresholds are read as such; a scenario is a good one, the first with each table, too."""
     monkeypatch.chdir(folder)
+    if "[[change]]" in block.text:
+        (folder / "shown.toml").write_text(block.text)
+        assert len(read_thresholds(folder / "shown.toml", THRESHOLD).of_measure) == 1
+        return
     if "[[gate]]" in block.text:
         (folder / "shown.toml").write_text(block.text)
         assert len(read_gates(folder / "shown.toml")) == block.text.count("[[gate]]")

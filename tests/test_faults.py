@@ -60,7 +60,7 @@ ENDINGS = {
     "nothing": ("failed", "TypeError: a reading without position or velocity"),
     "other-mass": ("invalid", "mass is 1.5 in the engine, not 1."),
     "few": ("failed", "a trajectory that is not at the scene's samples"),
-    "none": ("failed", "an answer without its parts: KeyError: 'trajectory'"),
+    "none": ("failed", "an answer that is none: trajectory: Field required"),
     ONLY_TIMED: ("ok", ""),
 }
 

@@ -19,7 +19,11 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "bodycheck"
 ROOMS = ("reference_impl", "scenarios", "adapters", "reports")
 FRONT_DOOR = len(ROOMS)
-SHARED = {"errors"}  # the error tree belongs to everybody
+SHARED = {
+    "errors",
+    "outside",
+    "shell_words",
+}  # the error tree, and what guards against data, belong to everybody
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 

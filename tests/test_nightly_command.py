@@ -84,15 +84,18 @@ def night(*words: str, angle_rad: float = 0.0) -> Result:
 
 
 @pytest.mark.slow
-def test_a_night_of_a_billionth_more_is_a_regression(folder: Path) -> None:
-    """Status 3 without a past, 0 where nothing changed, 1 where an orientation is off by 1e-9 rad more."""
-    first, second, third, fourth = night(), night(), night("--markdown", "told.md", angle_rad=1e-9), night()
-    assert [done.exit_code for done in (first, second, third, fourth)] == [3, 0, 1, 0], third.output
+def test_a_nightly_run_fails_where_something_is_worse(folder: Path) -> None:
+    """Status 3 without a past, 0 where nothing changed or has moved, 1 where an orientation is worse."""
+    first, second, moved = night(), night(), night(angle_rad=1e-9)
+    third, fourth = night("--markdown", "told.md", angle_rad=1e-2), night()
+    assert [done.exit_code for done in (first, second, moved, third, fourth)] == [3, 0, 0, 1, 0], third.output
     assert "past is too thin" in first.stdout
     assert "Nothing changed" in second.stdout
+    assert "turned 1: 1 method moved" in moved.stdout
+    assert "turned 1: m1 improved" in fourth.stdout
     told = (folder / "told.md").read_text()
     for text in (third.stdout, told):
-        assert "orientation_error_rad" in text
+        assert "turned 1: m1 worse, error at" in text
         assert "turned:m1" in text
         assert "tumble" in text
     assert Path(third.stdout.splitlines()[-1]).read_text().startswith("<!doctype html>")
@@ -118,6 +121,8 @@ def test_a_history_is_listed_asked_and_pruned(folder: Path) -> None:
         (("nightly", "absent", "--history", "kept"), "absent"),
         (("nightly", "tumble.toml", "--engine", "absent", "--history", "kept"), "absent"),
         (("nightly", "--history", "tumble.toml"), "cannot be written"),
+        (("nightly", "tumble.toml", "--history", "kept", "--threshold", "-1"), "--threshold -1.0: must be"),
+        (("nightly", "tumble.toml", "--history", "kept", "--tolerances", "absent.toml"), "absent.toml"),
         (("history", "list", "kept"), "holds no night"),
         (("history", "query", "absent", "SELECT 1"), "holds no night"),
         (("history", "prune", "kept", "--keep", "0"), "1 or more"),

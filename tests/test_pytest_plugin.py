@@ -126,7 +126,7 @@ def test_an_engine_is_run_and_held_to_bounds(inner: pytest.Pytester) -> None:
             found.check("cpu_s", upper=1e9)
 
         def test_unmeasured_value(found):
-            assert found["orthogonality"] < 1.0
+            assert found["orthogonality_error"] < 1.0
 
         def test_wrong(found):
             found.check("orientation_error", upper=1e-12)
@@ -140,7 +140,7 @@ def test_an_engine_is_run_and_held_to_bounds(inner: pytest.Pytester) -> None:
             "E*mine | reference:rk4 | dt 0.05 s | * | orientation_error_rad <= 1e-12 | * decades beyond",
             "E*bodycheck run mine.toml --engine reference:rk4 --dt 0.05",
             "E*measured nothing: cpu_s was not measured",
-            "E*AssertionError: mine reference:rk4 dt 0.05 s: orthogonality was not measured",
+            "E*AssertionError: mine reference:rk4 dt 0.05 s: orthogonality_error was not measured",
             "E*InputError: check('orientation_error').measure: no measure is named 'orientation_error'*",
             "*= bodycheck =*",
             "passed mine reference:rk4: orientation_error_rad >= 1e-12 and <= 1e-5: 1 case; worst *",
@@ -198,8 +198,9 @@ def test_a_step_function_is_given_what_it_needs(inner: pytest.Pytester) -> None:
                 return replace(state, position=position)
 
             found = bodycheck.step(step, "mine.toml", dt_s=0.05)
-            assert [t for t, *_ in seen] == [k * 0.05 for k in range(20)]
-            assert {tuple(told) for _, *told in seen} == {(0.05, 1.0, (3, 3), (3, 3))}
+            own = [call for call in seen if call[1] == 0.05]  # the probes have steps of their own
+            assert [t for t, *_ in own] == [k * 0.05 for k in range(20)]
+            assert {tuple(told) for _, *told in own} == {(0.05, 1.0, (3, 3), (3, 3))}
             assert found["position_error_abs"] == 0.0
         """
     )

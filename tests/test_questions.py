@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from front_door import bodycheck_in
 from scenario_file import tumbling
@@ -30,15 +31,78 @@ def command(stored_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_two_equal_runs_did_not_change(command: Command) -> None:
-    """Said in one sentence, status 0, and a page where one is asked for."""
-    status, out, _ = command("compare", "run", "other", "--html", "changes.html")
+    """Said in one sentence, status 0 whatever is to fail, in Markdown and on a page where asked for."""
+    files = ("--html", "changes.html", "--markdown", "changes.md")
+    status, out, _ = command("compare", "run", "other", "--fail-on", "moved", *files)
     assert status == 0
-    assert "Nothing changed beyond round-off" in out
-    assert "Nothing changed beyond round-off" in Path("changes.html").read_text()
+    for text in (out, Path("changes.html").read_text(), Path("changes.md").read_text()):
+        assert "Nothing changed beyond round-off" in text
 
 
-def test_what_changed_is_told_and_the_status_stays_0(command: Command) -> None:
-    """It informs; it does not judge."""
+@pytest.mark.parametrize(
+    ("factor", "words", "statuses"),
+    [
+        (1.01, (), {"never": 0, "worse": 0, "moved": 1}),
+        (1.05, (), {"never": 0, "worse": 1, "moved": 1}),
+        (1.05, ("--threshold", "0.1"), {"never": 0, "worse": 0, "moved": 1}),
+        (1.05, ("--tolerances", "thresholds.toml"), {"never": 0, "worse": 0, "moved": 1}),
+        (0.5, (), {"never": 0, "worse": 0, "moved": 0}),
+    ],
+)
+def test_the_status_is_1_where_what_fails_is_found(
+    command: Command, factor: float, words: tuple[str, ...], statuses: dict[str, int]
+) -> None:
+    """--fail-on worse, moved or never; the threshold is an option, or of single measures in a file."""
+    Path("thresholds.toml").write_text(
+        '[[change]]\nmeasure = "energy_drift"\nthreshold = 0.2\nreason = "a test"\n'
+    )
+    table = pd.read_csv("other/results.csv", dtype=str, keep_default_na=False)
+    mine = (table["scenario"] == "free") & (table["method"] == "m1") & (table["dt_s"] == "0.01")
+    for name in ("energy_drift", "energy_drift_abs"):
+        table.loc[mine, name] = [repr(factor * float(cell)) for cell in table.loc[mine, name]]
+    table.to_csv("other/results.csv", index=False)
+    assert mine.any()
+    for when, wanted in statuses.items():
+        status, out, error = command("compare", "run", "other", "--fail-on", when, *words)
+        assert (status, error) == (wanted, "")
+        assert "reference" in out.splitlines()[2]
+    assert command("compare", "run", "other", *words)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--threshold", "-0.1"), "--threshold -0.1: must be 0 or more, like 0.02 for 2 %"),
+        (("--threshold", "nan"), "--threshold nan: must be 0 or more, like 0.02 for 2 %"),
+        (("--tolerances", "absent.toml"), "absent.toml: cannot be read"),
+        (("--tolerances", "wrong.toml"), "wrong.toml: change[0].measure: verdict has no threshold"),
+        (("--markdown", "absent/told.md", "--html", "made.html"), "--markdown absent/told.md"),
+    ],
+)
+def test_a_wrong_comparison_is_refused(command: Command, words: tuple[str, ...], told: str) -> None:
+    """Status 2, one line, and no file is written."""
+    Path("wrong.toml").write_text('[[change]]\nmeasure = "verdict"\nthreshold = 0.2\nreason = "r"\n')
+    status, out, error = command("compare", "run", "other", *words)
+    assert (status, out) == (2, "")
+    assert told in error
+    assert len(error.splitlines()) == 1
+    assert not list(Path().glob("made*"))
+
+
+def test_runs_that_have_nothing_in_common_do_not_pass(command: Command) -> None:
+    """Where a status is asked for: what compared nothing has shown nothing."""
+    manifest = json.loads(Path("other/manifest.json").read_text())
+    for scenario in manifest["scenarios"].values():
+        scenario["duration_s"] *= 2.0
+    Path("other/manifest.json").write_text(json.dumps(manifest))
+    for when, wanted in (("never", 0), ("worse", 1), ("moved", 1)):
+        status, out, _ = command("compare", "run", "other", "--fail-on", when)
+        assert status == wanted
+        assert "There is nothing that could be compared." in out
+
+
+def test_what_changed_is_named_and_the_status_stays_0(command: Command) -> None:
+    """Unless --fail-on says otherwise."""
     table = Path("other/results.csv")
     table.write_text(re.sub(r"(,m1,dt,0\.01,.*),ok,", r"\1,failed,", table.read_text()))
     manifest = json.loads(Path("other/manifest.json").read_text())
@@ -71,7 +135,7 @@ def test_the_markdown_says_what_failed_and_how_to_see_it_again(command: Command)
     lines = out.splitlines()
     assert status == 0
     assert len(lines) < 60
-    assert any(line.startswith("| failing:m1 in forced, and a mesh | failed in 1 case") for line in lines)
+    assert any(line.startswith("| failing:m1 | failed in 1 case") for line in lines)
     assert "--engine failing:m1 --dt 0.02" in out
     assert f"{manifest['outcomes']['ok']} ok" in out
     assert f"bodycheck {manifest['bodycheck']}; reference" in lines[-1]
@@ -182,7 +246,7 @@ WRONG = {
     ),
     "a figure of nothing": (
         [*("plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "free"), "--quantity", "x"],
-        "--quantity x: there are orientation_error_rad",
+        "--quantity x: there are energy_drift",
     ),
 }
 

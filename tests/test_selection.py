@@ -46,3 +46,27 @@ def test_times_are_a_list_of_numbers(at: Any) -> None:
     """One number, a table or a text is refused in one line."""
     with pytest.raises(bodycheck.InputError):
         bodycheck.truth("intermediate-axis", at)
+
+
+def test_variants_for_off_centre_links_run_only_there() -> None:
+    """A whole engine brings them where a link is off the centre of mass; a requested name runs everywhere."""
+    selection = select(["off-centre-link", "sphere"], ["mujoco", "reference:rk4"])
+    runs = {
+        (scenario.name, method.name)
+        for _, scenario in selection.scenarios
+        for engine, method in selection.methods
+        if engine.name == "mujoco" and selection.runs_on(scenario, engine, method)
+    }
+    assert ("off-centre-link", "euler@unaligned") in runs
+    assert ("off-centre-link", "euler") in runs
+    assert {method for scenario, method in runs if scenario == "sphere" and "@" in method} == set()
+    assert not any(method.endswith(("@welded", "@defaults")) for _, method in runs)
+    assert selection.cases_listed() == 5 * (10 + 5) + 5 * 2
+
+    requested = select(["off-centre-link", "sphere"], ["mujoco:euler@unaligned"])
+    assert [method.name for _, method in requested.methods] == ["euler@unaligned"]
+    assert all(
+        requested.runs_on(scenario, engine, method)
+        for _, scenario in requested.scenarios
+        for engine, method in requested.methods
+    )

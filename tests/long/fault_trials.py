@@ -103,7 +103,7 @@ class Trial:
 def ended(process: subprocess.Popen[str], statuses: set[int]) -> str:
     """Wait for a command and return what it said on standard error; no traceback is among it."""
     _, said = process.communicate(timeout=PATIENCE_S)
-    if process.returncode not in statuses or "Traceback" in said:
+    if process.returncode not in statuses or "Traceback" in said or "unexpected fault" in said:
         raise FaultFound(f"ended with status {process.returncode}: {said[-2000:]}")
     if not all_gone(process.pid):
         raise FaultFound(f"left workers behind: {workers_of(process.pid)}")
@@ -148,11 +148,26 @@ def kill_one_worker(trial: Trial, process: subprocess.Popen[str]) -> None:
 
 def interrupt(trial: Trial, most_lines: int) -> None:
     """Press Ctrl-C at a random moment."""
+    stop_by(signal.SIGINT, trial, most_lines)
+
+
+def terminate(trial: Trial, most_lines: int) -> None:
+    """End the run as a batch system does at the end of its time."""
+    stop_by(signal.SIGTERM, trial, most_lines)
+
+
+def hang_up(trial: Trial, most_lines: int) -> None:
+    """Close the terminal that the run was started from."""
+    stop_by(signal.SIGHUP, trial, most_lines)
+
+
+def stop_by(number: signal.Signals, trial: Trial, most_lines: int) -> None:
+    """Send a signal at a random moment; a run that is not yet imported is ended by it without a word."""
     process = trial.begin()
     trial.wait_for_a_moment(process, most_lines)
-    process.send_signal(signal.SIGINT)
-    said = ended(process, {0, 130, -signal.SIGINT, 1})
-    if process.returncode == 130 and trial.lines() and "bodycheck run --resume out" not in said:
+    process.send_signal(number)
+    said = ended(process, {0, 128 + number, -number})
+    if process.returncode == 128 + number and trial.lines() and "bodycheck run --resume out" not in said:
         raise FaultFound(f"does not say how to go on: {said}")
 
 
@@ -189,7 +204,7 @@ def lock_out(trial: Trial, most_lines: int) -> None:
         raise FaultFound(f"does not say what is wrong: {said}")
 
 
-HARMS = (fill_disk, lock_out, kill_both, kill_run, kill_workers, interrupt)
+HARMS = (fill_disk, lock_out, kill_both, kill_run, kill_workers, interrupt, terminate, hang_up)
 
 
 def go_on(trial: Trial) -> None:

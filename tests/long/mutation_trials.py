@@ -45,10 +45,13 @@ TESTS: dict[str, tuple[str, ...]] = {
     **{f"reports/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
     "reports/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),
     "reports/convergence.py": ("test_convergence_laws.py", "test_convergence.py"),
+    "reports/limits.py": ("test_limits.py",),
+    "reports/order.py": ("test_order.py",),
+    "reports/quantity_verdicts.py": ("test_state_laws.py",),
     "reports/growth.py": ("test_growth_laws.py",),
     "reports/ladder.py": ("test_convergence_laws.py", "test_convergence.py"),
     "reports/stability.py": ("test_state_laws.py",),
-    "reports/offenders.py": ("test_state_laws.py",),
+    "reports/worst_results.py": ("test_state_laws.py",),
     "reports/findings.py": ("test_state_laws.py",),
     "reports/summary.py": ("test_state_laws.py",),
     "adapters/stable_step.py": ("../adapters/test_stable_step_laws.py",),
@@ -62,11 +65,30 @@ TESTS: dict[str, tuple[str, ...]] = {
         for name in ("accuracy", "change", "circumstances", "compare", "speeds", "stable_steps", "words")
     },
     **{
+        f"reports/comparison/{name}.py": ("comparison/test_headlines.py", "comparison/test_change_laws.py")
+        for name in ("headlines", "judgements", "refinement", "release_search", "versions_paired")
+    },
+    "reports/history/accepted.py": ("history/test_judgement_laws.py",),
+    **{
         f"reports/comparison/{name}.py": ("comparison/test_one_measure_laws.py",)
         for name in ("one_measure", "page", "text")
     },
     "reports/history/levels.py": ("history/test_level_laws.py",),
     "reports/history/series.py": ("history/test_level_laws.py",),
+    "reports/history/machine_class.py": ("history/test_machine_class.py",),
+    "reports/history/nights.py": ("history/test_nights.py",),
+    **{f"reports/storage/{name}.py": ("storage/test_cache.py",) for name in ("cache", "truths")},
+    "reports/storage/answers.py": ("storage/test_answers.py",),
+    "reports/storage/journal.py": ("storage/test_journal.py",),
+    "reports/storage/sealed.py": ("storage/test_answers.py", "storage/test_cache.py"),
+    "reports/storage/reuse.py": ("../test_reuse.py",),
+    **{f"{name}.py": ("../test_reuse.py", "../test_nightly_command.py") for name in ("night", "nightly")},
+    "adapters/identity.py": ("../adapters/test_identity.py",),
+    "reference_impl/installed_libraries.py": ("../reference_impl/test_installed_libraries.py",),
+    "reference_impl/remembered_digest.py": ("../reference_impl/test_remembered_digest.py",),
+    **{f"adapters/{name}.py": ("../adapters/test_pins.py",) for name in ("environments", "pins", "uv")},
+    "adapters/releases.py": ("../test_versions.py",),
+    "version_search.py": ("../test_versions.py",),
     "reports/history/judgement.py": ("history/test_judgement_laws.py", "history/test_level_laws.py"),
 }
 """Module -> the files under tests/reports that belong to it, the quickest first."""
@@ -77,8 +99,6 @@ ONLY = {
         "faults_of",
         "summary_cell",
         "summary_cells",
-        "worst_state",
-        "is_lower",
     },
 }
 """Of these modules only these functions are meant."""
@@ -86,7 +106,7 @@ ONLY = {
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
         "reports/comparison/change.py",
-        'return "other" if before == after else "better" if after > before else "worse"',
+        'return "moved" if before == after else "improved" if after > before else "worse"',
         "after > before -> after >= before",
     ): "there the two are not equal",
     (
@@ -167,6 +187,18 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         'return (json.dumps(told, indent=1, allow_nan=False) + "\\n").encode()',
         "allow_nan=False -> nothing",
     ): "it guards what the rows already hold: no number there is infinite or none",
+    **{
+        ("adapters/environments.py", line, "'utf-8' -> 'utf-8_'"): "a name of the same encoding"
+        for line in (
+            'within.write_text("\\n".join(constraints), encoding="utf-8")',
+            'without.write_text(_NEVER, encoding="utf-8")',
+        )
+    },
+    (
+        "adapters/environments.py",
+        'within, without = environment / "constraints.txt", environment / "overrides.txt"',
+        "'overrides.txt' -> 'overrides.txt_'",
+    ): "uv is given the name of the file, whatever it is",
 }
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 
@@ -189,6 +221,11 @@ _HEAVY = (
     "scipy.special",
     "bodycheck.reference_impl.truth",
     "bodycheck.scenarios.reader",
+)
+
+_FORGOTTEN = (
+    "bodycheck.reference_impl.installed_libraries",
+    "bodycheck.reference_impl.remembered_digest",
 )
 
 _OTHER: dict[type[ast.AST], tuple[Any, ...]] = {
@@ -287,6 +324,10 @@ def copied(place: Path) -> Path:
     # what no mutant changes is imported once, and inherited by the processes of the trials
     for heavy in _HEAVY:
         importlib.import_module(heavy)
+    for name in _FORGOTTEN:  # these were needed to find the kernels, and are mutated themselves
+        package, _, module = name.rpartition(".")
+        del sys.modules[name]
+        delattr(sys.modules[package], module)
     assert Path(sys.modules["bodycheck"].__file__ or "").is_relative_to(place)
     assert not any(name.startswith(("bodycheck.reports", "bodycheck.adapters")) for name in sys.modules)
     return place

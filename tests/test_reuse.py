@@ -1,0 +1,179 @@
+"""What of earlier runs a command uses: nothing, truths, answers of installed engines, or all answers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from scenario_file import SCENARIO
+from shaky_engine import build_library, needs_a_compiler, write_shaky
+from typer.testing import CliRunner
+
+import bodycheck
+from bodycheck import cli, pytest_fixtures, runner
+from bodycheck.adapters import registry
+from bodycheck.manner import Manner
+from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.comparison.text import print_comparison
+from bodycheck.reports.run import Run
+from bodycheck.reports.stored import read_tables
+from bodycheck.selection import Selection
+
+GATE = """
+[[gate]]
+scenario = "mine"
+engine = "reference"
+method = "m1"
+measure = "energy_drift"
+upper = 1.0
+reason = "r"
+"""
+RUN = ["run", "mine.toml", "--engine", "reference:m1", "--no-speed"]
+HELD = ["gate", "mine.toml", "--tolerances", "gates.toml"]
+NIGHT = ["nightly", "mine.toml", "--engine", "reference:m1", "--no-speed", "--history", "kept"]
+COMMANDS = [
+    (RUN, "installed"),
+    ([*RUN, "--fresh"], "nothing"),
+    ([*RUN, "--reuse"], "everything"),
+    (HELD, "truths"),
+    ([*HELD, "--fresh"], "nothing"),
+    ([*HELD, "--reuse"], "everything"),
+    (NIGHT, "nothing"),
+]
+
+
+class ManagedError(Exception):
+    """Ends a command where its run would begin, with the manner of it."""
+
+    def __init__(self, manner: Manner) -> None:
+        super().__init__(manner.reuse)
+        self.manner = manner
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Go into a folder with a scenario and gates."""
+    (tmp_path / "mine.toml").write_text(SCENARIO)
+    (tmp_path / "gates.toml").write_text(GATE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def ended(_: object, manner: Manner, *__: object, **___: object) -> None:
+        raise ManagedError(manner)
+
+    def nothing(*_: object, **__: object) -> Selection:
+        return Selection((), (), {}, None, None)
+
+    for module in ("stored_run", "gate_run", "night", "runner"):
+        monkeypatch.setattr(f"bodycheck.{module}.run_selection", ended)
+    for module in ("stored_run", "gate_run", "runner"):
+        monkeypatch.setattr(f"bodycheck.{module}.select", nothing)  # no worker is started for this
+
+
+@pytest.mark.usefixtures("folder", "_no_run")
+@pytest.mark.parametrize(("words", "reuse"), COMMANDS, ids=lambda part: " ".join(part[:1] + part[-1:]))
+def test_a_command_uses_what_its_purpose_allows(words: list[str], reuse: str) -> None:
+    """A gate and a nightly run measure what is there now; a run may use answers of the same build."""
+    done = CliRunner().invoke(cli.app, words)
+    assert isinstance(done.exception, ManagedError), done.output
+    assert str(done.exception) == reuse
+
+
+@pytest.mark.usefixtures("folder", "_no_run")
+def test_a_nightly_run_times_all_cases_in_ten_passes() -> None:
+    """One undisturbed pass is enough; a run by itself makes one."""
+    passes = [CliRunner().invoke(cli.app, words).exception.manner.speed_passes for words in (NIGHT, RUN)]
+    assert passes == [10, 1]
+
+
+@pytest.mark.usefixtures("folder", "_no_run")
+@pytest.mark.parametrize(("fresh", "reuse"), [(None, "installed"), (True, "nothing"), (False, "everything")])
+def test_a_run_from_python_uses_the_same(fresh: bool | None, reuse: str) -> None:
+    """fresh stands for --fresh where it is True, and for --reuse where it is False."""
+    with pytest.raises(ManagedError, match=f"^{reuse}$"):
+        runner.run(["mine.toml"], engines=["reference:m1"], fresh=fresh)
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("asked", "reuse"), [(False, "truths"), (True, "everything")])
+def test_gates_in_tests_are_held_by_what_is_there_now(
+    asked: bool, reuse: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fixture does as the command does, and --bodycheck-reuse as its --reuse."""
+    told = {
+        "--bodycheck-tolerances": "gates.toml",
+        "--bodycheck-suite": "mine.toml",
+        "--bodycheck-reuse": asked,
+    }
+    params: list[Any] = []
+    metafunc = SimpleNamespace(
+        config=SimpleNamespace(getoption=told.get),
+        definition=SimpleNamespace(nodeid="t"),
+        parametrize=lambda _name, values, **_: params.extend(values),
+    )
+    pytest_fixtures.parametrize_gates(metafunc)  # type: ignore[arg-type]
+
+    def ended(_gates: object, _scenarios: object, manner: Manner, _watching: object) -> None:
+        raise ManagedError(manner)
+
+    monkeypatch.setattr(pytest_fixtures, "run_for_gates", ended)
+    (gate,) = params
+    with pytest.raises(ManagedError, match=f"^{reuse}$"):
+        gate.within(SimpleNamespace(node=SimpleNamespace(user_properties=[]))).check()
+
+
+@pytest.mark.slow
+@needs_a_compiler
+def test_an_engine_that_was_rebuilt_is_run_again_and_named_first(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Under the same version, with other numbers: no answer of the old build is taken for the new one's."""
+    site = folder / "site"
+    write_shaky(site)
+    monkeypatch.syspath_prepend(str(site))
+    monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(folder / "cache"))
+    monkeypatch.setenv("BODYCHECK_KERNELS_FOR_NOW", str(_kernels()))
+    registry._plugged_in.cache_clear()
+
+    def measured(name: str, **options: Any) -> Run:
+        found = bodycheck.run(
+            ["mine.toml"], engines=["shaky"], dt_s=[0.1, 0.05], speed=False, jobs=1, **options
+        )
+        bodycheck.write_run(found, folder / name)
+        return found
+
+    try:
+        first, again = measured("a", fresh=False), measured("b", fresh=False)
+        unasked = measured("c")
+        build_library(site, 1.0 + 1e-6)
+        rebuilt = measured("d", fresh=False)
+    finally:
+        registry._plugged_in.cache_clear()
+    runs = (first, again, unasked, rebuilt)
+    assert [run.results["reused"].tolist() for run in runs] == [[False] * 2, [True] * 2, *[[False] * 2] * 2]
+    builds = [run.results["build"].unique().tolist() for run in runs]
+    assert builds[0] == builds[1] == builds[2] != builds[3]
+    errors = [run.results["omega_error"].tolist() for run in runs]
+    assert errors[0] == errors[1] == errors[2]
+    assert all(new != old for new, old in zip(errors[3], errors[0], strict=True))
+    before, after = read_tables(folder / "a"), read_tables(folder / "d")
+    told = f"build of shaky 1.0: {builds[0][0]} -> {builds[3][0]} (adapter)"
+    assert compare(before, after).circumstances == (told,)
+    assert compare(before, read_tables(folder / "c")).circumstances == ()
+    print_comparison(compare(before, after))
+    assert capsys.readouterr().out.splitlines()[2] == f"Different circumstances: {told}."
+    assert rebuilt.manifest["engines"]["shaky"]["builds"] == builds[3]
+    assert rebuilt.manifest["engines"]["shaky"]["build"]["id"].startswith(builds[3][0])
+    assert after.results["reused"].tolist() == [False, False]
+
+
+def _kernels() -> Path:
+    """Return the folder of the kernels that are compiled: a cache of its own need not have them anew."""
+    from bodycheck.reference_impl.cache_home import cache_directory
+
+    return cache_directory()
