@@ -32,7 +32,7 @@ from bodycheck.reports.storage.journal import Journal
 from bodycheck.reports.storage.reuse import reuse_of
 from bodycheck.reports.storage.truths import is_known, known_truth
 from bodycheck.reports.study import Study, study
-from bodycheck.reports.subject import ENDS, Subject
+from bodycheck.reports.subject import Subject
 from bodycheck.reports.tables import (
     METHOD_COLUMNS,
     PROBE_COLUMNS,
@@ -245,7 +245,7 @@ def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False
     known = np.isfinite(solved.bounds).all(axis=0)
     if not known.all():
         first = float(times[~known].min())
-        raise InputError(f"{scenario}: the truth ends before t = {first!r} s: {ENDS}")
+        raise InputError(f"{scenario}: the truth ends before t = {first!r} s: {solved.end_reason}")
     return solved
 
 

@@ -32,7 +32,10 @@ def chosen_run(
     own_code = any(scenario.scene.has_black_box for _, scenario in loaded)
     for newest, manifest in [] if own_code else _newest_first():
         if wanted.items() <= manifest["scenarios"].items():
-            return newest, read_tables(newest), list(wanted or manifest["scenarios"])
+            try:
+                return newest, read_tables(newest), list(wanted or manifest["scenarios"])
+            except InputError as error:
+                _warn_left_out(error)
     scenarios = list(asked) or ["standard"]
     print(f"no run in {RUNS}/ can tell: running {' '.join(scenarios)}", file=sys.stderr)
     _, report = run_to_folder(Asked(scenarios=scenarios, allow_code=allow_code), None, LiveProgress)
@@ -52,11 +55,15 @@ def _named(folder: Path, asked: Sequence[str], *, allow_code: bool) -> tuple[Pat
 
 
 def _newest_first() -> list[tuple[Path, dict[str, Any]]]:
-    """Return the folders of complete runs that --out was not given for, with their manifests."""
+    """Return the folders and manifests of complete runs in bodycheck-runs/; warn about damaged ones."""
     found = []
     for path in RUNS.glob("*/manifest.json"):
         try:
             found.append((path.parent, read_manifest(path.parent)))
         except InputError as error:
-            raise InputError(f"{error}; name another run with --run") from None
+            _warn_left_out(error)
     return sorted(found, key=lambda run: (run[1]["created"], run[0]), reverse=True)
+
+
+def _warn_left_out(error: InputError) -> None:
+    print(f"warning: a damaged run is left out: {error}", file=sys.stderr)

@@ -53,6 +53,13 @@ class Truth:
         return np.array([getattr(self, f"bound_{quantity}") for quantity in QUANTITIES])
 
     @property
+    def end_reason(self) -> str:
+        """Why samples beyond trusted_until_s are compared with nothing."""
+        if np.isfinite(self.bounds).all():
+            return "the motion is chaotic"
+        return "neighbours of the start leave all bounds, as where a load is not smooth"
+
+    @property
     def round_offs(self) -> Array:
         """(6, n): likewise."""
         return np.array([getattr(self, f"round_off_{quantity}") for quantity in QUANTITIES])

@@ -191,5 +191,6 @@ def _note(subject: Subject, plan: StepPlan | None, said: str) -> str:
     if plan is not None and plan.straddled:
         notes.append(f"{SWITCH_NOTE}: {plan.straddled}; such a step carries the mean of what acts in it")
     if subject.compared < len(subject.truth.trajectory.t_s):
-        notes.append(f"chaotic: compared until t = {subject.times[-1]:.6g} s, where the truth ends")
+        until = f"t = {subject.times[-1]:.6g} s"
+        notes.append(f"compared until {until}, where the truth ends: {subject.truth.end_reason}")
     return "; ".join(notes)

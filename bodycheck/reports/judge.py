@@ -33,7 +33,7 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | Non
     truth = known_truth(scene, t_s, cache)
     trusted = t_s < truth.trusted_until_s
     if not trusted[0]:
-        raise InputError(f"{path}: the motion is chaotic, and the truth ends before the first of t_s")
+        raise InputError(f"{path}: the truth ends before the first of t_s: {truth.end_reason}")
     columns: dict[str, Any] = {
         "scenario": scenario.name,
         "outcome": "ok",
@@ -48,7 +48,7 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | Non
         return {**columns, "outcome": "unstable", "message": motion}
     if not trusted.all():
         until = f"t = {truth.trusted_until_s:.6g} s"
-        columns["message"] = f"chaotic: compared until {until}, where the truth ends"
+        columns["message"] = f"compared until {until}, where the truth ends: {truth.end_reason}"
     had = _quantities(arrays)
     kept = [one for one in invariants_of(scene) if one.needs <= had]
     compared = Compared(

@@ -21,9 +21,6 @@ from bodycheck.reports.storage.cache import Cache
 from bodycheck.reports.storage.truths import known_truth
 from bodycheck.scenarios.model import Scenario
 
-ENDS = "neighbours of the start leave all bounds, as where a load is not smooth"
-"""Why a truth ends whose bounds are not finite."""
-
 
 @dataclass(frozen=True, eq=False)
 class Subject:
@@ -56,8 +53,9 @@ class Subject:
             raise InputError(f"{asked_as}: its energy or momentum is beyond the range of double precision")
         compared = int(np.count_nonzero(truth.trajectory.t_s < truth.trusted_until_s))
         if compared < 2:
-            why = "the motion is chaotic" if np.isfinite(truth.bounds).all() else ENDS
-            raise InputError(f"{asked_as}: {why}, and lost before the second sample: take more samples")
+            raise InputError(
+                f"{asked_as}: the truth ends before the second sample, take more samples: {truth.end_reason}"
+            )
         return cls(scenario, truth, Motion.of(scene, truth.trajectory), scales, str(asked_as), compared)
 
     @property

@@ -126,9 +126,12 @@ def as_table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.
     for row in rows:
         if unknown := row.keys() - set(columns):
             raise ValueError(f"no column is named {', '.join(sorted(unknown))}")
-    return pd.DataFrame(
-        {column: pd.Series([row.get(column) for row in rows], dtype=_dtype(column)) for column in columns}
-    )
+    return pd.DataFrame({column: pd.Series(_cells(rows, column), dtype=_dtype(column)) for column in columns})
+
+
+def _cells(rows: list[Mapping[str, Any]], column: str) -> list[Any]:
+    """Return the cells of a column; a row without a yes or no means no."""
+    return [row.get(column, False if column in _YES_OR_NO else None) for row in rows]
 
 
 def no_probes() -> pd.DataFrame:
@@ -141,7 +144,7 @@ def _dtype(column: str) -> str | None:
     if column in _WHOLE_NUMBERS:
         return "Int64"
     if column in _YES_OR_NO:
-        return "boolean"
+        return "bool"
     return None if column in _TEXTS else "float64"
 
 

@@ -114,7 +114,7 @@ rest_length_m = 0.5
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("x", "why"), [("1.5", "at its anchor"), ("0.0", "lost before the second sample")])
+@pytest.mark.parametrize(("x", "why"), [("1.5", "at its anchor"), ("0.0", "ends before the second sample")])
 def test_a_run_without_a_truth_is_refused(x: str, why: str, tmp_path: Path) -> None:
     """A run whose truth ends within it is wrong input that says why; so is the truth beyond its end."""
     path = tmp_path / "through.toml"

@@ -116,7 +116,7 @@ def test_a_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> No
     last = subject.truth.trajectory.t_s[subject.compared - 1]
     assert last < until <= subject.truth.trajectory.t_s[subject.compared]
     assert (run.results["compared_until_s"] == last).all()
-    assert run.results["message"].str.contains(f"chaotic: compared until t = {last:.6g} s").all()
+    assert run.results["message"].str.contains(f"compared until t = {last:.6g} s").all()
     (bound,) = run.results["truth_bound_rad"].unique()
     assert bound < 1e-10
     assert f"bound {number(bound, 2)} rad, " in dict(scenario_facts(subject))["Truth"]

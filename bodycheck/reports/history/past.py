@@ -28,7 +28,7 @@ _FORMER_COUNTS = {"improved": "better", "moved": "other"}
 
 @dataclass(frozen=True, eq=False)
 class Night:
-    """A night of the past: where it is, what it found, and what was told of it."""
+    """An earlier nightly run: its folder, its tables, and what was reported about it."""
 
     folder: Path
     manifest: dict[str, Any]

@@ -52,7 +52,8 @@ def parse_obj(file: BufferedIOBase) -> tuple[Array, Triangles]:
                 corners.extend(face)
     for line, corner in ahead:
         if 3 * corner >= len(vertices):
-            raise ValueError(f"line {line}: corner {corner + 1} is none of the {len(vertices) // 3} vertices")
+            known = len(vertices) // 3
+            raise ValueError(f"line {line}: corner {corner + 1} is not one of the {known} vertices")
     return points(vertices), fans(np.asarray(lengths), np.asarray(corners))
 
 
@@ -66,5 +67,5 @@ def _corner(word: str, line: int, before: int) -> int:
     """Return the vertex, counted from 0, of a face's corner, with `before` vertices before its line."""
     number = integer(word.partition("/")[0], line)
     if number == 0 or number < -before:
-        raise ValueError(f"line {line}: corner {number} is none of the {before} vertices before it")
+        raise ValueError(f"line {line}: corner {number} is not one of the {before} vertices before it")
     return number - 1 if number > 0 else before + number
