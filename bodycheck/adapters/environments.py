@@ -21,7 +21,7 @@ from bodycheck.errors import UnavailableError
 from bodycheck.reference_impl.cache_home import cache_home
 from bodycheck.reference_impl.remembered_digest import files_below
 
-_NEEDED = ("numpy", "numba")
+_NEEDED = ("numpy", "numba", "pydantic")
 """What the worker imports; where the engine allows it, in the versions that are here."""
 _FACTS = "bodycheck.json"
 """In an environment: what it was made for, and from where."""

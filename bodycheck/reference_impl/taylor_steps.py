@@ -190,6 +190,13 @@ def next_time(t: float, step: float, end: float) -> float:
 
 
 @kernel
+def _halved(t: float, after: float, end: float) -> float:
+    """The time halfway to after, or t itself where no double lies between."""
+    shorter = next_time(t, 0.5 * (after - t), end)
+    return shorter if shorter < after else t
+
+
+@kernel
 def _change(series: Numbers, i: int, order: int, h: float) -> Any:
     """series_i(h) - series_i(0) by Horner's rule."""
     total = term(series, i, order)
@@ -286,10 +293,10 @@ def integrate(
         after = next_time(t, step, end)
         if springs is not None:
             while after > t and passes_anchor(high, springs, rows[1], after - t):
-                after = next_time(t, 0.5 * (after - t), end)
+                after = _halved(t, after, end)
         if torsion is not None:
             while after > t and passes_half_turn(high, rows[2], after - t):
-                after = next_time(t, 0.5 * (after - t), end)
+                after = _halved(t, after, end)
         if not after > t:
             for i in range(last):  # beyond it, the centre of mass is followed apart
                 state[0][i] = math.nan

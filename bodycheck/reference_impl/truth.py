@@ -66,8 +66,9 @@ def _check_finite(motion: Trajectory, lost: str = "") -> None:
     parts = (motion.position_m, motion.velocity_m_s, motion.attitude, motion.omega_body)
     finite = np.all([np.isfinite(part).all(axis=-1) for part in parts], axis=0)
     if not finite.all():
-        first = float(motion.t_s[np.argmin(finite)])
-        before = float(motion.t_s[max(int(np.argmin(finite)) - 1, 0)])
+        lost_at = int(np.argmin(finite))
+        first = float(motion.t_s[lost_at])
+        before = float(motion.t_s[lost_at - 1]) if lost_at else 0.0
         why = f"{lost} (after t = {before!r} s)" if lost else "it leaves the range of double precision"
         raise ValueError(f"there is no truth at t = {first!r} s: {why}")
 

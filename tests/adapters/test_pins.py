@@ -173,14 +173,14 @@ def test_an_environment_is_made_once(fake: FakeUv) -> None:
 
 
 def test_uv_is_asked_for_wheels_of_the_release_alone(fake: FakeUv) -> None:
-    """For this Python, built nowhere, with numpy and numba, and never with a bodycheck of a registry's."""
+    """For this Python, built nowhere, with what the worker imports, and no bodycheck of a registry's."""
     python = environments.python_of(PIN)
     venv, install = fake.commands
     assert venv[:3] == ("venv", "--python", sys.executable)
     assert install[:3] == ("pip", "install", "--python")
     assert Path(install[3]).parts[-2:] == ("bin", "python")
     assert "--no-build" in install
-    assert install[-3:] == ("mujoco==3.6.0", "numpy", "numba")
+    assert install[-4:] == ("mujoco==3.6.0", "numpy", "numba", "pydantic")
     overrides = python.parents[1] / Path(install[install.index("--override") + 1]).name
     assert overrides.read_text() == "bodycheck ; python_version < '0'\n"
 

@@ -12,6 +12,9 @@ _IDLE = ("summary", "source", "tags", "steps_s")  # keys of a scenario that do n
 
 _Manifest = Mapping[str, Any]
 
+BUILD_OF = "build of"
+"""How the circumstance begins that an engine was rebuilt under the same version."""
+
 
 def same_machine(before: _Manifest, after: _Manifest) -> bool:
     """Whether times in seconds can be compared."""
@@ -34,7 +37,7 @@ def rebuilt(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
     old, new = before.get("engines", {}), after.get("engines", {})
     both = [(name, old[name], new[name]) for name in new if name in old]
     return tuple(
-        f"build of {name} {b['version']}: {_ids(a)} -> {_ids(b)}{_differing(a, b)}"
+        f"{BUILD_OF} {name} {b['version']}: {_ids(a)} -> {_ids(b)}{_differing(a, b)}"
         for name, a, b in both
         if "build" in a and "build" in b and a["version"] == b["version"] and _ids(a) != _ids(b)
     )

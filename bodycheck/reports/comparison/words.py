@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from bodycheck.reports.comparison.change import Change, Kind, Status
+from bodycheck.reports.comparison.circumstances import BUILD_OF
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.headlines import headlines, moved_text
 from bodycheck.reports.stored import Tables
@@ -118,15 +119,20 @@ def identity(tables: Tables) -> str:
 
 
 def sentences(comparison: Comparison) -> list[str]:
-    """Return what changed, one sentence per engine, then how much was compared, under what circumstances."""
+    """Return what changed, one sentence per engine, then how much was compared, under what circumstances.
+
+    Another build under the same version comes first: no version explains what changed.
+    """
     found = headlines(comparison) or [_nothing(comparison)]
     if collapsed := _collapsed(comparison):
         found.append(collapsed)
-    found.append(
-        f"Different circumstances: {'; '.join(comparison.circumstances)}."
-        if comparison.circumstances
-        else "The same machine, versions and settings."
-    )
+    if not comparison.circumstances:
+        found.append("The same machine, versions and settings.")
+    else:
+        rebuilt = any(one.startswith(BUILD_OF) for one in comparison.circumstances)
+        found.insert(
+            0 if rebuilt else len(found), f"Different circumstances: {'; '.join(comparison.circumstances)}."
+        )
     if comparison.redefined:
         found.append(f"Not compared, as the name means another scenario: {names(comparison.redefined)}.")
     came, went = (
