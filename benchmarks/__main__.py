@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from bodycheck.carry_out import carry_out
-from bodycheck.errors import InputError, StoppedError
+from bodycheck._util.errors import InputError, StoppedError
+from bodycheck.cli._app import carry_out
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -31,7 +31,7 @@ def benchmarks(
     if quick and out.resolve() == Path(__file__).resolve().parent:
         raise InputError(f"--quick: {out} is for what was measured in full; name another folder by --out")
     try:
-        from bodycheck.reports.whole_file import check_folder
+        from bodycheck._util.files import check_folder
 
         check_folder(f"--out {out}", out)  # before minutes of measuring, which would be lost
         from benchmarks.effort import FULL, QUICK

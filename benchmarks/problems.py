@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import (
     Drag,
@@ -21,7 +20,8 @@ from bodycheck.reference_impl.scene import (
     State,
     Torque,
 )
-from bodycheck.reference_impl.truth import certified_truth
+from bodycheck.reference_impl.truth.certification import certified_truth
+from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.scenarios.library import load_scenario
 
 _SAMPLES = 101

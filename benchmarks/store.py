@@ -14,8 +14,8 @@ from benchmarks.machine import machine
 from benchmarks.picture import PICTURE, work_precision_picture
 from benchmarks.suite import Measurements
 from benchmarks.timing import Spread
-from bodycheck.errors import InputError
-from bodycheck.reports.whole_file import write_whole
+from bodycheck._util.errors import InputError
+from bodycheck._util.files import write_whole
 
 RESULTS, POINTS, MACHINE = "results.csv", "work-precision.csv", "machine.json"
 

@@ -9,12 +9,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bodycheck._util.errors import BodycheckError, InputError, UnavailableError
     from bodycheck.adapters.registry import register_adapter
     from bodycheck.adapters.step_function import StepState
-    from bodycheck.errors import BodycheckError, InputError, UnavailableError
-    from bodycheck.reports.run import Run
-    from bodycheck.reports.store import write_run
-    from bodycheck.runner import judge, run, truth
+    from bodycheck.reports.run_files.writer import write_run
+    from bodycheck.reports.summary.run_tables import Run
+    from bodycheck.runs.runner import judge, run, truth
     from bodycheck.scenarios.library import load_scenario
 
 __all__ = [
@@ -32,17 +32,17 @@ __all__ = [
 ]
 
 _HOMES = {
-    "BodycheckError": "bodycheck.errors",
-    "InputError": "bodycheck.errors",
-    "Run": "bodycheck.reports.run",
+    "BodycheckError": "bodycheck._util.errors",
+    "InputError": "bodycheck._util.errors",
+    "Run": "bodycheck.reports.summary.run_tables",
     "StepState": "bodycheck.adapters.step_function",
-    "UnavailableError": "bodycheck.errors",
-    "judge": "bodycheck.runner",
+    "UnavailableError": "bodycheck._util.errors",
+    "judge": "bodycheck.runs.runner",
     "load_scenario": "bodycheck.scenarios.library",
     "register_adapter": "bodycheck.adapters.registry",
-    "run": "bodycheck.runner",
-    "truth": "bodycheck.runner",
-    "write_run": "bodycheck.reports.store",
+    "run": "bodycheck.runs.runner",
+    "truth": "bodycheck.runs.runner",
+    "write_run": "bodycheck.reports.run_files.writer",
 }
 
 

@@ -15,8 +15,7 @@ from front_door import bodycheck_in
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodycheck.outside import LONGEST_LINE, doing, printable, printable_lines
-from bodycheck.shell_words import joined, parted
+from bodycheck._util.untrusted import LONGEST_LINE, doing, joined, parted, printable, printable_lines
 
 
 @pytest.fixture
@@ -50,7 +49,7 @@ def test_unexpected_exception_is_one_line_and_status_70(
         with doing("reading suites.json"):
             raise UNEXPECTED[words]()
 
-    monkeypatch.setattr("bodycheck.reports.catalogue.print_catalogue", broken)
+    monkeypatch.setattr("bodycheck.reports.summary.catalogue.print_catalogue", broken)
     done = bodycheck_in(tmp_path, "list", "suites")
     assert done.returncode == 70
     (line,) = done.stderr.splitlines()

@@ -20,8 +20,8 @@ from scenario_file import SCENARIO
 import bodycheck
 from bodycheck.__main__ import main as bodycheck_main
 from bodycheck.adapters import registry
-from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
-from bodycheck.selection import select
+from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS
+from bodycheck.runs.selection import select
 
 CALLED = (
     SCENARIO
@@ -50,7 +50,7 @@ def test_an_interrupt_while_the_command_is_imported_is_one_line(
         def __getattr__(self, name: str) -> object:
             raise KeyboardInterrupt
 
-    monkeypatch.setitem(sys.modules, "bodycheck.cli", Interrupted("bodycheck.cli"))
+    monkeypatch.setitem(sys.modules, "bodycheck.cli.main", Interrupted("bodycheck.cli.main"))
     with pytest.raises(SystemExit) as ended:
         bodycheck_main()
     assert ended.value.code == 130

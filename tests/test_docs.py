@@ -20,10 +20,10 @@ import yaml
 from doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, text_of
 
 import bodycheck
-from bodycheck.cli import app
-from bodycheck.reports.comparison.thresholds import THRESHOLD
+from bodycheck.cli.main import app
+from bodycheck.reports.comparison.change import THRESHOLD
 from bodycheck.reports.gates.gate import read_gates, read_thresholds
-from bodycheck.reports.trajectory_files import trajectory_table
+from bodycheck.reports.run_files.trajectory_files import trajectory_table
 from bodycheck.scenarios.reader import parse_members
 
 NOT_RUN = {

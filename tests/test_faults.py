@@ -19,7 +19,7 @@ from scenario_file import MEASURED_ANEW, SCENARIO
 import bodycheck
 from bodycheck.adapters import registry
 from bodycheck.adapters.registry import register_adapter
-from bodycheck.reports.run import Run
+from bodycheck.reports.summary.run_tables import Run
 
 TIMEOUT_S = 4.0
 
@@ -205,7 +205,7 @@ def test_an_engine_that_cannot_be_imported_is_said_so_in_one_line(
     (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: ghost\nVersion: 1.0\n")
     (facts / "entry_points.txt").write_text("[bodycheck.adapters]\nghost = ghost:Ghost\n")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("bodycheck.adapters.worker_process._START_S", 3.0 if kind == "hang" else 60.0)
+    monkeypatch.setattr("bodycheck.adapters.workers.worker_process._START_S", 3.0 if kind == "hang" else 60.0)
     registry._plugged_in.cache_clear()
     try:
         with pytest.raises(bodycheck.InputError) as refused:

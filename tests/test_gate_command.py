@@ -14,14 +14,14 @@ import pytest
 from scenario_file import tumbling
 from typer.testing import CliRunner, Result
 
-from bodycheck import cli, gate_run
-from bodycheck.errors import InputError
-from bodycheck.manner import Manner
-from bodycheck.progress import SILENCE
-from bodycheck.reports.gates.files import as_json, as_junit
+from bodycheck._util.errors import InputError
+from bodycheck.cli.main import main as cli
 from bodycheck.reports.gates.gate import parse_gates
+from bodycheck.reports.gates.gate_output import as_json, as_junit
 from bodycheck.reports.gates.verdict import held
-from bodycheck.selection import Selection
+from bodycheck.runs import gate_run
+from bodycheck.runs.run_options import SILENCE, Manner
+from bodycheck.runs.selection import Selection
 
 SCENARIO = tumbling(steps_s=[0.05, 0.02])
 KEPT = """

@@ -73,7 +73,7 @@ def test_the_rooms_are_linked_at_the_top_level() -> None:
 HEAVY = ("numba", "numpy", "pandas", "scipy", "jinja2", "mujoco", "pybullet", "dartpy", "pydantic")
 
 
-@pytest.mark.parametrize("what", ["import bodycheck", "import bodycheck.cli"])
+@pytest.mark.parametrize("what", ["import bodycheck", "import bodycheck.cli.main"])
 def test_heavy_imports_happen_late(what: str) -> None:
     """Neither the package nor its command line imports anything heavy until it is needed."""
     code = f"{what}\nimport sys\nprint([name for name in {HEAVY!r} if name in sys.modules])"
@@ -84,7 +84,7 @@ def test_heavy_imports_happen_late(what: str) -> None:
 def test_a_run_starts_without_numba() -> None:
     """What a run imports before it finds that something is missing has no compiler in it."""
     code = (
-        "import bodycheck.stored_run, bodycheck.reports.live_progress, bodycheck.reports.terminal, sys\n"
+        "import bodycheck.runs.directory, bodycheck.reports.render.progress, bodycheck.reports.render.terminal, sys\n"
         "assert 'pydantic' in sys.modules\nprint('numba' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

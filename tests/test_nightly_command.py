@@ -16,10 +16,10 @@ from registered import registered
 from scenario_file import SCENARIO
 from typer.testing import CliRunner, Result
 
-from bodycheck import cli
+from bodycheck._util.errors import InputError, StoppedError
 from bodycheck.adapters.contract import Method, Reading, Simulation
 from bodycheck.adapters.reference import Reference
-from bodycheck.errors import InputError, StoppedError
+from bodycheck.cli.main import main as cli
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
 
@@ -143,7 +143,7 @@ def test_a_night_that_is_stopped_stores_nothing(folder: Path, monkeypatch: pytes
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bodycheck.runner.compile_kernels", stopped)
+    monkeypatch.setattr("bodycheck.runs.runner.compile_kernels", stopped)
     done = night()
     assert isinstance(done.exception, StoppedError)
     assert str(done.exception) == "stopped; nothing was stored"

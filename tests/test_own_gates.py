@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck.gate_run import run_for_gates
-from bodycheck.manner import Manner
-from bodycheck.progress import SILENCE
 from bodycheck.reports.gates.gate import read_gates
 from bodycheck.reports.gates.verdict import held
+from bodycheck.runs.gate_run import run_for_gates
+from bodycheck.runs.run_options import SILENCE, Manner
 from bodycheck.scenarios.library import suites
 
 ROOT = Path(__file__).parents[1]

@@ -52,7 +52,7 @@ def rk4(state, dt):
 @pytest.fixture(scope="module")
 def imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Import all that a run imports: pytester forgets what an inner session did, and numpy loads but once."""
-    from bodycheck.pytest_fixtures import Bench
+    from bodycheck.pytest_plugin.fixtures import Bench
 
     scenario = tmp_path_factory.mktemp("imported") / "mine.toml"
     scenario.write_text(SCENARIO)

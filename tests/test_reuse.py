@@ -12,14 +12,16 @@ from shaky_engine import build_library, needs_a_compiler, write_shaky
 from typer.testing import CliRunner
 
 import bodycheck
-from bodycheck import cli, pytest_fixtures, runner
 from bodycheck.adapters import registry
-from bodycheck.manner import Manner
+from bodycheck.cli.main import main as cli
+from bodycheck.pytest_plugin import fixtures
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.comparison.text import print_comparison
-from bodycheck.reports.run import Run
-from bodycheck.reports.stored import read_tables
-from bodycheck.selection import Selection
+from bodycheck.reports.comparison.comparison_output import print_comparison
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.summary.run_tables import Run
+from bodycheck.runs import runner
+from bodycheck.runs.run_options import Manner
+from bodycheck.runs.selection import Selection
 
 GATE = """
 [[gate]]
@@ -116,12 +118,12 @@ def test_gates_in_tests_are_held_by_what_is_there_now(
         definition=SimpleNamespace(nodeid="t"),
         parametrize=lambda _name, values, **_: params.extend(values),
     )
-    pytest_fixtures.parametrize_gates(metafunc)  # type: ignore[arg-type]
+    fixtures.parametrize_gates(metafunc)  # type: ignore[arg-type]
 
     def ended(_gates: object, _scenarios: object, manner: Manner, _watching: object) -> None:
         raise ManagedError(manner)
 
-    monkeypatch.setattr(pytest_fixtures, "run_for_gates", ended)
+    monkeypatch.setattr(fixtures, "run_for_gates", ended)
     (gate,) = params
     with pytest.raises(ManagedError, match=f"^{reuse}$"):
         gate.within(SimpleNamespace(node=SimpleNamespace(user_properties=[]))).check()
@@ -174,6 +176,6 @@ def test_an_engine_that_was_rebuilt_is_run_again_and_named_first(
 
 def _kernels() -> Path:
     """Return the folder of the kernels that are compiled: a cache of its own need not have them anew."""
-    from bodycheck.reference_impl.cache_home import cache_directory
+    from bodycheck._util.cache_dir import cache_directory
 
     return cache_directory()

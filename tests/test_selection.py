@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bodycheck
-from bodycheck.selection import select
+from bodycheck.runs.selection import select
 
 
 def test_steps_and_tolerances_may_be_an_array() -> None:

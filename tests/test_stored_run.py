@@ -20,8 +20,8 @@ from processes import all_gone, workers_of
 from scenario_file import MEASURED_ANEW, SCENARIO
 from typer.testing import CliRunner
 
-from bodycheck import cli
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
+from bodycheck.cli.main import main as cli
 
 HELPERS = Path(__file__).parent / "helpers"
 PATIENCE_S = 600.0

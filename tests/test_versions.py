@@ -12,10 +12,11 @@ from front_door import bodycheck_in
 from toy_releases import write_needed, write_toy, write_wheel
 
 import bodycheck
-from bodycheck.adapters import environments, registry, uv
-from bodycheck.adapters.releases import releases
-from bodycheck.errors import InputError, UnavailableError
-from bodycheck.reports.comparison.one_measure import under_one_name
+from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck.adapters import registry
+from bodycheck.adapters.versions import environments, uv
+from bodycheck.adapters.versions.uv import releases
+from bodycheck.reports.comparison.measure_track import under_one_name
 
 STEPS = [2e-2, 1e-2, 5e-3, 2e-3]
 DT = ",".join(map(str, STEPS))

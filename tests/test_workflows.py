@@ -11,7 +11,7 @@ import pytest
 import yaml
 from typer.main import get_command
 
-from bodycheck import cli
+from bodycheck.cli.main import main as cli
 
 _FOLDER = Path(__file__).parents[1] / ".github" / "workflows"
 WORKFLOWS = sorted(_FOLDER.glob("*.yml"))

@@ -17,9 +17,8 @@ import dartpy
 import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
-from bodycheck.adapters.engine_axes import EngineAxes
-from bodycheck.adapters.held import HeldLoads
-from bodycheck.adapters.link_frame import LinkFrame, link_frame, pivot_place
+from bodycheck.adapters.frames import EngineAxes, LinkFrame, link_frame, pivot_place
+from bodycheck.adapters.zero_order_hold import HeldLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench

@@ -9,9 +9,9 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
+from bodycheck._util.cache_dir import digest_of
+from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck.adapters.contract import Adapter
-from bodycheck.errors import InputError, UnavailableError
-from bodycheck.reference_impl.cache_home import digest_of
 
 _BUILT_IN = {
     "mujoco": ("bodycheck.adapters.mujoco", "MuJoCo"),
@@ -71,9 +71,9 @@ def registered_adapter(name: str) -> Adapter | None:
 
 @cache
 def own_code() -> str:
-    """Return a hash of the sources of reference_impl and adapters."""
+    """Return a hash of the sources of _util, reference_impl and adapters."""
     package = Path(__file__).parents[1]
-    return "".join(digest_of(package / room)[:16] for room in ("reference_impl", "adapters"))
+    return "".join(digest_of(package / room)[:16] for room in ("_util", "reference_impl", "adapters"))
 
 
 def get_adapter(name: str) -> Adapter:

@@ -9,9 +9,9 @@ from functools import partial
 
 import numpy as np
 
-from bodycheck.adapters.breakdown import defect, runaway
 from bodycheck.adapters.contract import Adapter
-from bodycheck.adapters.drive import Case, Ending, readings_along, trajectory_of
+from bodycheck.adapters.execution import Case, Ending, readings_along, trajectory_of
+from bodycheck.adapters.stability_check import defect, runaway
 from bodycheck.reference_impl.pivot import kinetic_energies
 from bodycheck.reference_impl.wrench import Leg, StepPlan, plan_steps
 

@@ -15,8 +15,8 @@ import numba
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dormand_prince import A, B, Turning, combined, plus
-from bodycheck.reference_impl.jit import inlined_kernel, kernel, parallel_kernel
+from bodycheck.reference_impl.integrators.dormand_prince import A, B, Turning, combined, plus
+from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel, parallel_kernel
 
 BatchMethod: TypeAlias = Literal["rk4", "dop853"]
 _Six: TypeAlias = tuple[float, float, float, float, float, float]

@@ -1,7 +1,8 @@
-"""A body that turns about a point of its own: the numbers that are taken about that point."""
+"""A body that turns about a fixed point: J omega' = sum of moments about the pivot - omega x J omega."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -9,7 +10,19 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import rotational_energy, translational_energy
 from bodycheck.reference_impl.rational import Vector, dot, fractions
-from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.scene import (
+    BlackBox,
+    Drag,
+    GravityGradient,
+    Load,
+    PointForce,
+    Scene,
+    SineTorque,
+    Spring,
+    Torque,
+    TorsionSpring,
+    unknown_load,
+)
 from bodycheck.reference_impl.trajectory import Trajectory
 
 
@@ -44,3 +57,56 @@ def kinetic_energies(scene: Scene, motion: Trajectory) -> tuple[Array, Array]:
     if scene.pivot is not None:
         return rotational, rotational
     return rotational + translational_energy(scene.body.mass, motion.velocity_m_s), rotational
+
+
+def about_pivot(scene: Scene) -> Scene:
+    """J = I + m (|c|^2 E - c c^T), c from the pivot to the centre of mass; loads moved, weight among them.
+
+    Returns a scene without pivot and link whose body turns as the pivoted one does, provided that its
+    centre of mass, which is the pivot, is held where it is against all forces. A scene without a pivot is
+    returned as it is. Raises ValueError for a gravity gradient, which is one about the centre of mass.
+    Source: Goldstein (1980), Classical mechanics, 5-3 and 5-7.
+    """
+    if scene.pivot is None:
+        return scene
+    arm, initial = -scene.pivot, scene.initial
+    place = initial.position - initial.rotation @ arm
+    weight = PointForce("world", scene.body.mass * scene.gravity, arm)
+    loads = [_moved(load, scene.pivot) for load in scene.loads]
+    return replace(
+        scene,
+        body=replace(scene.body, inertia=turning_inertia(scene)),
+        initial=replace(initial, position=place, velocity=np.zeros(3)),
+        loads=(*loads, weight) if np.any(weight.value) else tuple(loads),
+        gravity=np.zeros(3),
+        pivot=None,
+        link=None,
+    )
+
+
+def _across(c: Array) -> Array:
+    """|c|^2 E - c c^T."""
+    return np.asarray(float(c @ c) * np.eye(3) - np.outer(c, c))
+
+
+def _moved(load: Load, pivot: Array) -> Load:
+    """Return the load with its place seen from the pivot; the drag of the centre's way is one of turning."""
+    match load:
+        case PointForce() | Spring():
+            return replace(load, at=load.at - pivot)
+        case Drag():
+            return Drag(0.0, load.angular + load.linear * _across(pivot))
+        case GravityGradient():
+            raise ValueError("a gravity gradient turns a body about its centre of mass, not about a pivot")
+        case Torque() | SineTorque() | TorsionSpring() | BlackBox():
+            return load
+        case _:
+            raise unknown_load(load, "the motion about a pivot")
+
+
+def load_about(pivot: Array, load: Array) -> Array:
+    """tau_b + c x F_b and moment + c F_w^T: a packed load (21,), as in equations.py, seen from the pivot."""
+    arm, seen = -pivot, load.copy()
+    seen[6:9] += np.cross(arm, load[0:3])
+    seen[12:] += np.outer(arm, load[3:6]).ravel()
+    return seen

@@ -23,8 +23,7 @@ from pydantic import (
 )
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.primitives import known_shape, primitive
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap, known_shape, primitive
 from bodycheck.reference_impl.scene import Link
 from bodycheck.scenarios.fields import (
     ALIGNED,
@@ -37,8 +36,7 @@ from bodycheck.scenarios.fields import (
     finite_numbers,
     rows,
 )
-from bodycheck.scenarios.mesh_units import Unit
-from bodycheck.scenarios.shapes import MeshSolid, mesh_solid
+from bodycheck.scenarios.shapes import MeshSolid, Unit, mesh_solid
 
 _TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
 

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import Members, parse_members, read_members
 

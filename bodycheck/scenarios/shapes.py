@@ -1,20 +1,93 @@
-"""Bodies from shapes: mass properties of a mesh file or a primitive of one density."""
+"""Bodies of one density: a mesh file with its unit, or a primitive; solids computed before are cached."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from hashlib import file_digest
+from importlib.metadata import version
 from importlib.resources.abc import Traversable
 from io import BufferedIOBase
 from pathlib import Path
+from typing import Literal, TypeAlias
 
-from bodycheck.errors import InputError
-from bodycheck.reference_impl.mass_properties import primitives
+import numpy as np
+
+from bodycheck._util.cache_dir import cache_directory, digest_of
+from bodycheck._util.checksummed_json import opened, sealed
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
-from bodycheck.scenarios.known_solids import known_solid
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
-from bodycheck.scenarios.mesh_units import UNITS, Unit, doubts
+
+Unit: TypeAlias = Literal["mm", "cm", "m", "in"]
+
+UNITS: dict[Unit, Fraction] = {
+    "mm": Fraction(1, 1000),
+    "cm": Fraction(1, 100),
+    "m": Fraction(1),
+    "in": Fraction(254, 10000),
+}
+"""Their lengths in m."""
+
+_LARGE_M, _HEAVY_KG = 10.0, 1e5
+_SMALL_M, _LIGHT_KG = 2e-3, 1e-5
+_DENSITIES = (0.05, 25000.0)
+"""In kg/m^3: hydrogen has 0.08, osmium 22600."""
+
+
+def doubts(solid: MassProperties, density: float, unit: Unit | None) -> tuple[str, ...]:
+    """Return a sentence each for what is implausible about density, size and mass together.
+
+    A large and heavy solid is doubtful if nobody stated the unit of its mesh, a small and light one if
+    somebody stated one that is shorter than a metre.
+    """
+    found = []
+    if not _DENSITIES[0] <= density <= _DENSITIES[1]:
+        found.append(
+            f"warning: nothing has a density of {density:g} kg/m^3; 1 g/cm^3 is 1000 kg/m^3, 1 t/mm^3 is 1e12"
+        )
+    size, mass = _diameter(solid), solid.mass
+    if unit is None and size > _LARGE_M and mass > _HEAVY_KG:
+        shorter, lighter = size * float(UNITS["mm"]), mass * float(UNITS["mm"] ** 3)
+        found.append(
+            f"warning: about {size:.3g} m across and {mass:.3g} kg; if the mesh is drawn in mm, state it "
+            f"(--unit mm, or mesh_unit in a scenario): {shorter:.3g} m and {lighter:.3g} kg"
+        )
+    if unit not in (None, "m") and size < _SMALL_M and mass < _LIGHT_KG:
+        found.append(
+            f"warning: about {size:.3g} m across and {mass:.3g} kg; is the mesh drawn in {unit}, not in m?"
+        )
+    return tuple(found)
+
+
+def _diameter(solid: MassProperties) -> float:
+    """2 sqrt(5/3) k, k^2 = tr(I) / 2 m: of the ball with the same radius of gyration, m."""
+    return 2.0 * math.sqrt(5.0 / 3.0 * 0.5 * float(np.trace(solid.inertia)) / solid.mass)
+
+
+def known_solid(name: str, work_out: Callable[[], MassProperties]) -> MassProperties:
+    """Return the solid of a mesh file, from disk where it is there and whole, else worked out and kept.
+
+    name: the file's hash and ending. What reads meshes and what integrates over them count too: another
+    release of bodycheck, numpy or numba works it out anew. A folder that cannot be written keeps nothing.
+    """
+    code = digest_of(Path(__file__).parent / "mesh_files")[:16]
+    libraries = "-".join(version(library) for library in ("numpy", "numba"))
+    place = cache_directory() / "solids" / f"{code}-{libraries}-{name}"
+    with suppress(OSError):
+        kept = opened(place.read_bytes())
+        if kept is not None:
+            centre, inertia = np.array(kept["centre"]), np.array(kept["inertia"])
+            return MassProperties(kept["mass"], centre, inertia, tuple(kept["notes"]))
+    found = work_out()
+    arrays = {"centre": found.centre.tolist(), "inertia": found.inertia.tolist()}
+    with suppress(OSError):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(sealed({"mass": found.mass, **arrays, "notes": list(found.notes)}))
+    return found
 
 
 @dataclass(frozen=True)
@@ -93,6 +166,6 @@ def primitive(shape: str, size: Sequence[float], density: float) -> MassProperti
     radius. Density in kg/m^3. Raises InputError with one line where one of them is wrong.
     """
     try:
-        return primitives.primitive(shape, size).at_density(density)
+        return primitive(shape, size).at_density(density)
     except ValueError as error:
         raise InputError(str(error)) from None

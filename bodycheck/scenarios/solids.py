@@ -6,15 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.mass_properties.implicit import ImplicitEllipsoid, ImplicitSolid, ImplicitTorus
-from bodycheck.reference_impl.mass_properties.primitives import PRIMITIVES
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
-from bodycheck.scenarios.level_sets import estimate_level_set
+from bodycheck.reference_impl.mass_properties.solid import PRIMITIVES, MassProperties, Overlap
+from bodycheck.scenarios.level_sets import HALF_WIDTH, Estimate, estimate, estimate_level_set
 from bodycheck.scenarios.mesh_files import MESH_SUFFIXES
-from bodycheck.scenarios.mesh_units import Unit
-from bodycheck.scenarios.quasi_monte_carlo import HALF_WIDTH, Estimate, estimate
-from bodycheck.scenarios.shapes import load_mesh, primitive
+from bodycheck.scenarios.shapes import Unit, load_mesh, primitive
 from bodycheck.scenarios.user_functions import user_function
 
 _IMPLICIT: dict[str, Callable[..., ImplicitSolid]] = {"ellipsoid": ImplicitEllipsoid, "torus": ImplicitTorus}

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodycheck.adapters.breakdown import defect
-from bodycheck.adapters.case_messages import case_message
 from bodycheck.adapters.contract import Adapter, Setting
-from bodycheck.adapters.drive import Case, record
-from bodycheck.adapters.worker import Desk
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.stability_check import defect
+from bodycheck.adapters.workers.case_messages import case_message
+from bodycheck.adapters.workers.worker import Desk
 from bodycheck.reference_impl.scene import BlackBox, RigidBody, Scene, State
 from bodycheck.scenarios.user_functions import UserWrench, user_function
 

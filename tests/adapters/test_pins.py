@@ -11,11 +11,11 @@ from subprocess import CompletedProcess
 import pytest
 from front_door import bodycheck_in
 
-from bodycheck.adapters import environments, uv
-from bodycheck.adapters.mujoco_methods import methods_of
-from bodycheck.adapters.pins import Pin, engine_fault, pin_of
-from bodycheck.adapters.uv import UvError, pip_settings
-from bodycheck.errors import UnavailableError
+from bodycheck._util.errors import UnavailableError
+from bodycheck.adapters.mujoco.mj_model import methods_of
+from bodycheck.adapters.versions import environments, uv
+from bodycheck.adapters.versions.pins import Pin, engine_fault, pin_of
+from bodycheck.adapters.versions.uv import UvError, pip_settings
 
 
 def test_a_pin_is_written_as_pip_writes_it() -> None:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scenario_text import parse_scenario
 
-from bodycheck.adapters.case_messages import scene_message, scene_of
 from bodycheck.adapters.contract import Adapter
-from bodycheck.adapters.protocol import line_of, message_of
 from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.workers.case_messages import scene_message, scene_of
+from bodycheck.adapters.workers.protocol import line_of, message_of
 from bodycheck.reference_impl.scene import BlackBox, Scene
 from bodycheck.scenarios.library import load_scenario, load_scenarios
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.contract import Reading, Setting
-from bodycheck.adapters.drive import Case
+from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import Search, StableStep, largest_stable, stable_step
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 

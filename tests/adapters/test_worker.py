@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodycheck.adapters import case_messages, protocol
+from bodycheck._util.errors import WorkerLostError
 from bodycheck.adapters.contract import Reading, read_back_mismatch
-from bodycheck.adapters.drive import Answer, record
-from bodycheck.adapters.host import Hosts, announced
+from bodycheck.adapters.execution import Answer, record
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.worker_process import WorkerProcess
-from bodycheck.errors import WorkerLostError
+from bodycheck.adapters.workers import case_messages, protocol
+from bodycheck.adapters.workers.engine_pool import Hosts, announced
+from bodycheck.adapters.workers.worker_process import WorkerProcess
 from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,
@@ -47,8 +47,11 @@ PATIENCE_S = 600.0
 
 WORKERS = {
     "of the docs": ([sys.executable, "-c", PROGRAM], "drift"),
-    "reference": ([sys.executable, "-m", "bodycheck.adapters.worker", "reference", "4000000000"], "m1"),
-    "mujoco": ([sys.executable, "-m", "bodycheck.adapters.worker", "mujoco", "4000000000"], "euler"),
+    "reference": (
+        [sys.executable, "-m", "bodycheck.adapters.workers.worker", "reference", "4000000000"],
+        "m1",
+    ),
+    "mujoco": ([sys.executable, "-m", "bodycheck.adapters.workers.worker", "mujoco", "4000000000"], "euler"),
 }
 
 
@@ -124,11 +127,11 @@ def test_a_worker_conforms(worker: str) -> None:
 
 def test_a_worker_says_why_there_is_no_engine() -> None:
     """An engine that nobody knows is announced as unavailable; a wrong command line is told how it goes."""
-    command = [sys.executable, "-m", "bodycheck.adapters.worker"]
+    command = [sys.executable, "-m", "bodycheck.adapters.workers.worker"]
     (line,) = said([*command, "havok", "4000000000"], [])
     assert json.loads(line)["unavailable"].startswith("no engine is named 'havok'; known are mujoco, ")
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stderr == "usage: python -m bodycheck.adapters.worker ENGINE MEMORY_BYTES\n"
+    assert done.stderr == "usage: python -m bodycheck.adapters.workers.worker ENGINE MEMORY_BYTES\n"
 
 
 # ------------------------------------------------------------------- a worker of another language, tried
@@ -391,7 +394,7 @@ def employ(program: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = folder / "worker"
     place.write_text(f"#!{PYTHON}\n{program}")
     place.chmod(0o755)
-    monkeypatch.setattr("bodycheck.adapters.worker_process.sys.executable", str(place))
+    monkeypatch.setattr("bodycheck.adapters.workers.worker_process.sys.executable", str(place))
 
 
 @pytest.mark.parametrize("what", WRONG_ANNOUNCEMENTS)
@@ -453,7 +456,7 @@ def test_a_worker_that_closes_its_output_and_goes_on_is_lost(
 ) -> None:
     """It is not waited for until its time is over."""
     employ(answering("os.close(1); time.sleep(1000)"), tmp_path, monkeypatch)
-    monkeypatch.setattr("bodycheck.adapters.worker_process._DYING_S", 0.1)
+    monkeypatch.setattr("bodycheck.adapters.workers.worker_process._DYING_S", 0.1)
     hosts = Hosts()
     try:
         answer = hosts.ask("drift", {"do": "lap"}, PATIENCE_S)
@@ -480,7 +483,7 @@ def test_a_system_that_starts_no_process_is_the_outcome_of_the_case(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The run goes on, and says why this case has no result."""
-    monkeypatch.setattr("bodycheck.adapters.worker_process.sys.executable", str(tmp_path / "none"))
+    monkeypatch.setattr("bodycheck.adapters.workers.worker_process.sys.executable", str(tmp_path / "none"))
     hosts = Hosts()
     try:
         answer = hosts.ask("drift", {"do": "record", "case": CASE}, PATIENCE_S)

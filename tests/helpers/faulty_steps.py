@@ -12,9 +12,15 @@ from typing import TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import acceleration, body_torque, matrix_at, store, vector_at
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import (
+from bodycheck.reference_impl.integrators.right_hand_sides import (
+    acceleration,
+    body_torque,
+    matrix_at,
+    store,
+    vector_at,
+)
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
     Quat,
     Vec,

@@ -14,8 +14,8 @@ from typing import Any, BinaryIO
 from misbehaving import Misbehaving
 from mutations import any_bytes, changed
 
-from bodycheck.adapters import protocol
-from bodycheck.adapters.worker import Desk
+from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.worker import Desk
 
 METHOD = "raise"  # sound, as all its methods are of the engine that does not misbehave
 

@@ -21,8 +21,7 @@ from series_in_integers import (
 )
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.bounded_motion import Truth
-from bodycheck.reference_impl.loads_at import sum_of_wrenches
+from bodycheck.reference_impl.loads.loads_at import sum_of_wrenches
 from bodycheck.reference_impl.scene import (
     BlackBox,
     Drag,
@@ -37,6 +36,7 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
 )
+from bodycheck.reference_impl.truth.truth import Truth
 
 MP = mpmath.mp.clone()
 MP.dps = 80

@@ -30,7 +30,7 @@ from mutations import any_bytes
 from scenario_file import SCENARIO
 
 import bodycheck
-from bodycheck.outside import LONGEST_LINE
+from bodycheck._util.untrusted import LONGEST_LINE
 
 LIMIT_S, MOST_MEGABYTES = 60.0, 500.0
 STATUSES = {0, 1, 2, 3}

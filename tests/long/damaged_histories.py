@@ -27,10 +27,10 @@ from mutations import any_bytes, csv_cell, json_value, toml_line
 from scenario_file import SCENARIO
 
 import bodycheck
-from bodycheck.night import store_night
-from bodycheck.reports.history.nights import History
-from bodycheck.reports.history.past import told_of
-from bodycheck.reports.run import Run
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import told_of
+from bodycheck.reports.summary.run_tables import Run
+from bodycheck.runs.nightly_run import store_night
 
 LIMIT_S, MOST_MEGABYTES = 60.0, 500.0
 GRAMMARS = {".json": json_value, ".csv": csv_cell, ".toml": toml_line}

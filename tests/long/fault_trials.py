@@ -33,8 +33,8 @@ import scenario_file
 from processes import all_gone, workers_of
 from unprivileged import heed_modes
 
-from bodycheck.reference_impl.seal import opened
-from bodycheck.stored_run import partial_of
+from bodycheck._util.checksummed_json import opened
+from bodycheck.runs.directory import partial_of
 
 SCENARIO = scenario_file.SCENARIO.replace("samples = 11", "samples = 101")
 WORDS = ["run", "mine.toml", "--engine", "reference:m1,reference:rk4,mujoco:euler", "--no-speed"]

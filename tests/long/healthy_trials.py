@@ -25,7 +25,7 @@ from random_scenarios import write_scenario
 
 import bodycheck
 from bodycheck.adapters.registry import engine_names
-from bodycheck.reports.summary import summary_cells
+from bodycheck.reports.summary.cells import summary_cells
 
 _DEPARTING = ("pybullet:multibody@defaults", "pybullet:maximal@defaults")
 _ON_REQUEST = (

@@ -32,9 +32,10 @@ from forked import forked
 from front_door import bodycheck_in
 from scenario_file import MEASURED_ANEW, SCENARIO
 
-from bodycheck.adapters import registry, worker_process
-from bodycheck.outside import LONGEST_LINE
-from bodycheck.reports.stored import read_tables
+from bodycheck._util.untrusted import LONGEST_LINE
+from bodycheck.adapters import registry
+from bodycheck.adapters.workers import worker_process
+from bodycheck.reports.run_files.run_reader import read_tables
 
 TIMEOUT_S, START_S, LIMIT_S, MOST_MEGABYTES = 2.0, 10.0, 120.0, 500.0
 

@@ -43,23 +43,23 @@ _SPLINES = "test_energy_balance.py::test_the_integral_of_a_spline_is_that_of_eve
 _GATES = tuple(f"gates/test_{name}.py" for name in ("gate_words", "gate_laws", "gate_files", "proposals"))
 TESTS: dict[str, tuple[str, ...]] = {
     **{f"reports/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
-    "reports/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),
-    "reports/convergence.py": ("test_convergence_laws.py", "test_convergence.py"),
-    "reports/limits.py": ("test_limits.py",),
-    "reports/order.py": ("test_order.py",),
-    "reports/quantity_verdicts.py": ("test_state_laws.py",),
-    "reports/growth.py": ("test_growth_laws.py",),
-    "reports/ladder.py": ("test_convergence_laws.py", "test_convergence.py"),
-    "reports/stability.py": ("test_state_laws.py",),
-    "reports/worst_results.py": ("test_state_laws.py",),
-    "reports/findings.py": ("test_state_laws.py",),
-    "reports/summary.py": ("test_state_laws.py",),
+    "reports/measurement/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),
+    "reports/measurement/convergence.py": ("test_convergence_laws.py", "test_convergence.py"),
+    "reports/measurement/limits.py": ("test_limits.py",),
+    "reports/measurement/order.py": ("test_order.py",),
+    "reports/measurement/verdicts.py": ("test_state_laws.py",),
+    "reports/measurement/growth.py": ("test_growth_laws.py",),
+    "reports/measurement/refinement.py": ("test_convergence_laws.py", "test_convergence.py"),
+    "reports/measurement/stability.py": ("test_state_laws.py",),
+    "reports/summary/worst_results.py": ("test_state_laws.py",),
+    "reports/summary/run_tables.py": ("test_state_laws.py",),
+    "reports/summary/cells.py": ("test_state_laws.py",),
     "adapters/stable_step.py": ("../adapters/test_stable_step_laws.py",),
     **{
         f"reports/gates/{name}.py": _GATES
         for name in ("editing", "files", "gate", "measure", "proposal", "rows", "text", "verdict")
     },
-    "reports/comparison/bisection.py": ("comparison/test_bisection.py",),
+    "reports/comparison/release_search.py": ("comparison/test_bisection.py",),
     **{
         f"reports/comparison/{name}.py": ("comparison/test_change_laws.py",)
         for name in ("accuracy", "change", "circumstances", "compare", "speeds", "stable_steps", "words")
@@ -68,34 +68,34 @@ TESTS: dict[str, tuple[str, ...]] = {
         f"reports/comparison/{name}.py": ("comparison/test_headlines.py", "comparison/test_change_laws.py")
         for name in ("headlines", "judgements", "refinement", "release_search", "versions_paired")
     },
-    "reports/history/accepted.py": ("history/test_judgement_laws.py",),
+    "reports/history/accepted_levels.py": ("history/test_judgement_laws.py",),
     **{
         f"reports/comparison/{name}.py": ("comparison/test_one_measure_laws.py",)
         for name in ("one_measure", "page", "text")
     },
-    "reports/history/levels.py": ("history/test_level_laws.py",),
-    "reports/history/series.py": ("history/test_level_laws.py",),
-    "reports/history/machine_class.py": ("history/test_machine_class.py",),
-    "reports/history/nights.py": ("history/test_nights.py",),
+    "reports/history/step_detection.py": ("history/test_level_laws.py",),
+    "reports/history/step_detection.py": ("history/test_level_laws.py",),
+    "reports/history/baseline.py": ("history/test_machine_class.py",),
+    "reports/history/archive.py": ("history/test_nights.py",),
     **{f"reports/storage/{name}.py": ("storage/test_cache.py",) for name in ("cache", "truths")},
-    "reports/storage/answers.py": ("storage/test_answers.py",),
-    "reports/storage/journal.py": ("storage/test_journal.py",),
-    "reports/storage/sealed.py": ("storage/test_answers.py", "storage/test_cache.py"),
-    "reports/storage/reuse.py": ("../test_reuse.py",),
+    "reports/cache/answers.py": ("storage/test_answers.py",),
+    "reports/cache/journal.py": ("storage/test_journal.py",),
+    "reports/cache/entries.py": ("storage/test_answers.py", "storage/test_cache.py"),
+    "reports/cache/disk_cache.py": ("../test_reuse.py",),
     **{f"{name}.py": ("../test_reuse.py", "../test_nightly_command.py") for name in ("night", "nightly")},
-    "adapters/identity.py": ("../adapters/test_identity.py",),
-    "reference_impl/installed_libraries.py": ("../reference_impl/test_installed_libraries.py",),
-    "reference_impl/remembered_digest.py": ("../reference_impl/test_remembered_digest.py",),
+    "adapters/workers/build_identity.py": ("../adapters/test_identity.py",),
+    "_util/platform_identity.py": ("../reference_impl/test_installed_libraries.py",),
+    "_util/file_digests.py": ("../reference_impl/test_remembered_digest.py",),
     **{f"adapters/{name}.py": ("../adapters/test_pins.py",) for name in ("environments", "pins", "uv")},
-    "adapters/releases.py": ("../test_versions.py",),
-    "version_search.py": ("../test_versions.py",),
-    "reports/history/judgement.py": ("history/test_judgement_laws.py", "history/test_level_laws.py"),
+    "adapters/versions/uv.py": ("../test_versions.py",),
+    "runs/version_search.py": ("../test_versions.py",),
+    "reports/history/regression.py": ("history/test_judgement_laws.py", "history/test_level_laws.py"),
 }
 """Module -> the files under tests/reports that belong to it, the quickest first."""
 
 ONLY = {
-    "reports/case.py": {"measured_by", "_horizon"},
-    "reports/summary.py": {
+    "reports/measurement/case.py": {"measured_by", "_horizon"},
+    "reports/summary/cells.py": {
         "faults_of",
         "summary_cell",
         "summary_cells",
@@ -110,47 +110,47 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "after > before -> after >= before",
     ): "there the two are not equal",
     (
-        "reports/convergence.py",
+        "reports/measurement/convergence.py",
         "decades(ended) >= _PLATEAU_DECADES - 1e-6",
         "decades(ended) >= _PLATEAU_DECADES - 1e-06 -> decades(ended) > _PLATEAU_DECADES - 1e-06",
     ): "the millionth is slack for round-off: no ratio of steps asked for has this very logarithm",
     (
-        "reports/convergence.py",
+        "reports/measurement/convergence.py",
         "if found[2] <= widest and found[1] >= max(_LEAST_ORDER, found[2]):",
         "found[2] <= widest -> found[2] < widest",
     ): "a half-width that is fitted is never the very double of a level",
     (
-        "reports/growth.py",
+        "reports/measurement/growth.py",
         'return "exponential" if unfit_in_time * _EXPONENTIAL_GAIN < unfit else None',
         "unfit_in_time * _EXPONENTIAL_GAIN < unfit -> unfit_in_time * _EXPONENTIAL_GAIN <= unfit",
     ): "of two fits' residuals neither is this very multiple of the other",
     (
-        "reports/growth.py",
+        "reports/measurement/growth.py",
         'return "sqrt" if low <= exponent <= high and late > _ROOT_LATE and wavers else None',
         "low <= exponent <= high -> low <= exponent < high",
     ): "an exponent that is fitted is never the very double of an edge",
     (
-        "reports/growth.py",
+        "reports/measurement/growth.py",
         "wavers = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
         "slopes[-1] > _FLAT -> slopes[-1] >= _FLAT",
     ): "a slope between logarithms is never the very double of an edge",
     (
-        "reports/ladder.py",
+        "reports/measurement/refinement.py",
         "while decade <= limit:",
         "decade <= limit -> decade < limit",
     ): "of the round numbers only those below the limit are used",
     (
-        "reports/ladder.py",
+        "reports/measurement/refinement.py",
         "numbers += [digit * decade for digit in _LEADING if digit * decade <= limit]",
         "digit * decade <= limit -> digit * decade < limit",
     ): "of the round numbers only those below the limit are used",
     (
-        "reports/scales.py",
+        "reports/measurement/scales.py",
         "return float(np.max(np.linalg.norm(vectors, axis=-1)))",
         "-1 -> 1",
     ): "all vectors that come here are (n, 3)",
     (
-        "reports/comparison/words.py",
+        "reports/comparison/describe.py",
         'how = "slow" if change.decades > 0.0 else "fast"',
         "change.decades > 0.0 -> change.decades >= 0.0",
     ): "a speed that is the same is no change",
@@ -160,42 +160,42 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "new > gate.upper -> new >= gate.upper",
     ): "a bound that stays the same is not proposed",
     (
-        "reports/growth.py",
+        "reports/measurement/growth.py",
         "wavers = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
         "float(np.max(slopes)) < _STEEPEST -> float(np.max(slopes)) <= _STEEPEST",
     ): "a slope between logarithms is never the very double of an edge",
     (
-        "reports/growth.py",
+        "reports/measurement/growth.py",
         "if slopes[-1] < _LEAST_EXPONENTIAL or not np.all(np.diff(slopes[1:]) > 0.0):",
         "np.diff(slopes[1:]) > 0.0 -> np.diff(slopes[1:]) >= 0.0",
     ): "two slopes between logarithms that are not 0 are never the very same double",
     (
-        "reports/ladder.py",
+        "reports/measurement/refinement.py",
         "too_fine = max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-9)",
         "max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-09) -> "
         "max(listed) * finer / interval_s >= _SPAN * (1.0 + 1e-09)",
     ): "the billionth is slack for round-off: no ratio of steps asked for is this very double",
     (
-        "reports/work.py",
+        "reports/measurement/work.py",
         "if any(abs(t[k] - end) > 1e-9 * scene.sample_interval_s "
         "for k, end in zip(places, ends, strict=True)):",
         "abs(t[k] - end) > 1e-09 * scene.sample_interval_s -> "
         "abs(t[k] - end) >= 1e-09 * scene.sample_interval_s",
     ): "the billionth is slack for round-off: no switch is this very double beside a sample",
     (
-        "reports/gates/files.py",
+        "reports/gates/gate_output.py",
         'return (json.dumps(told, indent=1, allow_nan=False) + "\\n").encode()',
         "allow_nan=False -> nothing",
     ): "it guards what the rows already hold: no number there is infinite or none",
     **{
-        ("adapters/environments.py", line, "'utf-8' -> 'utf-8_'"): "a name of the same encoding"
+        ("adapters/versions/environments.py", line, "'utf-8' -> 'utf-8_'"): "a name of the same encoding"
         for line in (
             'within.write_text("\\n".join(constraints), encoding="utf-8")',
             'without.write_text(_NEVER, encoding="utf-8")',
         )
     },
     (
-        "adapters/environments.py",
+        "adapters/versions/environments.py",
         'within, without = environment / "constraints.txt", environment / "overrides.txt"',
         "'overrides.txt' -> 'overrides.txt_'",
     ): "uv is given the name of the file, whatever it is",
@@ -219,13 +219,13 @@ _HEAVY = (
     "scipy.interpolate",
     "scipy.sparse.linalg",
     "scipy.special",
-    "bodycheck.reference_impl.truth",
+    "bodycheck.reference_impl.truth.certification",
     "bodycheck.scenarios.reader",
 )
 
 _FORGOTTEN = (
-    "bodycheck.reference_impl.installed_libraries",
-    "bodycheck.reference_impl.remembered_digest",
+    "bodycheck._util.platform_identity",
+    "bodycheck._util.file_digests",
 )
 
 _OTHER: dict[type[ast.AST], tuple[Any, ...]] = {

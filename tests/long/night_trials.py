@@ -31,10 +31,10 @@ import numpy as np
 import pandas as pd
 from scenario_file import SCENARIO
 
-from bodycheck.reports.history.levels import LEAST_AFTER, LEAST_BEFORE, usual_spread
-from bodycheck.reports.history.nights import History
+from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.queries import nights_table, query, recorded_cases
-from bodycheck.reports.history.speeds import Speeds, speeds_of
+from bodycheck.reports.history.regression import Speeds, speeds_of
+from bodycheck.reports.history.step_detection import LEAST_AFTER, LEAST_BEFORE, usual_spread
 
 _QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
 _SCENARIO = SCENARIO.replace("mine", "tumble").replace("samples = 11", "samples = 101")

@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 
 from bodycheck.adapters.contract import Adapter, Engine
-from bodycheck.adapters.drive import Answer, Case, record
-from bodycheck.adapters.host import Hosts
+from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.registry import get_adapter
-from bodycheck.reports.case import run_case
-from bodycheck.reports.storage.answers import Answers
-from bodycheck.reports.subject import Subject
-from bodycheck.selection import select
+from bodycheck.adapters.workers.engine_pool import Hosts
+from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.measurement.case import run_case
+from bodycheck.reports.measurement.problem import Subject
+from bodycheck.runs.selection import select
 
 _PASSES = 50
 

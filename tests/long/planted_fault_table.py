@@ -22,7 +22,7 @@ from planted_faults import BASES, FAULTS, SOUND, Faulty
 
 import bodycheck
 from bodycheck.adapters.registry import register_adapter
-from bodycheck.reports.worst_results import Result
+from bodycheck.reports.summary.worst_results import Result
 
 
 def described(results: Sequence[Result]) -> str:

@@ -35,30 +35,30 @@ from scenario_file import SCENARIO
 from test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
 
 import bodycheck
-from bodycheck.adapters import protocol
+from bodycheck._util.errors import BodycheckError
+from bodycheck._util.untrusted import LONGEST_LINE, printable_lines
 from bodycheck.adapters.contract import Setting
-from bodycheck.adapters.drive import Case, record
+from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
-from bodycheck.errors import BodycheckError
-from bodycheck.outside import LONGEST_LINE, printable_lines
-from bodycheck.reference_impl.kernel_files import _content, _DamagedError
-from bodycheck.reports.advice import advise
+from bodycheck.adapters.workers import protocol
+from bodycheck.reference_impl.kernels.jit import _content, _DamagedError
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.cache.entries import Entry
+from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.gates.gate import read_gates
-from bodycheck.reports.history.nights import History
-from bodycheck.reports.history.past import past_of, readable_nights
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import past_of, readable_nights
 from bodycheck.reports.history.queries import TABLES, query
-from bodycheck.reports.html import render_report
-from bodycheck.reports.markdown import markdown_summary
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.storage.journal import Journal
-from bodycheck.reports.storage.sealed import Entry
-from bodycheck.reports.stored import read_run, read_tables
-from bodycheck.reports.trajectory_files import read_arrays
+from bodycheck.reports.render.html import render_report
+from bodycheck.reports.render.markdown import markdown_summary
+from bodycheck.reports.run_files.run_reader import read_run, read_tables
+from bodycheck.reports.run_files.trajectory_files import read_arrays
+from bodycheck.reports.summary.advice import advise
+from bodycheck.runs.directory import _describe, _description
 from bodycheck.scenarios.library import load_scenario
 from bodycheck.scenarios.mesh_files import mesh_bytes, parse_mesh
 from bodycheck.scenarios.reader import read_members
-from bodycheck.stored_run import _describe, _description
 
 LONGEST_S, MOST_MEGABYTES, BATCH = 10.0, 500.0, 25
 
@@ -119,8 +119,8 @@ def _inputs(sound: Path) -> list[Reader]:
     }
     for name, content in meshes.items():
         (sound / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-    from bodycheck.manifest import Identity
-    from bodycheck.stored_run import Asked
+    from bodycheck.runs.directory import Asked
+    from bodycheck.runs.manifest import Identity
 
     _describe(sound / "out.partial", Asked(dt_s=[0.01]), Identity.new(), sound / "out")
     return [
@@ -150,7 +150,7 @@ def _trajectories(sound: Path) -> list[Reader]:
     cache = Cache.default()
 
     def judged(path: Path) -> None:
-        from bodycheck.reports.judge import judge_file
+        from bodycheck.reports.measurement.judge import judge_file
 
         judge_file(path, mine, "mine.toml", cache)
 

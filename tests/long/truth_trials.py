@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "helpers"))
 from random_motions import FORCED, QUANTITIES, exact_motion, far_scene, free_scene, ratios, truth_scene
 
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
 
 _TIMES = [0.0, 0.3, 1.0]
 

@@ -16,16 +16,16 @@ import subprocess
 import sys
 from collections.abc import Iterator
 
-from bodycheck.adapters import protocol
-from bodycheck.adapters.case_messages import case_message, search_message
-from bodycheck.adapters.drive import Case
-from bodycheck.adapters.protocol import Message
+from bodycheck._util.errors import BodycheckError
+from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import Search
-from bodycheck.errors import BodycheckError
-from bodycheck.reports.case import CaseResult, run_case
-from bodycheck.reports.storage.answers import Answers
-from bodycheck.reports.subject import Subject
-from bodycheck.selection import Selection, checked_scenarios
+from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.case_messages import case_message, search_message
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.measurement.case import CaseResult, run_case
+from bodycheck.reports.measurement.problem import Subject
+from bodycheck.runs.selection import Selection, checked_scenarios
 
 
 class Program:

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from gauss_in_decimals import DIGITS, Oracle, decimals, dot, norm, plus, rotation_of, times
 
-from bodycheck.reference_impl.closeness import distances
-from bodycheck.reference_impl.taylor_motion import TaylorMotion
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reference_impl.truth.motion_distance import distances
 from bodycheck.scenarios.library import load_scenario
 
 CASES = {

@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation
 
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dormand_prince import NODES, ROWS, WEIGHTS
 from bodycheck.reference_impl.dynamics import angular_momentum, rotational_energy
-from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.free_rotation import FreeRotation
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators import splitting as splitting_module
+from bodycheck.reference_impl.integrators.dormand_prince import NODES, ROWS, WEIGHTS
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.jacobi import principal_frame
+from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
+from bodycheck.reference_impl.kernels.small_vectors import principal_frame
 from bodycheck.reference_impl.rotations import (
     exp_matrix,
     geodesic_angle,

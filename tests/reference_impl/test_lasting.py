@@ -8,12 +8,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bodycheck.adapters.contract import Reading
-from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.reference_steps import FixedStep
+from bodycheck.adapters.reference import FixedStep, Reference
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.lasting import lasting_wrench_at, packed_lasting, rotation_vector
+from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench_at, packed_lasting, rotation_vector
 from bodycheck.reference_impl.rotations import (
     exp_matrix,
     geodesic_angle,

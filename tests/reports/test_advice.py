@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from bodycheck.errors import InputError
-from bodycheck.reports.advice import Answer, advise
-from bodycheck.reports.advice_text import print_advice
-from bodycheck.reports.case import CaseResult
+from bodycheck._util.errors import InputError
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.render.answer_text import print_advice
+from bodycheck.reports.summary.advice import Answer, advise
 
 BOUND = 1e-14
 ERROR = "orientation_error_rad"

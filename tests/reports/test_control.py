@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 import bodycheck
-from bodycheck.reports.convergence import Judged, Point, tolerance_convergence
-from bodycheck.reports.page.facts import scenario_facts
-from bodycheck.reports.wording import number
+from bodycheck.reports.measurement.convergence import Judged, Point, tolerance_convergence
+from bodycheck.reports.render.formatting import number
+from bodycheck.reports.render.page.facts import scenario_facts
 
 CHAOTIC = """
 name = "long torque"

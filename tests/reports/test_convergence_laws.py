@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from bodycheck.reports.convergence import (
+from bodycheck.reports.measurement.convergence import (
     Convergence,
     Judged,
     Point,
@@ -16,7 +16,7 @@ from bodycheck.reports.convergence import (
     tolerance_convergence,
     usable,
 )
-from bodycheck.reports.ladder import next_step
+from bodycheck.reports.measurement.refinement import next_step
 
 LIMIT = 2.0**-50
 HALVED = [2.0**-k for k in range(5, 10)]

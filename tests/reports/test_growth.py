@@ -11,12 +11,12 @@ import pytest
 
 import bodycheck
 from bodycheck.adapters.contract import Setting
-from bodycheck.adapters.drive import Case, record
+from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import rotational_energy
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
-from bodycheck.reports.growth import growth_of
+from bodycheck.reports.measurement.growth import growth_of
 
 N = 1001
 TIMES = np.linspace(0.0, 50.0, N)

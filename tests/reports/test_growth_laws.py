@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.growth import Growth, growth_of
+from bodycheck.reports.measurement.growth import Growth, growth_of
 
 T = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 601)])
 STUDENT = 3.182446305284263  # of 3 degrees of freedom: Abramowitz and Stegun (1964), table 26.10

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bodycheck
-from bodycheck.reports.trajectory_files import trajectory_table
+from bodycheck.reports.run_files.trajectory_files import trajectory_table
 
 GROUPS = {
     "position": ["x_m", "y_m", "z_m"],

@@ -24,9 +24,9 @@ from bodycheck.reference_impl.scene import (
     TorsionSpring,
 )
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports import measures
-from bodycheck.reports.case import measured_by
-from bodycheck.reports.invariants import (
+from bodycheck.reports.measurement import measures
+from bodycheck.reports.measurement.case import measured_by
+from bodycheck.reports.measurement.invariants import (
     Invariant,
     InvariantDrift,
     invariant_drifts,
@@ -34,9 +34,9 @@ from bodycheck.reports.invariants import (
     symmetry_axis,
     worst_drift,
 )
-from bodycheck.reports.measures import SCALES, Compared, Motion, departures_of, reduced
-from bodycheck.reports.scales import Scales, scene_scales
-from bodycheck.reports.work import power, work_done, working_loads
+from bodycheck.reports.measurement.measures import SCALES, Compared, Motion, departures_of, reduced
+from bodycheck.reports.measurement.scales import Scales, scene_scales
+from bodycheck.reports.measurement.work import power, work_done, working_loads
 
 PLACE = np.array([1.0, -2.0, 0.5])
 BRICK = RigidBody(2.0, np.diag([1.0, 2.0, 3.0]))

@@ -9,21 +9,21 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bodycheck.adapters.breakdown import defect, kinetic_limit, runaway
+from bodycheck.adapters.stability_check import defect, kinetic_limit, runaway
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.dynamics import angular_momentum
-from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reference_impl.wrench import plan_steps
-from bodycheck.reports.invariants import invariants_of, symmetry_axis, worst_drift
-from bodycheck.reports.measures import Compared, Motion, departures_of, reduced, series_of
-from bodycheck.reports.scales import scene_scales
-from bodycheck.reports.work import work_done
+from bodycheck.reports.measurement.invariants import invariants_of, symmetry_axis, worst_drift
+from bodycheck.reports.measurement.measures import Compared, Motion, departures_of, reduced, series_of
+from bodycheck.reports.measurement.scales import scene_scales
+from bodycheck.reports.measurement.work import work_done
 
 TENSOR = np.array([[0.9, 0.04, -0.03], [0.04, 1.1, 0.02], [-0.03, 0.02, 1.3]])
 

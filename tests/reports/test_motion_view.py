@@ -13,8 +13,8 @@ from parsed_page import Page
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.page.motion import (
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.render.page.motion import (
     FRAMES,
     box_corners,
     coarsest_shared_step,
@@ -22,7 +22,7 @@ from bodycheck.reports.page.motion import (
     principal_frame,
     shown_cases,
 )
-from bodycheck.reports.run import Run
+from bodycheck.reports.summary.run_tables import Run
 
 
 def rotation(seed: int) -> Array:

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from mutations import npz_member
 
-from bodycheck.errors import InputError
-from bodycheck.reports.npz_files import read_npz
-from bodycheck.reports.trajectory_files import npz, read_arrays
+from bodycheck._util.errors import InputError
+from bodycheck.reports.run_files.trajectory_files import npz, read_arrays, read_npz
 
 T_S = np.linspace(0.0, 1.0, 11)
 GOOD = {"t_s": T_S, "position_m": np.zeros((11, 3))}

@@ -10,9 +10,9 @@ import pytest
 from odd_run import HOSTILE
 from playwright.sync_api import Browser, Error, Page, expect
 
-from bodycheck.reports.page.motion import coarsest_shared_step, shown_cases
-from bodycheck.reports.run import Run
-from bodycheck.reports.templating import asset
+from bodycheck.reports.render.html import asset
+from bodycheck.reports.render.page.motion import coarsest_shared_step, shown_cases
+from bodycheck.reports.summary.run_tables import Run
 
 pytestmark = pytest.mark.slow
 

@@ -13,8 +13,8 @@ import pytest
 from odd_run import HOSTILE
 from parsed_page import Page
 
-from bodycheck.reports.html import render_report
-from bodycheck.reports.run import Run
+from bodycheck.reports.render.html import render_report
+from bodycheck.reports.summary.run_tables import Run
 
 pytestmark = pytest.mark.slow
 

@@ -11,16 +11,16 @@ import pandas as pd
 import pytest
 from parsed_page import Page
 
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.html import render_report
-from bodycheck.reports.page.front import ERRORS, TARGETS
-from bodycheck.reports.page.limits import limit_of
-from bodycheck.reports.page.section import anchor_of
-from bodycheck.reports.run import Run
-from bodycheck.reports.states import STATES
-from bodycheck.reports.summary import summary_cells
-from bodycheck.reports.summary_words import verdict_sentences
-from bodycheck.reports.tables import RESULT_COLUMNS, as_table
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.render.html import render_report
+from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, TARGETS
+from bodycheck.reports.render.page.facts import limit_of
+from bodycheck.reports.render.page.scenario_section import anchor_of
+from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_table
+from bodycheck.reports.summary.cells import summary_cells
+from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.summary.sentences import verdict_sentences
 
 pytestmark = pytest.mark.slow
 

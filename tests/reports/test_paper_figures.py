@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodycheck.errors import InputError, UnavailableError
-from bodycheck.reports.paper_figures import FIGURES, STABILITY, check_picture, drawn_figure, picture
-from bodycheck.reports.run import Run
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.stored import read_run
+from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.render.figures import FIGURES, STABILITY, check_picture, drawn_figure, picture
+from bodycheck.reports.run_files.run_reader import read_run
+from bodycheck.reports.summary.run_tables import Run
 
 pytestmark = pytest.mark.slow
 

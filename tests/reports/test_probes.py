@@ -15,17 +15,17 @@ import pytest
 
 import bodycheck
 from bodycheck.adapters.contract import Adapter, Engine, Method, ReadBack, Reading, Simulation
-from bodycheck.adapters.drive import Answer, Case, record
+from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import exp_matrix, normalised
 from bodycheck.reference_impl.scene import RigidBody, Scene, Torque
 from bodycheck.reference_impl.wrench import Wrench
-from bodycheck.reports.probes.limits import limit, noise
+from bodycheck.reports.probes.finding import limit, noise
 from bodycheck.reports.probes.probe import built_in_probes, probe_rows
-from bodycheck.reports.stored import read_tables
-from bodycheck.reports.tables import PROBE_COLUMNS
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.tables import PROBE_COLUMNS
 
 ENGINES = {"reference": "Reference", "mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "Dart"}
 DAMPED = "pybullet:multibody@defaults"

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.contract import Engine
-from bodycheck.adapters.protocol import Message
-from bodycheck.reports import speed
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.storage.answers import Answers
-from bodycheck.reports.subject import Subject
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.measurement import speed
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.problem import Subject
 from bodycheck.scenarios.library import load_scenario
 
 ENGINE, YARDSTICK = "quick", "reference"

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import bodycheck
-from bodycheck.errors import InputError
-from bodycheck.reports.html import render_report
-from bodycheck.reports.run import Run
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.store import write_run
-from bodycheck.reports.stored import read_run, read_tables
+from bodycheck._util.errors import InputError
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.render.html import render_report
+from bodycheck.reports.run_files.run_reader import read_run, read_tables
+from bodycheck.reports.run_files.writer import write_run
+from bodycheck.reports.summary.run_tables import Run
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.contract import Engine, Setting
-from bodycheck.adapters.drive import Answer, Case, record
+from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.rotations import geodesic_angle
-from bodycheck.reports.study import study
-from bodycheck.reports.subject import Subject
+from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.study import study
 from bodycheck.scenarios.library import load_scenario
 
 STEPS = (0.05, 0.02, 0.01, 0.005)

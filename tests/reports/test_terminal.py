@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck.reports.live_progress import LiveProgress
-from bodycheck.reports.run import Run
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.stored import read_run
-from bodycheck.reports.terminal import print_summary
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.render.progress import LiveProgress
+from bodycheck.reports.render.terminal import print_summary
+from bodycheck.reports.run_files.run_reader import read_run
+from bodycheck.reports.summary.run_tables import Run
 
 
 class Terminal(io.StringIO):

@@ -11,7 +11,7 @@ import pytest
 from front_door import bodycheck_in
 from scenario_file import SCENARIO
 
-from bodycheck.reports.whole_file import put_whole
+from bodycheck._util.files import put_whole
 
 
 @pytest.fixture(params=[0o077, 0o022, 0o027])

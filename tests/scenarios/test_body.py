@@ -12,15 +12,14 @@ import numpy as np
 import pytest
 from scenario_text import parse_scenario
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.scenarios.body import GivenBody, MeshBody
 from bodycheck.scenarios.library import load_scenario, load_scenarios
-from bodycheck.scenarios.mesh_units import doubts
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.shapes import primitive
-from bodycheck.scenarios.written import as_written
-from bodycheck.scenarios.written import written as written_down
+from bodycheck.scenarios.serialization import as_written
+from bodycheck.scenarios.serialization import written as written_down
+from bodycheck.scenarios.shapes import doubts, primitive
 
 HEAD = 'name = "x"\nduration_s = 1.0\nsamples = 11\n[body]\n'
 

@@ -14,10 +14,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bodycheck.errors import InputError
+import bodycheck.scenarios.shapes
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios import known_solids, shapes
+from bodycheck.scenarios import shapes
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.shapes import load_mesh, primitive
 
@@ -389,7 +390,7 @@ def test_a_mesh_takes_at_most_200_bytes_of_memory_a_triangle(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From its file to its mass; what numpy and numba allocate counts, also for the bytes of the file."""
-    monkeypatch.setattr(known_solids, "cache_directory", lambda: tmp_path / "cache")
+    monkeypatch.setattr(bodycheck.scenarios.shapes, "cache_directory", lambda: tmp_path / "cache")
     for rings in (4, 50):  # the first compiles
         vertices, triangles = ball(rings)
         path = written(tmp_path, f"{rings}-{name}", ball_files(vertices, triangles)[name])
@@ -405,7 +406,7 @@ def test_a_file_that_changes_while_it_is_read_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No solid is filed under the hash of other bytes."""
-    monkeypatch.setattr(known_solids, "cache_directory", lambda: tmp_path / "cache")
+    monkeypatch.setattr(bodycheck.scenarios.shapes, "cache_directory", lambda: tmp_path / "cache")
     path = written(tmp_path, "a.obj", obj())
 
     def changed(*read: Any) -> Any:

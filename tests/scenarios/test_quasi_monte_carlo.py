@@ -13,9 +13,8 @@ from bodycheck.reference_impl.mass_properties.implicit import (
     ImplicitTorus,
     LevelSet,
 )
-from bodycheck.reference_impl.mass_properties.primitives import primitive
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.scenarios.quasi_monte_carlo import Estimate, estimate
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
+from bodycheck.scenarios.level_sets import Estimate, estimate
 
 UPRIGHT = ImplicitTorus(1.0, 0.4)
 

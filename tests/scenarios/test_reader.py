@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scenario_text import HERE, parse_scenario
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.scene import BlackBox, Drag, GravityGradient, SineTorque, Spring, TorsionSpring
 from bodycheck.scenarios.library import PROBES, load_scenario, load_scenarios, scenario_names, suites
 from bodycheck.scenarios.model import Scenario

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from scenario_text import parse_scenario
 
-from bodycheck.errors import InputError
-from bodycheck.reference_impl.mass_properties.primitives import PRIMITIVES
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.scenarios.quasi_monte_carlo import Estimate
+from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.mass_properties.solid import PRIMITIVES, MassProperties
+from bodycheck.scenarios.level_sets import Estimate
 from bodycheck.scenarios.shapes import primitive
 from bodycheck.scenarios.solids import Asked, as_toml, mass_properties
 

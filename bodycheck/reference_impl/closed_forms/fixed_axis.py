@@ -1,34 +1,76 @@
-"""Rotation about one principal axis that neither the body nor the loads ever leave: J w' = tau(t) - d w."""
+"""Rotation about one principal axis that neither the body nor the loads leave: J w' = tau(t) - d w."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
-from bodycheck.reference_impl import double_double as dd
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.closed_forms.decaying import DecayingMotion
-from bodycheck.reference_impl.closed_forms.loads import Loads
-from bodycheck.reference_impl.closed_forms.sine_swing import swing
-from bodycheck.reference_impl.double_double import DoubleDouble
+from bodycheck.reference_impl.closed_forms.flight import DecayingMotion
+from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import Loads
+from bodycheck.reference_impl.free_rotation.principal_state import turned
 from bodycheck.reference_impl.free_rotation.set_up import unit
-from bodycheck.reference_impl.free_rotation.state import turned
-from bodycheck.reference_impl.free_rotation.tumble import FOUR_PI
-from bodycheck.reference_impl.jit import exact_kernel, kernel
-from bodycheck.reference_impl.paired import pair, start_omega, unit_quaternion
+from bodycheck.reference_impl.free_rotation.tumbling_constants import FOUR_PI
+from bodycheck.reference_impl.kernels import double_double as dd
+from bodycheck.reference_impl.kernels.double_double import DoubleDouble, sine_and_cosine
+from bodycheck.reference_impl.kernels.jit import exact_kernel, kernel
+from bodycheck.reference_impl.kernels.small_vectors import Quat, Vec, quaternion_times
 from bodycheck.reference_impl.rational import (
     Vector,
     added,
     cross,
     dot,
     fractions,
+    pair,
     rotation_of,
+    start_omega,
     times,
     transposed,
+    unit_quaternion,
 )
-from bodycheck.reference_impl.registers import Quat, Vec, quaternion_times
 from bodycheck.reference_impl.scene import Scene
+
+_SERIES_BELOW = 0.5
+_TERMS = 13  # 0.5^26 / 28! < 2^-123
+_EVEN = tuple(pair(Fraction((-1) ** j, math.factorial(2 * j + 2))) for j in range(_TERMS + 1))
+_ODD = tuple(pair(Fraction((-1) ** j, math.factorial(2 * j + 3))) for j in range(_TERMS + 1))
+
+
+@exact_kernel
+def _sine_means(z: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble]:
+    """sin z / z, (1 - cos z) / z^2 and (z - sin z) / z^2, to some 2^-100 of their largest values near z."""
+    square = dd.multiply(z, z)
+    if abs(z[0]) < _SERIES_BELOW:
+        even, odd = _EVEN[_TERMS], _ODD[_TERMS]
+        for j in range(_TERMS - 1, -1, -1):
+            even = dd.add(_EVEN[j], dd.multiply(square, even))
+            odd = dd.add(_ODD[j], dd.multiply(square, odd))
+        return dd.subtract(dd.ONE, dd.multiply(square, odd)), even, dd.multiply(z, odd)
+    sine, cosine = sine_and_cosine(z)
+    return (
+        dd.divide(sine, z),
+        dd.divide(dd.subtract(dd.ONE, cosine), square),
+        dd.divide(dd.subtract(z, sine), square),
+    )
+
+
+@exact_kernel
+def swing(amplitude: DoubleDouble, rate: float, phase: float, t: float) -> tuple[DoubleDouble, DoubleDouble]:
+    """theta = a t^2 (sin p (1 - cos z) / z^2 + cos p (z - sin z) / z^2) and w, with z = r t.
+
+    w = a t (sin p sin z / z + cos p (1 - cos z) / z).
+    """
+    sine, cosine = sine_and_cosine((phase, 0.0))
+    z = dd.two_product(rate, t)
+    mean0, mean1, mean2 = _sine_means(z)
+    gained = dd.multiply(amplitude, (t, 0.0))
+    w = dd.add(dd.multiply(sine, mean0), dd.multiply(cosine, dd.multiply(z, mean1)))
+    angle = dd.add(dd.multiply(sine, mean1), dd.multiply(cosine, mean2))
+    return dd.multiply(dd.multiply(gained, (t, 0.0)), angle), dd.multiply(gained, w)
+
 
 _MOST_RADIANS = 2.0**50  # on the way: beyond, 106 bits would no longer hold the angle to 4e-15
 

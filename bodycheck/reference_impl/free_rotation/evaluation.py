@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.free_rotation.rows import (
+from bodycheck.reference_impl.free_rotation.packing import (
     Steady,
     Tumbling,
     is_steady,
     steady_in,
     tumbling_in,
 )
+from bodycheck.reference_impl.free_rotation.principal_state import state_at, turned
 from bodycheck.reference_impl.free_rotation.set_up import unit
-from bodycheck.reference_impl.free_rotation.state import state_at, turned
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import quaternion_times, times
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import quaternion_times, times
 
 
 @kernel

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.free_rotation.classification import ExactState
 from bodycheck.reference_impl.free_rotation.evaluation import evaluate
-from bodycheck.reference_impl.free_rotation.exact_integers import ExactState
-from bodycheck.reference_impl.free_rotation.rows import HORIZON, QUARTER_PERIOD, WIDTH
+from bodycheck.reference_impl.free_rotation.packing import HORIZON, QUARTER_PERIOD, WIDTH
 from bodycheck.reference_impl.free_rotation.set_up import begin, begin_steady
 
 _SYMMETRY_TOLERANCE = 1e-12

@@ -6,18 +6,24 @@ import math
 
 import numpy as np
 
-from bodycheck.reference_impl import double_double as dd
-from bodycheck.reference_impl import registers
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import matrix_at, vector_at
-from bodycheck.reference_impl.free_rotation.decisions import is_certainly_tumbling, separation_of
-from bodycheck.reference_impl.free_rotation.numbered_axes import NumberedAxes, Separation, numbered
-from bodycheck.reference_impl.free_rotation.principal_axes import Frame, principal, quaternion_of
-from bodycheck.reference_impl.free_rotation.rows import Steady, Tumbling, put_steady, put_tumbling
-from bodycheck.reference_impl.free_rotation.state import Tumble, state_at
-from bodycheck.reference_impl.free_rotation.tumble import FOUR_PI, hypotenuse, tumble
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import Quat, Vec
+from bodycheck.reference_impl.free_rotation.classification import is_certainly_tumbling, separation_of
+from bodycheck.reference_impl.free_rotation.packing import Steady, Tumbling, put_steady, put_tumbling
+from bodycheck.reference_impl.free_rotation.principal_state import Tumble, state_at
+from bodycheck.reference_impl.free_rotation.tensor_axes import Frame, principal, quaternion_of
+from bodycheck.reference_impl.free_rotation.tumbling_constants import (
+    FOUR_PI,
+    NumberedAxes,
+    Separation,
+    hypotenuse,
+    numbered,
+    tumble,
+)
+from bodycheck.reference_impl.integrators.right_hand_sides import matrix_at, vector_at
+from bodycheck.reference_impl.kernels import double_double as dd
+from bodycheck.reference_impl.kernels import small_vectors
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import Quat, Vec
 
 _NEGLIGIBLE = 2.0**-960  # of omega's largest component: smaller ones would leave the range of doubles
 
@@ -94,8 +100,8 @@ def placed(motion: Tumble, axes: NumberedAxes, omega: Array, quaternion: Array) 
     """Let the motion start from the quaternion."""
     principal_axes = unit(quaternion_of(axes.columns))
     relative = unit(state_at(motion, dd.ZERO)[0])
-    left = registers.quaternion_times(
-        registers.quaternion_times(_attitude(quaternion), principal_axes), _conjugate(relative)
+    left = small_vectors.quaternion_times(
+        small_vectors.quaternion_times(_attitude(quaternion), principal_axes), _conjugate(relative)
     )
     return Tumbling(motion, _frequency(omega), left, _conjugate(principal_axes), axes.columns)
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from bodycheck.reference_impl.integrators.cf4 import LIE4
 from bodycheck.reference_impl.integrators.dop853 import DOP853
 from bodycheck.reference_impl.integrators.euler import EULER
 from bodycheck.reference_impl.integrators.euler_svd import EULER_SVD
+from bodycheck.reference_impl.integrators.explicit_gyro import M1
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.lie_group import LIE4
-from bodycheck.reference_impl.integrators.m1 import M1
-from bodycheck.reference_impl.integrators.m2 import M2
-from bodycheck.reference_impl.integrators.m3 import M3
+from bodycheck.reference_impl.integrators.lie_euler import ROTATION_FIRST
+from bodycheck.reference_impl.integrators.linearly_implicit import M2
+from bodycheck.reference_impl.integrators.linearly_implicit_gyro import M3
 from bodycheck.reference_impl.integrators.quaternion_euler import QUATERNION_EULER
 from bodycheck.reference_impl.integrators.rk4 import RK4
-from bodycheck.reference_impl.integrators.rotation_first import ROTATION_FIRST
 from bodycheck.reference_impl.integrators.splitting import SPLITTING6
 
 INTEGRATORS: dict[str, Integrator] = {

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dormand_prince import B_REMAINING, TABLEAU, A, B, Turning, combined
-from bodycheck.reference_impl.equations import (
+from bodycheck.reference_impl.integrators.dormand_prince import B_REMAINING, TABLEAU, A, B, Turning, combined
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
     gyroscopic,
@@ -12,10 +13,9 @@ from bodycheck.reference_impl.equations import (
     store,
     vector_at,
 )
-from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.staged import stage_by_stage
-from bodycheck.reference_impl.jit import inlined_kernel, kernel
-from bodycheck.reference_impl.registers import Vec, matrix_of, quaternion_times, scaled_add, times
+from bodycheck.reference_impl.integrators.stages import stage_by_stage
+from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel
+from bodycheck.reference_impl.kernels.small_vectors import Vec, matrix_of, quaternion_times, scaled_add, times
 
 
 @kernel

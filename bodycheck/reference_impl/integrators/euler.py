@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import acceleration, body_torque, matrix_at, store, vector_at
+from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.held import held_over_steps
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import cross, scaled_add, times, transposed_times
+from bodycheck.reference_impl.integrators.right_hand_sides import (
+    acceleration,
+    body_torque,
+    matrix_at,
+    store,
+    vector_at,
+)
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import cross, scaled_add, times, transposed_times
 
 
 @kernel

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.black_box import Tableau
+from bodycheck.reference_impl.truth.callback_motion import Tableau
 
 Spin: TypeAlias = Literal["omega_body", "omega_world", "angular_momentum"]
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import (
+from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
     gyroscopic,
@@ -11,10 +13,8 @@ from bodycheck.reference_impl.equations import (
     store,
     vector_at,
 )
-from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.held import held_over_steps
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import matrix_of, quaternion_times, scaled_add, times
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import matrix_of, quaternion_times, scaled_add, times
 
 
 @kernel

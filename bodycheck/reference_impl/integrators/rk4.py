@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import (
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
     gyroscopic,
@@ -13,10 +14,9 @@ from bodycheck.reference_impl.equations import (
     store,
     vector_at,
 )
-from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.staged import stage_by_stage
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import (
+from bodycheck.reference_impl.integrators.stages import stage_by_stage
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
     Quat,
     Vec,

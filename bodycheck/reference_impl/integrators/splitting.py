@@ -16,22 +16,28 @@ import math
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import acceleration, body_torque, matrix_at, store, vector_at
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.jacobi import principal_frame
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.lasting import lasting_wrench
-from bodycheck.reference_impl.registers import (
+from bodycheck.reference_impl.integrators.right_hand_sides import (
+    acceleration,
+    body_torque,
+    matrix_at,
+    store,
+    vector_at,
+)
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
     Quat,
     Vec,
     matrix_of,
+    principal_frame,
     quaternion_exp,
     quaternion_times,
     scaled_add,
     times,
     transposed_times,
 )
+from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench
 from bodycheck.reference_impl.scene import Drag
 
 # S10 of order 6, Blanes and Moan (2002), J. Comput. Appl. Math. 142, 313: kicks and drifts in turn

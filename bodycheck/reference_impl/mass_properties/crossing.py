@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import Vec, cross
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.reference_impl.registers import Vec, cross
 
 _CLEAR = 1e-9
 """The least sine, about, that counts as to one side: touching and sharing a plane are not crossing."""

@@ -1,18 +1,20 @@
-"""Which triangles meet at which edge: in a closed surface, exactly two at each.
+"""Which triangles meet at which edge, and closed surfaces that touch along an edge.
 
 Half-edge 3 t + k runs from corner k of triangle t to its next corner.
 """
 
 from __future__ import annotations
 
-from typing import NoReturn
+import math
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.mass_properties.places import first_few, place
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import Vec, cross, dot
+from bodycheck.reference_impl.mass_properties.message_locations import first_few, place
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 OPEN, SHARED, SHARED_TOO = -1, -2, -3
@@ -83,3 +85,135 @@ def refuse_edges(vertices: Array, triangles: Triangles, faulty: NDArray[np.int64
     """Raise ValueError naming the first of the faulty edges (k,), each by one of its half-edges."""
     shown = first_few(described(vertices, triangles, half_edge) for half_edge in np.sort(faulty))
     raise ValueError(f"the mesh {what.format(len(faulty))}: {shown}")
+
+
+_SAME_ANGLE = 1e-9
+"""Radians, about, within which two triangles lie on each other."""
+
+
+class Parted(NamedTuple):
+    """Triangles (m, 3), the partner (3 m,) of each of their half-edges, and what was done, in sentences."""
+
+    triangles: Triangles
+    partner: NDArray[np.int32]
+    notes: tuple[str, ...]
+
+
+def taken_apart(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> Parted:
+    """Pair the half-edges of edges that more than two triangles share.
+
+    Shapes: (n, 3), (m, 3), (3 m,) from edges.partners, none of it open. Triangles that lie back to back, as
+    of two parts that share a wall, bound nothing and are left out. Raises ValueError naming the first edges
+    around which matter and void do not alternate: of three triangles, of a part drawn twice, of
+    overlapping ones.
+    """
+    at_shared_edges = np.any((partner <= SHARED).reshape(-1, 3), axis=1)
+    cancelled = _back_to_back(triangles, at_shared_edges)
+    notes: tuple[str, ...] = ()
+    if cancelled.any():
+        where = first_few(place(vertices[triangle[0]]) for triangle in triangles[cancelled])
+        notes = (f"{cancelled.sum()} of the triangles lie back to back and were left out, at {where}",)
+        triangles = triangles[~cancelled]
+        if not len(triangles):
+            raise ValueError("the mesh is degenerate: all its triangles lie back to back")
+        partner = partners(triangles, len(vertices))
+    shared = partner == SHARED
+    if shared.any():
+        _pair(vertices, triangles, partner)
+        notes += (f"at {shared.sum()} edges parts touch; they were told apart by where matter is",)
+    return Parted(triangles, partner, notes)
+
+
+def _back_to_back(triangles: Triangles, asked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Say for each triangle (m,) whether it is asked and cancels another of the same corners, turned over."""
+    cancelled = np.zeros(len(triangles), dtype=np.bool_)
+    rows = np.flatnonzero(asked)
+    corners = triangles[rows]
+    a, b, c = corners.T
+    even = (a < b).astype(int) + (b < c) + (c < a) == 2  # a cyclic shift of ascending corners
+    order = np.lexsort(np.sort(corners, axis=1).T)
+    ascending = np.sort(corners, axis=1)[order]
+    group = np.cumsum((np.diff(ascending, axis=0, prepend=-1) != 0).any(axis=1)) - 1
+    turned = ~even[order]
+    pairs = np.minimum(np.bincount(group, ~turned), np.bincount(group, turned))
+    for side in (turned, ~turned):
+        rank = np.cumsum(side) - side  # how many of this side came before, over all groups
+        rank -= rank[np.searchsorted(group, group)]
+        cancelled[rows[order[side & (rank < pairs[group])]]] = True
+    return cancelled
+
+
+def _pair(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> None:
+    """Write the partners (3 m,) of half-edges on shared edges, or refuse the mesh."""
+    shared = np.flatnonzero(partner <= SHARED)
+    start, end = triangles.ravel()[shared], np.roll(triangles, -1, axis=1).ravel()[shared]
+    lower, upper = np.minimum(start, end), np.maximum(start, end)
+    order = np.lexsort((upper, lower))
+    changes = np.diff(lower[order], prepend=-1) | np.diff(upper[order], prepend=-1)
+    begin = np.append(np.flatnonzero(changes), len(order))
+    faulty = _pair_by_angle(vertices, triangles, shared[order], begin, partner)
+    if faulty.any():
+        refuse_edges(
+            vertices,
+            triangles,
+            shared[order[begin[:-1][faulty]]],
+            "is not a surface: {} edges are shared by more than two triangles, and matter and void do not "
+            "alternate around them",
+        )
+
+
+@kernel
+def _difference(vertices: Array, i: int, j: int) -> Vec:
+    """Vertex i seen from vertex j."""
+    return vertices[i, 0] - vertices[j, 0], vertices[i, 1] - vertices[j, 1], vertices[i, 2] - vertices[j, 2]
+
+
+@kernel
+def _angles(vertices: Array, triangles: Triangles, half_edges: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the angle (k,), in [0, 2 pi), of each triangle about the first one's edge, and its sense (k,).
+
+    Forward, 1, is from the edge's lesser vertex; matter is then at lesser angles, else at greater ones.
+    """
+    angle, sense = np.empty(len(half_edges)), np.empty(len(half_edges))
+    first, corner = divmod(half_edges[0], 3)
+    ends = triangles[first, corner], triangles[first, (corner + 1) % 3]
+    low, high = min(ends), max(ends)
+    axis = _difference(vertices, high, low)
+    length2 = dot(axis, axis)
+    e1 = e2 = axis
+    for k in range(len(half_edges)):
+        t, corner = divmod(half_edges[k], 3)
+        sense[k] = 1.0 if triangles[t, corner] == low else -1.0
+        w = _difference(vertices, triangles[t, (corner + 2) % 3], low)
+        share = dot(w, axis) / length2
+        w = w[0] - share * axis[0], w[1] - share * axis[1], w[2] - share * axis[2]
+        if k == 0:
+            e1 = w
+            e2 = cross(axis, w)
+        angle[k] = math.atan2(dot(w, e2) / math.sqrt(length2), dot(w, e1))
+        # of triangles that lie on each other, the one with matter below comes first
+        angle[k] = (angle[k] - 0.5 * sense[k] * _SAME_ANGLE) % (2.0 * math.pi)
+    return angle, sense
+
+
+@kernel
+def _pair_by_angle(
+    vertices: Array,
+    triangles: Triangles,
+    half_edges: NDArray[np.int64],
+    begin: NDArray[np.int64],
+    partner: NDArray[np.int32],
+) -> NDArray[np.bool_]:
+    """Pair the half-edges (k,) of each shared edge, from begin (e + 1,); return which do not alternate."""
+    faulty = np.zeros(len(begin) - 1, dtype=np.bool_)
+    for e in range(len(faulty)):
+        group = half_edges[begin[e] : begin[e + 1]]
+        angle, sense = _angles(vertices, triangles, group)
+        order = np.argsort(angle)
+        for k in range(len(order)):
+            this, following = order[k], order[(k + 1) % len(order)]
+            if sense[this] == sense[following]:
+                faulty[e] = True
+            elif sense[this] < 0.0:
+                partner[group[this]], partner[group[following]] = group[following], group[this]
+    return faulty

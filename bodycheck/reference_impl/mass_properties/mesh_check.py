@@ -8,14 +8,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.edges import OPEN, SHARED, partners, refuse_edges
-from bodycheck.reference_impl.mass_properties.facing import faced
-from bodycheck.reference_impl.mass_properties.gaps import without_slits
-from bodycheck.reference_impl.mass_properties.merging import merged
-from bodycheck.reference_impl.mass_properties.orientation import consistent, with_turned
-from bodycheck.reference_impl.mass_properties.places import first_few, place
+from bodycheck.reference_impl.mass_properties.edges import (
+    OPEN,
+    SHARED,
+    Parted,
+    partners,
+    refuse_edges,
+    taken_apart,
+)
+from bodycheck.reference_impl.mass_properties.message_locations import first_few, place
+from bodycheck.reference_impl.mass_properties.outward_orientation import consistent, faced, with_turned
 from bodycheck.reference_impl.mass_properties.solid import LENGTHS, Overlap, Triangles
-from bodycheck.reference_impl.mass_properties.touching import Parted, taken_apart
+from bodycheck.reference_impl.mass_properties.vertex_merge import merged, without_slits
 
 _MOST_TRIANGLES = (1 << 31) // 3
 """Half-edges are numbered in 32 bits."""

@@ -12,10 +12,10 @@ import math
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.double_double import two_sum
-from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.kernels.double_double import two_sum
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import Vec, cross, dot
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles
-from bodycheck.reference_impl.registers import Vec, cross, dot
 
 _LANES = 32
 """How many triangles are taken at once: a row for every quantity, so that one instruction serves several."""

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.reports.bounds import FLOOR_BOUNDS, TRUTH_BOUNDS, bound_of
-from bodycheck.reports.comparison.change import Change, Status
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.measures import MEASURES
+from bodycheck.reports.comparison.change import Change, Status, Thresholds
+from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS, TRUTH_BOUNDS, bound_of
+from bodycheck.reports.measurement.measures import MEASURES
 
 _EPS = float(np.finfo(np.float64).eps)
 _ROUND_OFFS = 8.0

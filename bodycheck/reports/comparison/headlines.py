@@ -6,10 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from bodycheck.reports.comparison.change import FAILING, Change, Status
+from bodycheck.reports.comparison.change import FAILING, Change, Status, Thresholds
 from bodycheck.reports.comparison.compare import Comparison
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.wording import count, number, setting
+from bodycheck.reports.render.formatting import count, number, setting
 
 ORIENTATION = "orientation_error_rad"
 _MOST_METHODS = 6

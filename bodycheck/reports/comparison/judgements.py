@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
-from bodycheck.reports.comparison.change import Change, Status, by_rank
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.measures import MEASURES
-from bodycheck.reports.states import UNDECIDED, severity
+from bodycheck.reports.comparison.change import Change, Status, Thresholds, by_rank
+from bodycheck.reports.measurement.measures import MEASURES
+from bodycheck.reports.measurement.verdicts import UNDECIDED, severity
 
 _LEAST_ORDER_CHANGE = 0.05
 

@@ -1,16 +1,170 @@
-"""Whether a gate holds: every row that it matches within its bounds, and at least one that was measured."""
+"""Whether a gate holds: the rows that it matches, each with its command, and its bounds."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from itertools import accumulate, pairwise
+from typing import TYPE_CHECKING, Any, Literal
 
-from bodycheck.reports.findings import Findings
+from bodycheck._util.untrusted import joined, parted
 from bodycheck.reports.gates.gate import Gate
-from bodycheck.reports.gates.rows import Row, rows_of, why_none
-from bodycheck.reports.wording import number
+from bodycheck.reports.measurement.verdicts import QuantityVerdict, method_verdict
+from bodycheck.reports.render.formatting import names, number, setting, step
+from bodycheck.reports.summary.run_tables import Findings
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case, or one method on one scenario: what was obtained, or why nothing was.
+
+    at: the step or the tolerance in words; "" where a row is of all steps. obtained: a finite number or a
+    word; None where there is none, and then why. about: the quantity behind a word, with its size and step.
+    """
+
+    scenario: str
+    engine: str
+    method: str
+    at: str
+    obtained: float | str | None
+    why: str
+    reproduce: str
+    about: str = ""
+
+
+def rows_of(gate: Gate, run: Findings) -> list[Row]:
+    """Return all rows that the gate's patterns match, in the order of the run."""
+    measure = gate.looks_at
+    if measure.source == "results":
+        return [_row_of_case(gate, case.columns) for case in run.cases if _wanted(gate, case.columns)]
+    table: pd.DataFrame = run.methods if measure.source == "methods" else run.stability
+    rows = [_present(row) for row in table.to_dict("records")]
+    found: Mapping[tuple[str, str, str], Mapping[str, Any]] = (
+        _worst_verdicts(rows)
+        if measure.column == "verdict" and measure.quantity is None
+        else {_pair(row): row for row in rows if measure.quantity in (None, row.get("quantity"))}
+    )
+    # a method of which nothing could be told on a scenario has no row there: it has cases, and must not pass
+    pairs = {_pair(case.columns): case.columns for case in run.cases}
+    return [
+        _row_of_method(gate, columns, found.get(pair, {}), run)
+        for pair, columns in pairs.items()
+        if _wanted(gate, columns)
+    ]
+
+
+def _pair(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    return row["scenario"], row["engine"], row["method"]
+
+
+def _worst_verdicts(rows: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str, str], Mapping[str, Any]]:
+    """Return the most severe verdict of each method on each scenario, with what it is about."""
+    quantities: dict[tuple[str, str, str], dict[str, QuantityVerdict]] = {}
+    for row in rows:
+        quantities.setdefault(_pair(row), {})[row["quantity"]] = QuantityVerdict.of(row)
+    worst = {pair: method_verdict(verdicts) for pair, verdicts in quantities.items()}
+    return {
+        pair: {"verdict": one.state, "about": one.text if one.is_wrong else ""}
+        for pair, one in worst.items()
+        if one is not None
+    }
+
+
+def _wanted(gate: Gate, columns: Mapping[str, Any]) -> bool:
+    return all(wanted(gate, columns) for wanted in _KEYS.values())
+
+
+def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> Row:
+    value: Any = columns.get(gate.looks_at.column)
+    why = ""
+    if gate.looks_at.column != "outcome":
+        if columns["outcome"] != "ok":
+            value, why = None, f"{columns['outcome']}: {columns['message']}"
+        elif not _is_finite(value):
+            value, why = None, f"{gate.measure} was not measured"
+    return Row(**_who(columns), at=_at(columns), obtained=value, why=why, reproduce=columns["reproduce"])
+
+
+def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: Findings) -> Row:
+    measure = gate.looks_at
+    value = found.get(measure.column)
+    why = ""
+    if value is None or (not measure.words and not _is_finite(value)):
+        value = None
+        told = found.get("verdict") or found.get("message") or columns["message"] or "nothing tells of it"
+        why = f"there is no {gate.measure}: {told}"
+    command = _whole_command(columns, run.manifest)
+    about = found.get("about", "")
+    return Row(**_who(columns), at="", obtained=value, why=why, reproduce=command, about=about)
+
+
+def _who(columns: Mapping[str, Any]) -> dict[str, str]:
+    return {name: columns[name] for name in ("scenario", "engine", "method")}
+
+
+def _is_finite(value: Any) -> bool:
+    return value is not None and abs(value) < float("inf")
+
+
+def _present(row: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the cells that have something in them."""
+    import pandas as pd
+
+    return {name: value for name, value in row.items() if not pd.isna(value)}
+
+
+def _whole_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
+    """Return the command of all steps of a case's method: its own, with the steps of the run."""
+    words = parted(columns["reproduce"])
+    for option, asked in (("--dt", manifest["dt_s"]), ("--tolerance", manifest["tolerances"])):
+        if option in words:
+            place = words.index(option)
+            words[place : place + 2] = [option, ",".join(map(repr, asked))] if asked else []
+    return joined(words)
+
+
+def why_none(gate: Gate, run: Findings) -> str:
+    """Say of a gate without rows which key is the first that leaves no case, and what there is instead."""
+    cases: list[Mapping[str, Any]] = [case.columns for case in run.cases]
+    left_by_each = accumulate(
+        _KEYS.values(), lambda left, wanted: [one for one in left if wanted(gate, one)], initial=cases
+    )
+    key, there = next(
+        (key, there) for key, (there, left) in zip(_KEYS, pairwise(left_by_each), strict=True) if not left
+    )
+    has = names(list(dict.fromkeys(_shown(columns, key) for columns in there)))
+    lost = [told["unavailable"] for told in run.manifest["engines"].values() if "unavailable" in told]
+    return "; ".join([f"no {key} of the run is {_asked(gate, key)}; it has {has or 'none'}", *lost])
+
+
+_KEYS: dict[str, Callable[[Gate, Mapping[str, Any]], bool]] = {
+    "scenario": lambda gate, columns: gate.wants_scenario(columns["scenario"]),
+    "engine": lambda gate, columns: gate.wants_engine(columns["engine"]),
+    "method": lambda gate, columns: gate.wants_method(columns["engine"], columns["method"]),
+    "step": lambda gate, columns: gate.wants_setting(columns.get("dt_s"), columns.get("tolerance")),
+}
+"""What a case must meet, in the order in which it is told what none met."""
+
+
+def _asked(gate: Gate, key: str) -> str:
+    if key == "step":
+        return f"{step(gate.dt_s or gate.tolerance)}"
+    return str(getattr(gate, key))
+
+
+def _shown(columns: Mapping[str, Any], key: str) -> str:
+    if key == "step":
+        return _at(columns)
+    return str(columns[key])
+
+
+def _at(columns: Mapping[str, Any]) -> str:
+    dt_s: float | None = columns.get("dt_s")
+    return setting(columns["control"], columns.get("tolerance") if dt_s is None else dt_s)
 
 
 @dataclass(frozen=True)

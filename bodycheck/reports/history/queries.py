@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bodycheck.errors import InputError
-from bodycheck.outside import escaped
-from bodycheck.reports.history.past import told_of
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import escaped
+from bodycheck.reports.history.baseline import told_of
 
 if TYPE_CHECKING:
     import duckdb

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.history.levels import Step
-from bodycheck.reports.history.series import Key, Series
-from bodycheck.reports.history.speeds import Speeds
-from bodycheck.reports.wording import number
+from bodycheck.reports.history.regression import Speeds
+from bodycheck.reports.history.step_detection import Key, Series, Step
+from bodycheck.reports.render.formatting import number
 
 _WIDTH, _HEIGHT, _EDGE = 240, 32, 4
 _LEAST_HALF_RANGE = 0.05  # decades: what moves less than a tenth up or down looks flat

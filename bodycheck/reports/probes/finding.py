@@ -1,13 +1,75 @@
-"""One check of a probe: what was measured, what any consistent method gives, and how far that may be off."""
+"""One check of a probe: what was measured, what any consistent method gives, and the tolerance between.
+
+The error of a one-step method has an expansion in powers of the step h (Gragg 1964; Hairer, Norsett and
+Wanner, Solving ODEs I, II.8), so the limit is the value at h = 0 of the polynomial through several steps.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+
+_SAFETY = 10.0  # times the estimated uncertainty: a limit within it is zero
+# Relative: less than that is no fault of a formula. An implicit method may end its iterations there.
+_LEAST = float(np.sqrt(np.finfo(np.float64).eps))
+_DIFFERENCE_NORM = float(np.sqrt(70.0))  # of a fourth difference of independent errors: 1, -4, 6, -4, 1
+
+
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """A relative limit for h -> 0, (cells, components), and the largest size that may still be zero."""
+
+    value: Array
+    tolerance: float
+
+    @property
+    def size(self) -> float:
+        """The largest norm over the cells."""
+        return largest(self.value)
+
+
+def largest(values: Array) -> float:
+    """Max |v| over the rows of (n, components)."""
+    return float(np.max(np.linalg.norm(values, axis=-1)))
+
+
+def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: float) -> Limit:
+    """Extrapolate relative mismatches, each (cells, components), to h = 0.
+
+    The uncertainty is what the coarsest step changes in the extrapolated value, or the round-off of a
+    mismatch, times the condition of the extrapolation.
+    """
+    weights = _weights(steps_s)
+    value = np.einsum("h,hij->ij", weights, np.array(mismatches))
+    without_coarsest = np.einsum("h,hij->ij", _weights(steps_s[1:]), np.array(mismatches[1:]))
+    uncertainty = max(largest(value - without_coarsest), float(np.sum(np.abs(weights))) * round_off)
+    return Limit(value, max(_SAFETY * uncertainty, _LEAST))
+
+
+def _weights(steps_s: Sequence[float]) -> Array:
+    """Lagrange's basis polynomials at 0: prod over j != i of h_j / (h_j - h_i)."""
+    h = np.array(steps_s)
+    return np.array([np.prod([other / (other - one) for other in h if other != one]) for one in h])
+
+
+def noise(series: Array) -> float:
+    """Median |fourth difference| / sqrt(70): the round-off of samples (n, components) of a smooth motion.
+
+    It is that of the engine's own arithmetic, single precision too. A median, so that the kinks where loads
+    come and go, and a single wrong sample, do not count: take the finest step, at which they are few.
+    """
+    if len(series) < 5:
+        return 0.0
+    return float(np.max(np.median(np.abs(np.diff(series, 4, axis=0)), axis=0))) / _DIFFERENCE_NORM
+
 
 Verdict: TypeAlias = Literal["consistent", "inconsistent", "not-measured"]
 

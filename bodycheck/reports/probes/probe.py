@@ -10,9 +10,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from bodycheck.adapters.breakdown import defect
 from bodycheck.adapters.contract import Engine, Method, Setting, read_back_mismatch
-from bodycheck.adapters.drive import Answer, Case
+from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.stability_check import defect
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.probes.finding import Finding, Sampled

@@ -20,8 +20,7 @@ from bodycheck.reference_impl.rotations import (
     quaternion_product,
 )
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.probes.finding import Finding, Sampled, delay_finding
-from bodycheck.reports.probes.limits import Limit, limit, noise
+from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
 
 _UNIT = 1e-12  # an attitude that is off by more is not normalised after each step
 

@@ -16,8 +16,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
 from bodycheck.reference_impl.scene import PointForce, Scene, Timed, Torque
-from bodycheck.reports.probes.finding import Finding, Sampled, delay_finding
-from bodycheck.reports.probes.limits import Limit, limit, noise
+from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
 
 _SMALLEST_RESPONSE = 0.1  # below it there is too little of a response for a delay to be seen in it
 

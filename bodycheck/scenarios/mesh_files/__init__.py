@@ -9,7 +9,7 @@ from io import BufferedIOBase
 from pathlib import PurePath
 from typing import TypeAlias, cast
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.obj import parse_obj

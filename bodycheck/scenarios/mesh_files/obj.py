@@ -13,7 +13,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files.words import (
+from bodycheck.scenarios.mesh_files.text_formats import (
     fans,
     floats,
     integer,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files.words import fans, floats, integer, lines_of_words, shown
+from bodycheck.scenarios.mesh_files.text_formats import fans, floats, integer, lines_of_words, shown
 
 _TYPES = {
     name: code

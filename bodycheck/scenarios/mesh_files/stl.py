@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files.words import floats, lines_of_words, points, shown
+from bodycheck.scenarios.mesh_files.text_formats import floats, lines_of_words, points, shown
 
 _HEADER = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -47,7 +47,7 @@ def parse_stl(file: BufferedIOBase) -> tuple[Array, Triangles]:
 def _numbered(corners: NDArray[np.floating[Any]]) -> tuple[Array, Triangles]:
     """Return corners (3 m, 3), those of one facet after those of another, as vertices and triangles."""
     # late: it is compiled, and numba takes a second to begin with
-    from bodycheck.reference_impl.mass_properties.merging import merged
+    from bodycheck.reference_impl.mass_properties.vertex_merge import merged
 
     vertices, number = merged(corners)
     return vertices, number.astype(np.int64).reshape(-1, 3)

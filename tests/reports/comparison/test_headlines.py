@@ -11,18 +11,19 @@ from gated import a_run
 from markupsafe import escape
 from mirrored import TURNED
 
-from bodycheck.reports.comparison.change import Status
+from bodycheck.reports.comparison.change import Status, Thresholds
 from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.comparison.comparison_output import (
+    comparison_markdown,
+    print_comparison,
+    render_comparison,
+)
+from bodycheck.reports.comparison.describe import sentences
+from bodycheck.reports.comparison.environment_diff import is_refinement
 from bodycheck.reports.comparison.headlines import by_method, headlines
-from bodycheck.reports.comparison.markdown import comparison_markdown
-from bodycheck.reports.comparison.page import render_comparison
-from bodycheck.reports.comparison.refinement import is_refinement
 from bodycheck.reports.comparison.release_search import release_searches
-from bodycheck.reports.comparison.text import print_comparison
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.comparison.words import sentences
-from bodycheck.reports.markdown import escaped
-from bodycheck.reports.stored import Tables
+from bodycheck.reports.render.markdown import escaped
+from bodycheck.reports.run_files.run_reader import Tables
 
 ERROR = "orientation_error_rad"
 ORDER = ("order", "order_low", "order_high")

@@ -12,16 +12,15 @@ from gated import a_run
 from markupsafe import escape
 from rich.console import Console
 
-from bodycheck.errors import InputError
-from bodycheck.reports.comparison import text
+from bodycheck._util.errors import InputError
+from bodycheck.reports.comparison import comparison_output
 from bodycheck.reports.comparison.change import FAILING, Change, Status
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.comparison.one_measure import Finding, OneMeasure, comparable, under_one_name
-from bodycheck.reports.comparison.page import render_comparison
-from bodycheck.reports.comparison.text import print_changes, print_comparison
-from bodycheck.reports.comparison.words import HEADINGS, sentences
-from bodycheck.reports.run import Run
-from bodycheck.reports.stored import Tables
+from bodycheck.reports.comparison.comparison_output import print_changes, print_comparison, render_comparison
+from bodycheck.reports.comparison.describe import HEADINGS, sentences
+from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
+from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.summary.run_tables import Run
 
 ERROR = "orientation_error_rad"
 
@@ -222,7 +221,7 @@ def test_on_a_terminal_what_fails_is_red(status: Status, monkeypatch: pytest.Mon
     """And bold."""
     shown = StringIO()
     console = Console(file=shown, width=100, force_terminal=True, color_system="standard", highlight=False)
-    monkeypatch.setattr(text, "console", lambda: console)
+    monkeypatch.setattr(comparison_output, "console", lambda: console)
     print_changes([Change("case", "brick", "mujoco", "rk4", "case", "ok", None, status)], "there")
     assert f"\x1b[1;31m{HEADINGS[status]}" in shown.getvalue()
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from bodycheck.reports.comparison.one_measure import Finding
-from bodycheck.reports.version_text import Found, Track, print_found
+from bodycheck.reports.comparison.measure_track import Finding
+from bodycheck.reports.render.answer_text import Found, Track, print_found
 
 VERSIONS = ("1.0", "1.1", "1.2", "2.0", "2.1")
 

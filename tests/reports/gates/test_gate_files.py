@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck.errors import InputError
-from bodycheck.reports.comparison.thresholds import THRESHOLD, Thresholds
+from bodycheck._util.errors import InputError
+from bodycheck.reports.comparison.change import THRESHOLD, Thresholds
 from bodycheck.reports.gates.gate import parse_gates, read_gates, read_thresholds
-from bodycheck.reports.gates.measure import measure_of
-from bodycheck.reports.study import QUANTITIES
-from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
+from bodycheck.reports.gates.gate_measure import measure_of
+from bodycheck.reports.measurement.study import QUANTITIES
+from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS
 
 GATE = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "because"\n'
 

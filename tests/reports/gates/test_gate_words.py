@@ -12,14 +12,19 @@ import pytest
 from gated import a_run
 from rich.console import Console
 
-from bodycheck.errors import InputError
-from bodycheck.reports.gates import text
-from bodycheck.reports.gates.editing import edited
-from bodycheck.reports.gates.files import as_json, as_junit
+from bodycheck._util.errors import InputError
+from bodycheck.reports.gates import gate_output
 from bodycheck.reports.gates.gate import Gate, gate_of
-from bodycheck.reports.gates.measure import Measure, measure_of
-from bodycheck.reports.gates.proposal import Change, proposals
-from bodycheck.reports.gates.text import failure_rows, line_of, print_changes, print_results
+from bodycheck.reports.gates.gate_measure import Measure, measure_of
+from bodycheck.reports.gates.gate_output import (
+    as_json,
+    as_junit,
+    failure_rows,
+    line_of,
+    print_changes,
+    print_results,
+)
+from bodycheck.reports.gates.proposal import Change, edited, proposals
 from bodycheck.reports.gates.verdict import GateResult, held
 
 ERROR = "orientation_error_rad"
@@ -135,7 +140,7 @@ def test_on_a_terminal_the_status_alone_is_coloured_and_no_line_is_broken(
     """Green where it passed, red else; a line that is longer than the terminal is left to that."""
     shown = StringIO()
     narrow = Console(file=shown, width=30, force_terminal=True, color_system="standard", highlight=False)
-    monkeypatch.setattr(text, "console", lambda: narrow)
+    monkeypatch.setattr(gate_output, "console", lambda: narrow)
     print_results(results())
     lines = shown.getvalue().splitlines()
     colours = ("\x1b[32mpassed ", "\x1b[31mfailed ", "\x1b[31mfailed ", "\x1b[31mnothing")

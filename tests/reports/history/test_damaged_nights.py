@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from bodycheck import cli
-from bodycheck.errors import InputError
-from bodycheck.reports.history.past import TOLD
+from bodycheck._util.errors import InputError
+from bodycheck.cli.main import main as cli
+from bodycheck.reports.history.baseline import TOLD
 from bodycheck.reports.history.queries import TABLES
-from bodycheck.reports.table_formats import as_parquet
+from bodycheck.reports.run_files.table_formats import as_parquet
 
 NAMES = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
 

@@ -12,16 +12,16 @@ import pandas as pd
 import pytest
 from made_nights import Change, run_of_night, slower, stored, unchanged
 
-from bodycheck.errors import InputError
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.history.accepted import read_accepted
-from bodycheck.reports.history.judgement import Judgement
-from bodycheck.reports.history.nights import History
+from bodycheck._util.errors import InputError
+from bodycheck.reports.comparison.change import Thresholds
+from bodycheck.reports.history.accepted_levels import read_accepted
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import seal_night
+from bodycheck.reports.history.history_output import night_sentences
 from bodycheck.reports.history.queries import nights_table, query
-from bodycheck.reports.history.sums import seal_night
-from bodycheck.reports.history.words import night_sentences
-from bodycheck.reports.run import Run
-from bodycheck.reports.stored import read_tables
+from bodycheck.reports.history.regression import Judgement
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.summary.run_tables import Run
 
 pytestmark = pytest.mark.slow
 

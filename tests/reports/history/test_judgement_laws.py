@@ -12,10 +12,10 @@ import pandas as pd
 import pytest
 from gated import a_run
 
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.history import judgement
-from bodycheck.reports.history.judgement import Judgement, judge_night
-from bodycheck.reports.stored import Tables
+from bodycheck.reports.history import regression
+from bodycheck.reports.history.regression import Judgement, judge_night
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.run_files.run_reader import Tables
 
 ERROR = "orientation_error_rad"
 COLUMNS = ["engine", "method", "scenario", "control", "dt_s", "tolerance", "relative_cpu", ERROR]
@@ -65,8 +65,8 @@ def judged_after(
         return pd.concat(well) if well else pd.DataFrame(columns=["night", *COLUMNS])
 
     past = SimpleNamespace(nights=list(before))
-    monkeypatch.setattr(judgement, "past_of", lambda _, manifest: past if manifest else None)
-    monkeypatch.setattr(judgement, "recorded_cases", recorded)
+    monkeypatch.setattr(regression, "past_of", lambda _, manifest: past if manifest else None)
+    monkeypatch.setattr(regression, "recorded_cases", recorded)
     return judge_night(None, tonight)  # type: ignore[arg-type]
 
 

@@ -9,9 +9,15 @@ import pandas as pd
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.history.judgement import _farthest
-from bodycheck.reports.history.levels import Step, least_told, level_steps, usual_spread
-from bodycheck.reports.history.series import Series, series_of
+from bodycheck.reports.history.regression import _farthest
+from bodycheck.reports.history.step_detection import (
+    Series,
+    Step,
+    least_told,
+    level_steps,
+    series_of,
+    usual_spread,
+)
 
 LEAST = math.log10(1.08)
 

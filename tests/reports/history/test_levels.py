@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.history.levels import (
+from bodycheck.reports.history.step_detection import (
     LEAST_AFTER,
     LEAST_BEFORE,
     least_told,

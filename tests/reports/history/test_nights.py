@@ -10,8 +10,8 @@ import pytest
 from full_disk import no_file_longer_than
 from storing_nights import name, write, write_and_die, write_some
 
-from bodycheck.errors import InputError
-from bodycheck.reports.history.nights import History
+from bodycheck._util.errors import InputError
+from bodycheck.reports.history.archive import History
 
 
 def test_nights_are_in_the_order_in_which_they_began(tmp_path: Path) -> None:

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from made_nights import run_of_night, stored, unchanged
 
-from bodycheck.errors import InputError
-from bodycheck.night import store_night
-from bodycheck.reports.history.nights import History
-from bodycheck.reports.history.past import told_of
+from bodycheck._util.errors import InputError
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import told_of
 from bodycheck.reports.history.queries import query
-from bodycheck.reports.run import Run
+from bodycheck.reports.summary.run_tables import Run
+from bodycheck.runs.nightly_run import store_night
 
 pytestmark = pytest.mark.slow
 
@@ -41,7 +41,7 @@ def test_fault_of_judging_costs_no_night(
     def broken(*_: object) -> None:
         raise TypeError("nobody expected this")
 
-    monkeypatch.setattr("bodycheck.night.judge_night", broken)
+    monkeypatch.setattr("bodycheck.runs.nightly_run.judge_night", broken)
     with pytest.raises(TypeError) as raised:
         stored(night_run, tmp_path, [unchanged])
     (night,) = History(tmp_path).nights()

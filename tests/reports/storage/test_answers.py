@@ -10,17 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodycheck.adapters import protocol
 from bodycheck.adapters.contract import Build, BuildKind, Engine, Setting
-from bodycheck.adapters.drive import Case, record
-from bodycheck.adapters.host import Hosts
+from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.stable_step import Search
+from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.engine_pool import Hosts
 from bodycheck.reference_impl.scene import BlackBox, RigidBody, Scene, State
-from bodycheck.reports.storage.answers import Answers
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.storage.journal import Journal
-from bodycheck.reports.storage.reuse import Reuse
+from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.cache.disk_cache import Cache, Reuse
+from bodycheck.reports.cache.journal import Journal
 
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
 SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (), np.zeros(3), 1.0, 3)

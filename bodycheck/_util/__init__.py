@@ -1,0 +1,1 @@
+"""Helpers that know nothing of mechanics; every room may import them."""

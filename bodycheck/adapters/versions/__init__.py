@@ -1,0 +1,1 @@
+"""Engines in versions of their own: pins, environments, releases."""

@@ -1,0 +1,214 @@
+"""The commands that ask something of runs that are stored: what changed, what to take, how it looks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from bodycheck._util.errors import InputError
+from bodycheck.cli.options import AllowCode, Threshold, Tolerances, thresholds_of
+from bodycheck.reports.comparison.change import THRESHOLD
+
+if TYPE_CHECKING:
+    from bodycheck.reports.comparison.change import Status
+
+FAIL_ON: dict[str, tuple[Status, ...]] = {
+    "worse": ("worse", "missing"),
+    "moved": ("worse", "missing", "moved"),
+    "never": (),
+}
+"""--fail-on -> the changes that end `compare` with status 1."""
+
+_FAILED = 1
+
+questions = typer.Typer()
+
+_Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")]
+_AllowCode = Annotated[
+    bool, typer.Option("--allow-code", help="Let functions that its scenarios name be imported.")
+]
+
+
+@questions.command(short_help="Print what changed between two runs.")
+def compare(
+    before: Annotated[Path, typer.Argument(metavar="RUN_A", help="The folder of the run before.")],
+    after: Annotated[Path, typer.Argument(metavar="RUN_B", help="The folder of the run after.")],
+    fail_on: Annotated[
+        Literal["worse", "moved", "never"],
+        typer.Option(
+            help="End with status 1 where anything is worse or missing; moved: where anything moved, too."
+        ),
+    ] = "never",
+    threshold: Threshold = THRESHOLD,
+    tolerances: Tolerances = None,
+    html: Annotated[Path | None, typer.Option(help="Write all that changed to this page too.")] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write what is printed to this file too.")] = None,
+) -> None:
+    """Print what changed between two runs: outcomes, verdicts, orders, accuracy, speed.
+
+    A change is worse or improved beyond the threshold, moved below it, new or missing. With --fail-on, the
+    status is 1 too where there is nothing that could be compared.
+    """
+    from bodycheck._util.files import check_file, write_whole
+    from bodycheck.reports.comparison.compare import compare as compared
+    from bodycheck.reports.comparison.comparison_output import (
+        comparison_markdown,
+        print_comparison,
+        render_comparison,
+    )
+    from bodycheck.reports.run_files.run_reader import read_tables
+
+    thresholds = thresholds_of(threshold, tolerances)
+    check_file("--html", html)
+    check_file("--markdown", markdown)
+    comparison = compared(read_tables(before), read_tables(after), thresholds)
+    if html is not None:
+        write_whole(html, render_comparison(comparison).encode())
+    if markdown is not None:
+        write_whole(markdown, comparison_markdown(comparison).encode())
+    print_comparison(comparison)
+    nothing = fail_on != "never" and not comparison.paired
+    if nothing or comparison.of_status(*FAIL_ON[fail_on]):
+        raise typer.Exit(_FAILED)
+
+
+@questions.command(short_help="Print what keeps an error at least cost.")
+def advise(
+    error: Annotated[float, typer.Option(help="The largest error that you can bear, like 1e-3.")],
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Argument(help="Names, suites or .toml files.", show_default="all of the run"),
+    ] = None,
+    quantity: Annotated[
+        str,
+        typer.Option(
+            help="orientation_error_rad, position_error, energy_drift, angular_momentum_drift or omega_error."
+        ),
+    ] = "orientation_error_rad",
+    run: Annotated[
+        Path | None,
+        typer.Option(help="The folder of a run.", show_default="the newest that fits, else a new run"),
+    ] = None,
+    allow_code: AllowCode = False,
+) -> None:
+    """Print the cheapest engine, method and step that keep an error, by what a run measured."""
+    from bodycheck.reports.render.answer_text import print_advice
+    from bodycheck.reports.summary.advice import advise as advised
+    from bodycheck.reports.summary.advice import check_question
+    from bodycheck.runs.choose import chosen_run
+
+    check_question(error, quantity)
+    folder, tables, names = chosen_run(run, scenarios or [], allow_code=allow_code)
+    print_advice(advised(tables.cases, error, quantity, names), error, quantity, str(folder))
+
+
+@questions.command(short_help="Write a run's report or summary anew.")
+def report(
+    run: _Run,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print a summary for a pull request instead.")
+    ] = False,
+    allow_code: _AllowCode = False,
+) -> None:
+    """Write a run's report.html anew from what is stored, or print its summary as Markdown."""
+    from bodycheck.reports.run_files.run_reader import read_run, read_tables
+
+    if markdown:
+        from bodycheck.reports.render.markdown import markdown_summary
+
+        print(markdown_summary(read_tables(run)))
+        return
+    from bodycheck._util.files import write_whole
+    from bodycheck.reports.cache.disk_cache import Cache
+    from bodycheck.reports.render.html import render_report
+
+    page = run / "report.html"
+    write_whole(page, render_report(read_run(run, allow_code=allow_code, cache=Cache.default())).encode())
+    print(page)
+
+
+@questions.command(short_help="Print a table of a run in another format.")
+def table(
+    run: _Run,
+    which: Annotated[
+        Literal["results", "methods", "stability", "probes"],
+        typer.Argument(metavar="TABLE", help="results, methods, stability or probes."),
+    ] = "results",
+    as_: Annotated[
+        Literal["csv", "json", "md", "parquet"], typer.Option("--format", help="Of the table.")
+    ] = "csv",
+    columns: Annotated[
+        str | None, typer.Option(help="Only these, like scenario,dt_s.", show_default="all")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="A file.", show_default="standard output")] = None,
+) -> None:
+    """Print a table of a run as CSV, JSON or Markdown, or write it to a file, also as Parquet."""
+    from bodycheck._util.files import write_whole
+    from bodycheck.reports.run_files.run_reader import read_tables
+    from bodycheck.reports.run_files.table_formats import FORMATS
+
+    if as_ == "parquet" and out is None:
+        raise InputError("--format parquet: is no text; name a file with --out")
+    tables = read_tables(run)
+    found = {
+        "results": tables.results,
+        "methods": tables.methods,
+        "stability": tables.stability,
+        "probes": tables.probes,
+    }[which]
+    if columns is not None:
+        asked = [name.strip() for name in columns.split(",")]
+        if unknown := [name for name in asked if name not in found.columns]:
+            known = ", ".join(found.columns)
+            raise InputError(f"--columns {columns}: {which} has no {', '.join(unknown)}; it has {known}")
+        found = found[asked]
+    content = FORMATS[as_](found)
+    if out is None:
+        print(content.decode(), end="")
+    else:
+        write_whole(out, content)
+
+
+@questions.command(short_help="Draw a figure of a run for a paper.")
+def plot(
+    run: _Run,
+    figure: Annotated[
+        Literal["work-precision", "order", "drift", "stability"],
+        typer.Option(help="work-precision, order, drift or stability."),
+    ],
+    out: Annotated[Path, typer.Option(help="The picture: .svg or .png.")],
+    scenario: Annotated[
+        str | None, typer.Option(help="One of the run's.", show_default="the only one")
+    ] = None,
+    quantity: Annotated[
+        str | None,
+        typer.Option(help="energy_drift, omega_error, ...", show_default="orientation_error_rad"),
+    ] = None,
+    allow_code: _AllowCode = False,
+) -> None:
+    """Draw a figure of one scenario for a paper: error against processor time, against step, over time."""
+    from bodycheck._util.files import check_file, write_whole
+    from bodycheck.reports.cache.disk_cache import Cache
+    from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS
+    from bodycheck.reports.render.figures import STABILITY, check_picture, picture
+    from bodycheck.reports.run_files.run_reader import read_run, read_tables
+
+    check_picture(out)
+    check_file("--out", out)
+    if quantity is not None and (figure == STABILITY or quantity not in TRUTH_BOUNDS):
+        what = (
+            f"--figure {figure} has none" if figure == STABILITY else f"there are {', '.join(TRUTH_BOUNDS)}"
+        )
+        raise InputError(f"--quantity {quantity}: {what}")
+    tables = read_tables(run)
+    there = list(tables.manifest["scenarios"])
+    if scenario is None and len(there) == 1:
+        scenario = there[0]
+    if scenario is None or scenario not in there:
+        asked = "is needed" if scenario is None else f"{scenario}: is none of the run's"
+        raise InputError(f"--scenario {asked}; there are {', '.join(there)}")
+    found = read_run(run, allow_code=allow_code, cache=Cache.default()) if figure == "drift" else tables
+    write_whole(out, picture(found, figure, scenario, quantity or "orientation_error_rad", out.suffix))
+    print(out)

@@ -1,0 +1,137 @@
+"""The exact motion of a body whose rotation and flight both have a closed form.
+
+For L' = L x omega - k L in body axes, L(t) = e^-kt M(s) with M' = M x (I^-1 M), and ds/dt = e^-kt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Protocol
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.closed_forms.fixed_axis import FixedAxisRotation
+from bodycheck.reference_impl.closed_forms.flight import Flight, decay_means
+from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import Loads, loads_of
+from bodycheck.reference_impl.free_rotation import FreeRotation
+from bodycheck.reference_impl.kernels import double_double as dd
+from bodycheck.reference_impl.kernels.double_double import DoubleDouble
+from bodycheck.reference_impl.kernels.jit import exact_kernel
+from bodycheck.reference_impl.rational import Vector, fractions, pair, paired_omega
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+
+
+@exact_kernel
+def _stretch(decay: DoubleDouble, t_s: Array, high: Array, low: Array, decayed: Array) -> None:
+    """Fill s (n,), high and low parts, and e^-kt (n,)."""
+    for i in range(len(t_s)):
+        t = (t_s[i], 0.0)
+        rest, mean, _ = decay_means(dd.multiply(decay, t))
+        high[i], low[i] = dd.multiply(t, mean)
+        decayed[i] = rest[0]
+
+
+def decay_rate(inertia: Array, drag: Vector) -> Fraction | None:
+    """k with drag = k inertia (9,), exactly in the doubles given; None where there is none."""
+    tensor = fractions(inertia)
+    k = drag[0] / tensor[0]
+    return k if drag == [k * element for element in tensor] else None
+
+
+@dataclass(frozen=True, eq=False)
+class StretchedRotation:
+    """q(t) = q_free(s), omega(t) = e^-kt omega_free(s)."""
+
+    _free: FreeRotation
+    _decay: DoubleDouble
+
+    @classmethod
+    def of(cls, scene: Scene, decay: Fraction) -> StretchedRotation:
+        """Set up for a drag torque -k L, k in 1/s."""
+        omega = paired_omega(scene.initial)
+        free = FreeRotation.from_pairs(scene.body.inertia, scene.initial.quaternion, *omega)
+        return cls(free, pair(decay))
+
+    def at(self, t_s: Array) -> tuple[Array, Array]:
+        """Return (quaternion (n, 4), omega_body (n, 3)) at times t_s (n,)."""
+        high, low, decayed = np.empty((3, len(t_s)))
+        _stretch(self._decay, t_s, high, low, decayed)
+        quaternion, omega = self._free.at_pairs(high, low)
+        return quaternion, decayed[:, None] * omega
+
+
+_OMEGA_ERROR = 4e-15  # of the largest until then
+
+
+class Rotation(Protocol):
+    """q(t) and omega(t)."""
+
+    def at(self, t_s: Array) -> tuple[Array, Array]:
+        """Return (quaternion (n, 4), omega_body (n, 3)) at times t_s (n,) >= 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExactMotion:
+    """A rotation and a flight that do not know of each other."""
+
+    rotation: Rotation
+    flight: Flight
+
+    def at(self, t_s: Array) -> Trajectory:
+        """Return the motion at any times (n,), each at the same cost.
+
+        The attitude is within 4e-15 rad, omega within 4e-15 of its size or of its largest until then,
+        position and velocity within half an ulp and some 1e-30 of their largest terms.
+
+        Raises ValueError that names the first time that is negative, not finite, or so far that 106 bits
+        would no longer hold the angle.
+        """
+        for t in t_s[~(np.isfinite(t_s) & (t_s >= 0.0))]:
+            raise ValueError(f"a motion is known at times that are finite and not negative, not {float(t)!r}")
+        quaternion, omega_body = self.rotation.at(t_s)
+        position, velocity = self.flight.at(t_s)
+        return Trajectory(
+            t_s=t_s,
+            position_m=position,
+            velocity_m_s=velocity,
+            quaternion=quaternion,
+            omega_body_rad_s=omega_body,
+        )
+
+    def errors(self, motion: Trajectory) -> Array:
+        """(3, n): what omega in rad/s, position in m and velocity in m/s are off by before they are rounded.
+
+        motion: what `at` returned.
+        """
+        sizes = np.linalg.norm(motion.omega_body, axis=-1)
+        if isinstance(self.rotation, FixedAxisRotation):
+            sizes = np.maximum(sizes, self.rotation.largest_rate(motion.t_s))
+        return np.stack([_OMEGA_ERROR * sizes, *self.flight.errors(motion.t_s, motion.velocity_m_s)])
+
+
+def closed_form_of(scene: Scene) -> ExactMotion | None:
+    """Return the scene's motion in closed form, or None where there is none, or none as good as a truth.
+
+    The flight of a body without a pivot has one under forces that are constant in world axes, gravity and
+    linear drag. The rotation has one where no torque acts; where the only one is a drag -k L; and about a
+    principal axis that neither the spin nor any torque leaves. Which of these a scene is, is decided exactly,
+    for the doubles it is given by.
+    """
+    loads = loads_of(scene)
+    rotation = None if loads is None else _rotation_of(scene, loads)
+    flight = None if loads is None or rotation is None else Flight.of(scene, loads)
+    return None if flight is None or rotation is None else ExactMotion(rotation, flight)
+
+
+def _rotation_of(scene: Scene, loads: Loads) -> Rotation | None:
+    body, initial = scene.body, scene.initial
+    if loads.is_torque_free:
+        if not any(loads.angular_drag) or not initial.omega_body.any():
+            return FreeRotation.from_pairs(body.inertia, initial.quaternion, *paired_omega(initial))
+        decay = decay_rate(body.inertia, loads.angular_drag)
+        if decay is not None:
+            return StretchedRotation.of(scene, decay)
+    return FixedAxisRotation.of(scene, loads)

@@ -1,0 +1,68 @@
+"""The right-hand sides that the fixed-step kernels share, and how their arguments are packed.
+
+load (21,): force_body, force_world with the weight, torque_body, torque_world, moment (3, 3), as
+Wrench.packed makes it. body (19,): mass, inertia, inverse inertia, as `packed_body` makes it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import (
+    Mat,
+    Vec,
+    add,
+    cross,
+    times,
+    transposed_times,
+)
+from bodycheck.reference_impl.scene import RigidBody
+
+
+def packed_body(body: RigidBody) -> Array:
+    """(19,): mass, the nine of I, the nine of I^-1."""
+    return np.concatenate([[body.mass], body.inertia.ravel(), np.linalg.inv(body.inertia).ravel()])
+
+
+@kernel
+def vector_at(a: Array, i: int) -> Vec:
+    """The three numbers from a[i] on, of an array (n,)."""
+    return a[i], a[i + 1], a[i + 2]
+
+
+@kernel
+def matrix_at(a: Array, i: int) -> Mat:
+    """The nine numbers from a[i] on, of an array (n,): a matrix row by row."""
+    return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4], a[i + 5], a[i + 6], a[i + 7], a[i + 8]
+
+
+@kernel
+def store(a: Array, i: int, v: Vec) -> None:
+    """Write three numbers from a[i] on, into an array (n,)."""
+    a[i], a[i + 1], a[i + 2] = v
+
+
+@kernel
+def body_torque(rotation: Mat, load: Array) -> Vec:
+    """tau = tau_b + R^T tau_w + sum a x R^T F, in body axes, N m; load (21,) as above."""
+    held = add(vector_at(load, 6), transposed_times(rotation, vector_at(load, 9)))
+    # (moment R)_bc; each world force F at a gives tau_a = eps_abc a_b (R^T F)_c
+    row0 = transposed_times(rotation, vector_at(load, 12))
+    row1 = transposed_times(rotation, vector_at(load, 15))
+    row2 = transposed_times(rotation, vector_at(load, 18))
+    return add(held, (row1[2] - row2[1], row2[0] - row0[2], row0[1] - row1[0]))
+
+
+@kernel
+def acceleration(rotation: Mat, load: Array, mass: float) -> Vec:
+    """v' = (R F_b + F_w) / m, in world axes, m/s^2; load (21,) as above."""
+    force = add(times(rotation, vector_at(load, 0)), vector_at(load, 3))
+    return force[0] / mass, force[1] / mass, force[2] / mass
+
+
+@kernel
+def gyroscopic(inertia: Mat, omega_body: Vec) -> Vec:
+    """omega x I omega, in body axes, N m."""
+    return cross(omega_body, times(inertia, omega_body))

@@ -1,0 +1,1 @@
+"""The Taylor integrators, in doubles and in double-doubles."""

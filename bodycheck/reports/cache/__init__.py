@@ -1,0 +1,1 @@
+"""Answers of engines and truths that were computed before."""

@@ -1,0 +1,166 @@
+"""How a case comes to its answer: from this run's journal, from the cache, else from the engine.
+
+An answer of the cache is found by the identity of what the engine's worker has loaded, and is kept only where
+the worker that answered had loaded just that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, Protocol, TypeVar
+
+from bodycheck.adapters.contract import Engine
+from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.stable_step import Search, StableStep
+from bodycheck.adapters.workers import case_messages, protocol
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.cache.disk_cache import Cache, Reuse
+from bodycheck.reports.cache.entries import Entry, key_of
+from bodycheck.reports.cache.journal import Journal
+
+
+class Askable(Protocol):
+    """Engines by name, each of which answers a request, whatever becomes of it."""
+
+    def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
+        """Return the engine's answer."""
+
+
+_Said = TypeVar("_Said", Answer, StableStep)
+
+
+class Answers:
+    """Answers of engines to cases, and laps of their clocks, each asked for once.
+
+    journal: of this run; what is in it is never asked for again. cache: of all runs, None to keep nothing;
+    laps are never cached. timeout_s: what one case may take. reuse: which answers of the cache are used.
+    run_id: of this run, by which an answer in the journal is known for one of its own.
+    """
+
+    def __init__(
+        self,
+        journal: Journal | None,
+        cache: Cache | None,
+        timeout_s: float,
+        *,
+        reuse: Reuse = "installed",
+        run_id: str = "",
+    ) -> None:
+        self._journal, self._cache, self._timeout_s = journal, cache, timeout_s
+        self._reuse: Reuse = reuse
+        self._run_id = run_id
+
+    def ask(self, hosts: Askable, engine: Engine, case: Case) -> Answer:
+        """Return what came of a case, whatever became of the engine."""
+        return self._answered(
+            hosts,
+            engine,
+            case,
+            _key(engine, case, "record"),
+            lambda: {"do": "record", "case": case_messages.case_message(case)},
+            lambda message: _read(message, case),
+        )
+
+    def search(self, hosts: Askable, engine: Engine, search: Search) -> StableStep:
+        """Return what came of a search for the largest stable step, whatever became of the engine."""
+        return self._answered(
+            hosts,
+            engine,
+            search.case,
+            _key(engine, search.case, "stable-step", **case_messages.search_bounds(search)),
+            lambda: {"do": "stable-step", **case_messages.search_message(search)},
+            _read_search,
+        )
+
+    def _answered(
+        self,
+        hosts: Askable,
+        engine: Engine,
+        case: Case,
+        key: str,
+        request: Callable[[], Message],
+        read: Callable[[Message], _Said],
+    ) -> _Said:
+        journal = self._journal_of(case)
+        message = journal.get(key) if journal else None
+        if message is not None:
+            return replace(read(message), reused=message.get("run") != self._run_id)
+        cache = self._cache_of(engine, case)
+        entry = cache.entry(key) if cache and self._reuses(engine) else None
+        reused = entry is not None
+        if entry is None:
+            message = {**hosts.ask(engine.name, request(), self._timeout_s), "run": self._run_id}
+            message.pop("id", None)
+            said = read(message)
+            entry = Entry.of(key, protocol.kept(message, said))
+            if cache and _lasting(said) and message.get("build", engine.build.id) == engine.build.id:
+                cache.keep(entry)
+        else:
+            said = read(entry.value)
+        if journal:
+            # also what the cache has: it may be gone when the run goes on
+            journal.append(entry)
+        return replace(said, reused=reused)
+
+    def _cache_of(self, engine: Engine, case: Case) -> Cache | None:
+        """The cache, unless nobody can say whether the engine or a user's function will be the same."""
+        known = engine.build.id and engine.build.kind != "handed over"
+        return self._cache if known and not case.scene.has_black_box else None
+
+    def _reuses(self, engine: Engine) -> bool:
+        return self._reuse == "everything" or (
+            self._reuse == "installed" and engine.build.kind == "installed"
+        )
+
+    def _journal_of(self, case: Case) -> Journal | None:
+        """What a user's function does may change under its name, even before a run goes on: none is kept."""
+        return None if case.scene.has_black_box else self._journal
+
+    def laps(self, engine: Engine, case: Case) -> Message | None:
+        """Return what this run has measured of a case's speed, if it was before it was interrupted."""
+        journal = self._journal_of(case)
+        return journal.get(_key(engine, case, "laps")) if journal else None
+
+    def keep_laps(self, engine: Engine, case: Case, measured: Message) -> None:
+        """Write down what was measured of a case's speed."""
+        if journal := self._journal_of(case):
+            journal.put(_key(engine, case, "laps"), measured)
+
+
+def _read(message: Message, case: Case) -> Answer:
+    try:
+        return replace(protocol.answer_of(message, case.scene.sample_times), build=_build(message))
+    except ValueError as error:
+        told = protocol.shown(f"{type(error).__name__}: {error}")
+        return Answer("failed", told, build=_build(message))
+
+
+def _read_search(message: Message) -> StableStep:
+    try:
+        return replace(protocol.stable_step_of(message), build=_build(message))
+    except ValueError as error:
+        told = protocol.shown(f"{type(error).__name__}: {error}")
+        return StableStep("failed", told, build=_build(message))
+
+
+def _build(message: Message) -> str:
+    return protocol.shown(str(message.get("build", "")))
+
+
+def _lasting(answer: Answer | StableStep) -> bool:
+    """Whether the engine would answer so again: a crash or a timeout may be an accident."""
+    return answer.outcome == "unsupported" or (answer.outcome == "ok" and not answer.message)
+
+
+def _key(engine: Engine, case: Case, what: str, **within: float | None) -> str:
+    identity: dict[str, Any] = {"name": engine.name, "version": engine.version, "build": engine.build.id}
+    asked = {"method": case.method, **vars(case.setting), "scene": _scene_key(case.scene)}
+    return key_of(what=what, protocol=protocol.VERSION, engine=identity, case=asked, **within)
+
+
+@lru_cache(maxsize=256)  # a scene, which is hashed as the object that it is, has a hundred cases
+def _scene_key(scene: Scene) -> str:
+    return key_of(scene=case_messages.scene_message(scene))

@@ -1,0 +1,120 @@
+"""One measure of one method, read from the tables of runs and compared between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from glob import escape
+
+from bodycheck._util.errors import InputError
+from bodycheck.reports.comparison.change import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.gates.gate import Gate
+from bodycheck.reports.gates.gate_measure import Measure, measure_of
+from bodycheck.reports.gates.verdict import rows_of
+from bodycheck.reports.measurement.measures import MEASURES
+from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.summary.run_tables import Run
+
+_ABSOLUTE = "_abs"
+
+
+def comparable(name: str) -> Measure:
+    """Return what a measure stands for, named as in a gate.
+
+    Raises InputError where there is none of that name, or runs are not compared by it.
+    """
+    try:
+        measure = measure_of(name)
+    except ValueError as error:
+        raise InputError(f"--measure {name}: {error}") from None
+    if measure.is_speed:
+        raise InputError(f"--measure {name}: a speed is not looked for, it varies from run to run")
+    in_results = measure.source == "results" and not measure.words
+    if in_results and name.removesuffix(_ABSOLUTE) not in MEASURES:
+        raise InputError(f"--measure {name}: runs are not compared by it; see bodycheck list measures")
+    return measure
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """What one run found: a finite number or a word; None where there is none, and then why."""
+
+    value: float | str | None
+    why: str
+    tables: Tables | None = None
+
+
+@dataclass(frozen=True)
+class OneMeasure:
+    """A measure of one method on one scenario; fineness: of which step or tolerance, where it is of one.
+
+    thresholds: from which size on a change counts.
+    """
+
+    scenario: str
+    engine: str
+    method: str
+    name: str
+    control: str
+    fineness: float | None
+    thresholds: Thresholds = DEFAULT_THRESHOLDS
+
+    def finding(self, tables: Tables) -> Finding:
+        """Return what a run found."""
+        of_one = comparable(self.name).source == "results"
+        gate = Gate(
+            scenario=escape(self.scenario),
+            engine=self.engine,
+            method=self.method,
+            dt_s=self.fineness if of_one and self.control == "dt" else None,
+            tolerance=self.fineness if of_one and self.control == "tolerance" else None,
+            measure=self.name,
+            reason="it is asked for",
+        )
+        for row in rows_of(gate, tables):
+            return Finding(row.obtained, row.why, tables)
+        # a scene that the method cannot represent is not tried at its finer steps
+        first = next(case.columns for case in tables.cases if case.columns["method"] == self.method)
+        return Finding(None, f"{first['outcome']}: {first['message']}", tables)
+
+    def differ(self, before: Finding, after: Finding) -> bool:
+        """Whether two runs are different in this: words where they are not the same, numbers as in `compare`.
+
+        What moved by less than the threshold is no difference. Where there is none in both, nothing is
+        different; where there is one in one of them, it is.
+        """
+        a, b = before.value, after.value
+        if isinstance(a, str) or isinstance(b, str) or a is None or b is None:
+            return a != b
+        assert before.tables is not None
+        assert after.tables is not None
+        return any(
+            (change.scenario, change.engine, change.method) == (self.scenario, self.engine, self.method)
+            and change.what in self._told_as
+            and self._is_of(change.fineness)
+            for change in compare(before.tables, after.tables, self.thresholds).of_status("worse", "improved")
+        )
+
+    @property
+    def _told_as(self) -> tuple[str, ...]:
+        """What changes of it are called in a comparison, where it is of a number."""
+        measure = comparable(self.name)
+        if measure.quantity is not None:
+            return (f"order of {measure.quantity}",)
+        return (measure.column, measure.column.removesuffix(_ABSOLUTE))
+
+    def _is_of(self, fineness: float | None) -> bool:
+        return fineness is None or fineness == self.fineness
+
+
+def under_one_name(run: Run, engine: str) -> Tables:
+    """Return the tables of a run of one engine, by another name for it: of two versions, the name of both."""
+    return Tables(
+        run_id=run.run_id,
+        results=run.results.assign(engine=engine),
+        methods=run.methods.assign(engine=engine),
+        stability=run.stability.assign(engine=engine),
+        manifest=run.manifest,
+        cases=tuple(replace(case, columns={**case.columns, "engine": engine}) for case in run.cases),
+        probes=run.probes.assign(engine=engine),
+    )

@@ -1,0 +1,65 @@
+"""What can be gated: a column of results.csv, or a fact of methods.csv or stability.csv by its short name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
+from bodycheck.reports.measurement.verdicts import STATES
+
+Source: TypeAlias = Literal["results", "methods", "stability"]
+
+_SPEEDS = ("cpu_s", "ns_per_step", "relative_cpu")
+_COUNTS = ("steps", "rhs_evaluations")
+UNCOMPARED = ("step_change_rad", "cpu_s", "ns_per_step", *_COUNTS)
+"""Columns of results.csv that a gate can look at and by which runs are not compared."""
+_COLUMNS = (
+    *(column for measure in MEASURES.values() for column in measure.columns),
+    *("step_change_rad", *_SPEEDS, *_COUNTS),
+)
+_NOT_VERDICTS = ("failed", "timeout", "invalid", "unsupported", "inconsistent")
+_VERDICTS = tuple(state for state in STATES if state not in _NOT_VERDICTS)
+_OUTCOMES = ("ok", "unstable", "failed", "timeout", "unsupported", "invalid")
+_GROWTHS = ("bounded", "sqrt", "linear", "quadratic", "exponential")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Where a gate looks: which table, which column, of which quantity; what words it may say, if words.
+
+    in_decades: whether two values are compared by their ratio, as errors and times are, or by their
+    difference, as orders are. is_speed: whether it is there only where processor time was measured.
+    """
+
+    source: Source
+    column: str
+    quantity: str | None = None
+    words: tuple[str, ...] = ()
+    in_decades: bool = True
+    is_speed: bool = False
+
+
+def measure_of(name: str) -> Measure:
+    """Return what a gate's `measure` stands for; ValueError with what there is where it is none."""
+    if name in _COLUMNS:
+        return Measure("results", name, in_decades=name not in _COUNTS, is_speed=name in _SPEEDS)
+    head, _, quantity = name.partition(".")
+    match head, quantity:
+        case "outcome", "":
+            return Measure("results", "outcome", words=_OUTCOMES)
+        case "stability", "dt_stable_s":
+            return Measure("stability", "dt_stable_s")
+        case "verdict", "":
+            return Measure("methods", "verdict", words=_VERDICTS)
+        case "verdict", _ if quantity in QUANTITIES:
+            return Measure("methods", "verdict", quantity, words=_VERDICTS)
+        case "growth", _ if quantity in QUANTITIES:
+            return Measure("methods", "growth", quantity, words=_GROWTHS)
+        case "order", _ if quantity in QUANTITIES:
+            return Measure("methods", "order", quantity, in_decades=False)
+    raise ValueError(
+        f"no measure is named {name!r}; there are the columns of results.csv (bodycheck list measures, "
+        f"{', '.join(_SPEEDS)}), outcome, verdict, stability.dt_stable_s, and order., verdict. or growth. "
+        f"before {', '.join(QUANTITIES)}"
+    )

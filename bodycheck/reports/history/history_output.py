@@ -1,0 +1,132 @@
+"""A nightly run in sentences: on the terminal, in Markdown and as one HTML page."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from bodycheck.reports.comparison.comparison_output import ChangesShown, changes_table, print_changes
+from bodycheck.reports.comparison.describe import HEADINGS, sentences
+from bodycheck.reports.comparison.release_search import release_searches
+from bodycheck.reports.history.baseline import TOLD, machine_class
+from bodycheck.reports.history.regression import Judgement
+from bodycheck.reports.history.step_detection import LEAST_AFTER, LEAST_BEFORE, least_told, usual_spread
+from bodycheck.reports.history.trends import trends_of
+from bodycheck.reports.render.formatting import console, count, number, print_columns
+from bodycheck.reports.render.html import asset, environment
+from bodycheck.reports.render.markdown import escaped
+from bodycheck.reports.summary.worst_results import faulty, worst_methods
+from bodycheck.reports.summary.worst_results import headline as methods_headline
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_HEADLINES = {
+    "regression": "Regression: something became worse, or is not measured any more.",
+    "no regression": "No regression.",
+    "nothing measured": "No case ended well: nothing was measured.",
+    "past too thin": "The past is too thin: no run on a machine like this one has cases to compare with.",
+}
+
+
+def headline(judged: Judgement) -> str:
+    """Return the status in one sentence."""
+    return _HEADLINES[judged.status]
+
+
+def night_sentences(judged: Judgement) -> list[str]:
+    """Return what was compared, how much changed, how far speed can be judged, and what was left out."""
+    found: list[str] = []
+    if judged.comparison is not None:
+        searches = release_searches(judged.comparison)
+        found = [*sentences(judged.comparison), *(f"To find the release: {command}" for command in searches)]
+        found += [
+            f"Compared with the levels accepted after the nightly run {judged.comparison.before.run_id}."
+        ]
+    found += _findings(judged)
+    found += [_speed_sentence(judged), f"Machine: {machine_class(judged.tonight.manifest)}."]
+    found += [f"A night that cannot be read was left out: {why}." for why in judged.past.left_out]
+    return found
+
+
+def _findings(judged: Judgement) -> list[str]:
+    """Return what the run itself has against its methods, as its report words it, changed or not."""
+    wrong = faulty(worst_methods(judged.tonight))
+    lines = [f"{one.method}: {one.sentence}. To see it again: {one.worst.reproduce}" for one in wrong]
+    return [methods_headline(wrong), *lines] if wrong else []
+
+
+def _speed_sentence(judged: Judgement) -> str:
+    speeds, least = judged.speeds.series, LEAST_BEFORE + LEAST_AFTER
+    if not judged.tonight.manifest["speed"]:
+        return "Speed was not measured."
+    if speeds.measured < least:
+        return (
+            f"Speed is not judged yet: it was measured on {speeds.measured} of the {least} nights that takes."
+        )
+    spread = usual_spread(speeds.decades, list(judged.speeds.steps.values()))
+    percent = 100.0 * (10.0 ** least_told(spread) - 1.0)
+    told = f"a method that takes {number(percent, 2)} % longer is told within five nights"
+    return f"Speed is judged by {count(speeds.measured, 'night')}: {told}."
+
+
+_STYLES = {
+    "regression": "bold red",
+    "no regression": "bold green",
+    "past too thin": "bold yellow",
+    "nothing measured": "bold red",
+}
+
+
+def print_night(judged: Judgement) -> None:
+    """Print what was told of a night, the worst first."""
+    out = console()
+    out.print(Text(headline(judged), style=_STYLES[judged.status]))
+    for sentence in night_sentences(judged):
+        out.print(Text(sentence))
+    if judged.comparison is not None:
+        print_changes(judged.comparison.changes, "night.html and changes.csv have all")
+
+
+def print_nights(nights: pd.DataFrame) -> None:
+    """Print one line a night, the oldest first."""
+    rows = nights[list(TOLD)].astype(str).to_numpy().tolist()
+    print_columns(console(), TOLD, rows, right=(*HEADINGS, "cases"))
+
+
+def night_markdown(judged: Judgement) -> str:
+    """Return status, circumstances, and what changed, the worst first."""
+    lines = [
+        f"### bodycheck nightly: {judged.status}",
+        "",
+        escaped(headline(judged)),
+        "",
+        *(f"- {escaped(sentence)}" for sentence in night_sentences(judged)),
+    ]
+    if judged.comparison is not None:
+        lines += changes_table(judged.comparison.changes, "night.html has all")
+    return "\n".join(lines) + "\n"
+
+
+_TINTS = {"regression": "bad", "no regression": "good", "past too thin": "open", "nothing measured": "bad"}
+
+
+def render_night(judged: Judgement) -> str:
+    """Return the page of a night; it needs nothing else, and leads to the report beside it."""
+    return (
+        environment()
+        .get_template("night.html")
+        .render(
+            run_id=judged.tonight.run_id,
+            headline=headline(judged),
+            tint=_TINTS[judged.status],
+            sentences=night_sentences(judged),
+            changes=ChangesShown.of(() if judged.comparison is None else judged.comparison.changes),
+            statuses=list(HEADINGS),
+            nights=len(judged.speeds.series.nights),
+            trends=trends_of(judged.speeds, judged.errors),
+            earlier=[night.told for night in judged.past.nights],
+            css=asset("templates/report.css"),
+        )
+    )

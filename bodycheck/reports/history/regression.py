@@ -1,0 +1,127 @@
+"""A nightly run compared with its baseline: worse, improved, moved, missing; slower or faster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from bodycheck.reports.comparison.change import DEFAULT_THRESHOLDS, Change, Status, Thresholds
+from bodycheck.reports.comparison.compare import Comparison, compare, ended_well_anew, paired_versions
+from bodycheck.reports.comparison.environment_diff import redefined
+from bodycheck.reports.history.accepted_levels import at_accepted, next_accepted
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import Past, past_of
+from bodycheck.reports.history.queries import recorded_cases
+from bodycheck.reports.history.step_detection import Key, Series, Step, level_steps, series_of
+from bodycheck.reports.run_files.run_reader import Tables
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NightStatus: TypeAlias = Literal["regression", "no regression", "past too thin", "nothing measured"]
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """Tonight's run compared with the baseline runs.
+
+    comparison: with the accepted levels and the night before, but for the changes of speed, which the nights
+    before that have a say in; None where there is no night to compare with. accepted: the levels that the
+    next night is compared with, as rows of results.csv. speeds, errors: of all methods in the past and
+    tonight.
+    """
+
+    tonight: Tables
+    past: Past
+    comparison: Comparison | None
+    accepted: tuple[dict[str, Any], ...]
+    speeds: Speeds
+    errors: Series
+
+    @property
+    def status(self) -> NightStatus:
+        """Whether anything became worse or is not measured any more; without a past nothing can be told."""
+        if not any(case.ok for case in self.tonight.cases):
+            return "nothing measured"
+        if self.comparison is None or not self.comparison.paired:
+            return "past too thin"
+        return "regression" if self.comparison.failing else "no regression"
+
+
+def judge_night(history: History, tonight: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Judgement:
+    """Judge a nightly run against the history, which it is not yet part of."""
+    past = past_of(history, tonight.manifest)
+    nights, cases = _recorded(past, tonight)
+    speeds = speeds_of(nights, cases)
+    comparison, accepted = None, tuple(dict(case.columns) for case in tonight.cases if case.ok)
+    if past.nights:
+        levels, aligned = paired_versions(past.nights[0].accepted, tonight)
+        before, _ = paired_versions(past.nights[0].tables, tonight)
+        comparison = compare(at_accepted(before, levels), aligned, thresholds)
+        changes = [change for change in comparison.changes if change.kind != "speed"]
+        changes += [*_returned(before, levels, aligned, thresholds), *speeds.changes]
+        changes.sort(key=lambda change: -change.size)
+        comparison = replace(comparison, changes=tuple(changes))
+        apart = redefined(before.manifest, tonight.manifest)
+        own = {
+            a.columns["engine"]: b.columns["engine"]
+            for a, b in zip(aligned.cases, tonight.cases, strict=True)
+        }
+        accepted = tuple(
+            {**row, "engine": own.get(row["engine"], row["engine"])}
+            for row in next_accepted(levels, aligned, apart, changes)
+        )
+    errors = series_of(nights, cases, "orientation_error_rad", _farthest)
+    return Judgement(tonight, past, comparison, accepted, speeds, errors)
+
+
+def _returned(before: Tables, levels: Tables, tonight: Tables, thresholds: Thresholds) -> list[Change]:
+    """Return how cases that end well tonight, but did not the night before, differ from their levels."""
+    returned = compare(levels, ended_well_anew(before, tonight), thresholds)
+    return [change for change in returned.changes if change.kind == "accuracy"]
+
+
+def _recorded(past: Past, tonight: Tables) -> tuple[list[str], pd.DataFrame]:
+    """Return the nights up to tonight, and the cases of each, of the scenarios that are still the same."""
+    import pandas as pd
+
+    nights = past.nights[::-1]
+    cases = recorded_cases([night.folder for night in nights])
+    same = {(night.name, scenario) for night in nights for scenario in night.same_scenarios(tonight.manifest)}
+    comparable = [pair in same for pair in zip(cases["night"], cases["scenario"], strict=True)]
+    mine = tonight.results[tonight.results["outcome"] == "ok"].assign(night=tonight.run_id)
+    together = [frame for frame in (cases[comparable], mine[list(cases.columns)]) if len(frame)]
+    return [*(night.name for night in nights), tonight.run_id], pd.concat(together) if together else cases
+
+
+def _farthest(decades: pd.Series) -> float:
+    """Return the one that is farthest from zero: no case's error may move unseen among others."""
+    return max(decades.tolist(), key=abs)
+
+
+@dataclass(frozen=True, eq=False)
+class Speeds:
+    """The times of all methods, night by night, and where they moved to another level."""
+
+    series: Series
+    steps: dict[Key, list[Step]]
+
+    @property
+    def changes(self) -> Iterator[Change]:
+        """The moves that are told on the last night."""
+        tonight = len(self.series.nights) - 1
+        for (engine, method), steps in self.steps.items():
+            if steps and steps[-1].told == tonight:
+                size = steps[-1].size
+                status: Status = "worse" if size > 0.0 else "improved"
+                yield Change("speed", None, engine, method, "relative_cpu", None, None, status, decades=size)
+
+
+def speeds_of(nights: Sequence[str], cases: pd.DataFrame) -> Speeds:
+    """Return how long each method took: the median over its cases, so that what most of them did is told.
+
+    nights: their names, the oldest first. cases: one row a case and night, with its relative_cpu.
+    """
+    series = series_of(nights, cases, "relative_cpu", lambda decades: float(decades.median()))
+    return Speeds(series, dict(zip(series.methods, level_steps(series.decades), strict=True)))

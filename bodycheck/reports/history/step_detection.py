@@ -1,0 +1,151 @@
+"""Steps in noisy series, detected online from what was known at the time.
+
+What disturbs a machine makes everything slower, never faster, on one night in ten or on every second one: so
+a level is where most nights lie close together, and the quickest of some nights is the least disturbed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bodycheck.reference_impl.arrays import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LEAST_BEFORE = 8
+"""How many nights a level needs before a departure from it can be told."""
+LEAST_AFTER = 5
+"""How many nights a slower level needs: a few may be the machine's doing. Of a quicker one three will do."""
+_MOST_BEFORE = 20
+_SIGMAS = 2.5
+_LEAST_STEP = math.log10(1.08)
+_HALF_TO_SIGMA = 1.0 / 0.6745  # half of a normal distribution lies within 0.6745 sigma
+
+
+@dataclass(frozen=True)
+class Step:
+    """A move to another level: the first night on it, the night on which it was told, and how far it went."""
+
+    first: int
+    told: int
+    size: float
+
+
+def level_steps(series: Array) -> list[list[Step]]:
+    """Return where each column of series (nights, methods) moved to another level; NaN: not measured.
+
+    Up, as soon as min(the last five) - level(the m <= 20 before) > T; down, as soon as min(the m before) -
+    median(the last five) > T; T = max(8 %, 2.5 sigma), sigma that of most columns. From then on the nights
+    before the step count no more. No night is judged by what came after it.
+    """
+    found: list[list[Step]] = [[] for _ in range(series.shape[1])]
+    for night in range(LEAST_BEFORE + LEAST_AFTER - 1, len(series)):
+        edge = max(_LEAST_STEP, _SIGMAS * usual_spread(series[: night + 1], found))
+        for column, steps in zip(series.T, found, strict=True):
+            if math.isnan(column[night]):
+                continue
+            (there,) = np.nonzero(~np.isnan(column[: night + 1]))
+            step = _step_told(column, there[there >= _begin(steps)], edge)
+            if step is not None:
+                steps.append(step)
+    return found
+
+
+def usual_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
+    """Return the median over the columns of sigma, each in the up to 20 nights before the last five.
+
+    steps: where each column moved to another level; what was before that does not count. 0 where no column
+    has been long enough on its level.
+    """
+    past = series[:-LEAST_AFTER]
+    levels = (column[_begin(moved) :] for column, moved in zip(past.T, steps, strict=True))
+    measured = (level[~np.isnan(level)] for level in levels)
+    spreads = [_closest_half(nights[-_MOST_BEFORE:])[1] for nights in measured if len(nights) >= LEAST_BEFORE]
+    return float(np.median(spreads)) if spreads else 0.0
+
+
+def least_told(spread: float) -> float:
+    """Return the smallest step that is sure to be told by its fifth night, of a method with that spread."""
+    # the quickest of five nights lies up to 2.5 sigma low, and the level before is known to a half
+    return max(_LEAST_STEP, _SIGMAS * spread) + 3.5 * spread
+
+
+def _begin(steps: Sequence[Step]) -> int:
+    return steps[-1].first if steps else 0
+
+
+def _step_told(column: Array, there: NDArray[np.intp], edge: float) -> Step | None:
+    """Return the step of one column within the last five of the nights on which it was measured, if any."""
+    before, now = column[there[:-LEAST_AFTER][-_MOST_BEFORE:]], column[there[-LEAST_AFTER:]]
+    if len(before) < LEAST_BEFORE:
+        return None
+    level, _ = _closest_half(before)
+    slower = float(np.min(now)) - level > edge
+    faster = float(np.min(before)) - float(np.median(now)) > edge
+    if not slower and not faster:
+        return None
+    size = (_closest_half(now)[0] if slower else float(np.median(now))) - level
+    first = int(np.argmax((now - level) / size > 0.5))
+    return Step(int(there[-LEAST_AFTER + first]), int(there[-1]), size)
+
+
+def _closest_half(nights: Array) -> tuple[float, float]:
+    """Return median and sigma of the half of the nights (n,) that lie closest together.
+
+    Up to half of the nights may lie anywhere else. Source: the shortest half, Rousseeuw and Leroy (1987),
+    with their factor 1 + 5 / (n - 1), for the shortest half of few nights is too short.
+    """
+    ordered, half = np.sort(nights), len(nights) // 2 + 1
+    widths = ordered[half - 1 :] - ordered[: len(ordered) - half + 1]
+    first = int(np.argmin(widths))
+    sigma = 0.5 * _HALF_TO_SIGMA * (1.0 + 5.0 / (len(nights) - 1)) * float(widths[first])
+    return float(np.median(ordered[first : first + half])), sigma
+
+
+Key: TypeAlias = tuple[str, str]
+"""Engine and method."""
+
+_CASE = ["engine", "method", "scenario", "control", "dt_s", "tolerance"]
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """log10 of a number over the usual one, (nights, methods), NaN where it was not measured.
+
+    nights: their names, the oldest first.
+    """
+
+    nights: tuple[str, ...]
+    methods: tuple[Key, ...]
+    decades: Array
+
+    @property
+    def measured(self) -> int:
+        """On how many nights anything was measured."""
+        return int(np.sum(~np.all(np.isnan(self.decades), axis=1))) if self.methods else 0
+
+
+def series_of(
+    nights: Sequence[str], cases: pd.DataFrame, measure: str, of_cases: Callable[[pd.Series], float]
+) -> Series:
+    """Return of_cases(log10(x / median of x over the nights)) of each method on each night, x of each case.
+
+    nights: their names, the oldest first. cases: one row a case and night, with `night` and the measure.
+    of_cases: one number for the decades of a method's cases on one night.
+    """
+    there = cases[cases[measure] > 0.0]
+    if there.empty:
+        return Series(tuple(nights), (), np.empty((len(nights), 0)))
+    logs = there.assign(log=np.log10(there[measure]))
+    logs["log"] -= logs.groupby(_CASE, dropna=False)["log"].transform("median")
+    table = logs.groupby(["night", "engine", "method"])["log"].agg(of_cases).unstack(["engine", "method"])
+    table = table.reindex(list(nights)).sort_index(axis=1)
+    methods = tuple(zip(*(table.columns.get_level_values(level) for level in (0, 1)), strict=True))
+    return Series(tuple(nights), methods, table.to_numpy(dtype=np.float64))

@@ -1,0 +1,93 @@
+"""What cases are measured against: a scenario with its truth, its scales and its invariants."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.truth.truth import QUANTITIES, Truth
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.cache.truths import known_truth
+from bodycheck.reports.measurement.convergence import LARGEST_LIMIT
+from bodycheck.reports.measurement.invariants import Invariant, invariants_of
+from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.scales import Scales, scene_scales
+from bodycheck.scenarios.model import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A scenario with its truth at the samples, energy and momentum along it, and its scales.
+
+    asked_as names it on the command line. compared: how many of the samples the truth can be trusted at;
+    beyond them a chaotic motion is compared with nothing.
+    """
+
+    scenario: Scenario
+    truth: Truth
+    motion: Motion
+    scales: Scales
+    asked_as: str
+    compared: int
+
+    @classmethod
+    def of(cls, scenario: Scenario, asked_as: str | Path, cache: Cache | None = None) -> Subject:
+        """Solve the truth at the scenario's samples, or take it from the cache.
+
+        Raises InputError where the motion is beyond all doubles, or lost before the second sample.
+        """
+        scene = scenario.scene
+        try:
+            truth = known_truth(scene, scene.sample_times, cache)
+        except ValueError as error:
+            raise InputError(f"{asked_as}: {error}") from None
+        scales = scene_scales(scene, truth.trajectory)
+        if not all(math.isfinite(scale) for scale in vars(scales).values()):
+            raise InputError(f"{asked_as}: its energy or momentum is beyond the range of double precision")
+        compared = int(np.count_nonzero(truth.trajectory.t_s < truth.trusted_until_s))
+        if compared < 2:
+            raise InputError(
+                f"{asked_as}: the truth ends before the second sample, take more samples: {truth.end_reason}"
+            )
+        return cls(scenario, truth, Motion.of(scene, truth.trajectory), scales, str(asked_as), compared)
+
+    @property
+    def times(self) -> Array:
+        """The samples at which trajectories are compared with the truth (compared,), in s."""
+        return self.truth.trajectory.t_s[: self.compared]
+
+    @cached_property
+    def invariants(self) -> list[Invariant]:
+        """What the scene keeps besides energy and momentum."""
+        return invariants_of(self.scenario.scene)
+
+    @cached_property
+    def is_chaotic(self) -> bool:
+        """Whether round-off alone leads so far astray that no method can be blamed for its error."""
+        lost = self.compared < len(self.truth.trajectory.t_s)
+        return lost or self.largest(self.truth.round_off_rad) > LARGEST_LIMIT
+
+    @cached_property
+    def columns(self) -> dict[str, Any]:
+        """The columns that all its cases share."""
+        scenario, truth = self.scenario, self.truth
+        return {
+            "scenario": scenario.name,
+            "family": scenario.family,
+            "duration_s": scenario.duration_s,
+            **vars(self.scales),
+            "truth": truth.kind,
+            **{f"truth_bound_{name}": self.largest(getattr(truth, f"bound_{name}")) for name in QUANTITIES},
+            "compared_until_s": float(self.times[-1]),
+        }
+
+    def largest(self, bound: Array) -> float:
+        """Return the largest of one of the truth's bounds (n,) over the samples that are compared."""
+        return float(np.max(bound[: self.compared]))

@@ -1,0 +1,68 @@
+"""The stability map: the largest step at which a method is stable on a scenario, one row for each pair."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+from bodycheck.adapters.contract import Build, Engine, Method, Setting
+from bodycheck.adapters.execution import Case
+from bodycheck.adapters.stability_check import kinetic_limit
+from bodycheck.adapters.stable_step import Search, StableStep
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.run_files.tables import WHO
+
+Searching: TypeAlias = Callable[[Engine, Search], StableStep]
+"""How a search comes to its answer: from the engine, or from what it answered before."""
+
+_FINER = 5.0  # times finer than the finest step asked for: no search goes below
+_LEAST_STEPS = 4  # of a trial: a step longer than that says nothing of stability
+_MOST_STEPS = 20_000  # of the first trial, which is the longest
+_SEARCHED = ("ok", "unstable")
+
+
+def stability_row(
+    subject: Subject, engine: Engine, method: Method, cases: Sequence[CaseResult], search: Searching
+) -> dict[str, Any]:
+    """Return the row of stability.csv but its run_id: a search, or why none could be made.
+
+    cases: what was run of this method on this scenario, in any order; the search begins at the coarsest step
+    at which all cases were stable that are no coarser.
+    """
+    row = {name: cases[0].columns[name] for name in WHO}
+    for case in cases:
+        if case.columns["outcome"] not in _SEARCHED:
+            return {**row, "outcome": case.columns["outcome"], "message": case.columns["message"]}
+    found = search(engine, _search(subject, method, cases))
+    return {
+        **row,
+        "dt_stable_s": found.stable_s,
+        "dt_unstable_s": found.unstable_s,
+        "reason": found.reason,
+        "outcome": found.outcome,
+        "message": found.message,
+        "reused": found.reused,
+        "build": Build(found.build).short,
+    }
+
+
+def _search(subject: Subject, method: Method, cases: Sequence[CaseResult]) -> Search:
+    """From the coarsest step known to be stable up to a turn, or a quarter of the duration, in one step."""
+    scene = subject.scenario.scene
+    finest_first = sorted((case.dt_s or 0.0, case.ok) for case in cases)
+    finest = start = finest_first[0][0]
+    for step, stable in finest_first:
+        if not stable:
+            break
+        start = step
+    omega = subject.scales.omega_scale_rad_s
+    turn = 2.0 * math.pi / omega if omega > 0.0 else math.inf
+    start = max(start, scene.duration_s / _MOST_STEPS)
+    return Search(
+        case=Case(scene, method.name, Setting(dt_s=start)),
+        lowest_s=finest / _FINER,
+        highest_s=max(min(turn, scene.duration_s / _LEAST_STEPS), start),
+        kinetic_limit_j=kinetic_limit(subject.motion.kinetic),
+    )

@@ -1,0 +1,1 @@
+"""Text, Markdown, HTML and figures of a run."""

@@ -1,0 +1,218 @@
+"""Figures of a run for papers, as SVG or PNG: one column wide, the legend beside the axes."""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measure_bounds import floor_of
+from bodycheck.reports.measurement.measures import MEASURES, scale_of
+from bodycheck.reports.render.formatting import setting
+from bodycheck.reports.render.styles import Style, styles
+from bodycheck.reports.summary.run_tables import (
+    Findings,
+    MethodKey,
+    cases_by_method,
+    common_step,
+    key_of,
+    shown_case,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_SUFFIXES = (".svg", ".png")
+_INCHES = (3.5, 2.6)
+_DOTS_PER_INCH = 300
+_COLOURS = (  # one an engine, as in the report: after Okabe and Ito
+    *("#0072b2", "#c44e00", "#00805c", "#1a1a1a"),
+    *("#a8487f", "#8a6d00", "#2f86b5", "#7a5cc0"),
+)
+_MARKERS = {
+    "circle": "o",
+    "square": "s",
+    "diamond": "D",
+    "triangle-up": "^",
+    "triangle-down": "v",
+    "cross": "P",
+    "x": "X",
+    "star": "*",
+    "pentagon": "p",
+}
+
+_Lines: TypeAlias = Mapping[MethodKey, Sequence[CaseResult]]
+"""The cases of one scenario by engine and method."""
+
+
+def check_picture(out: Path) -> None:
+    """Raise InputError where the file's name says no format, UnavailableError without matplotlib."""
+    if out.suffix not in _SUFFIXES:
+        raise InputError(f"--out {out}: must end in {' or '.join(_SUFFIXES)}")
+    try:
+        import matplotlib  # noqa: F401 - asked before anything is read
+    except ImportError:
+        raise UnavailableError("figures need matplotlib: pip install 'bodycheck[plot]'") from None
+
+
+def picture(run: Findings, figure: str, scenario: str, quantity: str, suffix: str) -> bytes:
+    """Return a figure of one scenario as the bytes of an SVG or PNG file: equal for equal runs.
+
+    figure: one of FIGURES, or STABILITY, which is of no quantity; that of drifts needs the motions. Raises
+    InputError where there is nothing to draw.
+    """
+    import matplotlib as mpl  # late: only figures need it
+
+    with mpl.rc_context({"font.size": 8, "svg.hashsalt": "bodycheck", "axes.grid": True, "grid.alpha": 0.3}):
+        shown = io.BytesIO()
+        undated = {"Date": None} if suffix == ".svg" else None
+        page = drawn_figure(run, figure, scenario, quantity)
+        page.savefig(shown, format=suffix[1:], dpi=_DOTS_PER_INCH, bbox_inches="tight", metadata=undated)
+    return shown.getvalue()
+
+
+def drawn_figure(run: Findings, figure: str, scenario: str, quantity: str) -> Figure:
+    """Return a figure of one scenario, one line a method, before it is written; as picture does."""
+    from matplotlib.figure import Figure
+
+    lines = cases_by_method(run.cases).get(scenario, {})
+    page = Figure(figsize=_INCHES)
+    axes = page.add_subplot()
+    drawn = styles(key_of(case.columns) for case in run.cases)
+    if figure == STABILITY:
+        _stability(axes, run.stability[run.stability["scenario"] == scenario], drawn)
+    elif lines:
+        FIGURES[figure](axes, lines, drawn, quantity)
+    if not axes.lines:
+        raise InputError(f"--figure {figure}: nothing was measured of it in {scenario}")
+    axes.set_title(scenario, fontsize=8)
+    if figure != STABILITY:
+        axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, fontsize=6)
+    return page
+
+
+def _work_precision(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
+    """Draw error against processor time, every case a point, joined from the coarsest to the finest."""
+    axes.set(xscale="log", yscale="log", xlabel="processor time, s", ylabel=_words(quantity))
+    for key, cases in lines.items():
+        points = [
+            (case.columns["cpu_s"], _drawn_error(case, quantity))
+            for case in cases
+            if case.ok and quantity in case.columns and "cpu_s" in case.columns
+        ]
+        _draw(axes, drawn[key], cases, points)
+
+
+def _order(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
+    """Draw error against step, of every method that is told a step."""
+    axes.set(xscale="log", yscale="log", xlabel="step, s", ylabel=_words(quantity))
+    for key, cases in lines.items():
+        points = [
+            (case.dt_s, _drawn_error(case, quantity))
+            for case in cases
+            if case.ok and quantity in case.columns and case.dt_s is not None
+        ]
+        _draw(axes, drawn[key], cases, sorted(points))
+
+
+def _drift(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
+    """Draw a measure over time, of each method at the step that most were run at."""
+    every = [case for cases in lines.values() for case in cases]
+    at_s = common_step(every)
+    scale = scale_of(every[0].columns, quantity)
+    what = _words(quantity) if scale > 0.0 else f"{_words(quantity)}, {MEASURES[quantity].unit}"
+    axes.set(yscale="log", xlabel=f"time, s ({setting('dt', at_s)})", ylabel=what)
+    for key, cases in lines.items():
+        case = shown_case(cases, at_s)
+        if case is None:
+            continue
+        points: list[tuple[float, float]] = []
+        if quantity in case.series and case.trajectory is not None:
+            values = case.series[quantity] / (scale or 1.0)
+            times = case.trajectory.t_s[: len(values)]
+            points = [(t, value) for t, value in zip(times, values, strict=True) if value > 0.0]
+        _draw(axes, drawn[key], [case], points, markers=False)
+
+
+FIGURES: dict[str, Callable[[Axes, _Lines, Mapping[MethodKey, Style], str], None]] = {
+    "work-precision": _work_precision,
+    "order": _order,
+    "drift": _drift,
+}
+
+
+STABILITY = "stability"
+"""The one figure that is of no quantity."""
+
+
+def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style]) -> None:
+    """Draw the largest stable step of each method, open where it is only the end of the search.
+
+    Beside the name of a method that has none stands why.
+    """
+    axes.set(xscale="log", xlabel="largest stable step, s; open: at least so much")
+    axes.invert_yaxis()
+    for row in rows.to_dict("records"):
+        style, stable = drawn[row["engine"], row["method"]], row["dt_stable_s"]
+        none = np.isnan(stable)
+        why = f" ({'none' if row['outcome'] == 'ok' else row['outcome']})" if none else ""
+        axes.plot(
+            [stable],
+            [f"{style.name}{why}"],
+            color=_COLOURS[style.colour],
+            marker=_MARKERS[style.marker],
+            markersize=4,
+            fillstyle="none" if np.isnan(row["dt_unstable_s"]) else "full",
+            linestyle="none",
+        )
+    stable = rows["dt_stable_s"].dropna()
+    if len(stable):  # to whole decades: only they have numbers
+        axes.set_xlim(10.0 ** np.floor(np.log10(stable.min())), 10.0 ** np.ceil(np.log10(stable.max())))
+    axes.xaxis.set_minor_formatter("")
+    axes.tick_params(axis="y", labelsize=6)
+
+
+def _drawn_error(case: CaseResult, quantity: str) -> float:
+    """Return max(error, 3 bound): what is below cannot be told from it."""
+    return max(float(case.columns[quantity]), floor_of(case.columns, quantity))
+
+
+def _draw(
+    axes: Axes,
+    style: Style,
+    cases: Sequence[CaseResult],
+    points: Sequence[tuple[Any, float]],
+    *,
+    markers: bool = True,
+) -> None:
+    """Draw one method's line; in the legend stands how its other cases ended, if it has any."""
+    ended = Counter(case.columns["outcome"] for case in cases if not case.ok)
+    faults = ", ".join(f"{amount} {outcome}" for outcome, amount in ended.items())
+    if not points and not faults:
+        return
+    x, y = np.array(points, dtype=np.float64).reshape(-1, 2).T
+    axes.plot(
+        x,
+        y,
+        label=f"{style.name} ({faults})" if faults else style.name,
+        color=_COLOURS[style.colour],
+        marker=_MARKERS[style.marker] if markers else None,
+        markersize=4,
+        markerfacecolor="none",
+        markeredgewidth=0.7,
+        linewidth=0.8,
+        linestyle="solid" if style.dash == "solid" else (0, tuple(map(float, style.dash.split()))),
+    )
+
+
+def _words(quantity: str) -> str:
+    name = quantity.removesuffix("_rad")
+    return name.replace("_", " ") + (", rad" if quantity != name else "")

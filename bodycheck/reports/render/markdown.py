@@ -1,0 +1,93 @@
+"""A run in some 60 lines of Markdown, fit for a comment on a pull request."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.render.formatting import count
+from bodycheck.reports.summary.cells import Cell, overviews, summary_cells
+from bodycheck.reports.summary.run_tables import Findings, MethodKey
+from bodycheck.reports.summary.sentences import verdict_sentences
+from bodycheck.reports.summary.worst_results import worst_methods
+
+_MOST_METHODS = 24
+
+
+def markdown_summary(run: Findings) -> str:
+    """Return verdict, outcomes, the worst of each method with its command, the methods, and the machine."""
+    manifest = run.manifest
+    cells = summary_cells(run)
+    ended = ", ".join(f"{amount} {outcome}" for outcome, amount in manifest["outcomes"].items())
+    lines = [
+        f"### bodycheck: {count(len(cells), 'scenario')}, {count(len(run.cases), 'case')}",
+        "",
+        *(f"- {escaped(sentence)}" for sentence in verdict_sentences(run, cells)),
+        *(
+            f"- Not measured: {escaped(engine['unavailable'])}"
+            for engine in manifest["engines"].values()
+            if "unavailable" in engine
+        ),
+        "",
+        f"Cases: {ended}.",
+        "",
+        *_worst_lines(run),
+        *_method_lines(cells),
+        *_machine_lines(run),
+    ]
+    return "\n".join(lines)
+
+
+def _worst_lines(run: Findings) -> list[str]:
+    worst = worst_methods(run)
+    if not worst:
+        return []
+    rows = [(one.method, one.sentence, f"`{one.worst.reproduce}`") for one in worst]
+    lines = ["**The worst of each method**", "", *markdown_table(("method", "what", "see it again"), rows)]
+    return [*lines, ""]
+
+
+def _method_lines(cells: dict[str, dict[MethodKey, Cell]]) -> list[str]:
+    """Return one line a method: how often each verdict, and its largest error at the common steps."""
+    rows = [
+        (
+            one.method,
+            ", ".join(f"{STATES[state].word} {amount}" for state, amount in one.states.items()),
+            one.order,
+            one.largest_error,
+        )
+        for one in overviews(cells)
+    ]
+    head = ("method", "scenarios", "order of orientation", "largest error at the common step")
+    table = markdown_table(head, rows[:_MOST_METHODS])
+    if len(rows) > _MOST_METHODS:
+        table.append(f"\nand {len(rows) - _MOST_METHODS} more methods, in report.html.")
+    return ["<details><summary>Methods</summary>", "", *table, "", "</details>", ""]
+
+
+def _machine_lines(run: Findings) -> list[str]:
+    manifest = run.manifest
+    there = {name: entry for name, entry in manifest["engines"].items() if "version" in entry}
+    facts = (
+        f"bodycheck {manifest['bodycheck']}",
+        *(f"{name} {entry['version']}" for name, entry in there.items()),
+        f"Python {manifest['python']}",
+        f"{manifest['cpu']}, {manifest['cores']} cores, {manifest['platform']}",
+        f"run {manifest['run_id']} of {manifest['created']}",
+    )
+    return [f"{escaped('; '.join(facts))}."]
+
+
+def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a table; what stands in a cell cannot end it."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return [f"| {' | '.join(escaped(cell) for cell in line)} |" for line in lines]
+
+
+def escaped(text: str) -> str:
+    """Return text that Markdown shows as it stands, in one line: no table, tag or mention begins in it."""
+    plain = " ".join(text.split())
+    if plain.startswith("`") and plain.endswith("`") and "`" not in plain[1:-1]:
+        return plain.replace("|", "\\|")
+    return re.sub(r"[\\|<*`\[@]|(?<!\w)_|_(?!\w)", r"\\\g<0>", plain)

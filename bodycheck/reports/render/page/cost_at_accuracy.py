@@ -1,0 +1,146 @@
+"""The cheapest method that keeps an error: on one scenario, and over all scenarios of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measure_bounds import floor_of
+from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.render.formatting import number
+from bodycheck.reports.summary.cases_within import Ladder, keeping, ladders_of
+from bodycheck.reports.summary.run_tables import MethodKey
+
+ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")
+"""The errors that speed is held against."""
+
+TARGETS = tuple(float(f"1e-{k}") for k in range(1, 14))
+"""One error a decade; a coarser one is no accuracy, a finer one is round-off."""
+
+_REFERENCE = "reference"
+
+
+@dataclass(frozen=True, eq=False)
+class Cheapest:
+    """The cases that keep an error at the least processor time: of all methods, and of the engines alone."""
+
+    target: float
+    of_all: CaseResult
+    of_engines: CaseResult | None
+
+
+def cheapest_cases(subject: Subject, cases: Sequence[CaseResult], error: str) -> list[Cheapest]:
+    """Return the cheapest cases of one scenario for each decade above its floor that any case keeps."""
+    floor, ladders = floor_of(subject.columns, error), ladders_of(cases)
+    engines = [ladder for (_, (engine, _)), ladder in ladders.items() if engine != _REFERENCE]
+    found = []
+    for target in TARGETS:
+        of_all = _cheapest(ladders.values(), error, target)
+        if target >= floor and of_all is not None:
+            found.append(Cheapest(target, of_all, _cheapest(engines, error, target)))
+    return found
+
+
+def _cheapest(ladders: Iterable[Ladder], error: str, target: float) -> CaseResult | None:
+    kept = (case for ladder in ladders for case in keeping(ladder, target, error))
+    timed = (case for case in kept if "cpu_s" in case.columns)
+    return min(timed, key=lambda case: case.columns["cpu_s"], default=None)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What it costs a method to keep an error, in processor seconds a simulated second.
+
+    median, low, high: of the scenarios that the method supports and whose truth can tell the error;
+    infinite where it does not keep the error. kept: in how many of them it does.
+    """
+
+    key: MethodKey
+    target: float
+    median: float
+    low: float
+    high: float
+    kept: int
+    scenarios: int
+
+
+def costs(
+    subjects: Sequence[Subject], cases: Iterable[CaseResult], error: str
+) -> dict[MethodKey, list[Cost]]:
+    """Return the costs of every method whose speed was measured, for each decade of the error."""
+    by_method: dict[MethodKey, dict[str, Ladder]] = {}
+    for (scenario, key), ladder in ladders_of(cases).items():
+        if any(case.columns["outcome"] != "unsupported" for case in ladder):
+            by_method.setdefault(key, {})[scenario] = ladder
+    floors = {subject.scenario.name: floor_of(subject.columns, error) for subject in subjects}
+    found = {}
+    for key, ladders in by_method.items():
+        if any("cpu_s" in case.columns for ladder in ladders.values() for case in ladder):
+            told = [
+                (floors[scenario], ladder)
+                for scenario, ladder in ladders.items()
+                if any(error in case.columns for case in ladder) or not any(case.ok for case in ladder)
+            ]
+            of_key = (_cost(key, target, error, told) for target in TARGETS)
+            found[key] = [cost for cost in of_key if cost is not None]
+    return found
+
+
+def _cost(key: MethodKey, target: float, error: str, told: Sequence[tuple[float, Ladder]]) -> Cost | None:
+    """told: of each scenario its floor and its cases."""
+    seconds = [_price(ladder, target, error) for floor, ladder in told if target >= floor]
+    if not seconds:
+        return None
+    # of an even number of scenarios the dearer one: half of them kept is not enough
+    low, median, high = np.quantile(seconds, [0.25, 0.5, 0.75], method="higher").tolist()
+    return Cost(key, target, median, low, high, sum(map(math.isfinite, seconds)), len(seconds))
+
+
+def _price(ladder: Ladder, target: float, error: str) -> float:
+    """Return the least processor seconds a simulated second that keep an error; infinite where none do."""
+    prices = (
+        case.columns["cpu_s"] / case.columns["duration_s"]
+        for case in keeping(ladder, target, error)
+        if "cpu_s" in case.columns
+    )
+    return min(prices, default=math.inf)
+
+
+@dataclass(frozen=True)
+class Front:
+    """The methods that keep an error at the least median cost: of all, and of the engines alone."""
+
+    target: float
+    of_all: Cost
+    of_engines: Cost | None
+
+
+def fronts(found: Mapping[MethodKey, Sequence[Cost]]) -> list[Front]:
+    """Return the cheapest methods for each decade that any of them keeps in most scenarios."""
+    front = []
+    for target in TARGETS:
+        keeping = [cost for own in found.values() for cost in own if cost.target == target]
+        keeping = sorted((c for c in keeping if math.isfinite(c.median)), key=lambda c: c.median)
+        engines = [cost for cost in keeping if cost.key[0] != _REFERENCE]
+        if keeping:
+            front.append(Front(target, keeping[0], engines[0] if engines else None))
+    return front
+
+
+def cost_sentences(front: Mapping[str, Sequence[Front]]) -> list[str]:
+    """Say which method keeps the orientation to a coarse and to a fine error at the least cost."""
+    return [
+        f"To {number(target)} rad of orientation the cheapest is {_priced(found.of_all)}; of the engines "
+        f"{_priced(found.of_engines) if found.of_engines else 'none keeps it in most scenarios'}."
+        for found in front["orientation_error_rad"]
+        for target in (1e-3, 1e-6)
+        if found.target == target
+    ]
+
+
+def _priced(cost: Cost) -> str:
+    return f"{':'.join(cost.key)}, {number(cost.median, 2)} s a simulated second"

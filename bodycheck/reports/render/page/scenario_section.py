@@ -1,0 +1,218 @@
+"""What the page shows of one scenario: its facts, its methods, its plots, and a part for each cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+from urllib.parse import quote
+
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cheapest, cheapest_cases
+from bodycheck.reports.render.page.facts import Limit, limit_of, read_back_facts, scenario_facts
+from bodycheck.reports.render.page.motion import motion_view
+from bodycheck.reports.render.page.plots import coinciding, growth_words, plot_data
+from bodycheck.reports.render.styles import Style
+from bodycheck.reports.summary.cells import Cell
+from bodycheck.reports.summary.run_tables import (
+    MethodKey,
+    Run,
+    cases_by_method,
+    common_step,
+    key_of,
+    shown_case,
+)
+
+_CASE_MEASURES = (
+    "orientation_error_rad",
+    "omega_error",
+    "energy_drift",
+    "angular_momentum_drift",
+    "position_error",
+    "orthogonality_error",
+    "quaternion_norm_error",
+    "cpu_s",
+    "ns_per_step",
+)
+"""The columns of results.csv that the table of a cell repeats, where the scenario has them."""
+
+_METHOD_MEASURES = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error", "cpu_s")
+"""The columns of results.csv by which methods stand beside one another."""
+
+_ORDER_COLUMNS = (
+    *("quantity", "verdict", "order", "order_low", "order_high", "points", "floor"),
+    *("growth", "growth_exponent"),
+)
+"""The columns of methods.csv that the page repeats."""
+
+_GROWING = ("energy_drift", "angular_momentum_drift")
+"""The drifts whose growth stands in the table of the methods."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellPart:
+    """One method on one scenario: what its cases came to, what they were, and how to run them again.
+
+    shown: the case at the common step, or what stands for it. orders: its rows of methods.csv, by column.
+    limit: its largest stable step.
+    """
+
+    scenario: str
+    key: MethodKey
+    cell: Cell
+    cases: tuple[CaseResult, ...]
+    shown: CaseResult | None
+    orders: tuple[Mapping[str, Any], ...]
+    limit: Limit
+
+    @property
+    def anchor(self) -> str:
+        """The part's id: one a cell, without blanks."""
+        return anchor_of(self.scenario, self.key)
+
+    @property
+    def read_back(self) -> list[tuple[str, str]]:
+        """What the engine says it was given, in the shown case or the first that got so far."""
+        tried = [case for case in (self.shown, *self.cases) if case is not None]
+        held = next((case.read_back for case in tried if case.read_back is not None), None)
+        return [] if held is None else read_back_facts(held)
+
+    @property
+    def growths(self) -> list[str]:
+        """How the drifts grow, in the order of the table's columns."""
+        by_quantity = {row["quantity"]: growth_words(row) for row in self.orders}
+        return [by_quantity.get(quantity, "") for quantity in _GROWING]
+
+    def measured(self, name: str) -> float | None:
+        """Return a column of the shown case, None where it was not measured or did not end well."""
+        if self.shown is None or not self.shown.ok:
+            return None
+        value: float | None = self.shown.columns.get(name)
+        return value
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """What the page shows of one scenario."""
+
+    subject: Subject
+    parts: Mapping[MethodKey, CellPart]
+    at_s: float | None
+    plots: Mapping[str, Any]
+    cheapest: Mapping[str, Sequence[Cheapest]]
+    motion: Mapping[str, Any] | None
+
+    @property
+    def name(self) -> str:
+        """The scenario's name."""
+        return self.subject.scenario.name
+
+    @property
+    def anchor(self) -> str:
+        """The section's id."""
+        return anchor_of(self.name)
+
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """What is simulated and what it is measured with, as terms and their texts."""
+        return scenario_facts(self.subject)
+
+    @cached_property
+    def cases(self) -> list[CaseResult]:
+        """All of its cases, in the order of results.csv."""
+        return [case for part in self.parts.values() for case in part.cases]
+
+    @cached_property
+    def case_measures(self) -> list[str]:
+        """The columns of its cases' tables: those that any case has."""
+        return self._measured(_CASE_MEASURES)
+
+    @cached_property
+    def method_measures(self) -> list[str]:
+        """The columns of its methods' table: those that any case has."""
+        return self._measured(_METHOD_MEASURES)
+
+    def _measured(self, names: Sequence[str]) -> list[str]:
+        return [name for name in names if any(name in case.columns for case in self.cases)]
+
+    @property
+    def growing(self) -> tuple[str, ...]:
+        """The drifts whose growth is shown: none, where none shows."""
+        return _GROWING if any(any(part.growths) for part in self.parts.values()) else ()
+
+    @property
+    def noted(self) -> bool:
+        """Whether anything went wrong that a verdict does not tell."""
+        return any(part.cell.notes for part in self.parts.values())
+
+    @property
+    def coinciding(self) -> list[list[MethodKey]]:
+        """The groups of methods whose lines cannot be told apart."""
+        return coinciding(self.cases)
+
+    @property
+    def has_speed(self) -> bool:
+        """Whether the processor time of any case was measured."""
+        return "cpu_s" in self.case_measures
+
+
+def anchor_of(scenario: str, key: MethodKey | None = None) -> str:
+    """Return the id of a scenario's section, or of the part of one of its cells."""
+    if key is None:
+        return "scenario-" + quote(scenario, safe="")
+    return f"cell-{quote(scenario, safe='')}--{quote(':'.join(key), safe=':')}"
+
+
+def sections_of(
+    run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]], drawn: Mapping[MethodKey, Style]
+) -> list[Section]:
+    """Return the sections of a run, in its order; drawn: how each method is drawn."""
+    cases: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.subjects}
+    cases |= cases_by_method(run.cases)
+    rows: dict[str, list[Mapping[str, Any]]] = {name: [] for name in cases}
+    told: list[Any] = run.methods.to_dict("records")
+    for row in told:
+        rows[row["scenario"]].append(row)
+    stable: dict[str, dict[MethodKey, Mapping[str, Any]]] = {name: {} for name in cases}
+    searched: list[Any] = run.stability.to_dict("records")
+    for row in searched:
+        stable[row["scenario"]][key_of(row)] = row
+    return [
+        _section(subject, cells[name], cases[name], rows[name], stable[name], drawn)
+        for subject in run.subjects
+        for name in (subject.scenario.name,)
+    ]
+
+
+def _section(
+    subject: Subject,
+    cells: Mapping[MethodKey, Cell],
+    by_method: Mapping[MethodKey, Sequence[CaseResult]],
+    rows: Sequence[Mapping[str, Any]],
+    stable: Mapping[MethodKey, Mapping[str, Any]],
+    drawn: Mapping[MethodKey, Style],
+) -> Section:
+    all_cases = [case for own in by_method.values() for case in own]
+    at_s = common_step(all_cases)
+    parts = {
+        key: CellPart(
+            scenario=subject.scenario.name,
+            key=key,
+            cell=cells[key],
+            cases=tuple(own),
+            shown=shown_case(own, at_s),
+            orders=tuple({name: row[name] for name in _ORDER_COLUMNS} for row in rows if key_of(row) == key),
+            limit=limit_of(stable.get(key)),
+        )
+        for key, own in by_method.items()
+    }
+    return Section(
+        subject=subject,
+        parts=parts,
+        at_s=at_s,
+        plots=plot_data(subject, all_cases, rows, drawn, at_s),
+        cheapest={error: cheapest_cases(subject, all_cases, error) for error in ERRORS},
+        motion=motion_view(subject, all_cases, {key: style.number for key, style in drawn.items()}),
+    )

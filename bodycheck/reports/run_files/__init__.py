@@ -1,0 +1,1 @@
+"""The files of a run: tables, trajectories, manifest; written, and read back."""

@@ -1,0 +1,211 @@
+"""A run read back from its folder: its tables alone, or all of it, with every motion measured anew."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import parted, read_json
+from bodycheck.adapters.workers.protocol import read_back_of
+from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.measurement.case import CaseResult, asked_as, measured_by
+from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.run_files.manifest_schema import check_manifest
+from bodycheck.reports.run_files.tables import (
+    METHOD_COLUMNS,
+    PROBE_COLUMNS,
+    RESULT_COLUMNS,
+    STABILITY_COLUMNS,
+    as_table,
+    no_probes,
+    read_rows,
+)
+from bodycheck.reports.run_files.trajectory_files import read_arrays
+from bodycheck.reports.run_files.writer import file_name, trajectory_file
+from bodycheck.reports.summary.run_tables import Run
+from bodycheck.scenarios.serialization import as_written
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_OF_EVERY_CASE = ("run_id", "scenario", "engine", "method", "control", "outcome", "reproduce")
+_OF_EVERY_METHOD = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
+_OF_EVERY_SEARCH = ("run_id", "scenario", "engine", "method", "outcome")
+_OF_EVERY_CHECK = ("run_id", "engine", "method", "check", "verdict", "reproduce")
+_SAME = 1e-6  # relative: how well a motion that is measured anew gives the error that stands in the table
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """What a run found, as its tables say it: enough to compare, to advise and to sum up.
+
+    results, methods, stability, probes, manifest: as those of a Run. cases: the rows of results, without
+    motions.
+    """
+
+    run_id: str
+    results: pd.DataFrame
+    methods: pd.DataFrame
+    stability: pd.DataFrame
+    manifest: dict[str, Any]
+    cases: tuple[CaseResult, ...]
+    probes: pd.DataFrame = field(default_factory=no_probes)
+
+
+def read_tables(folder: Path) -> Tables:
+    """Read results.csv, methods.csv, stability.csv, probes.csv (if there is one) and manifest.json of a run.
+
+    Raises InputError with one line where the folder is of no run, or its files are damaged or do not belong
+    together.
+    """
+    manifest = read_manifest(folder)
+    results = read_rows(folder / "results.csv", RESULT_COLUMNS, _OF_EVERY_CASE)
+    methods = read_rows(folder / "methods.csv", METHOD_COLUMNS, _OF_EVERY_METHOD)
+    stability = read_rows(folder / "stability.csv", STABILITY_COLUMNS, _OF_EVERY_SEARCH)
+    path = folder / "probes.csv"  # which runs of earlier versions have not
+    probes = read_rows(path, PROBE_COLUMNS, _OF_EVERY_CHECK) if path.exists() else []
+    _check_words(folder / "results.csv", results, "outcome")
+    _check_commands(folder / "results.csv", results)
+    _check_commands(path, probes)
+    _check_words(folder / "methods.csv", methods, "verdict")
+    _check_words(folder / "stability.csv", stability, "outcome")
+    run_id, rows = manifest["run_id"], (*results, *methods, *stability)
+    if others := {row["run_id"] for row in (*rows, *probes)} - {run_id}:
+        raise InputError(f"{folder}: its manifest is of run {run_id}, its tables of {', '.join(others)}")
+    if Counter(row["outcome"] for row in results) != manifest["outcomes"]:
+        raise InputError(
+            f"{folder / 'results.csv'}: has not the cases that manifest.json counts: {folder} is damaged"
+        )
+    if strange := {row["scenario"] for row in rows} - manifest["scenarios"].keys():
+        raise InputError(f"{folder}: manifest.json has no scenario {', '.join(sorted(strange))}")
+    engines = manifest["engines"]
+    known = {(name, method) for name, entry in engines.items() for method in entry.get("methods", ())}
+    if strange := {(row["engine"], row["method"]) for row in rows} - known:
+        raise InputError(f"{folder}: manifest.json has no method {':'.join(min(strange))}")
+    return Tables(
+        run_id=run_id,
+        results=as_table(({"message": "", **row} for row in results), RESULT_COLUMNS),
+        methods=as_table(methods, METHOD_COLUMNS),
+        stability=as_table(stability, STABILITY_COLUMNS),
+        manifest=manifest,
+        cases=tuple(_case(row) for row in results),
+        probes=as_table(({"message": "", **row} for row in probes), PROBE_COLUMNS),
+    )
+
+
+def _json(folder: Path, name: str) -> Any:
+    try:
+        return read_json(folder / name)
+    except FileNotFoundError:
+        raise InputError(f"{folder}: is no folder of a run: it has no {name}") from None
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read manifest.json of a run; InputError with one line where it is missing or damaged."""
+    return check_manifest(folder / "manifest.json", _json(folder, "manifest.json"))
+
+
+def _check_words(path: Path, rows: Iterable[dict[str, Any]], column: str) -> None:
+    """Raise InputError where a row has a word that no run of this version writes."""
+    if unknown := {row[column] for row in rows} - {"ok", *STATES}:
+        raise InputError(f"{path}: {column} {sorted(unknown)[0]!r} is not known (known: {', '.join(STATES)})")
+
+
+def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    for command in {row["reproduce"] for row in rows}:
+        try:
+            parted(command)
+        except ValueError as error:
+            raise InputError(f"{path}: reproduce is no command: {error}: {command!r:.80}") from None
+
+
+def _case(row: dict[str, Any]) -> CaseResult:
+    always = {"dt_s": None, "tolerance": None, "message": ""}
+    return CaseResult({name: value for name, value in {**always, **row}.items() if name != "run_id"})
+
+
+def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = None) -> Run:
+    """Read a whole run: the truths are solved again, and every motion is measured by them again.
+
+    allow_code: its scenarios may name functions, whose code runs. Raises InputError as read_tables does, and
+    where a motion is missing or is not the one that its row was measured by.
+    """
+    tables = read_tables(folder)
+    cases = _with_read_backs(folder, tables.cases)
+    solved = _subjects(folder, tables, cache, allow_code=allow_code)
+    subjects = {subject.scenario.name: subject for subject in solved}
+    return Run(
+        run_id=tables.run_id,
+        results=tables.results,
+        methods=tables.methods,
+        stability=tables.stability,
+        manifest=tables.manifest,
+        subjects=tuple(subjects.values()),
+        cases=tuple(_with_motion(folder, subjects[case.columns["scenario"]], case) for case in cases),
+        probes=tables.probes,
+    )
+
+
+def _subjects(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: bool) -> Iterator[Subject]:
+    commands = {case.columns["scenario"]: case.columns["reproduce"] for case in tables.cases}
+    for name, told in tables.manifest["scenarios"].items():
+        where = f"{folder / 'manifest.json'}: scenarios.{name}"
+        scenario = as_written(told, where, allow_code=allow_code)
+        subject = Subject.of(scenario, asked_as(commands.get(name, "")) or name, cache)
+        path = folder / "trajectories" / file_name(name) / "truth.npz"
+        stored = read_arrays(path)
+        if "quaternion" not in stored or len(stored["t_s"]) != len(subject.truth.trajectory.t_s):
+            raise InputError(f"{path}: is not the truth of {name}")
+        gap = geodesic_angle(stored["quaternion"], subject.truth.trajectory.attitude)[: subject.compared]
+        if not np.all(gap <= 2.0 * subject.truth.bound_rad[: subject.compared]):
+            raise InputError(f"{path}: is not the truth that is solved for {name} now")
+        yield subject
+
+
+def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[CaseResult]:
+    """Yield the cases with what their engines held."""
+    held = _json(folder, "read_back.json")
+    if not isinstance(held, dict):
+        raise InputError(f"{folder / 'read_back.json'}: should be an object, one entry a case")
+    for case in cases:
+        message = held.get(str(trajectory_file(case)))
+        if isinstance(message, dict):
+            message.pop("build", None)  # for people: the row of the case has it too
+        try:
+            yield replace(case, read_back=None if message is None else read_back_of(message))
+        except (KeyError, TypeError, ValueError) as error:
+            where = f"{folder / 'read_back.json'}: {trajectory_file(case)}"
+            raise InputError(f"{where}: is not what an engine held: {error!r}") from None
+
+
+def _with_motion(folder: Path, subject: Subject, case: CaseResult) -> CaseResult:
+    """Return a case with its trajectory, if it has one, and its measures over time, if it ended well."""
+    path = folder / "trajectories" / trajectory_file(case)
+    if not case.ok and not path.exists():
+        return case
+    arrays = read_arrays(path)
+    try:
+        trajectory = Trajectory(**arrays)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: is no trajectory of a case: {error}") from None
+    if not case.ok:
+        return replace(case, trajectory=trajectory)
+    if not np.array_equal(trajectory.t_s, subject.truth.trajectory.t_s):
+        raise InputError(f"{path}: its times are not the samples of {subject.scenario.name}")
+    found = measured_by(subject, trajectory, Motion.of(subject.scenario.scene, trajectory))
+    angle, told = found.columns["orientation_error_rad"], case.columns.get("orientation_error_rad", math.nan)
+    slack = 2.0 * subject.largest(subject.truth.bound_rad)
+    if not math.isclose(angle, told, rel_tol=_SAME, abs_tol=slack):
+        raise InputError(f"{path}: is off by {angle:.4g} rad, but results.csv says {told:.4g} rad")
+    return replace(found, columns=case.columns, trajectory=trajectory, read_back=case.read_back)

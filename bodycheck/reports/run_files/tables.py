@@ -1,0 +1,206 @@
+"""The tables of a run: the columns of results, methods, stability and probes.csv, in their order."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import escaped
+from bodycheck.reference_impl.truth.truth import QUANTITIES
+from bodycheck.reports.measurement.measures import MEASURES
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+WHO = ("scenario", "family", "engine", "engine_version", "method")
+"""Whose a row is, in each table but probes.csv."""
+
+_CASE = (
+    "run_id",
+    *WHO,
+    "control",
+    "dt_s",
+    "tolerance",
+    "steps",
+    "duration_s",
+    "outcome",
+    "message",
+    "reproduce",
+    "reused",
+    "build",
+)
+_SCALES = (
+    "length_scale_m",
+    "speed_scale_m_s",
+    "omega_scale_rad_s",
+    "energy_scale_j",
+    "rotational_energy_scale_j",
+    "angular_momentum_scale_kg_m2_s",
+    "linear_momentum_scale_kg_m_s",
+)
+_TRUTH = (
+    "truth",
+    *(f"truth_bound_{quantity}" for quantity in QUANTITIES),
+    "compared_until_s",
+    "horizon_s",
+)
+_SPEED = (
+    "cpu_s",
+    "cpu_s_low",
+    "cpu_s_high",
+    "ns_per_step",
+    "relative_cpu",
+    "rhs_evaluations",
+    "stepping",
+)
+
+RESULT_COLUMNS = (
+    *_CASE,
+    *_SCALES,
+    *(column for measure in MEASURES.values() for column in measure.columns),
+    "invariant",
+    "step_change_rad",
+    *_TRUTH,
+    *_SPEED,
+)
+METHOD_COLUMNS = (
+    "run_id",
+    *WHO,
+    "quantity",
+    "expected_order",
+    "order",
+    "order_low",
+    "order_high",
+    "points",
+    "floor",
+    "finest_dt_s",
+    "finest_tolerance",
+    "finest_error",
+    "limit_distance",
+    "limit_uncertainty",
+    "verdict",
+    "growth",
+    "growth_exponent",
+    "growth_low",
+    "growth_high",
+)
+STABILITY_COLUMNS = (
+    "run_id",
+    *WHO,
+    "dt_stable_s",
+    "dt_unstable_s",
+    "reason",
+    "outcome",
+    "message",
+    "reused",
+    "build",
+)
+PROBE_COLUMNS = (
+    *("run_id", "engine", "engine_version", "method"),
+    *("check", "measured", "expected", "deviation", "tolerance"),
+    *("dt_s", "verdict", "message", "reproduce"),
+)
+_YES_OR_NO = ("reused",)
+_WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
+_LARGEST_WHOLE = 2**63 - 1
+_TEXTS = frozenset(
+    (
+        *("run_id", *WHO, "control", "outcome"),
+        *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
+        *("growth", "reason", "check", "build"),
+    )
+)
+
+
+def as_table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
+    """Return the rows as a table with exactly these columns; what was not measured is missing, never 0.
+
+    Raises ValueError where a row has a column that the table has not.
+    """
+    import pandas as pd  # late: a third of a second
+
+    rows = list(rows)
+    for row in rows:
+        if unknown := row.keys() - set(columns):
+            raise ValueError(f"no column is named {', '.join(sorted(unknown))}")
+    return pd.DataFrame({column: pd.Series(_cells(rows, column), dtype=_dtype(column)) for column in columns})
+
+
+def _cells(rows: list[Mapping[str, Any]], column: str) -> list[Any]:
+    """Return the cells of a column; a row without a yes or no means no."""
+    return [row.get(column, False if column in _YES_OR_NO else None) for row in rows]
+
+
+def no_probes() -> pd.DataFrame:
+    """Return the table of a run that made no probes."""
+    return as_table((), PROBE_COLUMNS)
+
+
+def _dtype(column: str) -> str | None:
+    """Return what a column holds; None where pandas is to see for itself which kind of text."""
+    if column in _WHOLE_NUMBERS:
+        return "Int64"
+    if column in _YES_OR_NO:
+        return "bool"
+    return None if column in _TEXTS else "float64"
+
+
+def _yes_or_no(cell: str) -> bool:
+    if cell not in ("True", "False"):
+        raise ValueError(cell)
+    return cell == "True"
+
+
+def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Read the rows of a table of a run, as they were before they were written; an empty cell has no entry.
+
+    columns: those that the table may have; needed: those that it must have, and no row may lack. Raises
+    InputError with one line that names the file and what is wrong with it.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            lines = list(csv.reader(file, strict=True))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not CSV: {error}") from None
+    head = lines[0] if lines else []
+    if missing := [name for name in needed if name not in head]:
+        raise InputError(f"{path}: is no table of a run: it has no column {', '.join(missing)}")
+    if unknown := [name for name in head if name not in columns]:
+        raise InputError(f"{path}: this version of bodycheck knows no column {', '.join(unknown)}")
+    return [_row(path, number, head, line, needed) for number, line in enumerate(lines[1:], 1)]
+
+
+def _value(column: str, cell: str) -> Any:
+    """Return what a cell says; ValueError where it is not of its column."""
+    if column in _YES_OR_NO:
+        return _yes_or_no(cell)
+    if column in _TEXTS:
+        return escaped(cell)
+    if column not in _WHOLE_NUMBERS:
+        return float(cell)
+    if abs(whole := int(cell)) > _LARGEST_WHOLE:
+        raise ValueError(cell)
+    return whole
+
+
+def _row(
+    path: Path, number: int, head: list[str], line: list[str], needed: tuple[str, ...]
+) -> dict[str, Any]:
+    if len(line) != len(head):
+        raise InputError(f"{path}: row {number} has {len(line)} cells, not {len(head)}")
+    row: dict[str, Any] = {}
+    for name, cell in zip(head, line, strict=True):
+        if cell:
+            try:
+                row[name] = _value(name, cell)
+            except ValueError:
+                wanted = "True or False" if name in _YES_OR_NO else "a number"
+                raise InputError(f"{path}: row {number}: {name} is {cell!r}, not {wanted}") from None
+    if missing := [name for name in needed if name not in row]:
+        raise InputError(f"{path}: row {number} has no {', '.join(missing)}")
+    return row

@@ -1,0 +1,64 @@
+"""What a run found, in a few sentences: what is wrong, what is as it should be, what could not be told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from bodycheck.reports.render.formatting import count, names
+from bodycheck.reports.summary.cells import Cell
+from bodycheck.reports.summary.run_tables import Findings, MethodKey
+from bodycheck.reports.summary.worst_results import MethodResults, faulty, headline, worst_methods
+
+_UNDECIDED = ("pre-asymptotic", "too-few-points", "chaotic")
+
+
+def verdict_sentences(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> list[str]:
+    """Return what the run found, in a few sentences; every method that something was found of is named."""
+    found = worst_methods(run)
+    sentences = [headline(found), _as_they_should(cells, found), _undecided(cells), _properties(found)]
+    return [sentence for sentence in sentences if sentence]
+
+
+def _as_they_should(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> str:
+    """Name the methods that show their order in every quantity, or are at the floor, wherever supported."""
+    wrong = {one.method for one in faulty(found)}
+    sound: dict[str, bool] = {}
+    for methods in cells.values():
+        for key, cell in methods.items():
+            if cell.state != "unsupported":
+                method = ":".join(key)
+                sound[method] = sound.get(method, method not in wrong) and cell.is_sound
+    good = [method for method, whether in sound.items() if whether]
+    others = [method for method, whether in sound.items() if not whether]
+    where = "wherever supported" if len(cells) > 1 else f"in {next(iter(cells))}"
+    what = f"in all quantities with the expected order, or at the floor, {where}"
+    if not good:
+        return ""
+    if len(sound) == 1:
+        return f"{good[0]} converges {what}."
+    if not others:
+        return f"All {len(sound)} methods converge {what}."
+    return f"{len(good)} of {len(sound)} methods converge {what}: {names(good)}."
+
+
+def _undecided(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
+    pairs = [cell for methods in cells.values() for cell in methods.values()]
+    undecided = sum(cell.state in _UNDECIDED for cell in pairs)
+    if not undecided:
+        return ""
+    where = [s for s, methods in cells.items() if any(c.state in _UNDECIDED for c in methods.values())]
+    return (
+        f"No verdict for {undecided} of {count(len(pairs), 'pair')} of method and scenario, "
+        f"in {names(where)}: too few steps at which an order shows."
+    )
+
+
+def _properties(found: list[MethodResults]) -> str:
+    """Name what engines hold by design: an unnormalised quaternion is not a fault."""
+    results = [
+        f"{one.method}: {result.sentence}"
+        for one in found
+        for result in one.results
+        if result.kind == "property"
+    ]
+    return f"Properties of the engines' states, not faults: {'; '.join(results)}." if results else ""

@@ -1,0 +1,169 @@
+"""The worst that a run found, each with its quantity, its size, its step and the command that shows it again.
+
+The terminal, Markdown, the report and nightly runs all show these, and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bodycheck.reports.render.formatting import count, number, step
+from bodycheck.reports.summary.cases_within import ladders_of
+from bodycheck.reports.summary.cells import faults_of, summary_cells
+from bodycheck.reports.summary.run_tables import Findings, key_of
+
+_WORST_FIRST = (
+    "invalid",
+    "failed",
+    "does-not-converge",
+    "off",
+    "inconsistent",
+    "lower-order",
+    "timeout",
+    "unstable",
+    "property",
+)
+
+
+@dataclass(frozen=True)
+class Result:
+    """One thing that a run holds against a method, or a property of its state, and a command that shows it.
+
+    kind: a state, or `property`. quantity: a measure, or the check of a probe; "" where a case did not end
+    well. size: of the quantity, by which the worst comes first. scenarios: where it shows, that with the
+    largest size first; none for a probe.
+    """
+
+    kind: str
+    method: str
+    quantity: str
+    text: str
+    reproduce: str
+    scenarios: tuple[str, ...] = ()
+    size: float = 0.0
+
+    @property
+    def sentence(self) -> str:
+        """The result in one line: what it is, and where."""
+        first, *others = self.scenarios or ("",)
+        more = f" and {count(len(others), 'more scenario')}" if others else ""
+        return f"{self.text} in {first}{more}" if first else self.text
+
+
+@dataclass(frozen=True)
+class MethodResults:
+    """All that a run found of one method, the worst first."""
+
+    method: str
+    results: tuple[Result, ...]
+
+    @property
+    def worst(self) -> Result:
+        """The worst of them."""
+        return self.results[0]
+
+    @property
+    def sentence(self) -> str:
+        """The worst in one line, and how many more there are."""
+        more = len(self.results) - 1
+        return self.worst.sentence + (f"; {count(more, 'more finding')}" if more else "")
+
+
+def worst_results(run: Findings) -> list[Result]:
+    """Return all that was found, the worst first; what repeats in several scenarios is one result."""
+    found: dict[tuple[str, str, str], list[Result]] = {}
+    for one in (*_broken(run), *_judged(run), *_probed(run)):
+        found.setdefault((one.kind, one.method, one.quantity), []).append(one)
+    together = (_together(alike) for alike in found.values())
+    return sorted(together, key=lambda one: (_WORST_FIRST.index(one.kind), -one.size))
+
+
+def worst_methods(run: Findings) -> list[MethodResults]:
+    """Return the methods that something was found of, each once, that with the worst first."""
+    by_method: dict[str, list[Result]] = {}
+    for one in worst_results(run):
+        by_method.setdefault(one.method, []).append(one)
+    return [MethodResults(method, tuple(results)) for method, results in by_method.items()]
+
+
+def faulty(methods: Iterable[MethodResults]) -> list[MethodResults]:
+    """Return those of which more is known than a property of their state."""
+    return [one for one in methods if one.worst.kind != "property"]
+
+
+def _together(alike: list[Result]) -> Result:
+    """Return one result for those that differ in the scenario alone: that of the largest size."""
+    ordered = sorted(alike, key=lambda one: -one.size)
+    first = ordered[0]
+    scenarios = tuple(dict.fromkeys(name for one in ordered for name in one.scenarios))
+    return Result(
+        first.kind, first.method, first.quantity, first.text, first.reproduce, scenarios, first.size
+    )
+
+
+def _broken(run: Findings) -> Iterator[Result]:
+    commands = {
+        (case.columns["scenario"], key_of(case.columns), case.columns["outcome"], case.setting.fineness): case
+        for case in run.cases
+    }
+    for fault in faults_of(run.cases):
+        first = commands[fault.scenario, fault.key, fault.outcome, fault.steps[0]]
+        cases = count(len(fault.steps), "case")
+        text = f"{fault.outcome} in {cases}: {fault.message}"
+        reproduce = first.columns["reproduce"]
+        yield Result(
+            fault.outcome, ":".join(fault.key), "", text, reproduce, (fault.scenario,), len(fault.steps)
+        )
+
+
+def _judged(run: Findings) -> Iterator[Result]:
+    ladders = ladders_of(run.cases)
+    for scenario, methods in summary_cells(run).items():
+        for key, cell in methods.items():
+            finest = next((case for case in ladders[scenario, key] if case.ok), None)
+            if finest is None:
+                continue
+            command = finest.columns["reproduce"]
+            for one in (*cell.wrong, *cell.properties):
+                kind = "property" if one.is_property else one.state
+                method = ":".join(key)
+                yield Result(kind, method, one.quantity, one.text, command, (scenario,), one.size or 0.0)
+
+
+def _probed(run: Findings) -> Iterator[Result]:
+    """Yield the checks of probes that a method did not pass."""
+    rows: list[Any] = run.probes.to_dict("records")
+    for row in rows:
+        if row["verdict"] == "inconsistent":
+            yield Result(
+                "inconsistent",
+                ":".join(key_of(row)),
+                row["check"],
+                _probe_text(row),
+                row["reproduce"],
+                size=row["deviation"],
+            )
+
+
+def _probe_text(row: Mapping[str, Any]) -> str:
+    """Return what a probe measured and expected, at which step, and its message."""
+    at = "" if row["dt_s"] != row["dt_s"] else f" at dt {step(row['dt_s'])} s"
+    said = f": {row['message']}" if isinstance(row["message"], str) and row["message"] else ""
+    if row["check"].endswith("read_back"):  # there are no numbers but those of the message
+        return f"{row['check']}{at}{said}"
+    return f"{row['check']} {number(row['measured'], 6)}, expected {number(row['expected'])}{at}{said}"
+
+
+def headline(methods: Iterable[MethodResults]) -> str:
+    """Return one sentence that names the faulty methods, and one the merely unstable; "" without any."""
+    wrong = faulty(methods)
+    unstable = [one.method for one in wrong if one.worst.kind == "unstable"]
+    others = [one.method for one in wrong if one.worst.kind != "unstable"]
+    parts = []
+    if others:
+        parts.append(f"{count(len(others), 'method')} with findings: {', '.join(others)}.")
+    if unstable:
+        parts.append(f"{count(len(unstable), 'method')} unstable in some cases: {', '.join(unstable)}.")
+    return " ".join(parts)

@@ -1,0 +1,1 @@
+"""Runs: what was requested, carried out, stored in a folder, chosen again."""

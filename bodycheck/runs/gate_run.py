@@ -1,0 +1,51 @@
+"""The run that gates need: of what was named, only the scenarios and methods that some gate looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from bodycheck.reports.gates.gate import Gate
+from bodycheck.reports.summary.run_tables import Run
+from bodycheck.runs.manifest import Identity
+from bodycheck.runs.run_options import Manner, Watching
+from bodycheck.runs.runner import run_selection
+from bodycheck.runs.selection import select
+
+
+def run_for_gates(
+    gates: Sequence[Gate],
+    scenarios: Sequence[str | Path],
+    manner: Manner,
+    watching: Watching,
+    *,
+    allow_code: bool = False,
+) -> Run:
+    """Run what the gates look at, at the scenarios' own steps, and nothing that no gate asks for.
+
+    scenarios: names, suites, paths of TOML files. Raises InputError where they are wrong.
+    """
+    selection = select(
+        scenarios,
+        allow_code=allow_code,
+        wanted=lambda engine, method: any(
+            gate.wants_method(engine.name, method.name)
+            # a method with untouched defaults is run only when its name is asked for, as in a run
+            and (not method.on_request or gate.method == method.name)
+            for gate in gates
+        ),
+    )
+    looked_at = tuple(
+        (asked_as, scenario)
+        for asked_as, scenario in selection.scenarios
+        if any(gate.wants_scenario(scenario.name) for gate in gates)
+    )
+    selection = replace(selection, scenarios=looked_at)
+    manner = replace(
+        manner,
+        speed=any(gate.looks_at.is_speed for gate in gates),
+        stable_steps=any(gate.looks_at.source == "stability" for gate in gates),
+    )
+    with watching(selection.cases_listed()) as progress:
+        return run_selection(selection, manner, Identity.new(), journal=None, progress=progress)

@@ -1,0 +1,76 @@
+"""One night: a run like any other, stored in a history and judged beside its past."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from bodycheck.reports.comparison.change import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import seal_night
+from bodycheck.reports.history.history_output import night_markdown, render_night
+from bodycheck.reports.history.nightly_files import (
+    write_judgement,
+    write_report_of_night,
+    write_run_of_night,
+    write_unjudged,
+)
+from bodycheck.reports.history.regression import Judgement, judge_night
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.summary.run_tables import Run
+from bodycheck.runs.directory import Asked
+from bodycheck.runs.manifest import Identity
+from bodycheck.runs.run_options import Watching
+from bodycheck.runs.runner import run_selection
+
+SPEED_PASSES = 10
+"""How often a night times all cases: what disturbs a shared machine rarely does so in all the passes."""
+
+
+def run_night(
+    asked: Asked, folder: Path, watching: Watching, thresholds: Thresholds = DEFAULT_THRESHOLDS
+) -> tuple[Judgement, Path]:
+    """Run what is asked, store it in a history, and return what it is beside the past, and its folder.
+
+    folder: of the history, made if it is not there. thresholds: from which size on a change matters. Raises
+    InputError where something is wrong or cannot be written: then the history is what it was.
+    """
+    selection, manner = asked.selection, replace(asked.manner, speed_passes=SPEED_PASSES)
+    history = History.at(folder)
+    with watching(selection.cases_listed()) as progress:
+        run = run_selection(selection, manner, Identity.new(), journal=None, progress=progress)
+    return store_night(run, history, thresholds)
+
+
+def store_night(
+    run: Run, history: History, thresholds: Thresholds = DEFAULT_THRESHOLDS
+) -> tuple[Judgement, Path]:
+    """Append a run to a history; it is judged as it is stored, while no other night is.
+
+    What is wrong with judging it, or with its pages, is raised after it was stored.
+    """
+    fault: Exception | None = None
+    with history.new_night(run.run_id) as folder:
+        write_run_of_night(run, folder)
+        try:
+            judged = _judged(run, history, folder, thresholds)
+        except OSError:
+            raise
+        except Exception as error:  # noqa: BLE001 - what was measured is stored, whatever is wrong with the past
+            write_unjudged(run, folder)
+            fault = error
+        seal_night(folder)
+    night = history.folder / run.run_id
+    if fault is not None:
+        fault.add_note(f"the run is stored in {night}, but could not be judged")
+        raise fault
+    return judged, night
+
+
+def _judged(run: Run, history: History, folder: Path, thresholds: Thresholds) -> Judgement:
+    write_report_of_night(run, folder)
+    judged = judge_night(history, read_tables(folder), thresholds)
+    write_judgement(judged, folder)
+    (folder / "night.html").write_text(render_night(judged), encoding="utf-8")
+    (folder / "night.md").write_text(night_markdown(judged), encoding="utf-8")
+    return judged

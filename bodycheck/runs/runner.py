@@ -1,0 +1,259 @@
+"""Running scenarios through engines: what was asked for, in which order, and under what circumstances."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.workers.engine_pool import Hosts
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.reference_impl.precompile import compile_kernels
+from bodycheck.reference_impl.truth.truth import Truth
+from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.cache.disk_cache import Cache, reuse_of
+from bodycheck.reports.cache.journal import Journal
+from bodycheck.reports.cache.truths import is_known, known_truth
+from bodycheck.reports.measurement.judge import judge_file
+from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.scheduler import Task, share_out
+from bodycheck.reports.measurement.speed import measure_speeds
+from bodycheck.reports.measurement.study import Study, study
+from bodycheck.reports.probes.probe import probe_rows
+from bodycheck.reports.run_files.tables import (
+    METHOD_COLUMNS,
+    PROBE_COLUMNS,
+    RESULT_COLUMNS,
+    STABILITY_COLUMNS,
+    as_table,
+)
+from bodycheck.reports.summary.run_tables import Run
+from bodycheck.runs.manifest import Identity, manifest_of
+from bodycheck.runs.run_options import SILENCE, TIMEOUT_S, Manner, Progress
+from bodycheck.runs.selection import Selection, select
+from bodycheck.scenarios.library import PROBES, load_scenario
+from bodycheck.scenarios.model import Scenario
+
+
+def run(
+    scenarios: Sequence[str | Path] = ("standard",),
+    *,
+    engines: Sequence[str] | None = None,
+    dt_s: Iterable[float] | None = None,
+    tolerances: Iterable[float] | None = None,
+    speed: bool = True,
+    jobs: int | None = None,
+    timeout_s: float = TIMEOUT_S,
+    fresh: bool | None = None,
+    allow_code: bool = False,
+) -> Run:
+    """Measure scenarios x methods x steps and return the tables with the motions behind them.
+
+    scenarios: built-in names, suites, paths of TOML files. engines: NAME[==VERSION][:METHOD], all that can
+    be imported by default. dt_s: the steps in s, a list or an array; by default each scenario's own, and more
+    where an order needs them. tolerances: of the methods that are told one, instead of their own. speed:
+    whether processor time is measured. jobs: how many cases run side by side, by default one a core.
+    timeout_s: what one case may take. fresh: True to run every case again, False to use what the same build
+    of an engine answered in earlier runs, None to use it of installed engines, and not of plug-ins and
+    editable ones. allow_code: whether scenarios may name functions, whose code runs. Raises InputError for
+    wrong input.
+    """
+    if not scenarios:
+        raise InputError("scenarios: name one at least")
+    manner = Manner(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"))
+    selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
+    return run_selection(selection, manner, Identity.new(), journal=None, progress=SILENCE)
+
+
+def run_selection(
+    selection: Selection, manner: Manner, identity: Identity, *, journal: Journal | None, progress: Progress
+) -> Run:
+    """Run what was selected: first the motions, side by side, then the speeds, one case at a time.
+
+    journal: what this run has found before, and finds; None to keep nothing.
+    """
+    begin = time.perf_counter()
+    progress.phase("the reference's kernels: compiled once on a machine")
+    cache = Cache.default()
+    cache.prune()
+    cache = cache.write_only() if manner.reuse == "nothing" else cache
+    _compile(selection, cache)
+    compiled = time.perf_counter()
+    answers = Answers(journal, cache, manner.timeout_s, reuse=manner.reuse, run_id=identity.run_id)
+    progress.phase("solving the truths")
+    subjects = [_solved(scenario, asked_as, cache, progress) for asked_as, scenario in selection.scenarios]
+    progress.phase("motions")
+    solved = time.perf_counter()
+    studies, probed = _studies_and_probes(selection, subjects, answers, manner, progress)
+    recorded = time.perf_counter()
+    cases = tuple(case for studied in studies for case in studied.cases)
+    quietness = None
+    if manner.speed:
+        progress.phase("speeds, one case at a time")
+        cases, quietness = measure_speeds(
+            subjects,
+            cases,
+            {engine.name: engine for engine, _ in selection.methods},
+            answers,
+            timeout_s=manner.timeout_s,
+            passes=manner.speed_passes,
+            case_done=progress.speed_measured,
+        )
+    ended = time.perf_counter()
+    run_id = identity.run_id
+    seconds = {
+        "compile_s": compiled - begin,
+        "truths_s": solved - compiled,
+        "motions_s": recorded - solved,
+        "speeds_s": ended - recorded,
+        "run_s": ended - compiled,
+    }
+    method_rows = (row for studied in studies for row in studied.method_rows)
+    stability_rows = (studied.stability_row for studied in studies if studied.stability_row is not None)
+    return Run(
+        run_id=run_id,
+        results=as_table(({"run_id": run_id, **case.columns} for case in cases), RESULT_COLUMNS),
+        methods=as_table(({"run_id": run_id, **row} for row in method_rows), METHOD_COLUMNS),
+        stability=as_table(({"run_id": run_id, **row} for row in stability_rows), STABILITY_COLUMNS),
+        manifest=manifest_of(identity, selection, manner, cases, seconds, quietness),
+        subjects=tuple(subjects),
+        cases=cases,
+        probes=as_table(({"run_id": run_id, **row} for row in probed), PROBE_COLUMNS),
+    )
+
+
+def _solved(scenario: Scenario, asked_as: str, cache: Cache, progress: Progress) -> Subject:
+    """Return a scenario with its truth; name it before, where it is not known yet and may take long."""
+    scene = scenario.scene
+    if not is_known(scene, scene.sample_times, cache):
+        progress.truth_begun(scenario.name)
+    return Subject.of(scenario, asked_as, cache)
+
+
+def _compile(selection: Selection, cache: Cache) -> None:
+    """Compile what the truths that are not known yet, and the reference's methods, are to call."""
+    scenes = [scenario.scene for _, scenario in selection.scenarios]
+    # a user's function is asked first where its truth is solved: what goes wrong with it is told there
+    scenes = [scene for scene in scenes if not scene.has_black_box]
+    if any((engine.name, method.name) == ("reference", "exact") for engine, method in selection.methods):
+        scenes += [load_scenario(name).scene for name in PROBES]
+    integrators = [
+        method.name
+        for engine, method in selection.methods
+        if engine.name == "reference" and method.control == "dt"
+    ]
+    compile_kernels(scenes, integrators, lambda scene: is_known(scene, scene.sample_times, cache))
+
+
+def _studies_and_probes(
+    selection: Selection, subjects: Sequence[Subject], answers: Answers, manner: Manner, progress: Progress
+) -> tuple[list[Study], list[dict[str, Any]]]:
+    """Return the studies of every scenario by every method, and every method's probes, made side by side."""
+    pairs = [
+        (subject, engine, method)
+        for subject in subjects
+        for engine, method in selection.methods
+        if selection.runs_on(subject.scenario, engine, method)
+    ]
+    done: dict[int, Study] = {}
+    probed: dict[int, list[dict[str, Any]]] = {}
+    # Python runs one thread at a time anyway: two that measure would only take turns within each sample
+    measuring = threading.Lock()
+
+    def task(place: int, subject: Subject, engine: Engine, method: Method) -> Task:
+        settings = selection.settings(subject.scenario, method)
+
+        def do(hosts: Hosts) -> None:
+            asked = _OthersMeasureMeanwhile(hosts, measuring)
+
+            with measuring:
+                done[place] = study(
+                    subject,
+                    engine,
+                    method,
+                    settings,
+                    adaptive=selection.dt_s is None,
+                    ask=partial(answers.ask, asked),
+                    search=partial(answers.search, asked) if manner.stable_steps else None,
+                    case_done=progress.case_done,
+                )
+
+        steps = sum(subject.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
+        return Task(engine.name, steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0), do)
+
+    def probe(place: int, engine: Engine, method: Method) -> Task:
+        def do(hosts: Hosts) -> None:
+            with measuring:
+                asked = _OthersMeasureMeanwhile(hosts, measuring)
+                probed[place] = probe_rows(engine, method, partial(answers.ask, asked))
+
+        return Task(engine.name, 0.0, do)  # what it costs is little: it is done last
+
+    tasks = [task(place, *pair) for place, pair in enumerate(pairs)]
+    probes = [probe(place, *method) for place, method in enumerate(selection.methods)]
+    share_out([*tasks, *probes], manner.strands)
+    rows = [row for place in range(len(probes)) for row in probed[place]]
+    return [done[place] for place in range(len(pairs))], rows
+
+
+@dataclass(frozen=True)
+class _OthersMeasureMeanwhile:
+    """A strand's engines; while one of them works on a case, another strand may measure."""
+
+    hosts: Hosts
+    measuring: threading.Lock
+
+    def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
+        """Ask the engine."""
+        self.measuring.release()
+        try:
+            return self.hosts.ask(engine, request, timeout_s)
+        finally:
+            self.measuring.acquire()
+
+
+_WEIGHTS = {"reference": 0.02}
+"""What a right-hand side costs beside an engine's: only for the order in which things are done."""
+
+
+def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False) -> Truth:
+    """Return the true motion at the times given, with its bounds at each.
+
+    scenario: a built-in name or the path of a TOML file. at: n times in s, from 0 on, in any order; the
+    arrays of the truth are (n,), (n, 3) and (n, 4) in the same order. The start is what the numbers in the
+    file are, of which engines are handed a rounding. allow_code: whether the file may name functions. Raises
+    InputError where the scenario is wrong, a time is negative or not finite, or the truth ends before it.
+    """
+    scene = load_scenario(scenario, allow_code=allow_code).scene_as_written
+    try:
+        times = np.array(at, dtype=np.float64)
+        if times.ndim != 1:
+            raise ValueError(f"at must be a list of times in s, like [0.0, 1.0], not {at!r}")
+        solved = known_truth(scene, times, Cache.default())
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    known = np.isfinite(solved.bounds).all(axis=0)
+    if not known.all():
+        first = float(times[~known].min())
+        raise InputError(f"{scenario}: the truth ends before t = {first!r} s: {solved.end_reason}")
+    return solved
+
+
+def judge(trajectory: str | Path, scenario: str | Path, *, allow_code: bool = False) -> dict[str, Any]:
+    """Return the measures of a trajectory that any program wrote (.csv or .npz), by column name.
+
+    trajectory: t_s (n,) in s, and any of position_m (n, 3), velocity_m_s (n, 3), quaternion (n, 4) scalar
+    first or rotation (n, 3, 3), omega_body_rad_s or omega_world_rad_s (n, 3); docs/questions.md has the
+    columns of a CSV. A measure whose quantities the file has not is left out. allow_code: as for `truth`.
+    Raises InputError for wrong files.
+    """
+    loaded = load_scenario(scenario, allow_code=allow_code)
+    return judge_file(Path(trajectory), loaded, str(scenario), Cache.default())

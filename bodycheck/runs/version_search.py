@@ -1,0 +1,152 @@
+"""Which releases of an engine differ in a measure: each is run in an environment of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.versions.pins import Pin
+from bodycheck.adapters.versions.uv import releases
+from bodycheck.adapters.workers.engine_pool import announced
+from bodycheck.reports.comparison.change import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
+from bodycheck.reports.comparison.release_search import changes, every_change
+from bodycheck.reports.render.answer_text import Found, Track
+from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.runs.manifest import Identity
+from bodycheck.runs.run_options import SILENCE, Manner
+from bodycheck.runs.runner import run_selection
+from bodycheck.runs.selection import Selection, checked_scenarios
+from bodycheck.scenarios.model import Scenario
+
+_NO_METHOD = "no such method"
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is looked for: a measure of an engine's methods, all unless one is named, on one scenario.
+
+    since, until: the first and the last release that count; until None: the newest. dt_s, allow_code: as of a
+    run. every: run each release, none is skipped. thresholds: from which size on a change counts.
+    """
+
+    engine: str
+    since: str
+    until: str | None
+    scenario: str
+    method: str | None
+    measure: str
+    dt_s: Sequence[float] | None
+    allow_code: bool = False
+    every: bool = False
+    thresholds: Thresholds = DEFAULT_THRESHOLDS
+
+
+@dataclass(frozen=True, eq=False)
+class _Release:
+    """A release that was run: what its methods are, and what was found of those that were asked for."""
+
+    engine: Engine
+    methods: Mapping[str, Method]
+    tables: Tables | None
+
+
+def search(asked: Search, manner: Manner, told: Callable[[str], None]) -> Found:
+    """Run every release, or the first, the last and by bisection those between which the measure changed.
+
+    told: is given each release that is about to be run. A release that cannot be installed or run is stepped
+    around. Raises InputError where the input is wrong, or no release can be run.
+    """
+    comparable(asked.measure)
+    asked_as, scenario = _one_scenario(asked)
+    versions = releases(asked.engine, asked.since, asked.until)
+    runs: dict[str, _Release | str] = {}
+
+    def run(version: str) -> _Release | str:
+        if version not in runs:
+            told(Pin(asked.engine, version).name)
+            runs[version] = _run(asked, version, asked_as, scenario, manner)
+        return runs[version]
+
+    ends = [
+        next((found for version in order if isinstance(found := run(version), _Release)), None)
+        for order in (versions, versions[::-1])
+    ]
+    methods = {name: method for end in ends if end is not None for name, method in end.methods.items()}
+    if not methods:
+        raise InputError(_nothing(asked, runs))
+    found_by = every_change if asked.every else changes
+    tracks = []
+    for name, method in methods.items():
+        one = _measure_of(asked, scenario, method)
+        findings: dict[str, Finding] = {}
+        changed = found_by(versions, partial(_finding, run, one, findings), one.differ)
+        tracks.append(Track(name, findings, changed))
+    failed = {version: why for version, why in runs.items() if isinstance(why, str)}
+    return Found(asked.engine, scenario.name, asked.measure, versions, tuple(tracks), failed, asked.every)
+
+
+def _one_scenario(asked: Search) -> tuple[str, Scenario]:
+    """Return the scenario that is asked for, with what names it; InputError where it is several."""
+    first, *others = checked_scenarios([asked.scenario], asked.dt_s, allow_code=asked.allow_code)
+    if others:
+        raise InputError(f"--scenario {asked.scenario}: is {len(others) + 1} scenarios; give one of them")
+    return first
+
+
+def _measure_of(asked: Search, scenario: Scenario, method: Method) -> OneMeasure:
+    """Return the measure of a method, at the finest step or tolerance that is asked for."""
+    finest = {"dt": min(asked.dt_s or scenario.steps), "tolerance": min(method.tolerances, default=None)}
+    fineness = finest.get(method.control)
+    who = scenario.name, asked.engine, method.name
+    return OneMeasure(*who, asked.measure, method.control, fineness, asked.thresholds)
+
+
+def _finding(
+    run: Callable[[str], _Release | str], one: OneMeasure, findings: dict[str, Finding], version: str
+) -> Finding | None:
+    """Return what a release says of a measure, and keep it; None where it cannot be run."""
+    release = run(version)
+    if isinstance(release, str):
+        return None
+    if release.tables is None or one.method not in release.methods:
+        findings[version] = Finding(_NO_METHOD, "")
+    else:
+        findings[version] = one.finding(release.tables)
+    return findings[version]
+
+
+def _run(asked: Search, version: str, asked_as: str, scenario: Scenario, manner: Manner) -> _Release | str:
+    """Run one release; or return why it cannot be."""
+    name = Pin(asked.engine, version).name
+    engine = announced([name])[name]
+    if isinstance(engine, str):
+        return engine
+    methods = {
+        method.name: method
+        for method in engine.methods.values()
+        if (method.name == asked.method if asked.method else not method.on_request)
+    }
+    if not methods:
+        return _Release(engine, methods, None)
+    selection = Selection(
+        scenarios=((asked_as, scenario),),
+        methods=tuple((engine, method) for method in methods.values()),
+        unavailable={},
+        dt_s=tuple(asked.dt_s) if asked.dt_s else None,
+        tolerances=None,
+    )
+    measured = run_selection(selection, manner, Identity.new(), journal=None, progress=SILENCE)
+    return _Release(engine, methods, under_one_name(measured, asked.engine))
+
+
+def _nothing(asked: Search, runs: Mapping[str, _Release | str]) -> str:
+    """Say why nothing was found: every release failed, or none has the method."""
+    engines = [release.engine for release in runs.values() if isinstance(release, _Release)]
+    if not engines:
+        return "\n".join(str(why) for why in runs.values())
+    has = dict.fromkeys(name for engine in engines for name in engine.methods)
+    return f"--method {asked.method}: {asked.engine} has no such method; it has {', '.join(has)}"
