@@ -20,7 +20,7 @@ from bodycheck.reports.gates.gate import parse_gates
 from bodycheck.reports.gates.gate_output import as_json, as_junit
 from bodycheck.reports.gates.verdict import held
 from bodycheck.runs import gate_run
-from bodycheck.runs.run_options import SILENCE, Manner
+from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
 from bodycheck.runs.selection import Selection
 
 SCENARIO = tumbling(steps_s=[0.05, 0.02])
@@ -243,16 +243,16 @@ def test_a_new_run_is_held_to_the_gates(folder: Path) -> None:
 @pytest.mark.slow
 def test_only_what_gates_look_at_is_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Scenarios and methods that no gate names are left out; times are measured where a gate needs them."""
-    asked: list[tuple[Selection, Manner]] = []
+    asked: list[tuple[Selection, RunOptions]] = []
     monkeypatch.setattr(gate_run, "run_selection", lambda *told, **_: asked.append(told[:2]))
     text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'
     defaults = '[[gate]]\nengine = "mujoco"\nmethod = "euler@defaults"\nreason = "r"\n'
     for measure in ("energy_drift", "relative_cpu"):
         gates = parse_gates(f'{text}measure = "{measure}"\nupper = 1e9\n', "t")
         scenarios = [folder / "mine.toml", "intermediate-axis"]
-        gate_run.run_for_gates(gates, scenarios, Manner(), lambda _: nullcontext(SILENCE))
+        gate_run.run_for_gates(gates, scenarios, RunOptions(), lambda _: nullcontext(NULL_PROGRESS))
     gates = parse_gates(f'{defaults}measure = "verdict"\nequals = "converges"\n', "t")
-    gate_run.run_for_gates(gates, ["intermediate-axis"], Manner(), lambda _: nullcontext(SILENCE))
+    gate_run.run_for_gates(gates, ["intermediate-axis"], RunOptions(), lambda _: nullcontext(NULL_PROGRESS))
     names = [
         (
             [scenario.name for _, scenario in selection.scenarios],
@@ -261,4 +261,4 @@ def test_only_what_gates_look_at_is_run(folder: Path, monkeypatch: pytest.Monkey
         for selection, _ in asked
     ]
     assert names == [(["mine"], ["m1", "m2"])] * 2 + [(["intermediate-axis"], ["euler@defaults"])]
-    assert [manner.speed for _, manner in asked] == [False, True, False]
+    assert [options.speed for _, options in asked] == [False, True, False]

@@ -89,7 +89,7 @@ def test_a_nightly_run_fails_where_something_is_worse(folder: Path) -> None:
     first, second, moved = night(), night(), night(angle_rad=1e-9)
     third, fourth = night("--markdown", "told.md", angle_rad=1e-2), night()
     assert [done.exit_code for done in (first, second, moved, third, fourth)] == [3, 0, 0, 1, 0], third.output
-    assert "past is too thin" in first.stdout
+    assert "Insufficient history" in first.stdout
     assert "Nothing changed" in second.stdout
     assert "turned 1: 1 method moved" in moved.stdout
     assert "turned 1: m1 improved" in fourth.stdout
@@ -163,7 +163,7 @@ def test_the_script_for_cron_keeps_a_log_and_prints_what_needs_a_look(folder: Pa
         subprocess.run(words, env=surroundings, capture_output=True, text=True, check=False) for _ in range(2)
     )
     assert (first.returncode, second.returncode) == (3, 0), first.stdout + first.stderr
-    assert "past is too thin" in first.stdout
+    assert "Insufficient history" in first.stdout
     assert second.stdout == ""
     log = (folder / "kept.log").read_text()
     assert log.count("night.html") == 2

@@ -20,7 +20,7 @@ from bodycheck.reports.comparison.comparison_output import print_comparison
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.summary.run_tables import Run
 from bodycheck.runs import runner
-from bodycheck.runs.run_options import Manner
+from bodycheck.runs.run_options import RunOptions
 from bodycheck.runs.selection import Selection
 
 GATE = """
@@ -49,9 +49,9 @@ COMMANDS = [
 class ManagedError(Exception):
     """Ends a command where its run would begin, with the manner of it."""
 
-    def __init__(self, manner: Manner) -> None:
-        super().__init__(manner.reuse)
-        self.manner = manner
+    def __init__(self, options: RunOptions) -> None:
+        super().__init__(options.reuse)
+        self.options = options
 
 
 @pytest.fixture
@@ -65,8 +65,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    def ended(_: object, manner: Manner, *__: object, **___: object) -> None:
-        raise ManagedError(manner)
+    def ended(_: object, options: RunOptions, *__: object, **___: object) -> None:
+        raise ManagedError(options)
 
     def nothing(*_: object, **__: object) -> Selection:
         return Selection((), (), {}, None, None)
@@ -89,7 +89,7 @@ def test_a_command_uses_what_its_purpose_allows(words: list[str], reuse: str) ->
 @pytest.mark.usefixtures("folder", "_no_run")
 def test_a_nightly_run_times_all_cases_in_ten_passes() -> None:
     """One undisturbed pass is enough; a run by itself makes one."""
-    passes = [CliRunner().invoke(cli.app, words).exception.manner.speed_passes for words in (NIGHT, RUN)]
+    passes = [CliRunner().invoke(cli.app, words).exception.options.speed_passes for words in (NIGHT, RUN)]
     assert passes == [10, 1]
 
 
@@ -120,8 +120,8 @@ def test_gates_in_tests_are_held_by_what_is_there_now(
     )
     fixtures.parametrize_gates(metafunc)  # type: ignore[arg-type]
 
-    def ended(_gates: object, _scenarios: object, manner: Manner, _watching: object) -> None:
-        raise ManagedError(manner)
+    def ended(_gates: object, _scenarios: object, options: RunOptions, _watching: object) -> None:
+        raise ManagedError(options)
 
     monkeypatch.setattr(fixtures, "run_for_gates", ended)
     (gate,) = params

@@ -196,10 +196,10 @@ def test_what_cannot_be_gone_on_with_is_refused(command: Command, tmp_path: Path
     status, words = finished(command("run", "mine.toml", "--resume", "out"))
     assert (status, words) == (2, "--resume goes on with a run as it was asked: give nothing beside it")
     (tmp_path / "out.partial").mkdir()
-    (tmp_path / "out.partial/asked.json").write_text('{"asked": {')
+    (tmp_path / "out.partial/request.json").write_text('{"asked": {')
     status, words = finished(command("run", "--resume", "out"))
     assert status == 2
-    assert words.startswith("--resume out: out.partial/asked.json: is not JSON: ")
+    assert words.startswith("--resume out: out.partial/request.json: is not JSON: ")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out.partial", "package"]
 
 

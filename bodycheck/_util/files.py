@@ -44,12 +44,12 @@ def check_folder(asked: str, folder: Path) -> None:
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file whole; raises InputError where it cannot be written."""
     try:
-        put_whole(path, content)
+        atomic_write(path, content)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def put_whole(path: Path, content: bytes) -> None:
+def atomic_write(path: Path, content: bytes) -> None:
     """Write a file under a temporary name, beside it, and rename it; raises OSError."""
     unfinished = unfinished_name(path.absolute())
     try:

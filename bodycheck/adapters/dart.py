@@ -185,7 +185,7 @@ class DartSimulation:
 
     def _add_lasting(self) -> None:
         """Add the lasting loads of the present state, to be held over the step."""
-        force_and_torque = self._lasting.next_step(*self._state())
+        force_and_torque = self._lasting.next_step_size(*self._state())
         self._body.addExtForce(force_and_torque[:3], self._centre, False, True)
         self._body.addExtTorque(force_and_torque[3:], False)
 

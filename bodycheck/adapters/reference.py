@@ -13,9 +13,9 @@ from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.evaluated_loads import (
     advance_asking,
-    can_ask,
     omega_world,
     rotation_held,
+    supports_callbacks,
 )
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
@@ -43,9 +43,9 @@ class FixedStep:
         self._body = packed_body(self._stepped.body)
         if scene.pivot is not None:
             self._body[0] = math.inf
-        self.stepping = "python" if scene.has_black_box else "native"
-        self._asked = _asked_about_pivot(scene) if scene.has_black_box else None
-        self._lasting = np.zeros(0) if scene.has_black_box else packed_lasting(self._stepped)
+        self.stepping = "python" if scene.has_callback_load else "native"
+        self._asked = _asked_about_pivot(scene) if scene.has_callback_load else None
+        self._lasting = np.zeros(0) if scene.has_callback_load else packed_lasting(self._stepped)
         self.reset()
 
     def reset(self) -> None:
@@ -88,7 +88,7 @@ class FixedStep:
         if self._asked is not None:
             advance_asking(method, self._asked, state, self._body, self._load, begin, dt_s, steps)
         elif len(self._lasting):
-            method.advance_under(state, self._body, self._load, self._lasting, begin, dt_s, steps)
+            method.advance_forced(state, self._body, self._load, self._lasting, begin, dt_s, steps)
         else:
             method.advance(state, self._body, self._load, dt_s, steps)
         self._steps_made += steps
@@ -228,10 +228,10 @@ class Reference:
     def unsupported(self, scene: Scene, method: str) -> str | None:
         """Say what a method is not for; a link frame means nothing where no engine is between."""
         if method == _EXACT.name:
-            return _NO_CLOSED_FORM if scene.has_black_box or closed_form_of(scene) is None else None
+            return _NO_CLOSED_FORM if scene.has_callback_load or closed_form_of(scene) is None else None
         if method == _TAYLOR.name:
-            return _NO_SERIES if scene.has_black_box else None
-        if scene.has_black_box and not can_ask(INTEGRATORS[method]):
+            return _NO_SERIES if scene.has_callback_load else None
+        if scene.has_callback_load and not supports_callbacks(INTEGRATORS[method]):
             return f"{method} takes the loads of its stages from compiled code, which can ask no function"
         kinds = {type(load) for load in scene.lasting_loads}
         if scene.pivot is not None and GravityGradient in kinds:

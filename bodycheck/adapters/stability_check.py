@@ -10,7 +10,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 _MOST_ENERGY = 100.0  # times the largest true kinetic energy
 
 
-def defect(trajectory: Trajectory) -> str | None:
+def invalid_state(trajectory: Trajectory) -> str | None:
     """Say why a trajectory is no motion: not finite, det R <= 0, or a zero quaternion; None if it is one."""
     if lost := _first_not_finite(trajectory):
         sample, name = lost
@@ -31,7 +31,7 @@ def kinetic_limit(true_kinetic: Array) -> float:
     return _MOST_ENERGY * largest if largest > 0.0 else np.inf
 
 
-def runaway(kinetic: Array, limit: float, t_s: Array) -> str | None:
+def energy_blowup(kinetic: Array, limit: float, t_s: Array) -> str | None:
     """Say from when on K is above its limit; None where it never is.
 
     kinetic (n,) and limit in J, at the times t_s (n,).

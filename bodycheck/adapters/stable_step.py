@@ -11,7 +11,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.execution import Case, Ending, readings_along, trajectory_of
-from bodycheck.adapters.stability_check import defect, runaway
+from bodycheck.adapters.stability_check import energy_blowup, invalid_state
 from bodycheck.reference_impl.pivot import kinetic_energies
 from bodycheck.reference_impl.wrench import Leg, StepPlan, plan_steps
 
@@ -105,10 +105,10 @@ def _breakdown(adapter: Adapter, case: Case, limit_j: float, dt_s: float) -> str
     t_s = plan.dt_s * np.cumsum([0, *(leg.steps for leg in legs)])
     motion = trajectory_of(t_s, readings)
     with np.errstate(over="ignore", invalid="ignore"):  # of what has run away
-        if reason := defect(motion):
+        if reason := invalid_state(motion):
             return reason
         kinetic, _ = kinetic_energies(scene, motion)
-        return runaway(kinetic, limit_j, t_s)
+        return energy_blowup(kinetic, limit_j, t_s)
 
 
 def _looks(plan: StepPlan, stride: int) -> Iterator[Leg]:

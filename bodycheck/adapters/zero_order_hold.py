@@ -26,7 +26,7 @@ class HeldLoads:
         """Go back to t = 0."""
         self._steps = 0
 
-    def next_step(self, position: Array, rotation: Array, velocity: Array, omega_world: Array) -> Array:
+    def next_step_size(self, position: Array, rotation: Array, velocity: Array, omega_world: Array) -> Array:
         """Return force and torque (6,) for the step that begins here, about the centre of mass, world axes.
 
         The state in world axes, rotation (3, 3) body to world; each call is one step.
@@ -39,7 +39,7 @@ class HeldLoads:
 
 def _wrench_at(scene: Scene) -> Callable[[float, Array, Array, Array, Array], Array]:
     """Return force and torque (6,) of (t, x, R, v, omega): compiled, unless a function is to be asked."""
-    if scene.has_black_box:
+    if scene.has_callback_load:
         asked = lasting_wrench_of(scene)
         return lambda *motion: np.concatenate(asked(*motion))
     # late: numba is half the start of a worker, and most scenes have no such load

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bodycheck.reports.gates.verdict import GateResult
     from bodycheck.reports.run_files.run_reader import Tables
     from bodycheck.reports.summary.run_tables import Run
-    from bodycheck.runs.run_options import Manner
+    from bodycheck.runs.run_options import RunOptions
 
 gating = typer.Typer()
 
@@ -58,7 +58,7 @@ def gate(
     from bodycheck.reports.gates.gate_output import as_json, as_junit, print_results
     from bodycheck.reports.gates.verdict import held
     from bodycheck.reports.run_files.run_reader import read_tables
-    from bodycheck.runs.run_options import Manner
+    from bodycheck.runs.run_options import RunOptions
 
     gates = read_gates(tolerances)
     outputs = {"--junit": junit, "--json": json, "--update": tolerances if update else None}
@@ -66,8 +66,8 @@ def gate(
         check_file(option, path)
     measured: Run | Tables
     if run is None:
-        manner = Manner(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
-        measured = _new_run(gates, scenarios or ["standard"], manner, allow_code=allow_code)
+        options = RunOptions(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
+        measured = _new_run(gates, scenarios or ["standard"], options, allow_code=allow_code)
     else:
         measured = read_tables(run)
     results = held(gates, measured)
@@ -93,12 +93,14 @@ def _check(*, update: bool, margin: float | None, loosen: str | None) -> None:
         raise InputError("--loosen: must say why the bounds are loosened")
 
 
-def _new_run(gates: Sequence[Gate], scenarios: Sequence[str], manner: Manner, *, allow_code: bool) -> Run:
+def _new_run(
+    gates: Sequence[Gate], scenarios: Sequence[str], options: RunOptions, *, allow_code: bool
+) -> Run:
     from bodycheck.reports.render.progress import LiveProgress
     from bodycheck.runs.gate_run import run_for_gates
 
     try:
-        return run_for_gates(gates, scenarios, manner, LiveProgress, allow_code=allow_code)
+        return run_for_gates(gates, scenarios, options, LiveProgress, allow_code=allow_code)
     except KeyboardInterrupt:
         raise StoppedError("stopped, before any gate was held") from None
 

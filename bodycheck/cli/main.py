@@ -79,10 +79,10 @@ def run(
     """Measure scenarios through engines: results.csv, methods.csv, trajectories/, report.html."""
     from bodycheck.reports.render.progress import LiveProgress
     from bodycheck.reports.render.terminal import print_summary
-    from bodycheck.runs.directory import Asked, run_to_folder
+    from bodycheck.runs.directory import RunRequest, run_to_folder
     from bodycheck.runs.directory import resume as go_on
 
-    asked = Asked(
+    asked = RunRequest(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),
         dt_s=numbers(dt, "--dt"),
@@ -94,7 +94,7 @@ def run(
         allow_code=allow_code,
     )
     if resume is not None:
-        if asked != Asked() or out is not None:
+        if asked != RunRequest() or out is not None:
             raise InputError("--resume goes on with a run as it was asked: give nothing beside it")
         measured, report = go_on(resume, LiveProgress)
     else:
@@ -168,10 +168,10 @@ def body(
     allow_code: Annotated[bool, typer.Option("--allow-code", help="Let a function be imported.")] = False,
 ) -> None:
     """Print mass, centre and inertia tensor as TOML: exact with principal axes, or with standard errors."""
-    from bodycheck.scenarios.solids import Asked, as_toml, mass_properties
+    from bodycheck.scenarios.solids import SolidRequest, as_toml, mass_properties
 
     size, box = numbers(size_m, "--size-m"), numbers(box_m, "--box-m")
-    asked = Asked(solid, density_kg_m3, size, box, monte_carlo, allow_code, unit, overlap)
+    asked = SolidRequest(solid, density_kg_m3, size, box, monte_carlo, allow_code, unit, overlap)
     for line in as_toml(mass_properties(asked)):
         print(line)
 

@@ -27,7 +27,7 @@ nightly = typer.Typer()
 history = typer.Typer(help="Ask and prune a history of nights.", no_args_is_help=True)
 nightly.add_typer(history, name="history")
 
-_EXITS = {"no regression": 0, "regression": 1, "nothing measured": 1, "past too thin": 3}
+_EXITS = {"no regression": 0, "regression": 1, "nothing measured": 1, "insufficient history": 3}
 
 _LEFT_OUT = 1
 
@@ -56,12 +56,12 @@ def nightly_(
     from bodycheck._util.files import check_file, write_whole
     from bodycheck.reports.history.history_output import print_night
     from bodycheck.reports.render.progress import LiveProgress
-    from bodycheck.runs.directory import Asked
+    from bodycheck.runs.directory import RunRequest
     from bodycheck.runs.nightly_run import run_night
 
     thresholds = thresholds_of(threshold, tolerances)
     check_file("--markdown", markdown)
-    asked = Asked(
+    asked = RunRequest(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),
         speed=not no_speed,

@@ -48,7 +48,7 @@ def versions(
     """
     from bodycheck.reports.cache.disk_cache import reuse_of
     from bodycheck.reports.render.answer_text import print_found
-    from bodycheck.runs.run_options import Manner
+    from bodycheck.runs.run_options import RunOptions
     from bodycheck.runs.version_search import Search, search
 
     steps = numbers(dt, "--dt")
@@ -58,8 +58,8 @@ def versions(
         every=every,
         thresholds=thresholds_of(threshold, None),
     )
-    manner = Manner(speed=False, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"))
-    print_found(search(asked, manner, lambda name: print(name, file=sys.stderr)))
+    options = RunOptions(speed=False, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"))
+    print_found(search(asked, options, lambda name: print(name, file=sys.stderr)))
 
 
 environment_commands = typer.Typer(

@@ -23,7 +23,7 @@ from bodycheck.reports.gates.verdict import held
 from bodycheck.reports.summary.run_tables import Run
 from bodycheck.runs import runner
 from bodycheck.runs.gate_run import run_for_gates
-from bodycheck.runs.run_options import SILENCE, Manner
+from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import load_scenarios
 
@@ -144,7 +144,7 @@ def parametrize_cases(metafunc: pytest.Metafunc) -> None:
 
 @cache
 def _scenarios(suite: str) -> list[str]:
-    return [asked_as for asked_as, _ in load_scenarios(suite.split(","))]
+    return [scenario_spec for scenario_spec, _ in load_scenarios(suite.split(","))]
 
 
 @cache
@@ -176,7 +176,7 @@ class HeldGate:
 
 @cache
 def _run_of(gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse) -> Run:
-    return run_for_gates(gates, scenarios, Manner(reuse=reuse), lambda _: nullcontext(SILENCE))
+    return run_for_gates(gates, scenarios, RunOptions(reuse=reuse), lambda _: nullcontext(NULL_PROGRESS))
 
 
 def parametrize_gates(metafunc: pytest.Metafunc) -> None:

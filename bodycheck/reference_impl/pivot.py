@@ -11,7 +11,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import rotational_energy, translational_energy
 from bodycheck.reference_impl.rational import Vector, dot, fractions
 from bodycheck.reference_impl.scene import (
-    BlackBox,
+    CallbackLoad,
     Drag,
     GravityGradient,
     Load,
@@ -72,7 +72,7 @@ def about_pivot(scene: Scene) -> Scene:
     arm, initial = -scene.pivot, scene.initial
     place = initial.position - initial.rotation @ arm
     weight = PointForce("world", scene.body.mass * scene.gravity, arm)
-    loads = [_moved(load, scene.pivot) for load in scene.loads]
+    loads = [_advanced(load, scene.pivot) for load in scene.loads]
     return replace(
         scene,
         body=replace(scene.body, inertia=turning_inertia(scene)),
@@ -89,7 +89,7 @@ def _across(c: Array) -> Array:
     return np.asarray(float(c @ c) * np.eye(3) - np.outer(c, c))
 
 
-def _moved(load: Load, pivot: Array) -> Load:
+def _advanced(load: Load, pivot: Array) -> Load:
     """Return the load with its place seen from the pivot; the drag of the centre's way is one of turning."""
     match load:
         case PointForce() | Spring():
@@ -98,7 +98,7 @@ def _moved(load: Load, pivot: Array) -> Load:
             return Drag(0.0, load.angular + load.linear * _across(pivot))
         case GravityGradient():
             raise ValueError("a gravity gradient turns a body about its centre of mass, not about a pivot")
-        case Torque() | SineTorque() | TorsionSpring() | BlackBox():
+        case Torque() | SineTorque() | TorsionSpring() | CallbackLoad():
             return load
         case _:
             raise unknown_load(load, "the motion about a pivot")

@@ -119,7 +119,7 @@ def _compile_integrator(name: str) -> None:
     state = np.concatenate([np.zeros(6), np.ones(3), attitude])
     body = packed_body(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])))
     if name.endswith(_UNDER_LASTING):
-        integrator.advance_under(state, body, np.zeros(21), np.zeros(0), 0.0, 1e-3, 1)
+        integrator.advance_forced(state, body, np.zeros(21), np.zeros(0), 0.0, 1e-3, 1)
     else:
         integrator.advance(state, body, np.zeros(21), 1e-3, 1)
 

@@ -141,7 +141,7 @@ class GravityGradient:
 
 
 @dataclass(frozen=True, eq=False)
-class BlackBox:
+class CallbackLoad:
     """A force and a torque that only a function knows; name: its package.module:function."""
 
     name: str
@@ -155,9 +155,9 @@ def unknown_load(load: object, what: str) -> ValueError:
 
 Timed: TypeAlias = Torque | PointForce
 """What comes and goes: constant in its axes between from_s and until_s."""
-Lasting: TypeAlias = SineTorque | Drag | Spring | TorsionSpring | GravityGradient | BlackBox
+ContinuousLoad: TypeAlias = SineTorque | Drag | Spring | TorsionSpring | GravityGradient | CallbackLoad
 """What acts throughout, and varies with the time or the motion."""
-Load: TypeAlias = Timed | Lasting
+Load: TypeAlias = Timed | ContinuousLoad
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,18 +200,18 @@ class Scene:
         return np.arange(self.samples) * self.duration_s / (self.samples - 1)
 
     @property
-    def timed_loads(self) -> tuple[Timed, ...]:
+    def piecewise_constant_loads(self) -> tuple[Timed, ...]:
         """The loads that come and go."""
         return tuple(load for load in self.loads if isinstance(load, Torque | PointForce))
 
     @property
-    def lasting_loads(self) -> tuple[Lasting, ...]:
+    def lasting_loads(self) -> tuple[ContinuousLoad, ...]:
         """The loads that act throughout."""
         return tuple(load for load in self.loads if not isinstance(load, Torque | PointForce))
 
     def switches_before(self, end_s: float) -> tuple[float, ...]:
         """Return the times inside (0, end_s) at which a load comes or goes, ascending."""
-        ends = {end for load in self.timed_loads for end in (load.from_s, load.until_s)}
+        ends = {end for load in self.piecewise_constant_loads for end in (load.from_s, load.until_s)}
         return tuple(sorted(end for end in ends if 0.0 < end < end_s))
 
     @property
@@ -225,6 +225,6 @@ class Scene:
         return self.pivot is None and self.link is not None and bool(self.link.offset.any())
 
     @property
-    def has_black_box(self) -> bool:
+    def has_callback_load(self) -> bool:
         """Whether some load is known to a function alone."""
-        return any(isinstance(load, BlackBox) for load in self.loads)
+        return any(isinstance(load, CallbackLoad) for load in self.loads)

@@ -83,7 +83,9 @@ NO_WRENCH = wrench_of(())
 
 def held_between(scene: Scene, begin_s: float, end_s: float) -> list[Timed]:
     """Return the loads that are constant within [begin_s, end_s), through which nothing switches."""
-    return [load for load in scene.timed_loads if load.from_s <= begin_s and end_s <= load.until_s]
+    return [
+        load for load in scene.piecewise_constant_loads if load.from_s <= begin_s and end_s <= load.until_s
+    ]
 
 
 def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
@@ -92,7 +94,7 @@ def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
     Lasting loads are not in it: they are no constants, and a simulation answers for them itself.
     """
     shares = []
-    for load in scene.timed_loads:
+    for load in scene.piecewise_constant_loads:
         overlap = min(end_s, load.until_s) - max(begin_s, load.from_s)
         share = min(max(overlap / (end_s - begin_s), 0.0), 1.0)
         if share > _ON_GRID:
@@ -114,14 +116,14 @@ class StepPlan:
     """The steps of one case: which wrench acts on which steps, and where the samples lie.
 
     A step that a switch falls into carries the mean of what acts during it, so that its impulse is
-    right; `straddled` counts such switches.
+    right; `mid_step_switches` counts such switches.
     """
 
     dt_s: float
     steps: int
     stretches: tuple[tuple[int, Wrench], ...]
     stride: int
-    straddled: int
+    mid_step_switches: int
 
     def legs(self) -> Iterator[Leg]:
         """Yield the legs from sample to sample, cut where the wrench changes."""
@@ -169,16 +171,16 @@ def plan_steps(scene: Scene, dt_s: float) -> StepPlan:
     stride = steps_per_sample(scene.sample_interval_s, dt_s)
     steps = stride * (scene.samples - 1)
     step = scene.duration_s / steps
-    cuts, straddled = {0, steps}, 0
+    cuts, mid_step_switches = {0, steps}, 0
     for switch in scene.switches_before(scene.duration_s):
         place = switch / step
         if abs(place - round(place)) <= _ON_GRID + 1e-15 * place:  # of a step, and of the quotient's rounding
             cuts.add(round(place))
         else:
             cuts.update((int(place), int(place) + 1))
-            straddled += 1
+            mid_step_switches += 1
     edges = sorted(cuts)
     stretches = tuple(
         (last - first, wrench_between(scene, first * step, last * step)) for first, last in pairwise(edges)
     )
-    return StepPlan(step, steps, stretches, stride, straddled)
+    return StepPlan(step, steps, stretches, stride, mid_step_switches)

@@ -10,7 +10,7 @@ from typing import Any
 from bodycheck._util.errors import InputError
 from bodycheck.reports.render.progress import LiveProgress
 from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_tables
-from bodycheck.runs.directory import RUNS, Asked, run_to_folder
+from bodycheck.runs.directory import RUNS, RunRequest, run_to_folder
 from bodycheck.scenarios.library import load_scenarios
 from bodycheck.scenarios.serialization import written
 
@@ -29,7 +29,7 @@ def chosen_run(
     loaded = load_scenarios(asked, allow_code=allow_code)
     wanted = {scenario.name: written(scenario) for _, scenario in loaded}
     # what a user's function does may have changed under its name: then no stored run is of these scenarios
-    own_code = any(scenario.scene.has_black_box for _, scenario in loaded)
+    own_code = any(scenario.scene.has_callback_load for _, scenario in loaded)
     for newest, manifest in [] if own_code else _newest_first():
         if wanted.items() <= manifest["scenarios"].items():
             try:
@@ -38,7 +38,7 @@ def chosen_run(
                 _warn_left_out(error)
     scenarios = list(asked) or ["standard"]
     print(f"no run in {RUNS}/ can tell: running {' '.join(scenarios)}", file=sys.stderr)
-    _, report = run_to_folder(Asked(scenarios=scenarios, allow_code=allow_code), None, LiveProgress)
+    _, report = run_to_folder(RunRequest(scenarios=scenarios, allow_code=allow_code), None, LiveProgress)
     return _named(report.parent, asked, allow_code=allow_code)
 
 

@@ -21,14 +21,14 @@ from pydantic import (
 )
 
 from bodycheck._util.errors import InputError, StoppedError
-from bodycheck._util.files import put_whole
+from bodycheck._util.files import atomic_write
 from bodycheck._util.untrusted import quoted, read_json
 from bodycheck.reports.cache.disk_cache import reuse_of
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.run_files.writer import check_output, write_run
 from bodycheck.reports.summary.run_tables import Run
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import TIMEOUT_S, Manner, Watching
+from bodycheck.runs.run_options import TIMEOUT_S, ProgressFactory, RunOptions
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, select
 from bodycheck.scenarios.reader import fault_lines
@@ -36,11 +36,11 @@ from bodycheck.scenarios.reader import fault_lines
 RUNS = Path("bodycheck-runs")
 """Where runs go for which no other folder is named."""
 
-_ASKED = "asked.json"
+_REQUEST = "request.json"
 
 
 @dataclass(frozen=True)
-class Asked:
+class RunRequest:
     """What was asked of a run, as plain data: enough to ask it again."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -61,21 +61,21 @@ class Asked:
         return select(self.scenarios, self.engines, self.dt_s, self.tolerances, allow_code=self.allow_code)
 
     @property
-    def manner(self) -> Manner:
+    def options(self) -> RunOptions:
         """How the run is made; InputError where that is wrong."""
         reuse = reuse_of(self.fresh, "installed")
-        return Manner(speed=self.speed, jobs=self.jobs, timeout_s=self.timeout_s, reuse=reuse)
+        return RunOptions(speed=self.speed, jobs=self.jobs, timeout_s=self.timeout_s, reuse=reuse)
 
 
 class _Description(BaseModel):
-    """What asked.json holds; a run's name is part of the names of files."""
+    """What request.json holds; a run's name is part of the names of files."""
 
     run_id: Annotated[str, Field(strict=True, pattern=r"^[0-9A-Za-z-]{1,100}$")]
     created: AwareDatetime
-    asked: Asked
+    asked: RunRequest
 
 
-def run_to_folder(asked: Asked, out: Path | None, watching: Watching) -> tuple[Run, Path]:
+def run_to_folder(asked: RunRequest, out: Path | None, watching: ProgressFactory) -> tuple[Run, Path]:
     """Run what is asked and write it to `out`; return the run and its report's path.
 
     Until all is done the folder is `out` with .partial after its name. Raises InputError where something is
@@ -83,20 +83,20 @@ def run_to_folder(asked: Asked, out: Path | None, watching: Watching) -> tuple[R
     """
     identity = Identity.new()
     out = out or RUNS / identity.run_id
-    manner = asked.manner
+    options = asked.options
     check_output(out)
     partial = partial_of(out)
-    if (partial / _ASKED).exists():
+    if (partial / _REQUEST).exists():
         raise InputError(f"{partial}: is of a run that was stopped: go on with --resume {out}, or remove it")
     try:
         selection = asked.selection
     except KeyboardInterrupt:
         raise StoppedError("stopped, before anything was measured") from None
     _describe(partial, asked, identity, out)
-    return _carried_out(selection, manner, identity, out, watching)
+    return _carried_out(selection, options, identity, out, watching)
 
 
-def _describe(partial: Path, asked: Asked, identity: Identity, out: Path) -> None:
+def _describe(partial: Path, asked: RunRequest, identity: Identity, out: Path) -> None:
     """Write down what was asked, whole or not at all: a folder without it is of no run."""
     description = {
         "run_id": identity.run_id,
@@ -106,7 +106,7 @@ def _describe(partial: Path, asked: Asked, identity: Identity, out: Path) -> Non
     try:
         partial.mkdir(parents=True, exist_ok=True)
         try:
-            put_whole(partial / _ASKED, (json.dumps(description, indent=2) + "\n").encode())
+            atomic_write(partial / _REQUEST, (json.dumps(description, indent=2) + "\n").encode())
         except OSError:
             shutil.rmtree(partial, ignore_errors=True)
             raise
@@ -114,14 +114,14 @@ def _describe(partial: Path, asked: Asked, identity: Identity, out: Path) -> Non
         raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
 
 
-def resume(out: Path, watching: Watching) -> tuple[Run, Path]:
+def resume(out: Path, watching: ProgressFactory) -> tuple[Run, Path]:
     """Go on with a run that was stopped, as it was asked; nothing that it found is asked for again.
 
     Raises InputError where there is none, and as run_to_folder does.
     """
     partial = partial_of(out)
     try:
-        asked, identity = _description(partial / _ASKED)
+        asked, identity = _description(partial / _REQUEST)
     except FileNotFoundError:
         state = "that run is complete" if _run_id(out) else "no run was stopped there"
         raise InputError(f"--resume {out}: {state}") from None
@@ -134,10 +134,10 @@ def resume(out: Path, watching: Watching) -> tuple[Run, Path]:
         selection = asked.selection
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_go_on(out)}") from None
-    return _carried_out(selection, asked.manner, identity, out, watching)
+    return _carried_out(selection, asked.options, identity, out, watching)
 
 
-def _description(path: Path) -> tuple[Asked, Identity]:
+def _description(path: Path) -> tuple[RunRequest, Identity]:
     """Read what was asked of a run; FileNotFoundError where nothing was, InputError where it is damaged."""
     try:
         told = _Description.model_validate(read_json(path, escape=False))
@@ -161,13 +161,13 @@ def partial_of(out: Path) -> Path:
 
 
 def _carried_out(
-    selection: Selection, manner: Manner, identity: Identity, out: Path, watching: Watching
+    selection: Selection, options: RunOptions, identity: Identity, out: Path, watching: ProgressFactory
 ) -> tuple[Run, Path]:
     partial = partial_of(out)
     journal: Journal | None = None
     try:
         with Journal(partial / "journal") as journal, watching(selection.cases_listed()) as progress:
-            measured = run_selection(selection, manner, identity, journal=journal, progress=progress)
+            measured = run_selection(selection, options, identity, journal=journal, progress=progress)
             report = write_run(measured, out, beside=partial)
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_go_on(out)}") from None

@@ -9,7 +9,7 @@ from pathlib import Path
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.summary.run_tables import Run
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import Manner, Watching
+from bodycheck.runs.run_options import ProgressFactory, RunOptions
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 
@@ -17,8 +17,8 @@ from bodycheck.runs.selection import select
 def run_for_gates(
     gates: Sequence[Gate],
     scenarios: Sequence[str | Path],
-    manner: Manner,
-    watching: Watching,
+    options: RunOptions,
+    watching: ProgressFactory,
     *,
     allow_code: bool = False,
 ) -> Run:
@@ -37,15 +37,15 @@ def run_for_gates(
         ),
     )
     looked_at = tuple(
-        (asked_as, scenario)
-        for asked_as, scenario in selection.scenarios
+        (scenario_spec, scenario)
+        for scenario_spec, scenario in selection.scenarios
         if any(gate.wants_scenario(scenario.name) for gate in gates)
     )
     selection = replace(selection, scenarios=looked_at)
-    manner = replace(
-        manner,
+    options = replace(
+        options,
         speed=any(gate.looks_at.is_speed for gate in gates),
         stable_steps=any(gate.looks_at.source == "stability" for gate in gates),
     )
     with watching(selection.cases_listed()) as progress:
-        return run_selection(selection, manner, Identity.new(), journal=None, progress=progress)
+        return run_selection(selection, options, Identity.new(), journal=None, progress=progress)

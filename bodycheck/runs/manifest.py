@@ -15,8 +15,8 @@ from typing import Any
 
 from bodycheck.adapters.contract import Engine
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.speed import Quietness
-from bodycheck.runs.run_options import Manner
+from bodycheck.reports.measurement.speed import MachineNoise
+from bodycheck.runs.run_options import RunOptions
 from bodycheck.runs.selection import Selection
 from bodycheck.scenarios.serialization import written
 
@@ -45,10 +45,10 @@ def _engine(engine: Engine, cases: Sequence[CaseResult]) -> dict[str, Any]:
 def manifest_of(
     identity: Identity,
     selection: Selection,
-    manner: Manner,
+    options: RunOptions,
     cases: Sequence[CaseResult],
     seconds: Mapping[str, float],
-    quietness: Quietness | None,
+    quietness: MachineNoise | None,
 ) -> dict[str, Any]:
     """Return versions, machine and settings, as plain data."""
     engines: dict[str, Any] = {name: {"unavailable": why} for name, why in selection.unavailable.items()}
@@ -68,9 +68,9 @@ def manifest_of(
         "engines": engines,
         "dt_s": selection.dt_s,
         "tolerances": selection.tolerances,
-        "speed": manner.speed,
-        "jobs": manner.strands,
-        "timeout_s": manner.timeout_s,
+        "speed": options.speed,
+        "jobs": options.workers,
+        "timeout_s": options.timeout_s,
         "speed_core": quietness.core if quietness else None,
         "speed_noise": quietness.spread if quietness else None,
         "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),

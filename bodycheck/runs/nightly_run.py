@@ -18,9 +18,9 @@ from bodycheck.reports.history.nightly_files import (
 from bodycheck.reports.history.regression import Judgement, judge_night
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.summary.run_tables import Run
-from bodycheck.runs.directory import Asked
+from bodycheck.runs.directory import RunRequest
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import Watching
+from bodycheck.runs.run_options import ProgressFactory
 from bodycheck.runs.runner import run_selection
 
 SPEED_PASSES = 10
@@ -28,17 +28,17 @@ SPEED_PASSES = 10
 
 
 def run_night(
-    asked: Asked, folder: Path, watching: Watching, thresholds: Thresholds = DEFAULT_THRESHOLDS
+    asked: RunRequest, folder: Path, watching: ProgressFactory, thresholds: Thresholds = DEFAULT_THRESHOLDS
 ) -> tuple[Judgement, Path]:
     """Run what is asked, store it in a history, and return what it is beside the past, and its folder.
 
     folder: of the history, made if it is not there. thresholds: from which size on a change matters. Raises
     InputError where something is wrong or cannot be written: then the history is what it was.
     """
-    selection, manner = asked.selection, replace(asked.manner, speed_passes=SPEED_PASSES)
+    selection, options = asked.selection, replace(asked.options, speed_passes=SPEED_PASSES)
     history = History.at(folder)
     with watching(selection.cases_listed()) as progress:
-        run = run_selection(selection, manner, Identity.new(), journal=None, progress=progress)
+        run = run_selection(selection, options, Identity.new(), journal=None, progress=progress)
     return store_night(run, history, thresholds)
 
 

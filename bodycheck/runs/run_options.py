@@ -16,7 +16,7 @@ TIMEOUT_S = 120.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Manner:
+class RunOptions:
     """How a run is made, whatever it measures.
 
     speed: whether processor time is measured. jobs: how many cases run side by side, None for as many as
@@ -39,7 +39,7 @@ class Manner:
             raise InputError(f"timeout_s must be a positive number of seconds, not {self.timeout_s!r}")
 
     @property
-    def strands(self) -> int:
+    def workers(self) -> int:
         """How many cases run side by side."""
         return self.jobs or len(os.sched_getaffinity(0))
 
@@ -60,7 +60,7 @@ class Progress(Protocol):
         """One more case was timed."""
 
 
-class _Silence:
+class _NullProgress:
     def phase(self, what: str) -> None:
         pass
 
@@ -74,8 +74,8 @@ class _Silence:
         pass
 
 
-SILENCE: Progress = _Silence()
+NULL_PROGRESS: Progress = _NullProgress()
 """For a run of which nothing is told."""
 
-Watching: TypeAlias = Callable[[int], AbstractContextManager[Progress]]
+ProgressFactory: TypeAlias = Callable[[int], AbstractContextManager[Progress]]
 """How a run is watched, given the number of cases that are listed."""

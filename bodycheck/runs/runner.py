@@ -14,7 +14,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.contract import Engine, Method
-from bodycheck.adapters.workers.engine_pool import Hosts
+from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.precompile import compile_kernels
 from bodycheck.reference_impl.truth.truth import Truth
@@ -23,8 +23,8 @@ from bodycheck.reports.cache.disk_cache import Cache, reuse_of
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.truths import is_known, known_truth
 from bodycheck.reports.measurement.judge import judge_file
-from bodycheck.reports.measurement.problem import Subject
-from bodycheck.reports.measurement.scheduler import Task, share_out
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.scheduler import Task, run_tasks
 from bodycheck.reports.measurement.speed import measure_speeds
 from bodycheck.reports.measurement.study import Study, study
 from bodycheck.reports.probes.probe import probe_rows
@@ -37,7 +37,7 @@ from bodycheck.reports.run_files.tables import (
 )
 from bodycheck.reports.summary.run_tables import Run
 from bodycheck.runs.manifest import Identity, manifest_of
-from bodycheck.runs.run_options import SILENCE, TIMEOUT_S, Manner, Progress
+from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOptions
 from bodycheck.runs.selection import Selection, select
 from bodycheck.scenarios.library import PROBES, load_scenario
 from bodycheck.scenarios.model import Scenario
@@ -68,13 +68,18 @@ def run(
     """
     if not scenarios:
         raise InputError("scenarios: name one at least")
-    manner = Manner(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"))
+    options = RunOptions(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"))
     selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
-    return run_selection(selection, manner, Identity.new(), journal=None, progress=SILENCE)
+    return run_selection(selection, options, Identity.new(), journal=None, progress=NULL_PROGRESS)
 
 
 def run_selection(
-    selection: Selection, manner: Manner, identity: Identity, *, journal: Journal | None, progress: Progress
+    selection: Selection,
+    options: RunOptions,
+    identity: Identity,
+    *,
+    journal: Journal | None,
+    progress: Progress,
 ) -> Run:
     """Run what was selected: first the motions, side by side, then the speeds, one case at a time.
 
@@ -84,27 +89,29 @@ def run_selection(
     progress.phase("the reference's kernels: compiled once on a machine")
     cache = Cache.default()
     cache.prune()
-    cache = cache.write_only() if manner.reuse == "nothing" else cache
+    cache = cache.write_only() if options.reuse == "nothing" else cache
     _compile(selection, cache)
     compiled = time.perf_counter()
-    answers = Answers(journal, cache, manner.timeout_s, reuse=manner.reuse, run_id=identity.run_id)
+    answers = Answers(journal, cache, options.timeout_s, reuse=options.reuse, run_id=identity.run_id)
     progress.phase("solving the truths")
-    subjects = [_solved(scenario, asked_as, cache, progress) for asked_as, scenario in selection.scenarios]
+    problems = [
+        _solved(scenario, scenario_spec, cache, progress) for scenario_spec, scenario in selection.scenarios
+    ]
     progress.phase("motions")
     solved = time.perf_counter()
-    studies, probed = _studies_and_probes(selection, subjects, answers, manner, progress)
+    studies, probed = _studies_and_probes(selection, problems, answers, options, progress)
     recorded = time.perf_counter()
     cases = tuple(case for studied in studies for case in studied.cases)
     quietness = None
-    if manner.speed:
+    if options.speed:
         progress.phase("speeds, one case at a time")
         cases, quietness = measure_speeds(
-            subjects,
+            problems,
             cases,
             {engine.name: engine for engine, _ in selection.methods},
             answers,
-            timeout_s=manner.timeout_s,
-            passes=manner.speed_passes,
+            timeout_s=options.timeout_s,
+            passes=options.speed_passes,
             case_done=progress.speed_measured,
         )
     ended = time.perf_counter()
@@ -123,26 +130,26 @@ def run_selection(
         results=as_table(({"run_id": run_id, **case.columns} for case in cases), RESULT_COLUMNS),
         methods=as_table(({"run_id": run_id, **row} for row in method_rows), METHOD_COLUMNS),
         stability=as_table(({"run_id": run_id, **row} for row in stability_rows), STABILITY_COLUMNS),
-        manifest=manifest_of(identity, selection, manner, cases, seconds, quietness),
-        subjects=tuple(subjects),
+        manifest=manifest_of(identity, selection, options, cases, seconds, quietness),
+        problems=tuple(problems),
         cases=cases,
         probes=as_table(({"run_id": run_id, **row} for row in probed), PROBE_COLUMNS),
     )
 
 
-def _solved(scenario: Scenario, asked_as: str, cache: Cache, progress: Progress) -> Subject:
+def _solved(scenario: Scenario, scenario_spec: str, cache: Cache, progress: Progress) -> Problem:
     """Return a scenario with its truth; name it before, where it is not known yet and may take long."""
     scene = scenario.scene
     if not is_known(scene, scene.sample_times, cache):
         progress.truth_begun(scenario.name)
-    return Subject.of(scenario, asked_as, cache)
+    return Problem.of(scenario, scenario_spec, cache)
 
 
 def _compile(selection: Selection, cache: Cache) -> None:
     """Compile what the truths that are not known yet, and the reference's methods, are to call."""
     scenes = [scenario.scene for _, scenario in selection.scenarios]
     # a user's function is asked first where its truth is solved: what goes wrong with it is told there
-    scenes = [scene for scene in scenes if not scene.has_black_box]
+    scenes = [scene for scene in scenes if not scene.has_callback_load]
     if any((engine.name, method.name) == ("reference", "exact") for engine, method in selection.methods):
         scenes += [load_scenario(name).scene for name in PROBES]
     integrators = [
@@ -154,52 +161,56 @@ def _compile(selection: Selection, cache: Cache) -> None:
 
 
 def _studies_and_probes(
-    selection: Selection, subjects: Sequence[Subject], answers: Answers, manner: Manner, progress: Progress
+    selection: Selection,
+    problems: Sequence[Problem],
+    answers: Answers,
+    options: RunOptions,
+    progress: Progress,
 ) -> tuple[list[Study], list[dict[str, Any]]]:
     """Return the studies of every scenario by every method, and every method's probes, made side by side."""
     pairs = [
-        (subject, engine, method)
-        for subject in subjects
+        (problem, engine, method)
+        for problem in problems
         for engine, method in selection.methods
-        if selection.runs_on(subject.scenario, engine, method)
+        if selection.runs_on(problem.scenario, engine, method)
     ]
     done: dict[int, Study] = {}
     probed: dict[int, list[dict[str, Any]]] = {}
     # Python runs one thread at a time anyway: two that measure would only take turns within each sample
     measuring = threading.Lock()
 
-    def task(place: int, subject: Subject, engine: Engine, method: Method) -> Task:
-        settings = selection.settings(subject.scenario, method)
+    def task(place: int, problem: Problem, engine: Engine, method: Method) -> Task:
+        settings = selection.settings(problem.scenario, method)
 
-        def do(hosts: Hosts) -> None:
-            asked = _OthersMeasureMeanwhile(hosts, measuring)
+        def do(engine_pool: EnginePool) -> None:
+            asked = _OthersMeasureMeanwhile(engine_pool, measuring)
 
             with measuring:
                 done[place] = study(
-                    subject,
+                    problem,
                     engine,
                     method,
                     settings,
                     adaptive=selection.dt_s is None,
                     ask=partial(answers.ask, asked),
-                    search=partial(answers.search, asked) if manner.stable_steps else None,
+                    search=partial(answers.search, asked) if options.stable_steps else None,
                     case_done=progress.case_done,
                 )
 
-        steps = sum(subject.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
+        steps = sum(problem.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
         return Task(engine.name, steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0), do)
 
     def probe(place: int, engine: Engine, method: Method) -> Task:
-        def do(hosts: Hosts) -> None:
+        def do(engine_pool: EnginePool) -> None:
             with measuring:
-                asked = _OthersMeasureMeanwhile(hosts, measuring)
+                asked = _OthersMeasureMeanwhile(engine_pool, measuring)
                 probed[place] = probe_rows(engine, method, partial(answers.ask, asked))
 
         return Task(engine.name, 0.0, do)  # what it costs is little: it is done last
 
     tasks = [task(place, *pair) for place, pair in enumerate(pairs)]
     probes = [probe(place, *method) for place, method in enumerate(selection.methods)]
-    share_out([*tasks, *probes], manner.strands)
+    run_tasks([*tasks, *probes], options.workers)
     rows = [row for place in range(len(probes)) for row in probed[place]]
     return [done[place] for place in range(len(pairs))], rows
 
@@ -208,14 +219,14 @@ def _studies_and_probes(
 class _OthersMeasureMeanwhile:
     """A strand's engines; while one of them works on a case, another strand may measure."""
 
-    hosts: Hosts
+    engine_pool: EnginePool
     measuring: threading.Lock
 
     def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
         """Ask the engine."""
         self.measuring.release()
         try:
-            return self.hosts.ask(engine, request, timeout_s)
+            return self.engine_pool.ask(engine, request, timeout_s)
         finally:
             self.measuring.acquire()
 

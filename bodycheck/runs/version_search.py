@@ -17,7 +17,7 @@ from bodycheck.reports.comparison.release_search import changes, every_change
 from bodycheck.reports.render.answer_text import Found, Track
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import SILENCE, Manner
+from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, checked_scenarios
 from bodycheck.scenarios.model import Scenario
@@ -54,21 +54,21 @@ class _Release:
     tables: Tables | None
 
 
-def search(asked: Search, manner: Manner, told: Callable[[str], None]) -> Found:
+def search(asked: Search, options: RunOptions, told: Callable[[str], None]) -> Found:
     """Run every release, or the first, the last and by bisection those between which the measure changed.
 
     told: is given each release that is about to be run. A release that cannot be installed or run is stepped
     around. Raises InputError where the input is wrong, or no release can be run.
     """
     comparable(asked.measure)
-    asked_as, scenario = _one_scenario(asked)
+    scenario_spec, scenario = _one_scenario(asked)
     versions = releases(asked.engine, asked.since, asked.until)
     runs: dict[str, _Release | str] = {}
 
     def run(version: str) -> _Release | str:
         if version not in runs:
             told(Pin(asked.engine, version).name)
-            runs[version] = _run(asked, version, asked_as, scenario, manner)
+            runs[version] = _run(asked, version, scenario_spec, scenario, options)
         return runs[version]
 
     ends = [
@@ -119,7 +119,9 @@ def _finding(
     return findings[version]
 
 
-def _run(asked: Search, version: str, asked_as: str, scenario: Scenario, manner: Manner) -> _Release | str:
+def _run(
+    asked: Search, version: str, scenario_spec: str, scenario: Scenario, options: RunOptions
+) -> _Release | str:
     """Run one release; or return why it cannot be."""
     name = Pin(asked.engine, version).name
     engine = announced([name])[name]
@@ -133,13 +135,13 @@ def _run(asked: Search, version: str, asked_as: str, scenario: Scenario, manner:
     if not methods:
         return _Release(engine, methods, None)
     selection = Selection(
-        scenarios=((asked_as, scenario),),
+        scenarios=((scenario_spec, scenario),),
         methods=tuple((engine, method) for method in methods.values()),
         unavailable={},
         dt_s=tuple(asked.dt_s) if asked.dt_s else None,
         tolerances=None,
     )
-    measured = run_selection(selection, manner, Identity.new(), journal=None, progress=SILENCE)
+    measured = run_selection(selection, options, Identity.new(), journal=None, progress=NULL_PROGRESS)
     return _Release(engine, methods, under_one_name(measured, asked.engine))
 
 

@@ -17,7 +17,7 @@ from pydantic import (
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import (
-    BlackBox,
+    CallbackLoad,
     Drag,
     GravityGradient,
     Load,
@@ -179,7 +179,7 @@ class CallableTable(Table):
 
     def load(self) -> Load:
         """Return the same as a load."""
-        return BlackBox(self.function.name, self.function)
+        return CallbackLoad(self.function.name, self.function)
 
 
 class PivotTable(Table):

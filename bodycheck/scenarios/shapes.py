@@ -20,6 +20,7 @@ from bodycheck._util.cache_dir import cache_directory, digest_of
 from bodycheck._util.checksummed_json import opened, sealed
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
+from bodycheck.reference_impl.mass_properties.solid import primitive as unit_density_primitive
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 
 Unit: TypeAlias = Literal["mm", "cm", "m", "in"]
@@ -166,6 +167,6 @@ def primitive(shape: str, size: Sequence[float], density: float) -> MassProperti
     radius. Density in kg/m^3. Raises InputError with one line where one of them is wrong.
     """
     try:
-        return primitive(shape, size).at_density(density)
+        return unit_density_primitive(shape, size).at_density(density)
     except ValueError as error:
         raise InputError(str(error)) from None

@@ -18,7 +18,7 @@ _IMPLICIT: dict[str, Callable[..., ImplicitSolid]] = {"ellipsoid": ImplicitEllip
 
 
 @dataclass(frozen=True)
-class Asked:
+class SolidRequest:
     """A mesh file, shape or package.module:function by name, its density in kg/m^3, and what goes with it.
 
     size and box in m; monte_carlo: estimate a shape all the same; allow_code: a function may be imported;
@@ -35,7 +35,7 @@ class Asked:
     overlap: Overlap | None = None
 
 
-def mass_properties(asked: Asked) -> MassProperties | Estimate:
+def mass_properties(asked: SolidRequest) -> MassProperties | Estimate:
     """Return the mass properties of a mesh or a shape, exact to round-off, or those of a function, estimated.
 
     Raises InputError with one line for a name that is none of these, for an option that is missing or does
@@ -61,7 +61,7 @@ def mass_properties(asked: Asked) -> MassProperties | Estimate:
     )
 
 
-def _at_density(found: Estimate, asked: Asked) -> Estimate:
+def _at_density(found: Estimate, asked: SolidRequest) -> Estimate:
     try:
         return found.at_density(asked.density)
     except ValueError as error:
@@ -69,7 +69,7 @@ def _at_density(found: Estimate, asked: Asked) -> Estimate:
 
 
 def _check_options(
-    asked: Asked, what: str, *, size: bool, box: bool, mesh: bool = False, monte_carlo: bool = False
+    asked: SolidRequest, what: str, *, size: bool, box: bool, mesh: bool = False, monte_carlo: bool = False
 ) -> None:
     """Refuse options that are missing, and those that would be left aside in silence."""
     for option, value, wanted in (("--size-m", asked.size, size), ("--box-m", asked.box, box)):

@@ -175,7 +175,8 @@ def test_a_library_that_was_replaced_while_it_was_loaded_has_no_identity(site: P
 def test_a_file_that_changes_while_the_engine_is_imported_leaves_no_identity(site: Path) -> None:
     """What was imported may be older than what was hashed."""
     text = (site / "shaky/__init__.py").read_text()
-    slow = "import bodycheck.adapters.workers.build_identity\n(Path(__file__).parent / 'table.dat').write_text('4 5 6')\n"
+    slow = "import bodycheck.adapters.workers.build_identity\n"
+    slow += "(Path(__file__).parent / 'table.dat').write_text('4 5 6')\n"
     (site / "shaky/__init__.py").write_text(text + slow)
     first, _ = builds("shaky", site)
     assert first["id"] == ""

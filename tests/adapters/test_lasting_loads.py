@@ -18,7 +18,7 @@ from spin_steps import SpinStep, explicit_step, implicit_gyroscopic_step, implic
 from bodycheck.adapters.contract import Adapter, Reading, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import (
-    BlackBox,
+    CallbackLoad,
     Drag,
     GravityGradient,
     Link,
@@ -35,7 +35,7 @@ from bodycheck.reference_impl.scene import (
 from bodycheck.reference_impl.wrench import wrench_between
 
 ENGINES = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "Dart", "reference": "Reference"}
-ORDERS = {"rk4": 4, "lie4": 4, "splitting6": 6, "dop853": 8}
+ORDERS = {"rk4": 4, "cf4": 4, "splitting6": 6, "dop853": 8}
 
 
 def methods(*, but: tuple[str, ...] = ()) -> list[Any]:
@@ -84,7 +84,7 @@ def of_everything(t: float, x: Array, r: Array, v: Array, omega: Array) -> tuple
     return force, torque
 
 
-LOADS["a function"] = (BlackBox("loads:of_everything", of_everything), *LOADS["with constant ones"])
+LOADS["a function"] = (CallbackLoad("loads:of_everything", of_everything), *LOADS["with constant ones"])
 every_load = pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS.keys())
 PIVOT = np.array([0.1, -0.2, -0.7])
 
@@ -169,7 +169,7 @@ def wrench_at(scene: Scene, t: float, x: Array, r: Array, v: Array, omega: Array
             case GravityGradient():
                 u = np.array([-np.sin(load.rate * t), 0.0, -np.cos(load.rate * t)])
                 torque = torque + 3.0 * load.rate**2 * np.cross(u, r @ scene.body.inertia @ r.T @ u)
-            case BlackBox():
+            case CallbackLoad():
                 push, turn = load.function(t, x, r, v, r @ omega)
                 force, torque = force + push, torque + turn
     return force, torque
@@ -228,9 +228,9 @@ def mapped(
     turn = Rotation.from_quat(start.quaternion, scalar_first=True)
     for step in range(steps):
         r = turn.as_matrix()
-        speeding, moment = accelerations(scene, step * h, x, r, v, w)
+        linear_acceleration, moment = accelerations(scene, step * h, x, r, v, w)
         w = w + spin_step(inertia, w, moment, h)
-        v = v + h * speeding
+        v = v + h * linear_acceleration
         turn = turn * Rotation.from_rotvec(h * w)
         x, v = seen(scene, x + h * v, turn.as_matrix(), v, w)
     return x, v, turn.as_matrix(), w
@@ -278,7 +278,7 @@ def test_a_function_is_the_loads_that_it_computes(adapter: Adapter, method: str,
     def function(t: float, x: Array, r: Array, v: Array, omega: Array) -> tuple[Array, Array]:
         return wrench_at(weightless, t, x, r, v, r.T @ omega)
 
-    hidden = replace(scene, loads=(BlackBox("loads:function", function), *scene.timed_loads))
+    hidden = replace(scene, loads=(CallbackLoad("loads:function", function), *scene.piecewise_constant_loads))
     if (adapter.name, method) == ("reference", "euler"):
         return  # its R leaves the rotations, where two formulas for one load part
     if not (supports(adapter, scene, method) and supports(adapter, hidden, method)):
@@ -305,10 +305,10 @@ def solved(scene: Scene) -> Motion:
         q, w = y[6:10], y[10:]
         r = Rotation.from_quat(q, scalar_first=True).as_matrix()
         x, v = seen(scene, y[:3], r, y[3:6], w)
-        speeding, moment = accelerations(scene, t, x, r, v, w)
+        linear_acceleration, moment = accelerations(scene, t, x, r, v, w)
         spin = np.linalg.solve(inertia, moment - np.cross(w, inertia @ w))
         turn = 0.5 * np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))])
-        return np.concatenate([v, speeding, turn, spin])
+        return np.concatenate([v, linear_acceleration, turn, spin])
 
     y0 = np.concatenate([start.position, start.velocity, start.quaternion, start.omega_body])
     y = solve_ivp(rates, (0.0, scene.duration_s), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]

@@ -20,7 +20,7 @@ from bodycheck.adapters.contract import Reading, read_back_mismatch
 from bodycheck.adapters.execution import Answer, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import case_messages, protocol
-from bodycheck.adapters.workers.engine_pool import Hosts, announced
+from bodycheck.adapters.workers.engine_pool import EnginePool, announced
 from bodycheck.adapters.workers.worker_process import WorkerProcess
 from bodycheck.reference_impl.scene import (
     Drag,
@@ -439,16 +439,16 @@ def test_an_answer_that_is_wrong_is_the_outcome_of_its_case(
     code, outcome, message = WRONG_ANSWERS[what]
     employ(answering(code), tmp_path, monkeypatch)
     monkeypatch.setattr(protocol, "LARGEST_MESSAGE", 4000)
-    hosts = Hosts()
+    engine_pool = EnginePool()
     try:
-        answer = hosts.ask(
+        answer = engine_pool.ask(
             "drift", {"do": "record", "case": CASE}, 0.5 if outcome == "timeout" else PATIENCE_S
         )
         assert answer["outcome"] == outcome
         assert message in answer["message"]
-        assert "drift" not in hosts
+        assert "drift" not in engine_pool
     finally:
-        hosts.close()
+        engine_pool.close()
 
 
 def test_a_worker_that_closes_its_output_and_goes_on_is_lost(
@@ -457,11 +457,11 @@ def test_a_worker_that_closes_its_output_and_goes_on_is_lost(
     """It is not waited for until its time is over."""
     employ(answering("os.close(1); time.sleep(1000)"), tmp_path, monkeypatch)
     monkeypatch.setattr("bodycheck.adapters.workers.worker_process._DYING_S", 0.1)
-    hosts = Hosts()
+    engine_pool = EnginePool()
     try:
-        answer = hosts.ask("drift", {"do": "lap"}, PATIENCE_S)
+        answer = engine_pool.ask("drift", {"do": "lap"}, PATIENCE_S)
     finally:
-        hosts.close()
+        engine_pool.close()
     assert answer == {"outcome": "failed", "message": "the worker closed its output and went on"}
 
 
@@ -484,11 +484,11 @@ def test_a_system_that_starts_no_process_is_the_outcome_of_the_case(
 ) -> None:
     """The run goes on, and says why this case has no result."""
     monkeypatch.setattr("bodycheck.adapters.workers.worker_process.sys.executable", str(tmp_path / "none"))
-    hosts = Hosts()
+    engine_pool = EnginePool()
     try:
-        answer = hosts.ask("drift", {"do": "record", "case": CASE}, PATIENCE_S)
+        answer = engine_pool.ask("drift", {"do": "record", "case": CASE}, PATIENCE_S)
     finally:
-        hosts.close()
+        engine_pool.close()
     assert answer == {"outcome": "failed", "message": "no worker can be started: No such file or directory"}
 
 
@@ -513,12 +513,12 @@ def test_a_failure_in_a_used_worker_is_asked_once_more_of_a_new_one(
 ) -> None:
     """What an earlier case may have spoilt counts as it is answered afresh, and the answer says so."""
     employ(answering(FORGETFUL), tmp_path, monkeypatch)
-    hosts, request = Hosts(), {"do": "record", "case": CASE}
+    engine_pool, request = EnginePool(), {"do": "record", "case": CASE}
     try:
-        assert hosts.ask("drift", request, 5.0)["message"] == "I forgot"
-        again = hosts.ask("drift", request, 5.0)
+        assert engine_pool.ask("drift", request, 5.0)["message"] == "I forgot"
+        again = engine_pool.ask("drift", request, 5.0)
     finally:
-        hosts.close()
+        engine_pool.close()
     assert again["outcome"] == "ok"
     assert again["message"] == "asked twice; first, in a worker that had served others: I forgot"
 
@@ -531,20 +531,20 @@ def test_a_case_whose_worker_was_killed_is_asked_once_more(
     once = f"os.path.exists({str(mark)!r}) or (open({str(mark)!r}, 'w'), os.kill(os.getpid(), 9))"
     say = "print(json.dumps({'id': i, 'outcome': 'ok'}))"
     employ(answering(f"{once}; {say}"), tmp_path, monkeypatch)
-    hosts = Hosts()
-    assert hosts.ask("drift", {"do": "record"}, 5.0) == {"id": 1, "outcome": "ok", "build": ""}
-    hosts.close()
+    engine_pool = EnginePool()
+    assert engine_pool.ask("drift", {"do": "record"}, 5.0) == {"id": 1, "outcome": "ok", "build": ""}
+    engine_pool.close()
     employ(answering("os.kill(os.getpid(), 9)"), tmp_path, monkeypatch)
-    hosts = Hosts()
-    answer = hosts.ask("drift", {"do": "record"}, 5.0)
-    hosts.close()
+    engine_pool = EnginePool()
+    answer = engine_pool.ask("drift", {"do": "record"}, 5.0)
+    engine_pool.close()
     assert answer == {"outcome": "failed", "message": "the worker died of SIGKILL"}
 
 
 def test_hosts_that_were_stopped_answer_nothing_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No worker is started once a run was stopped."""
     employ(answering(FORGETFUL), tmp_path, monkeypatch)
-    hosts = Hosts()
-    hosts.stop()
+    engine_pool = EnginePool()
+    engine_pool.stop()
     with pytest.raises(WorkerLostError, match="the run was stopped"):
-        hosts.ask("drift", {"do": "record", "case": CASE}, 5.0)
+        engine_pool.ask("drift", {"do": "record", "case": CASE}, 5.0)

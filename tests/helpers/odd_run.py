@@ -18,7 +18,7 @@ from bodycheck.reference_impl.scene import Scene
 if TYPE_CHECKING:
     from bodycheck.reports.summary.run_tables import Run
 
-METHODS = ("exact", "taylor", "euler", "rotation-first", "rk4", "m1", "m2", "m3", "lie4")
+METHODS = ("exact", "taylor", "euler", "lie-euler", "rk4", "m1", "m2", "m3", "cf4")
 """Of the reference: of each control, of several orders, and one that loses nothing but the orientation."""
 
 HOSTILE = "<script>alert(1)</script>"

@@ -216,7 +216,7 @@ def go_on(trial: Trial) -> None:
             if "that run is complete" not in said:
                 raise FaultFound(said)
         return
-    if not (partial_of(trial.out) / "asked.json").exists():
+    if not (partial_of(trial.out) / "request.json").exists():
         trial.notes["begun again"] += 1
         ended(trial.start(*WORDS, "--out", "out"), {0})
         return

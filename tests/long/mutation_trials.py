@@ -42,7 +42,7 @@ _MEASURES = ("measures", "scales", "invariants", "case")
 _SPLINES = "test_energy_balance.py::test_the_integral_of_a_spline_is_that_of_every_polynomial_it_contains"
 _GATES = tuple(f"gates/test_{name}.py" for name in ("gate_words", "gate_laws", "gate_files", "proposals"))
 TESTS: dict[str, tuple[str, ...]] = {
-    **{f"reports/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
+    **{f"reports/measurement/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
     "reports/measurement/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),
     "reports/measurement/convergence.py": ("test_convergence_laws.py", "test_convergence.py"),
     "reports/measurement/limits.py": ("test_limits.py",),
@@ -57,37 +57,41 @@ TESTS: dict[str, tuple[str, ...]] = {
     "adapters/stable_step.py": ("../adapters/test_stable_step_laws.py",),
     **{
         f"reports/gates/{name}.py": _GATES
-        for name in ("editing", "files", "gate", "measure", "proposal", "rows", "text", "verdict")
+        for name in ("gate", "gate_measure", "gate_output", "proposal", "verdict")
     },
-    "reports/comparison/release_search.py": ("comparison/test_bisection.py",),
     **{
         f"reports/comparison/{name}.py": ("comparison/test_change_laws.py",)
-        for name in ("accuracy", "change", "circumstances", "compare", "speeds", "stable_steps", "words")
+        for name in ("accuracy", "change", "compare", "describe", "environment_diff", "speed_changes")
     },
     **{
         f"reports/comparison/{name}.py": ("comparison/test_headlines.py", "comparison/test_change_laws.py")
-        for name in ("headlines", "judgements", "refinement", "release_search", "versions_paired")
+        for name in ("headlines", "judgements")
     },
+    "reports/comparison/release_search.py": ("comparison/test_bisection.py", "comparison/test_headlines.py"),
     "reports/history/accepted_levels.py": ("history/test_judgement_laws.py",),
     **{
         f"reports/comparison/{name}.py": ("comparison/test_one_measure_laws.py",)
-        for name in ("one_measure", "page", "text")
+        for name in ("measure_track", "comparison_output")
     },
-    "reports/history/step_detection.py": ("history/test_level_laws.py",),
     "reports/history/step_detection.py": ("history/test_level_laws.py",),
     "reports/history/baseline.py": ("history/test_machine_class.py",),
     "reports/history/archive.py": ("history/test_nights.py",),
-    **{f"reports/storage/{name}.py": ("storage/test_cache.py",) for name in ("cache", "truths")},
+    "reports/cache/truths.py": ("storage/test_cache.py",),
     "reports/cache/answers.py": ("storage/test_answers.py",),
     "reports/cache/journal.py": ("storage/test_journal.py",),
     "reports/cache/entries.py": ("storage/test_answers.py", "storage/test_cache.py"),
-    "reports/cache/disk_cache.py": ("../test_reuse.py",),
-    **{f"{name}.py": ("../test_reuse.py", "../test_nightly_command.py") for name in ("night", "nightly")},
+    "reports/cache/disk_cache.py": ("storage/test_cache.py", "../test_reuse.py"),
+    **{
+        f"{name}.py": ("../test_reuse.py", "../test_nightly_command.py")
+        for name in ("runs/nightly_run", "cli/nightly")
+    },
     "adapters/workers/build_identity.py": ("../adapters/test_identity.py",),
     "_util/platform_identity.py": ("../reference_impl/test_installed_libraries.py",),
     "_util/file_digests.py": ("../reference_impl/test_remembered_digest.py",),
-    **{f"adapters/{name}.py": ("../adapters/test_pins.py",) for name in ("environments", "pins", "uv")},
-    "adapters/versions/uv.py": ("../test_versions.py",),
+    **{
+        f"adapters/versions/{name}.py": ("../adapters/test_pins.py", "../test_versions.py")
+        for name in ("environments", "pins", "uv")
+    },
     "runs/version_search.py": ("../test_versions.py",),
     "reports/history/regression.py": ("history/test_judgement_laws.py", "history/test_level_laws.py"),
 }

@@ -34,7 +34,7 @@ from scenario_file import SCENARIO
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.queries import nights_table, query, recorded_cases
 from bodycheck.reports.history.regression import Speeds, speeds_of
-from bodycheck.reports.history.step_detection import LEAST_AFTER, LEAST_BEFORE, usual_spread
+from bodycheck.reports.history.step_detection import LEAST_AFTER, LEAST_BEFORE, pooled_spread
 
 _QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
 _SCENARIO = SCENARIO.replace("mine", "tumble").replace("samples = 11", "samples = 101")
@@ -186,7 +186,7 @@ def simulated(nights: pd.DataFrame, sequences: int, seed: int) -> int:
     """Draw sequences from the nights that were measured; return how many were judged wrongly."""
     chance = np.random.default_rng(seed)
     sample = judged(drawn(nights, chance, 30))
-    usual = usual_spread(sample.series.decades, list(sample.steps.values()))
+    usual = pooled_spread(sample.series.decades, list(sample.steps.values()))
     print(f"chance changes a night by {100.0 * (10.0**usual - 1.0):.1f} % (sigma)")
     false = sum(bool(alarms(judged(drawn(nights, chance, 30)))) for _ in range(sequences))
     print(f"unchanged sequences of 30 nights drawn: {sequences}, with a speed told: {false}", flush=True)

@@ -22,10 +22,10 @@ import numpy as np
 from bodycheck.adapters.contract import Adapter, Engine
 from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.registry import get_adapter
-from bodycheck.adapters.workers.engine_pool import Hosts
+from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.measurement.case import run_case
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.runs.selection import select
 
 _PASSES = 50
@@ -79,43 +79,43 @@ def _undisturbed(passes: list[float]) -> float:
     return float(np.quantile(passes, 0.1))
 
 
-def spent(hosts: Hosts, engine: Engine) -> float:
+def spent(engine_pool: EnginePool, engine: Engine) -> float:
     """Return the processor time in s of this process and of the engine's worker, as Linux counts it."""
-    worker = Path(f"/proc/{hosts.start(engine.name).pid}/schedstat").read_text(encoding="ascii")
+    worker = Path(f"/proc/{engine_pool.start(engine.name).pid}/schedstat").read_text(encoding="ascii")
     return time.process_time() + 1e-9 * int(worker.split()[0])
 
 
 def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list[tuple[float, float]]]:
     """Return, by engine, for each case the milliseconds beside its stepping: all, and asking's part of it."""
     selection = select(scenarios, engines)
-    hosts, answers = Hosts(), Answers(None, None, 120.0)
+    engine_pool, answers = EnginePool(), Answers(None, None, 120.0)
     found: dict[str, list[tuple[float, float]]] = {}
     asked: list[tuple[float, Case]] = []
 
     def ask(engine: Engine, case: Case) -> Answer:
-        begin = spent(hosts, engine)
-        answer = answers.ask(hosts, engine, case)
-        asked.append((spent(hosts, engine) - begin, case))
+        begin = spent(engine_pool, engine)
+        answer = answers.ask(engine_pool, engine, case)
+        asked.append((spent(engine_pool, engine) - begin, case))
         return answer
 
     try:
         for how, scenario in selection.scenarios:
-            subject = Subject.of(scenario, how)
+            problem = Problem.of(scenario, how)
             for engine, method in selection.methods:
                 setting = selection.settings(scenario, method)[0]
                 passes = []
                 asked.clear()
                 for _ in range(1 + _PASSES):  # the first starts the worker and loads its kernels
-                    begin = spent(hosts, engine)
-                    result = run_case(subject, engine, method, setting, ask)
-                    passes.append(spent(hosts, engine) - begin)
+                    begin = spent(engine_pool, engine)
+                    result = run_case(problem, engine, method, setting, ask)
+                    passes.append(spent(engine_pool, engine) - begin)
                 if not result.ok:
                     continue
                 whole, asking = _undisturbed(passes[1:]), _undisturbed([seconds for seconds, _ in asked[1:]])
                 alone = stepping(get_adapter(engine.name), asked[-1][1])
                 found.setdefault(engine.name, []).append((1e3 * (whole - alone), 1e3 * (asking - alone)))
     finally:
-        hosts.close()
+        engine_pool.close()
     return found
 
 

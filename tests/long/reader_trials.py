@@ -119,16 +119,16 @@ def _inputs(sound: Path) -> list[Reader]:
     }
     for name, content in meshes.items():
         (sound / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-    from bodycheck.runs.directory import Asked
+    from bodycheck.runs.directory import RunRequest
     from bodycheck.runs.manifest import Identity
 
-    _describe(sound / "out.partial", Asked(dt_s=[0.01]), Identity.new(), sound / "out")
+    _describe(sound / "out.partial", RunRequest(dt_s=[0.01]), Identity.new(), sound / "out")
     return [
         Reader("scenario", sound / "mine.toml", read_members, "toml", toml_line, 2.0),
         Reader("scenario with loads", sound / "rich.toml", read_members, "toml", toml_line, 2.0),
         Reader("gates", sound / "gates.toml", read_gates, "toml", toml_line, 2.0),
         *(Reader(f"mesh {name}", sound / name, _mesh, "mesh", token) for name in meshes),
-        Reader("asked.json", sound / "out.partial/asked.json", _description, "json", json_value),
+        Reader("request.json", sound / "out.partial/request.json", _description, "json", json_value),
     ]
 
 

@@ -24,7 +24,7 @@ from bodycheck.adapters.workers.case_messages import case_message, search_messag
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.measurement.case import CaseResult, run_case
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.runs.selection import Selection, checked_scenarios
 
 
@@ -83,12 +83,12 @@ def cases(program: Program, scenarios: list[str]) -> Iterator[tuple[CaseResult, 
     methods = tuple((engine, method) for method in engine.methods.values())
     selection = Selection(tuple(checked_scenarios(scenarios)), methods, {}, None, None)
     for how, scenario in selection.scenarios:
-        subject = Subject.of(scenario, how)
+        problem = Problem.of(scenario, how)
         for _, method in methods:
             for setting in selection.settings(scenario, method):
                 case = Case(scenario.scene, method.name, setting)
                 result = run_case(
-                    subject, engine, method, setting, lambda _, c: answers.ask(program, engine, c)
+                    problem, engine, method, setting, lambda _, c: answers.ask(program, engine, c)
                 )
                 yield result, case
 

@@ -21,9 +21,9 @@ from bodycheck.reference_impl.rotations import (
     quaternion_to_matrix,
 )
 from bodycheck.reference_impl.scene import (
+    ContinuousLoad,
     Drag,
     GravityGradient,
-    Lasting,
     RigidBody,
     Scene,
     SineTorque,
@@ -41,7 +41,7 @@ START = State(
     velocity=np.array([0.3, 0.1, -0.2]),
     omega_body=np.array([0.9, 1.3, -0.8]),
 )
-LASTING: dict[str, Lasting] = {
+LASTING: dict[str, ContinuousLoad] = {
     "sine torque in body axes": SineTorque("body", np.array([0.9, -1.2, 0.7]), 2.3, 0.4),
     "sine torque in world axes": SineTorque("world", np.array([0.9, -1.2, 0.7]), 2.3, 0.4),
     "drag": Drag(0.8, np.array([[0.5, 0.1, 0.0], [-0.2, 0.4, 0.1], [0.0, 0.3, 0.6]])),
@@ -53,7 +53,7 @@ every_kind = pytest.mark.parametrize("load", LASTING.values(), ids=LASTING.keys(
 every_integrator = pytest.mark.parametrize("method", INTEGRATORS.values(), ids=INTEGRATORS.keys())
 
 
-def scene_of(*loads: Lasting) -> Scene:
+def scene_of(*loads: ContinuousLoad) -> Scene:
     """Return a scene of one second."""
     return Scene(RigidBody(1.3, INERTIA), START, loads, np.zeros(3), duration_s=1.0, samples=2)
 
@@ -88,7 +88,9 @@ def exact_rotation_vector(r: mp.matrix) -> mp.matrix:
     return axis * (angle / mp.norm(axis))
 
 
-def exact_wrench(load: Lasting, t: float, x: Array, q: Array, v: Array, w: Array) -> tuple[Array, Array]:
+def exact_wrench(
+    load: ContinuousLoad, t: float, x: Array, q: Array, v: Array, w: Array
+) -> tuple[Array, Array]:
     """Return force and torque in world axes by the formula of the load's own docstring, at 40 digits."""
     with mp.workdps(40):
         r, force, torque = exact_rotation(q), mp.zeros(3, 1), mp.zeros(3, 1)
@@ -116,7 +118,7 @@ def exact_wrench(load: Lasting, t: float, x: Array, q: Array, v: Array, w: Array
 
 @every_kind
 @pytest.mark.parametrize("seed", range(10))
-def test_load_is_its_formula(load: Lasting, seed: int) -> None:
+def test_load_is_its_formula(load: ContinuousLoad, seed: int) -> None:
     """Force and torque at any time and state are those of 40 digits, to a few roundings."""
     rng = np.random.default_rng(seed)
     t, q = float(rng.uniform(0.0, 10.0)), normalised(rng.normal(size=4))
@@ -193,9 +195,9 @@ def solved(scene: Scene) -> Trajectory:
         x, v, q, w = np.split(y, [3, 6, 10])
         r = quaternion_to_matrix(q)
         wrench = lasting_wrench_at(t, x, r, v, r @ w, loads)
-        speeding = np.linalg.solve(inertia, r.T @ wrench[3:] - np.cross(w, inertia @ w))
+        linear_acceleration = np.linalg.solve(inertia, r.T @ wrench[3:] - np.cross(w, inertia @ w))
         turning = 0.5 * quaternion_product(q, np.array([0.0, *w]))
-        return np.concatenate([v, wrench[:3] / scene.body.mass, turning, speeding])
+        return np.concatenate([v, wrench[:3] / scene.body.mass, turning, linear_acceleration])
 
     y0 = np.concatenate([start.position, start.velocity, start.quaternion, start.omega_body])
     y = solve_ivp(rates, (0.0, scene.duration_s), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1:].T
@@ -206,7 +208,7 @@ def solved(scene: Scene) -> Trajectory:
 
 @every_kind
 @every_integrator
-def test_order_under_a_lasting_load(method: Integrator, load: Lasting) -> None:
+def test_order_under_a_lasting_load(method: Integrator, load: ContinuousLoad) -> None:
     """Where loads are held the motion converges with order 1, else with the method's own order."""
     scene = scene_of(load)
     if Reference().unsupported(scene, method.name):

@@ -67,9 +67,9 @@ def test_the_interval_holds_the_exponent(kind: str, exponent: float) -> None:
     generator = np.random.default_rng(8)
     grown = [growth_of(TIMES, SERIES[kind](generator), 1e-12) for _ in range(SEEDS)]
     held = [
-        found.growth_low <= exponent <= found.growth_high
+        found.growth_exponent_low <= exponent <= found.growth_exponent_high
         for found in grown
-        if found.growth_low is not None and found.growth_high is not None
+        if found.growth_exponent_low is not None and found.growth_exponent_high is not None
     ]
     assert len(held) == SEEDS
     assert np.mean(held) >= 0.9

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bodycheck.adapters.stability_check import defect, kinetic_limit, runaway
+from bodycheck.adapters.stability_check import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
 from bodycheck.reference_impl.integrators import INTEGRATORS
@@ -281,10 +281,10 @@ def unstable_versions() -> dict[str, Trajectory]:
 
 def why_unstable(name: str, trajectory: Trajectory) -> str | None:
     """Return the reason by which a trajectory through one of the scenes is no case, if there is one."""
-    motion = Motion.of(SCENES[name], trajectory) if defect(trajectory) is None else None
+    motion = Motion.of(SCENES[name], trajectory) if invalid_state(trajectory) is None else None
     if motion is None:
-        return defect(trajectory)
-    return runaway(motion.kinetic, kinetic_limit(motion_of(name).kinetic), trajectory.t_s)
+        return invalid_state(trajectory)
+    return energy_blowup(motion.kinetic, kinetic_limit(motion_of(name).kinetic), trajectory.t_s)
 
 
 @pytest.mark.parametrize("reason", unstable_versions())

@@ -116,7 +116,7 @@ def of_another_body(seed: int, scene: Scene) -> Scene:
         replace(load, value=np.min(moments) * load.value)
         if isinstance(load, Torque)
         else replace(load, value=body.mass * reach * load.value, at=reach * load.at)  # type: ignore[call-arg]
-        for load in scene.timed_loads
+        for load in scene.piecewise_constant_loads
     )
     return replace(scene, body=body, initial=start, loads=loads)
 

@@ -293,7 +293,7 @@ def stable_row(
     """Return the row of cases with these steps and outcomes, and what was searched for it."""
     start = State(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
     scene = Scene(RigidBody(1.0, np.eye(3)), start, (), np.zeros(3), duration_s, 11)
-    subject: Any = SimpleNamespace(
+    problem: Any = SimpleNamespace(
         scenario=SimpleNamespace(scene=scene),
         scales=SimpleNamespace(omega_scale_rad_s=omega),
         motion=SimpleNamespace(kinetic=np.array([1.0, 3.0, 2.0])),
@@ -310,7 +310,7 @@ def stable_row(
 
     method: Any = SimpleNamespace(name="rk4")
     engine: Any = SimpleNamespace(name="mujoco")
-    row = stability_row(subject, engine, method, made, search)
+    row = stability_row(problem, engine, method, made, search)
     return row, asked
 
 

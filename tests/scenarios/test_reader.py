@@ -10,7 +10,14 @@ import pytest
 from scenario_text import HERE, parse_scenario
 
 from bodycheck._util.errors import InputError
-from bodycheck.reference_impl.scene import BlackBox, Drag, GravityGradient, SineTorque, Spring, TorsionSpring
+from bodycheck.reference_impl.scene import (
+    CallbackLoad,
+    Drag,
+    GravityGradient,
+    SineTorque,
+    Spring,
+    TorsionSpring,
+)
 from bodycheck.scenarios.library import PROBES, load_scenario, load_scenarios, scenario_names, suites
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import parse_members
@@ -461,13 +468,13 @@ def broken(t, position, rotation, velocity, omega):
 STILL = (np.zeros(3), np.eye(3), np.zeros(3), np.ones(3))
 
 
-def called(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> BlackBox:
+def called(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> CallbackLoad:
     """Return the load that a function of WRENCH becomes, where code is allowed."""
     (folder / "user_wrench.py").write_text(WRENCH)
     monkeypatch.chdir(folder)
     text = f'[[forcing]]\nkind = "callable"\nfunction = "user_wrench:{name}"\n'
     (load,) = parse_scenario(GOOD + text, "file.toml", allow_code=True).scene.loads
-    assert isinstance(load, BlackBox)
+    assert isinstance(load, CallbackLoad)
     return load
 
 

@@ -38,7 +38,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
 
 if TYPE_CHECKING:
-    from bodycheck.adapters.mujoco.callback_loads import AskedPassiveLoads
+    from bodycheck.adapters.mujoco.callback_loads import CallbackLoads
     from bodycheck.adapters.mujoco.compiled_loads import PassiveLoads
 
 _KNOWN = methods_of(mujoco.__version__)
@@ -107,7 +107,7 @@ class MuJoCoSimulation:
         self._axes = EngineAxes(joint_axes(scene, build))
         self._arm = self._arm_of_the_joint()
         self._is_off_centre = bool(np.any(self._arm))
-        self.stepping = "python" if scene.has_black_box else "native"
+        self.stepping = "python" if scene.has_callback_load else "native"
         nodes = _NODES.get(label, (0.0,))
         self._lasting = self._passive_loads(scene, dt_s, nodes) if scene.lasting_loads else None
         self._data = mujoco.MjData(self._model)
@@ -118,17 +118,17 @@ class MuJoCoSimulation:
 
     def _passive_loads(
         self, scene: Scene, dt_s: float, nodes: tuple[float, ...]
-    ) -> PassiveLoads | AskedPassiveLoads:
+    ) -> PassiveLoads | CallbackLoads:
         """Return the lasting loads as what MuJoCo calls: compiled, unless a function is to be asked."""
         # late: numba is half the start of a worker, and most scenes have no such load
-        from bodycheck.adapters.mujoco.callback_loads import AskedPassiveLoads
+        from bodycheck.adapters.mujoco.callback_loads import CallbackLoads
         from bodycheck.adapters.mujoco.compiled_loads import PassiveLoads
         from bodycheck.reference_impl.loads.continuous_loads import packed_lasting
 
         axes, anchor = self._axes.matrix.T, None if scene.pivot is None else self._anchor()
         arm = self._axes.body_vector(self._arm)
-        if scene.has_black_box:
-            return AskedPassiveLoads(lasting_wrench_of(scene), axes, anchor, arm, dt_s, nodes)
+        if scene.has_callback_load:
+            return CallbackLoads(lasting_wrench_of(scene), axes, anchor, arm, dt_s, nodes)
         return PassiveLoads(packed_lasting(scene), axes, anchor, arm, dt_s, nodes)
 
     def read_back(self) -> ReadBack:

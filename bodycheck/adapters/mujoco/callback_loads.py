@@ -14,7 +14,7 @@ from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Wrenching
 
 
-class AskedPassiveLoads:
+class CallbackLoads:
     """The lasting loads of one simulation, as PassiveLoads, but as one function of the motion."""
 
     def __init__(

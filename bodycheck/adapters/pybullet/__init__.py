@@ -119,7 +119,7 @@ class PyBulletSimulation:
     def __init__(
         self, scene: Scene, method: str, dt_s: float, client: int, give_back: Callable[[int], None]
     ) -> None:
-        turning = scene.lasting_loads or not all(_is_uniform(load) for load in scene.timed_loads)
+        turning = scene.lasting_loads or not all(_is_uniform(load) for load in scene.piecewise_constant_loads)
         self.stepping = "python" if turning else "native"
         self._client, self._give_back, self._closed = client, give_back, False
         self._gravity = scene.gravity
@@ -226,7 +226,7 @@ class PyBulletSimulation:
         position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
         velocity, omega = pybullet.getBaseVelocity(self._body, self._client)
         rotation = self._axes.body_rotation(_matrix(quaternion))
-        held = self._lasting.next_step(np.array(position), rotation, np.array(velocity), np.array(omega))
+        held = self._lasting.next_step_size(np.array(position), rotation, np.array(velocity), np.array(omega))
         world = pybullet.WORLD_FRAME
         pybullet.applyExternalForce(self._body, -1, held[:3], position, world, self._client)
         pybullet.applyExternalTorque(self._body, -1, held[3:], world, self._client)

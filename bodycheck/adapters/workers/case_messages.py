@@ -16,7 +16,7 @@ from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import Search
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.scene import (
-    BlackBox,
+    CallbackLoad,
     Drag,
     GravityGradient,
     Link,
@@ -123,7 +123,7 @@ def scene_of(message: Message) -> Scene:
 
 def _load_message(load: Load) -> Message:
     """Return a load as plain data; a function travels as its name."""
-    if isinstance(load, BlackBox):
+    if isinstance(load, CallbackLoad):
         return {"kind": _CALLABLE, "name": load.name}
     if type(load) not in _KINDS:
         raise unknown_load(load, "a message to a worker")
@@ -133,7 +133,7 @@ def _load_message(load: Load) -> Message:
 def _load(message: Message) -> Load:
     if message["kind"] == _CALLABLE:
         # the run that sends it was allowed to run code
-        return BlackBox(
+        return CallbackLoad(
             message["name"], UserWrench(message["name"], user_function(message["name"], allow_code=True))
         )
     values = _arrays({name: value for name, value in message.items() if name != "kind"})

@@ -17,7 +17,7 @@ from bodycheck.adapters.versions.environments import python_of
 from bodycheck.adapters.versions.pins import pin_of
 from bodycheck.adapters.workers import protocol
 from bodycheck.adapters.workers.protocol import Message
-from bodycheck.adapters.workers.worker import HANDED_OVER, Desk, handed_over
+from bodycheck.adapters.workers.worker import HANDED_OVER, RequestHandler, handed_over
 from bodycheck.adapters.workers.worker_process import WorkerProcess
 
 
@@ -59,23 +59,23 @@ def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
     One in a version of its own is started when it is waited for: its environment may have to be made first.
     """
     cache_directory()  # before any worker: where the cache cannot be written, they share what stands for it
-    hosts = Hosts()
+    engine_pool = EnginePool()
 
     def announcement() -> dict[str, Engine | str]:
-        return {name: _announced(hosts, name) for name in engines}
+        return {name: _announced(engine_pool, name) for name in engines}
 
     try:
         for name in engines:
             if pin_of(name) is None:
-                hosts.start(name)
+                engine_pool.start(name)
         yield announcement
     finally:
-        hosts.close()
+        engine_pool.close()
 
 
-def _announced(hosts: Hosts, name: str) -> Engine | str:
+def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
     try:
-        engine = hosts.announced(name)
+        engine = engine_pool.announced(name)
     except UnavailableError as error:
         told = str(error)
         return told if told.startswith(name) else f"{name}: {told}"  # a worker does not know of its version
@@ -91,7 +91,7 @@ def _announced(hosts: Hosts, name: str) -> Engine | str:
     return replace(engine, name=name)
 
 
-class Hosts:
+class EnginePool:
     """The engines of one strand of a run: each is started when first needed, and again after it failed.
 
     core: the only one that they may use; None for any.
@@ -210,7 +210,7 @@ class InProcess:
         except protocol.ProtocolError as error:
             raise UnavailableError(str(error)) from None
         self.engine = Engine(adapter.name, adapter.version, adapter.methods, Build(kind="handed over"))
-        self._desk = Desk(adapter, interruptible=True)
+        self._desk = RequestHandler(adapter, interruptible=True)
 
     def ask(self, request: Message, timeout_s: float) -> Message:  # noqa: ARG002 - there is no way to stop it
         """Answer at once."""

@@ -36,7 +36,7 @@ RUN_PID = "BODYCHECK_RUN_PID"
 """Set in a worker's environment to the process of its run: no run is started from within a worker."""
 
 
-class Desk:
+class RequestHandler:
     """Answers the requests of a run with one engine, one after the other.
 
     interruptible: whether an interrupt from the keyboard is the user's, and not the engine's.
@@ -107,12 +107,12 @@ def main() -> None:
         _say(answers, {"bodycheck": protocol.VERSION, "engine": engine, "unavailable": str(error)})
         return
     _say(answers, announcement)
-    desk = Desk(adapter)
+    desk = RequestHandler(adapter)
     for line in requests:
         _answer(answers, desk, loaded, line)
 
 
-def _answer(answers: BinaryIO, desk: Desk, loaded: Loaded, line: bytes) -> None:
+def _answer(answers: BinaryIO, desk: RequestHandler, loaded: Loaded, line: bytes) -> None:
     request: Message = {}
     try:
         request = protocol.message_of(line)

@@ -60,7 +60,7 @@ def decay_means(z: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble, DoubleDoub
 
 
 @exact_kernel
-def _moved(
+def _advanced(
     x: DoubleDouble,
     v: DoubleDouble,
     a: DoubleDouble,
@@ -84,7 +84,7 @@ def _move(
     for j in range(len(acceleration)):
         a = (acceleration[j, 0], acceleration[j, 1])
         x, v = (state[0, j, 0], state[0, j, 1]), (state[1, j, 0], state[1, j, 1])
-        x, v = _moved(x, v, a, t, means)
+        x, v = _advanced(x, v, a, t, means)
         goal[0, j, 0], goal[0, j, 1] = x
         goal[1, j, 0], goal[1, j, 1] = v
 

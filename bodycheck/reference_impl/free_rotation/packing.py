@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.elliptic import Quotients
-from bodycheck.reference_impl.free_rotation.principal_state import Tumble
+from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants
 from bodycheck.reference_impl.free_rotation.theta_series import CayleyKlein
 from bodycheck.reference_impl.integrators.right_hand_sides import matrix_at
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
@@ -30,7 +30,7 @@ class Steady(NamedTuple):
 class Tumbling(NamedTuple):
     """q(body to world) = left * q(principal axes to the momentum's frame) * right."""
 
-    motion: Tumble
+    motion: TumblingConstants
     frequency: float
     """As for a steady motion."""
     left: Quat
@@ -136,7 +136,7 @@ def tumbling_in(row: Array) -> Tumbling:
     """Read a tumbling motion."""
     functions = Quotients(row[14] == 1.0, _pair(row, 10), _pair(row, 12), row[15], row[16], row[17], row[18])
     series = CayleyKlein(_four(row, 20), _four(row, 24), _four(row, 28), _four(row, 32), row[19])
-    motion = Tumble(
+    motion = TumblingConstants(
         functions,
         _pair(row, 8),
         _pair(row, 6),

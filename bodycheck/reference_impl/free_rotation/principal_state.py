@@ -21,7 +21,7 @@ from bodycheck.reference_impl.kernels.small_vectors import Quat, Vec
 _TWO_PI: DoubleDouble = (2.0 * dd.PI[0], 2.0 * dd.PI[1])
 
 
-class Tumble(NamedTuple):
+class TumblingConstants(NamedTuple):
     """The motion seen from the principal axes, numbered as the module says, to the momentum's frame."""
 
     functions: elliptic.Quotients
@@ -46,7 +46,7 @@ def turned(rate: DoubleDouble, t: DoubleDouble, extra: float) -> tuple[float, fl
 
 
 @exact_kernel
-def state_at(motion: Tumble, t: DoubleDouble) -> tuple[Quat, Vec]:
+def state_at(motion: TumblingConstants, t: DoubleDouble) -> tuple[Quat, Vec]:
     """Quaternion (of any norm) to the momentum's frame, and omega, both from and along the numbered axes."""
     f = motion.functions
     u = dd.add(dd.multiply(motion.rate, t), motion.start)

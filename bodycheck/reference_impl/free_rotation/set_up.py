@@ -9,7 +9,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.free_rotation.classification import is_certainly_tumbling, separation_of
 from bodycheck.reference_impl.free_rotation.packing import Steady, Tumbling, put_steady, put_tumbling
-from bodycheck.reference_impl.free_rotation.principal_state import Tumble, state_at
+from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants, state_at
 from bodycheck.reference_impl.free_rotation.tensor_axes import Frame, principal, quaternion_of
 from bodycheck.reference_impl.free_rotation.tumbling_constants import (
     FOUR_PI,
@@ -96,7 +96,7 @@ def _conjugate(q: Quat) -> Quat:
 
 
 @kernel
-def placed(motion: Tumble, axes: NumberedAxes, omega: Array, quaternion: Array) -> Tumbling:
+def placed(motion: TumblingConstants, axes: NumberedAxes, omega: Array, quaternion: Array) -> Tumbling:
     """Let the motion start from the quaternion."""
     principal_axes = unit(quaternion_of(axes.columns))
     relative = unit(state_at(motion, dd.ZERO)[0])

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from bodycheck.reference_impl import elliptic
-from bodycheck.reference_impl.free_rotation.principal_state import Tumble
+from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants
 from bodycheck.reference_impl.free_rotation.tensor_axes import Frame, Triple
 from bodycheck.reference_impl.free_rotation.theta_series import coefficients
 from bodycheck.reference_impl.kernels import double_double as dd
@@ -155,7 +155,7 @@ def _mean_turn_rate(
 
 
 @exact_kernel
-def tumble(axes: NumberedAxes, separation: Separation) -> Tumble:
+def tumble(axes: NumberedAxes, separation: Separation) -> TumblingConstants:
     """Set up the motion along the numbered axes. Every step multiplies, divides or adds numbers of one sign.
 
     With d1 = G^2 - 2E I1 = L2^2 (I2-I1)/I2 + L3^2 (I3-I1)/I3 and d3 = 2E I3 - G^2 likewise, up to sign:
@@ -187,7 +187,7 @@ def tumble(axes: NumberedAxes, separation: Separation) -> Tumble:
     kappa = i3[0] * gap21[0] / (i1[0] * gap32[0])
     a = elliptic.carlson_rf(kappa, kappa + k[0] * k[0], kappa + 1.0)
     tilt = amplitude1[0] / (norm[0] + amplitude3[0])
-    return Tumble(
+    return TumblingConstants(
         functions,
         start,
         rate,

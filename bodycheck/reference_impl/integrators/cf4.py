@@ -42,14 +42,14 @@ def _with_lasting(
     constant: tuple[Vec, Vec, Vec], t: float, x: Vec, v: Vec, q: Quat, mass: float, lasting: Array
 ) -> tuple[Vec, Vec, Vec]:
     """Add the lasting loads at a stage to its rates omega, L', v'."""
-    omega, torque, speeding = constant
+    omega, torque, linear_acceleration = constant
     rotation = matrix_of(q)
     force, couple = lasting_wrench(t, x, rotation, v, times(rotation, omega), lasting)
-    return omega, add(torque, couple), scaled_add(speeding, 1.0 / mass, force)
+    return omega, add(torque, couple), scaled_add(linear_acceleration, 1.0 / mass, force)
 
 
 @kernel
-def _turned(q: Quat, s: float, omega: Vec) -> Quat:
+def _rotated(q: Quat, s: float, omega: Vec) -> Quat:
     """q exp(s omega / 2), omega in body axes."""
     return quaternion_times(q, quaternion_exp((s * omega[0], s * omega[1], s * omega[2])))
 
@@ -78,28 +78,28 @@ def advance(
         if lasting is not None:
             k1 = _with_lasting(k1, t, x, v, q, body[0], lasting)
         w1, t1, a1 = k1
-        q2 = _turned(q, half, w1)
+        q2 = _rotated(q, half, w1)
         k2 = _rates(q2, scaled_add(momentum, half, t1), body, load)
         if lasting is not None:
             x2, v2 = scaled_add(x, half, v), scaled_add(v, half, a1)
             k2 = _with_lasting(k2, t + half, x2, v2, q2, body[0], lasting)
         w2, t2, a2 = k2
-        q3 = _turned(q, half, w2)
+        q3 = _rotated(q, half, w2)
         k3 = _rates(q3, scaled_add(momentum, half, t2), body, load)
         if lasting is not None:
             x3, v3 = scaled_add(x, half, v2), scaled_add(v, half, a2)
             k3 = _with_lasting(k3, t + half, x3, v3, q3, body[0], lasting)
         w3, t3, a3 = k3
         # from the second stage, which has turned by dt/2 k1 already
-        q4 = _turned(q2, dt, scaled_add(w3, -0.5, w1))
+        q4 = _rotated(q2, dt, scaled_add(w3, -0.5, w1))
         k4 = _rates(q4, scaled_add(momentum, dt, t3), body, load)
         if lasting is not None:
             x4, v4 = scaled_add(x, dt, v3), scaled_add(v, dt, a3)
             k4 = _with_lasting(k4, t + dt, x4, v4, q4, body[0], lasting)
         w4, t4, a4 = k4
         middle = (2.0 * (w2[0] + w3[0]), 2.0 * (w2[1] + w3[1]), 2.0 * (w2[2] + w3[2]))
-        q = _turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w1), -1.0, w4))
-        q = _turned(q, twelfth, scaled_add(scaled_add(middle, 3.0, w4), -1.0, w1))
+        q = _rotated(q, twelfth, scaled_add(scaled_add(middle, 3.0, w1), -1.0, w4))
+        q = _rotated(q, twelfth, scaled_add(scaled_add(middle, 3.0, w4), -1.0, w1))
         # the stages' velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3 summed up
         x = scaled_add(x, dt, v)
         x = scaled_add(x, dt * sixth, a1)
@@ -115,7 +115,7 @@ def advance(
     state[9], state[10], state[11], state[12] = q
 
 
-def advance_under(
+def advance_forced(
     state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
 ) -> None:
     """Make the steps in place under lasting loads as well."""
@@ -123,7 +123,7 @@ def advance_under(
 
 
 LIE4 = Integrator(
-    name="lie4",
+    name="cf4",
     formula="q+ = q exp(dt (3k1 + 2k2 + 2k3 - k4) / 12) exp(dt (-k1 + 2k2 + 2k3 + 3k4) / 12), L+ by RK4",
     order=4,
     evaluations=4,
@@ -133,6 +133,6 @@ LIE4 = Integrator(
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,
-    advance_under=advance_under,
+    advance_forced=advance_forced,
     lasting="every stage",
 )

@@ -25,8 +25,8 @@ def _rates(y: Turning, body: Array, load: Array) -> tuple[Turning, Vec]:
     rotation = matrix_of(q)
     turning = quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2]))
     torque = scaled_add(body_torque(rotation, load), -1.0, gyroscopic(matrix_at(body, 1), omega))
-    speeding = times(matrix_at(body, 10), torque)
-    return turning + speeding, acceleration(rotation, load, body[0])
+    linear_acceleration = times(matrix_at(body, 10), torque)
+    return turning + linear_acceleration, acceleration(rotation, load, body[0])
 
 
 @inlined_kernel
@@ -78,7 +78,7 @@ DOP853 = Integrator(
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
-    advance_under=stage_by_stage(*TABLEAU),
+    advance_forced=stage_by_stage(*TABLEAU),
     lasting="every stage",
     tableau=TABLEAU,
 )

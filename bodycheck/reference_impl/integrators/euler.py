@@ -52,5 +52,5 @@ EULER = Integrator(
     attitude="matrix",
     spin="angular_momentum",
     advance=advance,
-    advance_under=held_over_steps(advance, "angular_momentum"),
+    advance_forced=held_over_steps(advance, "angular_momentum"),
 )

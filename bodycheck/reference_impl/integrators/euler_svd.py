@@ -17,7 +17,7 @@ _MOST_SWEEPS = 30  # three or four are enough; more are made only where the stat
 
 
 @kernel
-def _turned(a: Vec, b: Vec, c: float, s: float) -> tuple[Vec, Vec]:
+def _rotated(a: Vec, b: Vec, c: float, s: float) -> tuple[Vec, Vec]:
     """c a - s b and s a + c b."""
     return (
         (c * a[0] - s * b[0], c * a[1] - s * b[1], c * a[2] - s * b[2]),
@@ -34,8 +34,8 @@ def _made_orthogonal(a: Vec, b: Vec, v: Vec, w: Vec) -> tuple[Vec, Vec, Vec, Vec
     ratio = (bb - aa) / (2.0 * ab)
     tangent = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
     c = 1.0 / math.sqrt(1.0 + tangent * tangent)
-    a, b = _turned(a, b, c, c * tangent)
-    v, w = _turned(v, w, c, c * tangent)
+    a, b = _rotated(a, b, c, c * tangent)
+    v, w = _rotated(v, w, c, c * tangent)
     return a, b, v, w, False
 
 
@@ -89,5 +89,5 @@ EULER_SVD = Integrator(
     attitude="matrix",
     spin="angular_momentum",
     advance=advance,
-    advance_under=held_over_steps(advance, "angular_momentum"),
+    advance_forced=held_over_steps(advance, "angular_momentum"),
 )

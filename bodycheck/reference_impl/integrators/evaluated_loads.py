@@ -25,12 +25,12 @@ _SPINS: dict[Spin, int] = {"omega_body": _BODY, "omega_world": _WORLD, "angular_
 def held_over_steps(advance: Advance, spin: Spin) -> AdvanceUnder:
     """Return how a method steps under lasting loads that it holds over each step."""
 
-    def advance_under(
+    def advance_forced(
         state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
     ) -> None:
         _compiled()(advance, _SPINS[spin], state, body, load, lasting, begin, dt, steps)
 
-    return advance_under
+    return advance_forced
 
 
 @kernel
@@ -95,7 +95,7 @@ def _compiled() -> Any:
 _FORCE_WORLD, _TORQUE_WORLD = slice(3, 6), slice(9, 12)
 
 
-def can_ask(method: Integrator) -> bool:
+def supports_callbacks(method: Integrator) -> bool:
     """Whether its loads are needed where Python can be asked: at a step's start, or at a tableau's stages."""
     return method.lasting == "held over the step" or method.tableau is not None
 
@@ -110,7 +110,7 @@ def advance_asking(
     dt: float,
     steps: int,
 ) -> None:
-    """Make the steps in place under a constant load and the function's, for a method that `can_ask`.
+    """Make the steps in place under a constant load and the function's; the method `supports_callbacks`.
 
     state, body and load as of Integrator.advance; begin: the time in s at which the first step begins.
     """

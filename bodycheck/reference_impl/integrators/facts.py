@@ -19,7 +19,7 @@ body and load as in equations.py.
 """
 
 AdvanceUnder: TypeAlias = Callable[[Array, Array, Array, Array, float, float, int], None]
-"""advance_under(state, body, load, lasting, begin, dt, steps): the same under lasting loads as well.
+"""advance_forced(state, body, load, lasting, begin, dt, steps): the same under lasting loads as well.
 
 lasting as `lasting.packed_lasting` makes it; begin: the time in s at which the first step begins.
 """
@@ -46,7 +46,7 @@ class Integrator:
     attitude: Literal["quaternion", "matrix"]
     spin: Spin
     advance: Advance
-    advance_under: AdvanceUnder
+    advance_forced: AdvanceUnder
     lasting: Literal["every stage", "held over the step"] = "held over the step"
     refused: tuple[type[Any], ...] = ()
     tableau: Tableau | None = None

@@ -47,7 +47,7 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
 
 
 ROTATION_FIRST = Integrator(
-    name="rotation-first",
+    name="lie-euler",
     formula="R+ = exp(dt [omega]x) R, omega+ = I(R+)^-1 (I(R) omega + dt tau)",
     order=1,
     evaluations=1,
@@ -57,5 +57,5 @@ ROTATION_FIRST = Integrator(
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,
-    advance_under=held_over_steps(advance, "angular_momentum"),
+    advance_forced=held_over_steps(advance, "angular_momentum"),
 )

@@ -26,5 +26,5 @@ M3 = Integrator(
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
-    advance_under=held_over_steps(advance, "omega_body"),
+    advance_forced=held_over_steps(advance, "omega_body"),
 )

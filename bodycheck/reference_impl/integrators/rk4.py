@@ -48,7 +48,7 @@ def _rates(q: Quat, omega: Vec, body: Array, load: Array) -> tuple[Quat, Vec, Ve
 
 
 @kernel
-def _moved(q: Quat, s: float, rate: Quat) -> Quat:
+def _advanced(q: Quat, s: float, rate: Quat) -> Quat:
     """q + s q'."""
     return q[0] + s * rate[0], q[1] + s * rate[1], q[2] + s * rate[2], q[3] + s * rate[3]
 
@@ -61,16 +61,16 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     half, sixth = 0.5 * dt, dt / 6.0
     for _ in range(steps):
         q1, w1, a1 = _rates(q, omega, body, load)
-        q2, w2, a2 = _rates(_moved(q, half, q1), scaled_add(omega, half, w1), body, load)
-        q3, w3, a3 = _rates(_moved(q, half, q2), scaled_add(omega, half, w2), body, load)
-        q4, w4, a4 = _rates(_moved(q, dt, q3), scaled_add(omega, dt, w3), body, load)
+        q2, w2, a2 = _rates(_advanced(q, half, q1), scaled_add(omega, half, w1), body, load)
+        q3, w3, a3 = _rates(_advanced(q, half, q2), scaled_add(omega, half, w2), body, load)
+        q4, w4, a4 = _rates(_advanced(q, dt, q3), scaled_add(omega, dt, w3), body, load)
         # increments are summed before they are added: a large state rounds once a step, not four times
         middle = add(a2, a3)
         # x'' depends on q alone: the stages' velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3 summed up
         position = scaled_add(position, dt, scaled_add(velocity, sixth, add(a1, middle)))
         velocity = scaled_add(velocity, sixth, scaled_add(add(a1, a4), 2.0, middle))
         omega = scaled_add(omega, sixth, scaled_add(add(w1, w4), 2.0, add(w2, w3)))
-        q = _moved(q, sixth, _moved(_moved(q1, 1.0, q4), 2.0, _moved(q2, 1.0, q3)))
+        q = _advanced(q, sixth, _advanced(_advanced(q1, 1.0, q4), 2.0, _advanced(q2, 1.0, q3)))
     store(state, 0, position)
     store(state, 3, velocity)
     store(state, 6, omega)
@@ -88,7 +88,7 @@ RK4 = Integrator(
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
-    advance_under=stage_by_stage(*_TABLEAU),
+    advance_forced=stage_by_stage(*_TABLEAU),
     lasting="every stage",
     tableau=_TABLEAU,
 )

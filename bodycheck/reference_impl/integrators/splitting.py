@@ -89,7 +89,7 @@ def _about_last(p: Quat, m: Vec, angle: float) -> tuple[Quat, Vec]:
 
 
 @kernel
-def _turned(q: Quat, m: Vec, excess: Vec, axes: Mat, whole: float, first: float) -> Quat:
+def _rotated(q: Quat, m: Vec, excess: Vec, axes: Mat, whole: float, first: float) -> Quat:
     """q after a drift of `whole` seconds, `first` of them before its middle.
 
     m = R^T L in principal axes; excess = (1/J1 - 1/J2, 1/J2, 1/J3 - 1/J2).
@@ -141,7 +141,7 @@ def advance(
             momentum = scaled_add(momentum, kick, times(rotation, body_torque(rotation, load)))
             if i < len(DRIFTS):
                 m = transposed_times(axes, transposed_times(rotation, momentum))
-                q = _turned(q, m, excess, axes, dt * DRIFTS[i], dt * FIRST_PARTS[i])
+                q = _rotated(q, m, excess, axes, dt * DRIFTS[i], dt * FIRST_PARTS[i])
                 position = scaled_add(position, dt * DRIFTS[i], velocity)
                 rotation = matrix_of(q)
                 t += dt * DRIFTS[i]
@@ -151,7 +151,7 @@ def advance(
     state[9], state[10], state[11], state[12] = q
 
 
-def advance_under(
+def advance_forced(
     state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
 ) -> None:
     """Make the steps in place under lasting loads as well; the clock runs with the drifts."""
@@ -169,7 +169,7 @@ SPLITTING6 = Integrator(
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,
-    advance_under=advance_under,
+    advance_forced=advance_forced,
     lasting="every stage",
     refused=(Drag,),  # a kick is exact only where it does not change what it depends on
 )

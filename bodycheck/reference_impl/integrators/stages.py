@@ -32,12 +32,12 @@ from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench
 def stage_by_stage(a: Array, b: Array, c: Array) -> AdvanceUnder:
     """Return how the method of a tableau steps: a (s, s) strictly lower, b (s,), c (s,)."""
 
-    def advance_under(
+    def advance_forced(
         state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
     ) -> None:
         _advance(state, body, load, lasting, begin, dt, steps, a, b, c)
 
-    return advance_under
+    return advance_forced
 
 
 @kernel

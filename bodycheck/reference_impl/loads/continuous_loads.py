@@ -29,10 +29,10 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     transposed_times,
 )
 from bodycheck.reference_impl.scene import (
-    BlackBox,
+    CallbackLoad,
+    ContinuousLoad,
     Drag,
     GravityGradient,
-    Lasting,
     Scene,
     SineTorque,
     Spring,
@@ -55,7 +55,7 @@ def packed_lasting(scene: Scene) -> Array:
     return rows.ravel()
 
 
-def _constants(load: Lasting, scene: Scene) -> list[float]:
+def _constants(load: ContinuousLoad, scene: Scene) -> list[float]:
     match load:
         case SineTorque():
             return [_SINE, 0.0 if load.axes == "body" else 1.0, *load.amplitude, load.rate, load.phase]
@@ -67,7 +67,7 @@ def _constants(load: Lasting, scene: Scene) -> list[float]:
             return [_GRADIENT, load.rate, *scene.body.inertia.ravel()]
         case TorsionSpring():
             return [_TORSION, load.stiffness, *scene.initial.rotation.ravel()]
-        case BlackBox():
+        case CallbackLoad():
             raise ValueError(f"{load.name} is known by its function alone, not by constants")
         case _:
             raise unknown_load(load, "the table of lasting loads")

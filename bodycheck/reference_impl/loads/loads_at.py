@@ -10,7 +10,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import log_matrix
 from bodycheck.reference_impl.scene import (
-    BlackBox,
+    CallbackLoad,
     Drag,
     GravityGradient,
     Load,
@@ -26,7 +26,7 @@ from bodycheck.reference_impl.scene import (
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class Instants:
     """Moments of a motion: t (...), rotation (..., 3, 3) body to world; the rest (..., 3) in world axes."""
 
     t: Array
@@ -40,7 +40,7 @@ class Moment:
         return self.rotation @ vector
 
 
-def wrench_at(load: Load, scene: Scene, moment: Moment) -> tuple[Array, Array]:
+def wrench_at(load: Load, scene: Scene, moment: Instants) -> tuple[Array, Array]:
     """Return force and torque (..., 3) about the centre of mass, in N and N m, world axes.
 
     A load that comes and goes is taken as acting. The formulas are those of the loads' docstrings.
@@ -73,13 +73,13 @@ def wrench_at(load: Load, scene: Scene, moment: Moment) -> tuple[Array, Array]:
             u = np.stack([-np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
             inertia = moment.rotation @ scene.body.inertia @ np.swapaxes(moment.rotation, -1, -2)
             return none, 3.0 * load.rate**2 * np.cross(u, _product(inertia, u))
-        case BlackBox():
+        case CallbackLoad():
             return _asked(load.function, moment)
         case _:
             raise unknown_load(load, "the sum of forces and torques")
 
 
-def _in_world(axes: str, value: Array, moment: Moment) -> Array:
+def _in_world(axes: str, value: Array, moment: Instants) -> Array:
     return moment.turned(value) if axes == "body" else np.broadcast_to(value, moment.omega.shape)
 
 
@@ -87,7 +87,7 @@ def _product(matrix: Array, vector: Array) -> Array:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
-def _asked(function: Wrenching, moment: Moment) -> tuple[Array, Array]:
+def _asked(function: Wrenching, moment: Instants) -> tuple[Array, Array]:
     parts = (moment.position, moment.rotation, moment.velocity, moment.omega)
     if moment.omega.ndim == 1:
         force, torque = function(float(moment.t), *parts)
@@ -103,7 +103,7 @@ def sum_of_wrenches(loads: Sequence[Load], scene: Scene) -> Wrenching:
     def wrench(
         t: float, position: Array, rotation: Array, velocity: Array, omega: Array
     ) -> tuple[Array, Array]:
-        moment = Moment(np.array(t), position, rotation, velocity, omega)
+        moment = Instants(np.array(t), position, rotation, velocity, omega)
         force, torque = scene.body.mass * scene.gravity, np.zeros(3)
         for load in loads:
             push, turn = wrench_at(load, scene, moment)

@@ -103,7 +103,7 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
 
     Raises ValueError for loads that no equations can be written down for.
     """
-    if scene.has_black_box:
+    if scene.has_callback_load:
         raise ValueError("a load that only a function knows has no Taylor series")
     for load in scene.lasting_loads:
         if not isinstance(load, SineTorque | Drag | Spring | TorsionSpring | GravityGradient):

@@ -72,7 +72,7 @@ def _add_turned(halves: tuple[Lanes, Lanes], series: Array, row: int, n: int, m:
 
 
 @borrowing_inline
-def _turned(series: Array, row: int, k: int) -> Lanes:
+def _rotated(series: Array, row: int, k: int) -> Lanes:
     """(y x omega)_k."""
     halves = (simd4.nothing(), simd4.nothing())
     for n in range(1, k + 1):
@@ -148,9 +148,9 @@ def _add_load(total: Lanes, series: Array, loads: Array, j: int, k: int, share: 
     y = z = simd4.nothing()
     swings = simd4.lane_of(loads, j, PHASES, SWINGS) != 0.0
     if simd4.lane_of(loads, j, PHASES, TURNS) != 0.0:
-        y = _turned(series, row, k)
+        y = _rotated(series, row, k)
         if swings:
-            z = _turned(series, row + PARTNER, k)
+            z = _rotated(series, row + PARTNER, k)
     if swings:
         _put_swing(series, row, k, simd4.lane_of(loads, j, PHASES, RATE), share, y, z)
     else:

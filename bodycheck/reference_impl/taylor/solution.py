@@ -184,8 +184,8 @@ def _put_centre(high: Array, low: Array, pivot: Array, origin: Array) -> None:
             spin_b, spin_c = (high[k, OMEGA + b], low[k, OMEGA + b]), (high[k, OMEGA + c], low[k, OMEGA + c])
             swept = dd.subtract(dd.multiply(spin_c, (pivot[b], 0.0)), dd.multiply(spin_b, (pivot[c], 0.0)))
             high[k, V + a], low[k, V + a] = swept
-        back = _turned(q, (-pivot[0], 0.0), (-pivot[1], 0.0), (-pivot[2], 0.0))
-        speed = _turned(
+        back = _rotated(q, (-pivot[0], 0.0), (-pivot[1], 0.0), (-pivot[2], 0.0))
+        speed = _rotated(
             q,
             (high[k, V], low[k, V]),
             (high[k, V + 1], low[k, V + 1]),
@@ -197,7 +197,7 @@ def _put_centre(high: Array, low: Array, pivot: Array, origin: Array) -> None:
 
 
 @kernel
-def _turned(
+def _rotated(
     q: tuple[Array, Array], x: DoubleDouble, y: DoubleDouble, z: DoubleDouble
 ) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble]:
     """R(q) v = v + w t + u x t, t = 2 u x v, of q = (w, u)."""

@@ -206,7 +206,7 @@ def _change(series: Numbers, i: int, order: int, h: float) -> Any:
 
 
 @inlined_kernel
-def _moved(state: tuple[Array, Array], i: int, change: Any) -> DoubleDouble:
+def _advanced(state: tuple[Array, Array], i: int, change: Any) -> DoubleDouble:
     """state_i + change."""
     return dd.add((state[0][i], state[1][i]), as_pair(change))
 
@@ -309,10 +309,12 @@ def integrate(
             return steps
         while due < len(times) and times[due] < after:
             for i in range(last):
-                out[0][due, i], out[1][due, i] = _moved(state, i, _change(series, i, order, times[due] - t))
+                out[0][due, i], out[1][due, i] = _advanced(
+                    state, i, _change(series, i, order, times[due] - t)
+                )
             due += 1
         for i in range(last):
-            state[0][i], state[1][i] = _moved(state, i, _change(series, i, order, after - t))
+            state[0][i], state[1][i] = _advanced(state, i, _change(series, i, order, after - t))
         while due < len(times) and times[due] == after:
             _write(out, due, state)
             due += 1

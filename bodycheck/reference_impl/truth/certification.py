@@ -19,7 +19,7 @@ from bodycheck.reference_impl.closed_forms.fixed_axis import FixedAxisRotation
 from bodycheck.reference_impl.closed_forms.fixed_axis_sensitivity import departures
 from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.rotations import exp_quaternion, normalised, quaternion_product
-from bodycheck.reference_impl.scene import BlackBox, Scene, Spring, State
+from bodycheck.reference_impl.scene import CallbackLoad, Scene, Spring, State
 from bodycheck.reference_impl.taylor.solution import (
     Course,
     Resolution,
@@ -61,7 +61,7 @@ def solve_truth(scene: Scene, t_s: Array) -> Truth:
 
 
 def _ascending(scene: Scene, t_s: Array) -> Truth:
-    if scene.has_black_box:
+    if scene.has_callback_load:
         return _halved(scene, t_s)
     closed = closed_form_of(scene)
     return certified_truth(scene, t_s) if closed is None else _exact(scene, closed, t_s)
@@ -244,7 +244,7 @@ def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
         turned = quaternion_product(start.quaternion, exp_quaternion(_NUDGE * axis))
         yield replace(start, quaternion=normalised(turned))
         yield replace(start, omega_body=start.omega_body + omega * axis)
-    tied = any(isinstance(load, Spring | BlackBox) for load in scene.loads)
+    tied = any(isinstance(load, Spring | CallbackLoad) for load in scene.loads)
     if tied and scene.pivot is None:
         radius = gyration_radius(scene.body.mass, scene.body.inertia)
         speed = _NUDGE * _largest(motion.velocity_m_s)

@@ -18,7 +18,7 @@ from bodycheck.reference_impl.rotations import (
     quaternion_to_matrix,
 )
 from bodycheck.reference_impl.scene import (
-    BlackBox,
+    CallbackLoad,
     Drag,
     GravityGradient,
     Scene,
@@ -49,7 +49,7 @@ def potential_energy(scene: Scene, motion: Trajectory) -> Array:
                 turned = quaternion_product(conjugate(scene.initial.quaternion), motion.attitude)
                 angle = np.linalg.norm(log_quaternion(turned), axis=-1)
                 energy = energy + 0.5 * load.stiffness * angle**2
-            case SineTorque() | Drag() | GravityGradient() | BlackBox():
+            case SineTorque() | Drag() | GravityGradient() | CallbackLoad():
                 pass  # whose work depends on the way
             case _:
                 raise unknown_load(load, "the potential energy")

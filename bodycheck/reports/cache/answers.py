@@ -53,10 +53,10 @@ class Answers:
         self._reuse: Reuse = reuse
         self._run_id = run_id
 
-    def ask(self, hosts: Askable, engine: Engine, case: Case) -> Answer:
+    def ask(self, engine_pool: Askable, engine: Engine, case: Case) -> Answer:
         """Return what came of a case, whatever became of the engine."""
         return self._answered(
-            hosts,
+            engine_pool,
             engine,
             case,
             _key(engine, case, "record"),
@@ -64,10 +64,10 @@ class Answers:
             lambda message: _read(message, case),
         )
 
-    def search(self, hosts: Askable, engine: Engine, search: Search) -> StableStep:
+    def search(self, engine_pool: Askable, engine: Engine, search: Search) -> StableStep:
         """Return what came of a search for the largest stable step, whatever became of the engine."""
         return self._answered(
-            hosts,
+            engine_pool,
             engine,
             search.case,
             _key(engine, search.case, "stable-step", **case_messages.search_bounds(search)),
@@ -77,7 +77,7 @@ class Answers:
 
     def _answered(
         self,
-        hosts: Askable,
+        engine_pool: Askable,
         engine: Engine,
         case: Case,
         key: str,
@@ -92,7 +92,7 @@ class Answers:
         entry = cache.entry(key) if cache and self._reuses(engine) else None
         reused = entry is not None
         if entry is None:
-            message = {**hosts.ask(engine.name, request(), self._timeout_s), "run": self._run_id}
+            message = {**engine_pool.ask(engine.name, request(), self._timeout_s), "run": self._run_id}
             message.pop("id", None)
             said = read(message)
             entry = Entry.of(key, protocol.kept(message, said))
@@ -108,7 +108,7 @@ class Answers:
     def _cache_of(self, engine: Engine, case: Case) -> Cache | None:
         """The cache, unless nobody can say whether the engine or a user's function will be the same."""
         known = engine.build.id and engine.build.kind != "handed over"
-        return self._cache if known and not case.scene.has_black_box else None
+        return self._cache if known and not case.scene.has_callback_load else None
 
     def _reuses(self, engine: Engine) -> bool:
         return self._reuse == "everything" or (
@@ -117,7 +117,7 @@ class Answers:
 
     def _journal_of(self, case: Case) -> Journal | None:
         """What a user's function does may change under its name, even before a run goes on: none is kept."""
-        return None if case.scene.has_black_box else self._journal
+        return None if case.scene.has_callback_load else self._journal
 
     def laps(self, engine: Engine, case: Case) -> Message | None:
         """Return what this run has measured of a case's speed, if it was before it was interrupted."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from bodycheck._util.cache_dir import cache_home
-from bodycheck._util.files import put_whole
+from bodycheck._util.files import atomic_write
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.entries import Entry
 
@@ -82,7 +82,7 @@ class Cache:
         place = self._place(entry.key)
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
-            put_whole(place, entry.line)
+            atomic_write(place, entry.line)
         except OSError:
             self._writable = False
 

@@ -27,7 +27,7 @@ def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
 
     Raises ValueError as solve_truth does.
     """
-    if cache is None or scene.has_black_box:
+    if cache is None or scene.has_callback_load:
         return _solved(scene, t_s)
     key = _key(scene, t_s)
     if (message := cache.get(key)) is not None:
@@ -49,7 +49,7 @@ def _solved(scene: Scene, t_s: Array) -> Truth:
 
 def is_known(scene: Scene, t_s: Array, cache: Cache) -> bool:
     """Whether known_truth would find it in the cache, unless it is damaged there."""
-    return not scene.has_black_box and cache.has(_key(scene, t_s))
+    return not scene.has_callback_load and cache.has(_key(scene, t_s))
 
 
 def _key(scene: Scene, t_s: Array) -> str:

@@ -257,7 +257,7 @@ def _stable_steps(
             change = stability_change(old[key], new[key], thresholds.of("stability.dt_stable_s"))
             if change is not None:
                 # where nearby motions part, the step at which one breaks down is chance
-                by_chance = key[0] in chaotic and change.what == "dt_stable_s"
+                by_chance = key[0] in chaotic and change.quantity == "dt_stable_s"
                 yield replace(change, status="moved") if by_chance else change
 
 

@@ -79,7 +79,7 @@ def change_text(change: Change) -> str:
         which, outcome = ("after", change.after) if change.before is None else ("before", change.before)
         return f"only in the run {which}{at} ({outcome})"
     before, after = _apart(change.before, change.after)
-    return f"{change.what} {before} -> {after}{_size(change)}{at}"
+    return f"{change.quantity} {before} -> {after}{_size(change)}{at}"
 
 
 def _size(change: Change) -> str:

@@ -118,7 +118,7 @@ def _clause(one: MethodChanges, *, several: bool) -> str:
 def _missing(changes: Sequence[Change]) -> str:
     """Return what is not measured any more."""
     cases = sum(change.kind == "case" for change in changes)
-    measures = dict.fromkeys(change.what for change in changes if change.kind != "case")
+    measures = dict.fromkeys(change.quantity for change in changes if change.kind != "case")
     lost = [count(cases, "case")] if cases else []
     return f"missing ({', '.join([*lost, *measures])})" if changes else ""
 
@@ -128,12 +128,12 @@ def _direction(status: Status, changes: Sequence[Change], *, several: bool) -> s
     if not changes:
         return ""
     errors = [change for change in changes if change.kind == "accuracy"]
-    of_orientation = [change for change in errors if change.what == ORIENTATION]
+    of_orientation = [change for change in errors if change.quantity == ORIENTATION]
     parts = []
     largest = max(of_orientation or errors, key=lambda change: change.size, default=None)
     orders = [change for change in changes if change.kind == "order"]
     if order := _of_scenario(orders, largest):
-        quantity = order.what.removeprefix("order of ")
+        quantity = order.quantity.removeprefix("order of ")
         of_it = "" if quantity == ORIENTATION else f" of {quantity}"
         parts.append(f"order{of_it} {_pair(order)}")
     if largest is not None:
@@ -149,15 +149,15 @@ def _direction(status: Status, changes: Sequence[Change], *, several: bool) -> s
 def _of_scenario(orders: Sequence[Change], error: Change | None) -> Change | None:
     """Return the order that belongs to an error: of its quantity, if any, and of its scenario."""
     if error is not None:
-        wanted = f"order of {error.what}"
-        of_it = [one for one in orders if one.what == wanted]
+        wanted = f"order of {error.quantity}"
+        of_it = [one for one in orders if one.quantity == wanted]
         return next((one for one in of_it if one.scenario == error.scenario), next(iter(of_it), None))
     return next(iter(orders), None)
 
 
 def error_text(change: Change) -> str:
     """Return "error at 1 ms 4.3e-7 -> 2.3e-13 rad (factor 1.9e6)" of one change of accuracy."""
-    name, unit = ("error", " rad") if change.what == ORIENTATION else (change.what, "")
+    name, unit = ("error", " rad") if change.quantity == ORIENTATION else (change.quantity, "")
     at = "" if change.fineness is None else f" at {_step(change)}"
     factor = "" if change.decades is None else f" (factor {number(10.0**change.size, 2)})"
     return f"{name}{at} {_pair(change)}{unit}{factor}"
@@ -170,7 +170,7 @@ def _other(change: Change, *, several: bool) -> str:
         how = "slower" if change.decades > 0.0 else "faster"
         return f"{number(10.0**change.size, 3)} times {how}{_where(change, several=several)}"
     at = "" if change.fineness is None else f" at {_step(change)}"
-    return f"{change.what}{at} {_pair(change)}{_where(change, several=several)}"
+    return f"{change.quantity}{at} {_pair(change)}{_where(change, several=several)}"
 
 
 def _where(change: Change, *, several: bool) -> str:
@@ -205,7 +205,7 @@ def moved_text(changes: Iterable[Change], thresholds: Thresholds) -> str:
 
     What differs by more than the threshold and has moved all the same is within round-off, or left to chance.
     """
-    sizes = [(one.relative, thresholds.of(one.what)) for one in changes if one.relative is not None]
+    sizes = [(one.relative, thresholds.of(one.quantity)) for one in changes if one.relative is not None]
     below = [size for size, threshold in sizes if size <= threshold]
     if not sizes:
         return ""

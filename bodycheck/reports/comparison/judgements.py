@@ -27,7 +27,7 @@ def verdict_change(before: _Row, after: _Row, errors: Sequence[Change]) -> Chang
     status = by_rank(-severity(old), -severity(new))
     if max(severity(old), severity(new)) <= UNDECIDED:
         quantity = after["quantity"]
-        of_it = {one.status for one in errors if one.what == quantity or quantity not in MEASURES}
+        of_it = {one.status for one in errors if one.quantity == quantity or quantity not in MEASURES}
         status = status if status in of_it else "moved"
     return _change("verdict", after, old, new, status)
 

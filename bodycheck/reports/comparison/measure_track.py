@@ -90,7 +90,7 @@ class OneMeasure:
         assert after.tables is not None
         return any(
             (change.scenario, change.engine, change.method) == (self.scenario, self.engine, self.method)
-            and change.what in self._told_as
+            and change.quantity in self._told_as
             and self._is_of(change.fineness)
             for change in compare(before.tables, after.tables, self.thresholds).of_status("worse", "improved")
         )

@@ -11,7 +11,7 @@ from bodycheck.adapters.versions.pins import is_version, pin_of
 from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.headlines import ORIENTATION, by_method
-from bodycheck.reports.measurement.case import asked_as
+from bodycheck.reports.measurement.case import scenario_spec
 from bodycheck.reports.run_files.run_reader import Tables
 
 Found = TypeVar("Found")
@@ -132,7 +132,7 @@ def _telling(changes: Iterable[Change]) -> Change | None:
 
     def rank(one: Change) -> tuple[int, int, bool, float]:
         size = one.size if one.kind == "accuracy" else 0.0
-        return _STATUSES.index(one.status), kinds.index(one.kind), one.what != ORIENTATION, -size
+        return _STATUSES.index(one.status), kinds.index(one.kind), one.quantity != ORIENTATION, -size
 
     return min(found, key=rank, default=None)
 
@@ -141,9 +141,9 @@ def _command(run: Tables, change: Change, since: str, until: str) -> str:
     who = change.scenario, change.engine, change.method
     rows = (case.columns for case in run.cases)
     mine = next(row for row in rows if (row["scenario"], row["engine"], row["method"]) == who)
-    measure = _PREFIXES.get(change.kind, "") + change.what.rpartition(" ")[2]
+    measure = _PREFIXES.get(change.kind, "") + change.quantity.rpartition(" ")[2]
     words = ["bodycheck", "versions", change.engine, "--since", since, "--until", until]
-    words += ["--scenario", asked_as(mine["reproduce"]) or str(change.scenario)]
+    words += ["--scenario", scenario_spec(mine["reproduce"]) or str(change.scenario)]
     words += ["--method", change.method, "--measure", measure]
     if change.control == "dt" and change.fineness is not None:
         words += ["--dt", repr(change.fineness)]

@@ -12,11 +12,11 @@ Source: TypeAlias = Literal["results", "methods", "stability"]
 
 _SPEEDS = ("cpu_s", "ns_per_step", "relative_cpu")
 _COUNTS = ("steps", "rhs_evaluations")
-UNCOMPARED = ("step_change_rad", "cpu_s", "ns_per_step", *_COUNTS)
+UNCOMPARED = ("successive_difference_rad", "cpu_s", "ns_per_step", *_COUNTS)
 """Columns of results.csv that a gate can look at and by which runs are not compared."""
 _COLUMNS = (
     *(column for measure in MEASURES.values() for column in measure.columns),
-    *("step_change_rad", *_SPEEDS, *_COUNTS),
+    *("successive_difference_rad", *_SPEEDS, *_COUNTS),
 )
 _NOT_VERDICTS = ("failed", "timeout", "invalid", "unsupported", "inconsistent")
 _VERDICTS = tuple(state for state in STATES if state not in _NOT_VERDICTS)

@@ -101,7 +101,7 @@ def _proposed(place: int, result: GateResult, margin: float) -> Iterator[Change]
         return
     least, most = min(numbers), max(numbers)
     if gate.near is not None:
-        if result.failed and (moved := _moved(gate, least, most)) is not None:
+        if result.failed and (moved := _advanced(gate, least, most)) is not None:
             yield Change(place, "near", gate.near, moved, most, loosens=True)
         return
     floor = gate.floor or 0.0
@@ -115,7 +115,7 @@ def _proposed(place: int, result: GateResult, margin: float) -> Iterator[Change]
             yield Change(place, "lower", gate.lower, new, least, loosens=new < gate.lower)
 
 
-def _moved(gate: Gate, least: float, most: float) -> float | None:
+def _advanced(gate: Gate, least: float, most: float) -> float | None:
     """Return the middle of the values on a log scale; None where they lie farther apart than allowed."""
     middle = float(number(math.sqrt(least) * math.sqrt(most), 3))
     reach = 10.0 ** (gate.decades or 0.0)

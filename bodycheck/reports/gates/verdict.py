@@ -12,7 +12,7 @@ from bodycheck._util.untrusted import joined, parted
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, method_verdict
 from bodycheck.reports.render.formatting import names, number, setting, step
-from bodycheck.reports.summary.run_tables import Findings
+from bodycheck.reports.summary.run_tables import RunTables
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +36,7 @@ class Row:
     about: str = ""
 
 
-def rows_of(gate: Gate, run: Findings) -> list[Row]:
+def rows_of(gate: Gate, run: RunTables) -> list[Row]:
     """Return all rows that the gate's patterns match, in the order of the run."""
     measure = gate.looks_at
     if measure.source == "results":
@@ -89,7 +89,7 @@ def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> Row:
     return Row(**_who(columns), at=_at(columns), obtained=value, why=why, reproduce=columns["reproduce"])
 
 
-def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: Findings) -> Row:
+def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: RunTables) -> Row:
     measure = gate.looks_at
     value = found.get(measure.column)
     why = ""
@@ -127,7 +127,7 @@ def _whole_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> s
     return joined(words)
 
 
-def why_none(gate: Gate, run: Findings) -> str:
+def why_none(gate: Gate, run: RunTables) -> str:
     """Say of a gate without rows which key is the first that leaves no case, and what there is instead."""
     cases: list[Mapping[str, Any]] = [case.columns for case in run.cases]
     left_by_each = accumulate(
@@ -208,12 +208,12 @@ class GateResult:
         return max((c for c in self.checks if c.row.obtained is not None), key=badness, default=None)
 
 
-def held(gates: Sequence[Gate], run: Findings) -> tuple[GateResult, ...]:
+def held(gates: Sequence[Gate], run: RunTables) -> tuple[GateResult, ...]:
     """Return what a run has to say to each gate; nothing is asked of an engine."""
     return tuple(_held(gate, run) for gate in gates)
 
 
-def _held(gate: Gate, run: Findings) -> GateResult:
+def _held(gate: Gate, run: RunTables) -> GateResult:
     checks = tuple(_checked(gate, row) for row in rows_of(gate, run))
     if not checks:
         return GateResult(gate, (), "nothing", why_none(gate, run))

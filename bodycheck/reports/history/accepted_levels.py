@@ -73,7 +73,7 @@ def next_accepted(
     for change in changes:
         if change.kind == "accuracy" and change.status in _REPORTED:
             who = change.scenario, change.engine, change.method, change.control, change.fineness
-            reported.setdefault(who, []).append(change.what)
+            reported.setdefault(who, []).append(change.quantity)
     ended_well = {_key(case.columns): case.columns for case in tonight.cases if case.ok}
     for key, row in ended_well.items():
         level = levels.get(key)

@@ -11,7 +11,12 @@ from bodycheck.reports.comparison.describe import HEADINGS, sentences
 from bodycheck.reports.comparison.release_search import release_searches
 from bodycheck.reports.history.baseline import TOLD, machine_class
 from bodycheck.reports.history.regression import Judgement
-from bodycheck.reports.history.step_detection import LEAST_AFTER, LEAST_BEFORE, least_told, usual_spread
+from bodycheck.reports.history.step_detection import (
+    LEAST_AFTER,
+    LEAST_BEFORE,
+    pooled_spread,
+    smallest_detectable_step,
+)
 from bodycheck.reports.history.trends import trends_of
 from bodycheck.reports.render.formatting import console, count, number, print_columns
 from bodycheck.reports.render.html import asset, environment
@@ -26,7 +31,7 @@ _HEADLINES = {
     "regression": "Regression: something became worse, or is not measured any more.",
     "no regression": "No regression.",
     "nothing measured": "No case ended well: nothing was measured.",
-    "past too thin": "The past is too thin: no run on a machine like this one has cases to compare with.",
+    "insufficient history": "Insufficient history: no run on a machine like this one has cases to compare with.",
 }
 
 
@@ -65,8 +70,8 @@ def _speed_sentence(judged: Judgement) -> str:
         return (
             f"Speed is not judged yet: it was measured on {speeds.measured} of the {least} nights that takes."
         )
-    spread = usual_spread(speeds.decades, list(judged.speeds.steps.values()))
-    percent = 100.0 * (10.0 ** least_told(spread) - 1.0)
+    spread = pooled_spread(speeds.decades, list(judged.speeds.steps.values()))
+    percent = 100.0 * (10.0 ** smallest_detectable_step(spread) - 1.0)
     told = f"a method that takes {number(percent, 2)} % longer is told within five nights"
     return f"Speed is judged by {count(speeds.measured, 'night')}: {told}."
 
@@ -74,7 +79,7 @@ def _speed_sentence(judged: Judgement) -> str:
 _STYLES = {
     "regression": "bold red",
     "no regression": "bold green",
-    "past too thin": "bold yellow",
+    "insufficient history": "bold yellow",
     "nothing measured": "bold red",
 }
 
@@ -109,7 +114,12 @@ def night_markdown(judged: Judgement) -> str:
     return "\n".join(lines) + "\n"
 
 
-_TINTS = {"regression": "bad", "no regression": "good", "past too thin": "open", "nothing measured": "bad"}
+_TINTS = {
+    "regression": "bad",
+    "no regression": "good",
+    "insufficient history": "open",
+    "nothing measured": "bad",
+}
 
 
 def render_night(judged: Judgement) -> str:

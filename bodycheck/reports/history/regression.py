@@ -13,13 +13,13 @@ from bodycheck.reports.history.accepted_levels import at_accepted, next_accepted
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import Past, past_of
 from bodycheck.reports.history.queries import recorded_cases
-from bodycheck.reports.history.step_detection import Key, Series, Step, level_steps, series_of
+from bodycheck.reports.history.step_detection import Key, Series, Step, detect_steps, series_of
 from bodycheck.reports.run_files.run_reader import Tables
 
 if TYPE_CHECKING:
     import pandas as pd
 
-NightStatus: TypeAlias = Literal["regression", "no regression", "past too thin", "nothing measured"]
+NightStatus: TypeAlias = Literal["regression", "no regression", "insufficient history", "nothing measured"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Judgement:
         if not any(case.ok for case in self.tonight.cases):
             return "nothing measured"
         if self.comparison is None or not self.comparison.paired:
-            return "past too thin"
+            return "insufficient history"
         return "regression" if self.comparison.failing else "no regression"
 
 
@@ -112,7 +112,7 @@ class Speeds:
         """The moves that are told on the last night."""
         tonight = len(self.series.nights) - 1
         for (engine, method), steps in self.steps.items():
-            if steps and steps[-1].told == tonight:
+            if steps and steps[-1].detected_at == tonight:
                 size = steps[-1].size
                 status: Status = "worse" if size > 0.0 else "improved"
                 yield Change("speed", None, engine, method, "relative_cpu", None, None, status, decades=size)
@@ -124,4 +124,4 @@ def speeds_of(nights: Sequence[str], cases: pd.DataFrame) -> Speeds:
     nights: their names, the oldest first. cases: one row a case and night, with its relative_cpu.
     """
     series = series_of(nights, cases, "relative_cpu", lambda decades: float(decades.median()))
-    return Speeds(series, dict(zip(series.methods, level_steps(series.decades), strict=True)))
+    return Speeds(series, dict(zip(series.methods, detect_steps(series.decades), strict=True)))

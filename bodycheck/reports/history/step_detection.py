@@ -34,11 +34,11 @@ class Step:
     """A move to another level: the first night on it, the night on which it was told, and how far it went."""
 
     first: int
-    told: int
+    detected_at: int
     size: float
 
 
-def level_steps(series: Array) -> list[list[Step]]:
+def detect_steps(series: Array) -> list[list[Step]]:
     """Return where each column of series (nights, methods) moved to another level; NaN: not measured.
 
     Up, as soon as min(the last five) - level(the m <= 20 before) > T; down, as soon as min(the m before) -
@@ -47,18 +47,18 @@ def level_steps(series: Array) -> list[list[Step]]:
     """
     found: list[list[Step]] = [[] for _ in range(series.shape[1])]
     for night in range(LEAST_BEFORE + LEAST_AFTER - 1, len(series)):
-        edge = max(_LEAST_STEP, _SIGMAS * usual_spread(series[: night + 1], found))
+        edge = max(_LEAST_STEP, _SIGMAS * pooled_spread(series[: night + 1], found))
         for column, steps in zip(series.T, found, strict=True):
             if math.isnan(column[night]):
                 continue
             (there,) = np.nonzero(~np.isnan(column[: night + 1]))
-            step = _step_told(column, there[there >= _begin(steps)], edge)
+            step = _step_detected(column, there[there >= _begin(steps)], edge)
             if step is not None:
                 steps.append(step)
     return found
 
 
-def usual_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
+def pooled_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
     """Return the median over the columns of sigma, each in the up to 20 nights before the last five.
 
     steps: where each column moved to another level; what was before that does not count. 0 where no column
@@ -67,11 +67,13 @@ def usual_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
     past = series[:-LEAST_AFTER]
     levels = (column[_begin(moved) :] for column, moved in zip(past.T, steps, strict=True))
     measured = (level[~np.isnan(level)] for level in levels)
-    spreads = [_closest_half(nights[-_MOST_BEFORE:])[1] for nights in measured if len(nights) >= LEAST_BEFORE]
+    spreads = [
+        _shortest_half(nights[-_MOST_BEFORE:])[1] for nights in measured if len(nights) >= LEAST_BEFORE
+    ]
     return float(np.median(spreads)) if spreads else 0.0
 
 
-def least_told(spread: float) -> float:
+def smallest_detectable_step(spread: float) -> float:
     """Return the smallest step that is sure to be told by its fifth night, of a method with that spread."""
     # the quickest of five nights lies up to 2.5 sigma low, and the level before is known to a half
     return max(_LEAST_STEP, _SIGMAS * spread) + 3.5 * spread
@@ -81,22 +83,22 @@ def _begin(steps: Sequence[Step]) -> int:
     return steps[-1].first if steps else 0
 
 
-def _step_told(column: Array, there: NDArray[np.intp], edge: float) -> Step | None:
+def _step_detected(column: Array, there: NDArray[np.intp], edge: float) -> Step | None:
     """Return the step of one column within the last five of the nights on which it was measured, if any."""
     before, now = column[there[:-LEAST_AFTER][-_MOST_BEFORE:]], column[there[-LEAST_AFTER:]]
     if len(before) < LEAST_BEFORE:
         return None
-    level, _ = _closest_half(before)
+    level, _ = _shortest_half(before)
     slower = float(np.min(now)) - level > edge
     faster = float(np.min(before)) - float(np.median(now)) > edge
     if not slower and not faster:
         return None
-    size = (_closest_half(now)[0] if slower else float(np.median(now))) - level
+    size = (_shortest_half(now)[0] if slower else float(np.median(now))) - level
     first = int(np.argmax((now - level) / size > 0.5))
     return Step(int(there[-LEAST_AFTER + first]), int(there[-1]), size)
 
 
-def _closest_half(nights: Array) -> tuple[float, float]:
+def _shortest_half(nights: Array) -> tuple[float, float]:
     """Return median and sigma of the half of the nights (n,) that lie closest together.
 
     Up to half of the nights may lie anywhere else. Source: the shortest half, Rousseeuw and Leroy (1987),

@@ -11,7 +11,7 @@ import numpy as np
 from bodycheck._util.untrusted import joined, parted
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Setting, read_back_mismatch
 from bodycheck.adapters.execution import Answer, Case
-from bodycheck.adapters.stability_check import defect, kinetic_limit, runaway
+from bodycheck.adapters.stability_check import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -29,7 +29,7 @@ from bodycheck.reports.measurement.measures import (
     scale_of,
     series_of,
 )
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 
 Asking: TypeAlias = Callable[[Engine, Case], Answer]
 """How a case comes to its answer: from the engine, or from what it answered before."""
@@ -73,10 +73,10 @@ class CaseResult:
         return bool(self.columns["outcome"] == "ok")
 
 
-def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting, ask: Asking) -> CaseResult:
+def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting, ask: Asking) -> CaseResult:
     """Have one case answered and measure the answer; whatever goes wrong becomes its outcome."""
-    scene = subject.scenario.scene
-    columns = _who(subject, engine, method, setting)
+    scene = problem.scenario.scene
+    columns = _who(problem, engine, method, setting)
     answer = ask(engine, Case(scene, method.name, setting))
     columns |= {"reused": answer.reused, "build": Build(answer.build).short}
     if answer.outcome == "unsupported":
@@ -93,41 +93,41 @@ def run_case(subject: Subject, engine: Engine, method: Method, setting: Setting,
         return ended(answer.outcome, answer.message)
     if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, held):
         return ended("invalid", fault)
-    motion = stable_motion(scene, trajectory, subject.motion)
+    motion = stable_motion(scene, trajectory, problem.motion)
     if isinstance(motion, str):
         return ended("unstable", motion)
-    found = measured_by(subject, trajectory, motion)
+    found = measured_by(problem, trajectory, motion)
     columns |= found.columns
-    columns |= {"outcome": "ok", "message": _note(subject, plan, answer.message)}
+    columns |= {"outcome": "ok", "message": _note(problem, plan, answer.message)}
     return replace(found, columns=columns, trajectory=trajectory, read_back=held)
 
 
 def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion | str:
     """Return energy and momentum along a trajectory; or, where it is unstable beside the true ones, why."""
     with np.errstate(over="ignore", invalid="ignore"):  # of what has run away
-        if reason := defect(trajectory):
+        if reason := invalid_state(trajectory):
             return reason
         motion = Motion.of(scene, trajectory)
-    return runaway(motion.kinetic, kinetic_limit(true.kinetic), trajectory.t_s) or motion
+    return energy_blowup(motion.kinetic, kinetic_limit(true.kinetic), trajectory.t_s) or motion
 
 
-def measured_by(subject: Subject, trajectory: Trajectory, motion: Motion) -> CaseResult:
+def measured_by(problem: Problem, trajectory: Trajectory, motion: Motion) -> CaseResult:
     """Return every measure of a trajectory: its columns, its series and its departures.
 
     motion: the energy and momentum along the trajectory.
     """
-    scene, n = subject.scenario.scene, subject.compared
+    scene, n = problem.scenario.scene, problem.compared
     compared = Compared(
-        scene, subject.truth.trajectory, subject.motion, trajectory, motion, subject.invariants, n
+        scene, problem.truth.trajectory, problem.motion, trajectory, motion, problem.invariants, n
     )
     departures = departures_of(compared)
     series = {name: values[:n] for name, values in series_of(compared, departures).items()}
-    columns: dict[str, Any] = dict(reduced(series, subject.scales))
-    if subject.is_chaotic:
-        columns["horizon_s"] = _horizon(subject.times, series[ORIENTATION])
+    columns: dict[str, Any] = dict(reduced(series, problem.scales))
+    if problem.is_chaotic:
+        columns["horizon_s"] = _horizon(problem.times, series[ORIENTATION])
     if worst := worst_drift(compared.invariant_drifts):
         columns |= worst.columns
-    judged = {name: scale_of(subject.columns, name) for name in QUANTITIES if name in columns}
+    judged = {name: scale_of(problem.columns, name) for name in QUANTITIES if name in columns}
     return CaseResult(
         columns,
         series=series,
@@ -155,42 +155,44 @@ def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, 
     return columns
 
 
-def _who(subject: Subject, engine: Engine, method: Method, setting: Setting) -> dict[str, Any]:
+def _who(problem: Problem, engine: Engine, method: Method, setting: Setting) -> dict[str, Any]:
     return {
-        **subject.columns,
+        **problem.columns,
         "engine": engine.name,
         "engine_version": engine.version,
         "method": method.name,
         "control": method.control,
         "dt_s": setting.dt_s,
         "tolerance": setting.tolerance,
-        "reproduce": _reproducing_command(subject, engine.name, method.name, setting),
+        "reproduce": _reproducing_command(problem, engine.name, method.name, setting),
     }
 
 
-def _reproducing_command(subject: Subject, engine: str, method: str, setting: Setting) -> str:
+def _reproducing_command(problem: Problem, engine: str, method: str, setting: Setting) -> str:
     """Return the command line that runs this one case again."""
-    words = ["bodycheck", "run", subject.asked_as, "--engine", f"{engine}:{method}"]
+    words = ["bodycheck", "run", problem.scenario_spec, "--engine", f"{engine}:{method}"]
     if setting.dt_s is not None:
         words += ["--dt", repr(setting.dt_s)]
     if setting.tolerance is not None:
         words += ["--tolerance", repr(setting.tolerance)]
-    if subject.scenario.scene.has_black_box:
+    if problem.scenario.scene.has_callback_load:
         words.append(ALLOW_CODE)
     return joined(words)
 
 
-def asked_as(reproduce: str) -> str | None:
+def scenario_spec(reproduce: str) -> str | None:
     """Return what names the scenario in the command of a case: the word after `bodycheck run`."""
     words = parted(reproduce)
     return words[2] if len(words) > 2 else None
 
 
-def _note(subject: Subject, plan: StepPlan | None, said: str) -> str:
+def _note(problem: Problem, plan: StepPlan | None, said: str) -> str:
     notes = [said] if said else []
-    if plan is not None and plan.straddled:
-        notes.append(f"{SWITCH_NOTE}: {plan.straddled}; such a step carries the mean of what acts in it")
-    if subject.compared < len(subject.truth.trajectory.t_s):
-        until = f"t = {subject.times[-1]:.6g} s"
-        notes.append(f"compared until {until}, where the truth ends: {subject.truth.end_reason}")
+    if plan is not None and plan.mid_step_switches:
+        notes.append(
+            f"{SWITCH_NOTE}: {plan.mid_step_switches}; such a step carries the mean of what acts in it"
+        )
+    if problem.compared < len(problem.truth.trajectory.t_s):
+        until = f"t = {problem.times[-1]:.6g} s"
+        notes.append(f"compared until {until}, where the truth ends: {problem.truth.end_reason}")
     return "; ".join(notes)

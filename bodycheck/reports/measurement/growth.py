@@ -38,8 +38,8 @@ class Growth:
 
     growth: str | None = None
     growth_exponent: float | None = None
-    growth_low: float | None = None
-    growth_high: float | None = None
+    growth_exponent_low: float | None = None
+    growth_exponent_high: float | None = None
 
 
 def growth_of(t_s: Array, drift: Array, floor: float) -> Growth:
@@ -61,7 +61,11 @@ def growth_of(t_s: Array, drift: Array, floor: float) -> Growth:
     slopes = np.diff(levels) / np.diff(cuts)
     half_width = _STUDENT * float(np.std(slopes, ddof=1)) / _PIECES**0.5
     late, _ = _line(*_last_decade(x, y))
-    kind = _steady(exponent, late) or _wavering(exponent, late, slopes) or _exponential(x, y, slopes, unfit)
+    kind = (
+        _power_law(exponent, late)
+        or _random_walk_like(exponent, late, slopes)
+        or _exponential(x, y, slopes, unfit)
+    )
     return Growth(kind, exponent, exponent - half_width, exponent + half_width)
 
 
@@ -70,7 +74,7 @@ def _last_decade(x: Array, y: Array) -> tuple[Array, Array]:
     return x[last], y[last]
 
 
-def _steady(exponent: float, late: float) -> str | None:
+def _power_law(exponent: float, late: float) -> str | None:
     """Name the power of t that the whole and its last decade agree on."""
     for kind, (low, high) in _STEADY_BANDS.items():
         if low <= exponent <= high and low - _STEADY_SLACK <= late <= high + _STEADY_SLACK:
@@ -78,7 +82,7 @@ def _steady(exponent: float, late: float) -> str | None:
     return None
 
 
-def _wavering(exponent: float, late: float, slopes: Array) -> str | None:
+def _random_walk_like(exponent: float, late: float, slopes: Array) -> str | None:
     """Name what does not grow at the end, or grows as a random walk does, by fits and starts."""
     if exponent < _LARGEST_BOUNDED and late < _FLAT:
         return "bounded"

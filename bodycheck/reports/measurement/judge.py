@@ -22,12 +22,12 @@ from bodycheck.reports.measurement.measures import (
     reduced,
     series_of,
 )
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.scenarios.model import Scenario
 
 
-def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | None) -> dict[str, Any]:
+def judge_file(path: Path, scenario: Scenario, scenario_spec: str, cache: Cache | None) -> dict[str, Any]:
     """Return outcome, message and the measures of the trajectory in a file, like a row of results.csv.
 
     Raises InputError where the file is wrong, or its times are none of the scenario's.
@@ -36,7 +36,7 @@ def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | Non
     scene, t_s = scenario.scene, arrays["t_s"]
     if t_s[0] < 0.0 or t_s[-1] > scenario.duration_s * (1.0 + 1e-12):
         raise InputError(f"{path}: t_s must lie within 0 and the duration of {scenario.duration_s!r} s")
-    scales = Subject.of(scenario, asked_as, cache).scales
+    scales = Problem.of(scenario, scenario_spec, cache).scales
     truth = known_truth(scene, t_s, cache)
     trusted = t_s < truth.trusted_until_s
     if not trusted[0]:

@@ -78,7 +78,9 @@ class Compared:
     def balance(self) -> tuple[Array, float] | None:
         """E - E(0) - W (n,) and the error of W, in J; None where the samples resolve W too coarsely."""
         gained = self.motion.energy - self.motion.energy[0]
-        if not self.scene.timed_loads and not working_loads(self.scene, 0.0, self.scene.duration_s):
+        if not self.scene.piecewise_constant_loads and not working_loads(
+            self.scene, 0.0, self.scene.duration_s
+        ):
             return gained, 0.0
         done = work_done(self.scene, self.trajectory)
         if done is None:

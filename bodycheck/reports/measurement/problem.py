@@ -23,10 +23,10 @@ from bodycheck.scenarios.model import Scenario
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class Problem:
     """A scenario with its truth at the samples, energy and momentum along it, and its scales.
 
-    asked_as names it on the command line. compared: how many of the samples the truth can be trusted at;
+    scenario_spec names it on the command line. compared: how many of the samples the truth can be trusted at;
     beyond them a chaotic motion is compared with nothing.
     """
 
@@ -34,11 +34,11 @@ class Subject:
     truth: Truth
     motion: Motion
     scales: Scales
-    asked_as: str
+    scenario_spec: str
     compared: int
 
     @classmethod
-    def of(cls, scenario: Scenario, asked_as: str | Path, cache: Cache | None = None) -> Subject:
+    def of(cls, scenario: Scenario, scenario_spec: str | Path, cache: Cache | None = None) -> Problem:
         """Solve the truth at the scenario's samples, or take it from the cache.
 
         Raises InputError where the motion is beyond all doubles, or lost before the second sample.
@@ -47,16 +47,17 @@ class Subject:
         try:
             truth = known_truth(scene, scene.sample_times, cache)
         except ValueError as error:
-            raise InputError(f"{asked_as}: {error}") from None
+            raise InputError(f"{scenario_spec}: {error}") from None
         scales = scene_scales(scene, truth.trajectory)
         if not all(math.isfinite(scale) for scale in vars(scales).values()):
-            raise InputError(f"{asked_as}: its energy or momentum is beyond the range of double precision")
+            raise InputError(
+                f"{scenario_spec}: its energy or momentum is beyond the range of double precision"
+            )
         compared = int(np.count_nonzero(truth.trajectory.t_s < truth.trusted_until_s))
         if compared < 2:
-            raise InputError(
-                f"{asked_as}: the truth ends before the second sample, take more samples: {truth.end_reason}"
-            )
-        return cls(scenario, truth, Motion.of(scene, truth.trajectory), scales, str(asked_as), compared)
+            ends = f"the truth ends before the second sample, take more samples: {truth.end_reason}"
+            raise InputError(f"{scenario_spec}: {ends}")
+        return cls(scenario, truth, Motion.of(scene, truth.trajectory), scales, str(scenario_spec), compared)
 
     @property
     def times(self) -> Array:

@@ -21,7 +21,7 @@ _SPAN = 100.0  # the coarsest step asked for over the finest tried
 _FLAT_SPREAD = 2.0
 
 
-def next_step(
+def next_step_size(
     points: list[Point],
     how: Judged,
     listed: Sequence[float],

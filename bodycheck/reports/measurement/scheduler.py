@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from bodycheck.adapters.workers.engine_pool import Hosts
+from bodycheck.adapters.workers.engine_pool import EnginePool
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,21 +15,21 @@ class Task:
 
     engine: str
     cost: float
-    do: Callable[[Hosts], None]
+    do: Callable[[EnginePool], None]
 
 
-class _Board:
+class _TaskQueue:
     """What is still to be done; the dearest first, and with an engine that the strand has running already."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         self._open = sorted(tasks, key=lambda task: task.cost)
         self._lock = threading.Lock()
 
-    def next(self, hosts: Hosts) -> Task | None:
+    def next(self, engine_pool: EnginePool) -> Task | None:
         with self._lock:
             if not self._open:
                 return None
-            running = [i for i, task in enumerate(self._open) if task.engine in hosts]
+            running = [i for i, task in enumerate(self._open) if task.engine in engine_pool]
             return self._open.pop(running[-1] if running else self._farthest_behind())
 
     def _farthest_behind(self) -> int:
@@ -45,27 +45,27 @@ class _Board:
             self._open.clear()
 
 
-def share_out(tasks: Sequence[Task], jobs: int) -> None:
+def run_tasks(tasks: Sequence[Task], jobs: int) -> None:
     """Do all tasks, `jobs` of them at a time.
 
     What one of them raises ends the others and is raised here; so does an interrupt from the keyboard.
     """
-    board, raised = _Board(tasks), []
-    strands = [Hosts() for _ in range(max(1, min(jobs, len(tasks))))]
+    board, raised = _TaskQueue(tasks), []
+    strands = [EnginePool() for _ in range(max(1, min(jobs, len(tasks))))]
     ended = threading.Semaphore(0)
 
-    def work(hosts: Hosts) -> None:
+    def work(engine_pool: EnginePool) -> None:
         try:
-            while task := board.next(hosts):
-                task.do(hosts)
+            while task := board.next(engine_pool):
+                task.do(engine_pool)
         except BaseException as error:  # noqa: BLE001 - raised again by the thread that waits
             raised.append(error)
             board.clear()
         finally:
-            hosts.close()
+            engine_pool.close()
             ended.release()
 
-    threads = [threading.Thread(target=work, args=(hosts,), daemon=True) for hosts in strands]
+    threads = [threading.Thread(target=work, args=(engine_pool,), daemon=True) for engine_pool in strands]
     for thread in threads:
         thread.start()
     try:
@@ -73,8 +73,8 @@ def share_out(tasks: Sequence[Task], jobs: int) -> None:
             ended.acquire()
     finally:
         board.clear()
-        for hosts in strands:
-            hosts.stop()
+        for engine_pool in strands:
+            engine_pool.stop()
         for thread in threads:
             thread.join()
     if raised:

@@ -14,11 +14,11 @@ import numpy as np
 from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.workers import case_messages, protocol
-from bodycheck.adapters.workers.engine_pool import Hosts
+from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 
 _LAPS = 5
 _LAPS_OF_ONE_OF_MANY = 2
@@ -26,7 +26,7 @@ _YARDSTICK = ("reference", "rk4")
 
 
 @dataclass(frozen=True)
-class Quietness:
+class MachineNoise:
     """What is known of the machine while speeds were measured.
 
     core: the one that all of it ran on, None where processes cannot be pinned. spread: the yardstick's
@@ -38,7 +38,7 @@ class Quietness:
 
 
 def measure_speeds(
-    subjects: Sequence[Subject],
+    problems: Sequence[Problem],
     cases: Sequence[CaseResult],
     engines: Mapping[str, Engine],
     answers: Answers,
@@ -46,7 +46,7 @@ def measure_speeds(
     timeout_s: float,
     passes: int,
     case_done: Callable[[], None],
-) -> tuple[tuple[CaseResult, ...], Quietness]:
+) -> tuple[tuple[CaseResult, ...], MachineNoise]:
     """Return the cases with their speed, those that ended well; nothing else runs meanwhile.
 
     passes: how often all of them are timed, one pass after the other. Where another machine's load shares the
@@ -58,15 +58,15 @@ def measure_speeds(
     case's quickest lap over the yardstick's, both measured in turn. What disturbs a lap makes it longer: on a
     busy machine the quickest laps of two runs differ by half as much as the medians do.
     """
-    by_name = {subject.scenario.name: subject for subject in subjects}
+    by_name = {problem.scenario.name: problem for problem in problems}
     found: dict[int, Message] = {}
     core = _last_core()
     laps_each = _LAPS if passes == 1 else _LAPS_OF_ONE_OF_MANY
     with closing(_Clock(core, laps_each, timeout_s)) as clock:
         for done, (number, (place, result)) in enumerate(product(range(passes), enumerate(cases)), start=1):
             if result.ok:
-                subject, engine = by_name[result.columns["scenario"]], engines[result.columns["engine"]]
-                laps = _laps(subject, engine, result, answers, clock, again=number > 0)
+                problem, engine = by_name[result.columns["scenario"]], engines[result.columns["engine"]]
+                laps = _laps(problem, engine, result, answers, clock, again=number > 0)
                 found[place] = _together(found.get(place), laps)
             if done % passes == 0:
                 case_done()
@@ -75,17 +75,17 @@ def measure_speeds(
     ]
     yardsticks = [laps["yardstick_s"] for laps in found.values() if "lost" not in laps]
     spreads = [_spread(seconds) for seconds in yardsticks if min(seconds, default=0.0) > 0.0]
-    return tuple(timed), Quietness(core, float(np.median(spreads)) if spreads else None)
+    return tuple(timed), MachineNoise(core, float(np.median(spreads)) if spreads else None)
 
 
 def _laps(
-    subject: Subject, engine: Engine, result: CaseResult, answers: Answers, clock: _Clock, *, again: bool
+    problem: Problem, engine: Engine, result: CaseResult, answers: Answers, clock: _Clock, *, again: bool
 ) -> Message:
     """Return the laps of a case, measured now, or before this run was stopped; `again`: in any case now."""
-    case = Case(subject.scenario.scene, result.columns["method"], result.setting)
+    case = Case(problem.scenario.scene, result.columns["method"], result.setting)
     laps = None if again else answers.laps(engine, case)
     if laps is None:
-        laps = clock.laps(subject, engine, case)
+        laps = clock.laps(problem, engine, case)
         answers.keep_laps(engine, case, laps)
     return laps
 
@@ -110,26 +110,26 @@ class _Clock:
     """Engines on one core, timed lap by lap, in turn with the yardstick."""
 
     def __init__(self, core: int | None, laps: int, timeout_s: float) -> None:
-        self._hosts, self._laps, self._timeout_s = Hosts(core), laps, timeout_s
+        self._engine_pool, self._laps, self._timeout_s = EnginePool(core), laps, timeout_s
         self._yardstick = _Yardstick(core, timeout_s)
 
-    def laps(self, subject: Subject, engine: Engine, case: Case) -> Message:
+    def laps(self, problem: Problem, engine: Engine, case: Case) -> Message:
         """Return the times of the case's laps and of the yardstick's between them, or why there are none.
 
         What fails is tried once more: a worker that somebody killed was not at fault.
         """
-        self._yardstick.prepare(subject)
+        self._yardstick.prepare(problem)
         laps, failed = self._tried(engine, case)
         return self._tried(engine, case)[0] if failed else laps
 
     def _tried(self, engine: Engine, case: Case) -> tuple[Message, bool]:
-        answer = self._hosts.ask(engine.name, _preparation(case), self._timeout_s)
+        answer = self._engine_pool.ask(engine.name, _preparation(case), self._timeout_s)
         own: list[float] = []
         others: list[float] = []
         while answer.get("outcome") == "ok" and len(own) < self._laps:
             if (other := self._yardstick.lap()) is not None:
                 others.append(other)
-            answer = self._hosts.ask(engine.name, _LAP, self._timeout_s)
+            answer = self._engine_pool.ask(engine.name, _LAP, self._timeout_s)
             if answer.get("outcome") == "ok":
                 try:
                     own.append(protocol.lap_of(answer))
@@ -143,7 +143,7 @@ class _Clock:
 
     def close(self) -> None:
         """End the workers."""
-        self._hosts.close()
+        self._engine_pool.close()
         self._yardstick.close()
 
 
@@ -151,30 +151,30 @@ class _Yardstick:
     """The reference on the scenario that is being timed."""
 
     def __init__(self, core: int | None, timeout_s: float) -> None:
-        self._hosts, self._timeout_s = Hosts(core), timeout_s
-        self._prepared: Subject | None = None
+        self._engine_pool, self._timeout_s = EnginePool(core), timeout_s
+        self._prepared: Problem | None = None
 
-    def prepare(self, subject: Subject) -> None:
+    def prepare(self, problem: Problem) -> None:
         """Make it ready, unless it is."""
-        if self._prepared is not subject:
+        if self._prepared is not problem:
             engine, method = _YARDSTICK
-            case = Case(subject.scenario.scene, method, Setting(dt_s=min(subject.scenario.steps)))
-            answer = self._hosts.ask(engine, _preparation(case), self._timeout_s)
-            self._prepared = subject if answer.get("outcome") == "ok" else None
+            case = Case(problem.scenario.scene, method, Setting(dt_s=min(problem.scenario.steps)))
+            answer = self._engine_pool.ask(engine, _preparation(case), self._timeout_s)
+            self._prepared = problem if answer.get("outcome") == "ok" else None
 
     def lap(self) -> float | None:
         """Return one lap's time in s; None on a scenario that the yardstick cannot run."""
         if self._prepared is None:
             return None
         try:
-            return protocol.lap_of(self._hosts.ask(_YARDSTICK[0], _LAP, self._timeout_s))
+            return protocol.lap_of(self._engine_pool.ask(_YARDSTICK[0], _LAP, self._timeout_s))
         except protocol.ProtocolError:
             self._prepared = None
             return None
 
     def close(self) -> None:
         """End its worker."""
-        self._hosts.close()
+        self._engine_pool.close()
 
 
 def _with_speed(result: CaseResult, laps: Message) -> CaseResult:

@@ -11,7 +11,7 @@ from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stability_check import kinetic_limit
 from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.tables import WHO
 
 Searching: TypeAlias = Callable[[Engine, Search], StableStep]
@@ -24,7 +24,7 @@ _SEARCHED = ("ok", "unstable")
 
 
 def stability_row(
-    subject: Subject, engine: Engine, method: Method, cases: Sequence[CaseResult], search: Searching
+    problem: Problem, engine: Engine, method: Method, cases: Sequence[CaseResult], search: Searching
 ) -> dict[str, Any]:
     """Return the row of stability.csv but its run_id: a search, or why none could be made.
 
@@ -35,7 +35,7 @@ def stability_row(
     for case in cases:
         if case.columns["outcome"] not in _SEARCHED:
             return {**row, "outcome": case.columns["outcome"], "message": case.columns["message"]}
-    found = search(engine, _search(subject, method, cases))
+    found = search(engine, _search(problem, method, cases))
     return {
         **row,
         "dt_stable_s": found.stable_s,
@@ -48,21 +48,21 @@ def stability_row(
     }
 
 
-def _search(subject: Subject, method: Method, cases: Sequence[CaseResult]) -> Search:
+def _search(problem: Problem, method: Method, cases: Sequence[CaseResult]) -> Search:
     """From the coarsest step known to be stable up to a turn, or a quarter of the duration, in one step."""
-    scene = subject.scenario.scene
+    scene = problem.scenario.scene
     finest_first = sorted((case.dt_s or 0.0, case.ok) for case in cases)
     finest = start = finest_first[0][0]
     for step, stable in finest_first:
         if not stable:
             break
         start = step
-    omega = subject.scales.omega_scale_rad_s
+    omega = problem.scales.omega_scale_rad_s
     turn = 2.0 * math.pi / omega if omega > 0.0 else math.inf
     start = max(start, scene.duration_s / _MOST_STEPS)
     return Search(
         case=Case(scene, method.name, Setting(dt_s=start)),
         lowest_s=finest / _FINER,
         highest_s=max(min(turn, scene.duration_s / _LEAST_STEPS), start),
-        kinetic_limit_j=kinetic_limit(subject.motion.kinetic),
+        kinetic_limit_j=kinetic_limit(problem.motion.kinetic),
     )

@@ -26,8 +26,8 @@ from bodycheck.reports.measurement.convergence import (
 from bodycheck.reports.measurement.growth import Growth, growth_of
 from bodycheck.reports.measurement.measure_bounds import BOUND_KINDS, floor_of, relative
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, QUANTITIES, scale_of
-from bodycheck.reports.measurement.problem import Subject
-from bodycheck.reports.measurement.refinement import next_step
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.refinement import next_step_size
 from bodycheck.reports.measurement.stability import Searching, stability_row
 from bodycheck.reports.run_files.tables import WHO
 
@@ -47,7 +47,7 @@ class Study:
 
 
 def study(
-    subject: Subject,
+    problem: Problem,
     engine: Engine,
     method: Method,
     settings: Sequence[Setting],
@@ -65,7 +65,7 @@ def study(
     stepped = adaptive and method.control == "dt"
 
     def make(setting: Setting) -> CaseResult:
-        case = run_case(subject, engine, method, setting, ask)
+        case = run_case(problem, engine, method, setting, ask)
         _insert(cases, case)
         case_done()
         return case
@@ -73,28 +73,28 @@ def study(
     def stable_step() -> dict[str, Any] | None:
         if not stepped or search is None:
             return None
-        return stability_row(subject, engine, method, cases, search)
+        return stability_row(problem, engine, method, cases, search)
 
     for setting in settings:
         if make(setting).columns["outcome"] == "unsupported":
             # a scene that cannot be represented is so at every step
             return Study(tuple(cases), (), stable_step())
     asked = [setting.dt_s for setting in settings if setting.dt_s is not None]
-    while stepped and (step := _further_step(cases, subject, asked)) is not None:
+    while stepped and (step := _further_step(cases, problem, asked)) is not None:
         make(Setting(dt_s=step))
-    return Study(tuple(cases), tuple(_method_rows(cases, subject, method)), stable_step())
+    return Study(tuple(cases), tuple(_method_rows(cases, problem, method)), stable_step())
 
 
-def _further_step(cases: Sequence[CaseResult], subject: Subject, asked: Sequence[float]) -> float | None:
+def _further_step(cases: Sequence[CaseResult], problem: Problem, asked: Sequence[float]) -> float | None:
     """Return the step that the first undecided quantity needs, the orientation before all others."""
-    scene = subject.scenario.scene
+    scene = problem.scenario.scene
     for quantity in QUANTITIES:
         points = _points(cases, quantity)
-        how = _judged(cases, subject, quantity)
+        how = _judged(cases, problem, quantity)
         needs_order = quantity == ORIENTATION
         if not needs_order and not any(quantity in case.departures for case in cases):
             continue
-        step = next_step(
+        step = next_step_size(
             points, how, asked, scene.sample_interval_s, scene.duration_s, needs_order=needs_order
         )
         if step is not None:
@@ -102,30 +102,30 @@ def _further_step(cases: Sequence[CaseResult], subject: Subject, asked: Sequence
     return None
 
 
-def limit(subject: Subject, quantity: str) -> float:
+def limit(problem: Problem, quantity: str) -> float:
     """max(3 bound, eps sensitivity): an error below it is at the floor, in rad or of the scale."""
-    return max(floor_of(subject.columns, quantity), _round_off(subject, quantity))
+    return max(floor_of(problem.columns, quantity), _round_off(problem, quantity))
 
 
-def _round_off(subject: Subject, quantity: str) -> float:
+def _round_off(problem: Problem, quantity: str) -> float:
     """Return eps x sensitivity, over the scale of the quantity; 0 for what needs no truth."""
     if quantity not in BOUND_KINDS:
         return 0.0
-    round_off = subject.largest(getattr(subject.truth, f"round_off_{BOUND_KINDS[quantity]}"))
-    return relative(round_off, subject.columns, quantity)
+    round_off = problem.largest(getattr(problem.truth, f"round_off_{BOUND_KINDS[quantity]}"))
+    return relative(round_off, problem.columns, quantity)
 
 
-def _judged(cases: Sequence[CaseResult], subject: Subject, quantity: str) -> Judged:
+def _judged(cases: Sequence[CaseResult], problem: Problem, quantity: str) -> Judged:
     """Return how a quantity of these cases is judged."""
     ended = [case for case in cases if case.ok]
     steps = max((case.columns.get("steps") or 0 for case in ended), default=0)
     # what the finest case is too good for to be measured is not what coarser ones stopped at
     lost = bool(ended) and quantity not in ended[-1].columns
     return Judged(
-        floor=max([limit(subject, quantity), *(case.floors.get(quantity, 0.0) for case in ended)]),
-        growing=_round_off(subject, quantity) * math.sqrt(steps),
+        floor=max([limit(problem, quantity), *(case.floors.get(quantity, 0.0) for case in ended)]),
+        growing=_round_off(problem, quantity) * math.sqrt(steps),
         extrapolated=not any(SWITCH_NOTE in case.columns["message"] for case in ended),
-        judged="property" if subject.is_chaotic or lost else MEASURES[quantity].judged or "property",
+        judged="property" if problem.is_chaotic or lost else MEASURES[quantity].judged or "property",
     )
 
 
@@ -143,10 +143,10 @@ def _fineness(case: CaseResult) -> float:
 
 def _with_step_change(coarser: CaseResult, case: CaseResult) -> CaseResult:
     """Return the case with its largest angle to the next coarser one, where both ended well."""
-    columns = {name: value for name, value in case.columns.items() if name != "step_change_rad"}
+    columns = {name: value for name, value in case.columns.items() if name != "successive_difference_rad"}
     if case.ok and coarser.ok and case.trajectory is not None and coarser.trajectory is not None:
         change = geodesic_angle(coarser.trajectory.attitude, case.trajectory.attitude)
-        columns["step_change_rad"] = float(np.max(change))
+        columns["successive_difference_rad"] = float(np.max(change))
     return replace(case, columns=columns)
 
 
@@ -158,16 +158,16 @@ def _points(cases: Sequence[CaseResult], quantity: str) -> list[Point]:
     ]
 
 
-def _method_rows(cases: Sequence[CaseResult], subject: Subject, method: Method) -> Iterator[dict[str, Any]]:
+def _method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) -> Iterator[dict[str, Any]]:
     who = {name: cases[0].columns[name] for name in WHO}
     for quantity in QUANTITIES:
         if not _is_judged(cases, quantity):
             continue
         found: Convergence = _VERDICTS[method.control](
-            _points(cases, quantity), _judged(cases, subject, quantity)
+            _points(cases, quantity), _judged(cases, problem, quantity)
         )
-        growth = _growth(cases, subject, quantity, found.floor)
-        expected = _expected_order(cases, subject, method)
+        growth = _growth(cases, problem, quantity, found.floor)
+        expected = _expected_order(cases, problem, method)
         finest = _finest(cases, quantity)
         yield {
             **who,
@@ -179,7 +179,7 @@ def _method_rows(cases: Sequence[CaseResult], subject: Subject, method: Method) 
         }
 
 
-def _expected_order(cases: Sequence[CaseResult], subject: Subject, method: Method) -> int | None:
+def _expected_order(cases: Sequence[CaseResult], problem: Problem, method: Method) -> int | None:
     """Return the least order that theory has for any quantity; None where steps have none.
 
     Loads held over a step, and a step that carries the mean of a load that switches in it, make any method
@@ -187,7 +187,7 @@ def _expected_order(cases: Sequence[CaseResult], subject: Subject, method: Metho
     """
     if method.order is None or method.control != "dt":
         return None
-    held = bool(subject.scenario.scene.lasting_loads) and method.lasting == "held over the step"
+    held = bool(problem.scenario.scene.lasting_loads) and method.lasting == "held over the step"
     switched = any(SWITCH_NOTE in case.columns["message"] for case in cases)
     return min(method.order, 1) if held or switched else method.order
 
@@ -211,12 +211,12 @@ def _is_judged(cases: Sequence[CaseResult], quantity: str) -> bool:
     return quantity == ORIENTATION and any(case.columns["outcome"] == "unstable" for case in cases)
 
 
-def _growth(cases: Sequence[CaseResult], subject: Subject, quantity: str, floor: float) -> Growth:
+def _growth(cases: Sequence[CaseResult], problem: Problem, quantity: str, floor: float) -> Growth:
     """Return how a quantity grows in the finest case well above its floor, else in the finest."""
     sound = [case for case in cases if case.ok and case.columns.get(quantity, 1.0) < LARGEST_ERROR]
     if not sound:
         return Growth()
     telling = [case for case in sound if case.columns[quantity] > ABOVE_FLOOR * floor]
     case = (telling or sound)[-1]
-    relative = case.series[quantity] / scale_of(subject.columns, quantity)
-    return growth_of(subject.times, relative, floor_of(subject.columns, quantity))
+    relative = case.series[quantity] / scale_of(problem.columns, quantity)
+    return growth_of(problem.times, relative, floor_of(problem.columns, quantity))

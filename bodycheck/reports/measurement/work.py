@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads.loads_at import Moment, wrench_at
+from bodycheck.reference_impl.loads.loads_at import Instants, wrench_at
 from bodycheck.reference_impl.scene import (
-    BlackBox,
+    CallbackLoad,
     Drag,
     GravityGradient,
     Load,
@@ -32,7 +32,7 @@ def working_loads(scene: Scene, begin_s: float, end_s: float) -> list[Load]:
     lasting: list[Load] = []
     for load in scene.lasting_loads:
         match load:
-            case SineTorque() | Drag() | GravityGradient() | BlackBox():
+            case SineTorque() | Drag() | GravityGradient() | CallbackLoad():
                 lasting.append(load)
             case Spring() | TorsionSpring():
                 pass
@@ -104,7 +104,7 @@ def running_integral(samples: bytes, degree: int) -> Callable[[Array], Array]:
 
 def power(scene: Scene, loads: Sequence[Load], motion: Trajectory) -> Array:
     """P = F . v + tau . omega of these loads at every sample: (n,) in W."""
-    moment = Moment(
+    moment = Instants(
         t=motion.t_s,
         position=motion.position_m,
         rotation=motion.rotation_matrices,

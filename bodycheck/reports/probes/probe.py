@@ -12,7 +12,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Engine, Method, Setting, read_back_mismatch
 from bodycheck.adapters.execution import Answer, Case
-from bodycheck.adapters.stability_check import defect
+from bodycheck.adapters.stability_check import invalid_state
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.probes.finding import Finding, Sampled
@@ -129,7 +129,7 @@ def _probed(probe: Probe, engine: Engine, method: Method, tolerance: float | Non
         if answer.trajectory is None or answer.read_back is None:
             return _Probed(probe, reason=f"{answer.outcome}: {answer.message}")
         mismatch = mismatch or read_back_mismatch(scene, told, answer.read_back)
-        if reason := defect(answer.trajectory):
+        if reason := invalid_state(answer.trajectory):
             return _Probed(probe, reason=f"unstable: {reason}", mismatch=mismatch)
         motions.append(Sampled(scene, answer.trajectory))
     return _Probed(probe, tuple(motions), "", mismatch)

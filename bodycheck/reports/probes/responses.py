@@ -103,7 +103,7 @@ def gravity_finding(motions: Sequence[Sampled], resolution: float) -> Finding:
 def _alone_until(motions: Sequence[Sampled]) -> float:
     """Until when gravity is the only force: a torque adds nothing to the linear momentum."""
     scene = motions[0].scene
-    forces = (load.from_s for load in scene.timed_loads if isinstance(load, PointForce))
+    forces = (load.from_s for load in scene.piecewise_constant_loads if isinstance(load, PointForce))
     return min(forces, default=scene.duration_s)
 
 
@@ -131,7 +131,7 @@ def _loads(motions: Sequence[Sampled], momenta: Sequence[_Momenta], resolution: 
 
 def _loads_and_ends(scene: Scene) -> tuple[list[Timed], list[float]]:
     """Return the timed loads by their start, and until when nothing else acts after each."""
-    loads = sorted(scene.timed_loads, key=lambda load: load.from_s)
+    loads = sorted(scene.piecewise_constant_loads, key=lambda load: load.from_s)
     return loads, [*(load.from_s for load in loads[1:]), scene.duration_s]
 
 

@@ -17,8 +17,8 @@ from bodycheck.reports.measurement.measures import MEASURES, scale_of
 from bodycheck.reports.render.formatting import setting
 from bodycheck.reports.render.styles import Style, styles
 from bodycheck.reports.summary.run_tables import (
-    Findings,
     MethodKey,
+    RunTables,
     cases_by_method,
     common_step,
     key_of,
@@ -63,7 +63,7 @@ def check_picture(out: Path) -> None:
         raise UnavailableError("figures need matplotlib: pip install 'bodycheck[plot]'") from None
 
 
-def picture(run: Findings, figure: str, scenario: str, quantity: str, suffix: str) -> bytes:
+def picture(run: RunTables, figure: str, scenario: str, quantity: str, suffix: str) -> bytes:
     """Return a figure of one scenario as the bytes of an SVG or PNG file: equal for equal runs.
 
     figure: one of FIGURES, or STABILITY, which is of no quantity; that of drifts needs the motions. Raises
@@ -79,7 +79,7 @@ def picture(run: Findings, figure: str, scenario: str, quantity: str, suffix: st
     return shown.getvalue()
 
 
-def drawn_figure(run: Findings, figure: str, scenario: str, quantity: str) -> Figure:
+def drawn_figure(run: RunTables, figure: str, scenario: str, quantity: str) -> Figure:
     """Return a figure of one scenario, one line a method, before it is written; as picture does."""
     from matplotlib.figure import Figure
 

@@ -55,7 +55,7 @@ def render_report(run: Run) -> str:
     """Return the report of a run as one HTML page that needs nothing else, not even a network."""
     cells = summary_cells(run)
     drawn = styles(key_of(case.columns) for case in run.cases)
-    by_error = {error: costs(run.subjects, run.cases, error) for error in ERRORS}
+    by_error = {error: costs(run.problems, run.cases, error) for error in ERRORS}
     front = {error: fronts(found) for error, found in by_error.items()}
     return (
         environment()

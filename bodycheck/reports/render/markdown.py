@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.render.formatting import count
 from bodycheck.reports.summary.cells import Cell, overviews, summary_cells
-from bodycheck.reports.summary.run_tables import Findings, MethodKey
+from bodycheck.reports.summary.run_tables import MethodKey, RunTables
 from bodycheck.reports.summary.sentences import verdict_sentences
 from bodycheck.reports.summary.worst_results import worst_methods
 
 _MOST_METHODS = 24
 
 
-def markdown_summary(run: Findings) -> str:
+def markdown_summary(run: RunTables) -> str:
     """Return verdict, outcomes, the worst of each method with its command, the methods, and the machine."""
     manifest = run.manifest
     cells = summary_cells(run)
@@ -39,7 +39,7 @@ def markdown_summary(run: Findings) -> str:
     return "\n".join(lines)
 
 
-def _worst_lines(run: Findings) -> list[str]:
+def _worst_lines(run: RunTables) -> list[str]:
     worst = worst_methods(run)
     if not worst:
         return []
@@ -66,7 +66,7 @@ def _method_lines(cells: dict[str, dict[MethodKey, Cell]]) -> list[str]:
     return ["<details><summary>Methods</summary>", "", *table, "", "</details>", ""]
 
 
-def _machine_lines(run: Findings) -> list[str]:
+def _machine_lines(run: RunTables) -> list[str]:
     manifest = run.manifest
     there = {name: entry for name, entry in manifest["engines"].items() if "version" in entry}
     facts = (

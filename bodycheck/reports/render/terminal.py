@@ -28,7 +28,7 @@ def print_summary(run: Run) -> None:
     for engine in run.manifest["engines"].values():
         if "unavailable" in engine:
             out.print(Text(f"not measured: {engine['unavailable']}", style="yellow"))
-    for scenario in (subject.scenario for subject in run.subjects):
+    for scenario in (problem.scenario for problem in run.problems):
         for note in scenario.body.notes:
             out.print(Text(f"{scenario.name}: {note}", style="yellow"))
     cells = summary_cells(run)

@@ -17,9 +17,9 @@ from bodycheck.adapters.workers.protocol import read_back_of
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.measurement.case import CaseResult, asked_as, measured_by
+from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
 from bodycheck.reports.measurement.measures import Motion
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.manifest_schema import check_manifest
 from bodycheck.reports.run_files.tables import (
@@ -144,33 +144,33 @@ def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = No
     tables = read_tables(folder)
     cases = _with_read_backs(folder, tables.cases)
     solved = _subjects(folder, tables, cache, allow_code=allow_code)
-    subjects = {subject.scenario.name: subject for subject in solved}
+    problems = {problem.scenario.name: problem for problem in solved}
     return Run(
         run_id=tables.run_id,
         results=tables.results,
         methods=tables.methods,
         stability=tables.stability,
         manifest=tables.manifest,
-        subjects=tuple(subjects.values()),
-        cases=tuple(_with_motion(folder, subjects[case.columns["scenario"]], case) for case in cases),
+        problems=tuple(problems.values()),
+        cases=tuple(_with_motion(folder, problems[case.columns["scenario"]], case) for case in cases),
         probes=tables.probes,
     )
 
 
-def _subjects(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: bool) -> Iterator[Subject]:
+def _subjects(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: bool) -> Iterator[Problem]:
     commands = {case.columns["scenario"]: case.columns["reproduce"] for case in tables.cases}
     for name, told in tables.manifest["scenarios"].items():
         where = f"{folder / 'manifest.json'}: scenarios.{name}"
         scenario = as_written(told, where, allow_code=allow_code)
-        subject = Subject.of(scenario, asked_as(commands.get(name, "")) or name, cache)
+        problem = Problem.of(scenario, scenario_spec(commands.get(name, "")) or name, cache)
         path = folder / "trajectories" / file_name(name) / "truth.npz"
         stored = read_arrays(path)
-        if "quaternion" not in stored or len(stored["t_s"]) != len(subject.truth.trajectory.t_s):
+        if "quaternion" not in stored or len(stored["t_s"]) != len(problem.truth.trajectory.t_s):
             raise InputError(f"{path}: is not the truth of {name}")
-        gap = geodesic_angle(stored["quaternion"], subject.truth.trajectory.attitude)[: subject.compared]
-        if not np.all(gap <= 2.0 * subject.truth.bound_rad[: subject.compared]):
+        gap = geodesic_angle(stored["quaternion"], problem.truth.trajectory.attitude)[: problem.compared]
+        if not np.all(gap <= 2.0 * problem.truth.bound_rad[: problem.compared]):
             raise InputError(f"{path}: is not the truth that is solved for {name} now")
-        yield subject
+        yield problem
 
 
 def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[CaseResult]:
@@ -189,7 +189,7 @@ def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[Case
             raise InputError(f"{where}: is not what an engine held: {error!r}") from None
 
 
-def _with_motion(folder: Path, subject: Subject, case: CaseResult) -> CaseResult:
+def _with_motion(folder: Path, problem: Problem, case: CaseResult) -> CaseResult:
     """Return a case with its trajectory, if it has one, and its measures over time, if it ended well."""
     path = folder / "trajectories" / trajectory_file(case)
     if not case.ok and not path.exists():
@@ -201,11 +201,11 @@ def _with_motion(folder: Path, subject: Subject, case: CaseResult) -> CaseResult
         raise InputError(f"{path}: is no trajectory of a case: {error}") from None
     if not case.ok:
         return replace(case, trajectory=trajectory)
-    if not np.array_equal(trajectory.t_s, subject.truth.trajectory.t_s):
-        raise InputError(f"{path}: its times are not the samples of {subject.scenario.name}")
-    found = measured_by(subject, trajectory, Motion.of(subject.scenario.scene, trajectory))
+    if not np.array_equal(trajectory.t_s, problem.truth.trajectory.t_s):
+        raise InputError(f"{path}: its times are not the samples of {problem.scenario.name}")
+    found = measured_by(problem, trajectory, Motion.of(problem.scenario.scene, trajectory))
     angle, told = found.columns["orientation_error_rad"], case.columns.get("orientation_error_rad", math.nan)
-    slack = 2.0 * subject.largest(subject.truth.bound_rad)
+    slack = 2.0 * problem.largest(problem.truth.bound_rad)
     if not math.isclose(angle, told, rel_tol=_SAME, abs_tol=slack):
         raise InputError(f"{path}: is off by {angle:.4g} rad, but results.csv says {told:.4g} rad")
     return replace(found, columns=case.columns, trajectory=trajectory, read_back=case.read_back)

@@ -62,7 +62,7 @@ RESULT_COLUMNS = (
     *_SCALES,
     *(column for measure in MEASURES.values() for column in measure.columns),
     "invariant",
-    "step_change_rad",
+    "successive_difference_rad",
     *_TRUTH,
     *_SPEED,
 )
@@ -84,8 +84,8 @@ METHOD_COLUMNS = (
     "verdict",
     "growth",
     "growth_exponent",
-    "growth_low",
-    "growth_high",
+    "growth_exponent_low",
+    "growth_exponent_high",
 )
 STABILITY_COLUMNS = (
     "run_id",

@@ -66,10 +66,10 @@ def _write_files(run: Run, folder: Path) -> None:
     write_tables(run, folder)
     (folder / "report.html").write_text(render_report(run), encoding="utf-8")
     trajectories = folder / "trajectories"
-    for subject in run.subjects:
-        place = trajectories / file_name(subject.scenario.name)
+    for problem in run.problems:
+        place = trajectories / file_name(problem.scenario.name)
         place.mkdir(parents=True)
-        truth = subject.truth
+        truth = problem.truth
         bounds = {name: getattr(truth, name) for name in (f"bound_{q}" for q in QUANTITIES)}
         (place / "truth.npz").write_bytes(npz({**stored_arrays(truth.trajectory), **bounds}))
     for case in run.cases:

@@ -9,7 +9,7 @@ from typing import Any
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import joined, parted
-from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, asked_as
+from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.summary.cases_within import keeping, ladders_of, largest_error
 from bodycheck.reports.summary.run_tables import MethodKey
@@ -136,6 +136,6 @@ def _on_all(found: Mapping[str, Mapping[MethodKey, Option]]) -> dict[MethodKey, 
 
 def _command(key: MethodKey, each: Sequence[str]) -> str:
     """Return the one command that runs a method on the scenarios of several commands."""
-    asked = [name for command in each if (name := asked_as(command)) is not None]
+    asked = [name for command in each if (name := scenario_spec(command)) is not None]
     code = [ALLOW_CODE] if any(ALLOW_CODE in parted(command) for command in each) else []
     return joined(["bodycheck", "run", *asked, "--engine", ":".join(key), *code])

@@ -11,11 +11,11 @@ from bodycheck.reports.measurement.convergence import LARGEST_ROUND_OFF
 from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.summary.run_tables import MethodKey, cases_by_method
 
-Ladder: TypeAlias = Sequence[CaseResult]
+RefinementSequence: TypeAlias = Sequence[CaseResult]
 """The cases of one method on one scenario, the finest first."""
 
 
-def ladders_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], Ladder]:
+def ladders_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], RefinementSequence]:
     """Return the cases of each method on each scenario."""
     return {
         (scenario, key): sorted(own, key=lambda case: case.setting.fineness or 0.0)
@@ -32,7 +32,7 @@ def largest_error(case: CaseResult, quantity: str) -> float:
     return float(columns[quantity] + bound_of(columns, quantity))
 
 
-def keeping(ladder: Ladder, error: float, quantity: str) -> Iterator[CaseResult]:
+def keeping(ladder: RefinementSequence, error: float, quantity: str) -> Iterator[CaseResult]:
     """Yield the cases that keep the error, the finest first, down to a step that does not.
 
     A coarser step that keeps it all the same does so by luck. Below 1e-9 it is no luck: there finer steps

@@ -19,8 +19,8 @@ from bodycheck.reports.measurement.verdicts import (
 )
 from bodycheck.reports.render.formatting import number
 from bodycheck.reports.summary.run_tables import (
-    Findings,
     MethodKey,
+    RunTables,
     cases_by_method,
     common_step,
     key_of,
@@ -106,7 +106,7 @@ def _detail(cases: Sequence[CaseResult], row: Mapping[str, Any] | None) -> str:
     return "; ".join(parts)
 
 
-def summary_cells(run: Findings) -> dict[str, dict[MethodKey, Cell]]:
+def summary_cells(run: RunTables) -> dict[str, dict[MethodKey, Cell]]:
     """Return the cells by scenario, then by engine and method, in the order of the run."""
     by_scenario: dict[str, dict[MethodKey, list[CaseResult]]] = {n: {} for n in run.manifest["scenarios"]}
     by_scenario |= cases_by_method(run.cases)

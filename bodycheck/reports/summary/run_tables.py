@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.tables import no_probes
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class Run:
     methods: pd.DataFrame
     stability: pd.DataFrame
     manifest: dict[str, Any]
-    subjects: tuple[Subject, ...]
+    problems: tuple[Problem, ...]
     cases: tuple[CaseResult, ...]
     probes: pd.DataFrame = field(default_factory=no_probes)
 
@@ -41,7 +41,7 @@ MethodKey: TypeAlias = tuple[str, str]
 """Engine and method."""
 
 
-class Findings(Protocol):
+class RunTables(Protocol):
     """A run, or the tables of one."""
 
     @property

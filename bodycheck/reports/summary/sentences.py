@@ -6,13 +6,13 @@ from collections.abc import Mapping
 
 from bodycheck.reports.render.formatting import count, names
 from bodycheck.reports.summary.cells import Cell
-from bodycheck.reports.summary.run_tables import Findings, MethodKey
+from bodycheck.reports.summary.run_tables import MethodKey, RunTables
 from bodycheck.reports.summary.worst_results import MethodResults, faulty, headline, worst_methods
 
 _UNDECIDED = ("pre-asymptotic", "too-few-points", "chaotic")
 
 
-def verdict_sentences(run: Findings, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> list[str]:
+def verdict_sentences(run: RunTables, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> list[str]:
     """Return what the run found, in a few sentences; every method that something was found of is named."""
     found = worst_methods(run)
     sentences = [headline(found), _as_they_should(cells, found), _undecided(cells), _properties(found)]

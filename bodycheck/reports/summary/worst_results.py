@@ -12,7 +12,7 @@ from typing import Any
 from bodycheck.reports.render.formatting import count, number, step
 from bodycheck.reports.summary.cases_within import ladders_of
 from bodycheck.reports.summary.cells import faults_of, summary_cells
-from bodycheck.reports.summary.run_tables import Findings, key_of
+from bodycheck.reports.summary.run_tables import RunTables, key_of
 
 _WORST_FIRST = (
     "invalid",
@@ -71,7 +71,7 @@ class MethodResults:
         return self.worst.sentence + (f"; {count(more, 'more finding')}" if more else "")
 
 
-def worst_results(run: Findings) -> list[Result]:
+def worst_results(run: RunTables) -> list[Result]:
     """Return all that was found, the worst first; what repeats in several scenarios is one result."""
     found: dict[tuple[str, str, str], list[Result]] = {}
     for one in (*_broken(run), *_judged(run), *_probed(run)):
@@ -80,7 +80,7 @@ def worst_results(run: Findings) -> list[Result]:
     return sorted(together, key=lambda one: (_WORST_FIRST.index(one.kind), -one.size))
 
 
-def worst_methods(run: Findings) -> list[MethodResults]:
+def worst_methods(run: RunTables) -> list[MethodResults]:
     """Return the methods that something was found of, each once, that with the worst first."""
     by_method: dict[str, list[Result]] = {}
     for one in worst_results(run):
@@ -103,7 +103,7 @@ def _together(alike: list[Result]) -> Result:
     )
 
 
-def _broken(run: Findings) -> Iterator[Result]:
+def _broken(run: RunTables) -> Iterator[Result]:
     commands = {
         (case.columns["scenario"], key_of(case.columns), case.columns["outcome"], case.setting.fineness): case
         for case in run.cases
@@ -118,7 +118,7 @@ def _broken(run: Findings) -> Iterator[Result]:
         )
 
 
-def _judged(run: Findings) -> Iterator[Result]:
+def _judged(run: RunTables) -> Iterator[Result]:
     ladders = ladders_of(run.cases)
     for scenario, methods in summary_cells(run).items():
         for key, cell in methods.items():
@@ -132,7 +132,7 @@ def _judged(run: Findings) -> Iterator[Result]:
                 yield Result(kind, method, one.quantity, one.text, command, (scenario,), one.size or 0.0)
 
 
-def _probed(run: Findings) -> Iterator[Result]:
+def _probed(run: RunTables) -> Iterator[Result]:
     """Yield the checks of probes that a method did not pass."""
     rows: list[Any] = run.probes.to_dict("records")
     for row in rows:

@@ -108,7 +108,7 @@ def test_what_has_no_scale_is_measured_by_its_own_size() -> None:
     for roundings, told in ((4.0, 0), (100.0, 1)):
         after = {"energy_drift_abs": large * (1.0 + roundings * EPS)}
         found = accuracies({"energy_drift_abs": large}, after)
-        assert [one.what for one in found] == told * ["energy_drift_abs"]
+        assert [one.quantity for one in found] == told * ["energy_drift_abs"]
 
 
 def test_a_body_that_does_not_turn_can_be_compared() -> None:
@@ -117,7 +117,7 @@ def test_a_body_that_does_not_turn_can_be_compared() -> None:
     before = {**still, "rotational_energy_drift_abs": 1e-20}
     assert accuracies(before, before) == []
     (worse,) = accuracies(before, {**still, "rotational_energy_drift_abs": 1e-19})
-    assert (worse.what, worse.status) == ("rotational_energy_drift_abs", "worse")
+    assert (worse.quantity, worse.status) == ("rotational_energy_drift_abs", "worse")
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_a_stable_step_moved_by_the_ratio_of_the_stable_ones(
     assert found is not None
     direction, decades = told
     texts = (old[0] or "none", new[0] or "none")
-    assert (found.kind, found.what, found.before, found.after) == ("stability", "dt_stable_s", *texts)
+    assert (found.kind, found.quantity, found.before, found.after) == ("stability", "dt_stable_s", *texts)
     assert found.status == direction
     assert found.decades == (None if decades is None else pytest.approx(decades))
 
@@ -277,7 +277,7 @@ def test_a_method_is_slower_where_three_quarters_of_its_cases_are_beyond_the_noi
     assert list(speed_changes(moved(*4 * [sign * slack]), (0.1, 0.2), 0.02)) == []
     (found,) = speed_changes(moved(*4 * [sign * beyond]), (0.1, 0.2), 0.02)
     assert found.status == ("worse" if sign > 0.0 else "improved")
-    assert (found.kind, found.scenario, found.what) == ("speed", None, "relative_cpu")
+    assert (found.kind, found.scenario, found.quantity) == ("speed", None, "relative_cpu")
     assert (found.before, found.after, found.decades) == (None, None, pytest.approx(2.0 * sign * slack))
     assert len(list(speed_changes(moved(*3 * [sign], 0.0), (0.1, 0.2), 0.02))) == 1
     assert len(list(speed_changes(moved(sign), (0.1, 0.2), 0.02))) == 1
@@ -411,7 +411,7 @@ def test_an_outcome_is_good_or_not(old: str, new: str, direction: str) -> None:
     """Between two ways of failing neither is the better, and no accuracy is compared beside it."""
     (found,) = compare(run({"outcome": old}), run({"outcome": new, ERROR: 1.0})).changes
     assert found == change(
-        kind="outcome", what="outcome", before=old, after=new, status=direction, decades=None
+        kind="outcome", quantity="outcome", before=old, after=new, status=direction, decades=None
     )
 
 

@@ -79,7 +79,12 @@ def test_a_change_of_a_billionth_is_named_and_no_other(tables: Tables, measure: 
     where = of(scenario, "m1", 0.01)
     before = with_rows(tables, where, lambda row: row | {measure: 1e-3})
     (change,) = compare(before, planted(before, where, **{measure: amount})).changes
-    assert (change.what, change.scenario, change.method, change.fineness) == (measure, scenario, "m1", 0.01)
+    assert (change.quantity, change.scenario, change.method, change.fineness) == (
+        measure,
+        scenario,
+        "m1",
+        0.01,
+    )
     assert change.status == "moved"
     assert change.decades == pytest.approx(amount / 1e-3 / np.log(10.0), rel=1e-5)
 
@@ -106,7 +111,7 @@ def test_a_planted_change_is_weighed_by_its_size(
     before = with_rows(tables, where, lambda row: row | {measure: 1e-3})
     after = with_rows(before, where, lambda row: row | {measure: factor * row[measure]})
     found = compare(before, after).changes
-    assert [(change.what, change.status) for change in found] == ([(measure, status)] if status else [])
+    assert [(change.quantity, change.status) for change in found] == ([(measure, status)] if status else [])
     assert [mirrored(change) for change in found] == list(compare(after, before).changes)
 
 
@@ -170,7 +175,7 @@ def test_a_measure_that_is_gone_is_told(tables: Tables) -> None:
         lambda row: {name: value for name, value in row.items() if name != "energy_drift"},
     )
     change = compare(tables, gone).changes[0]
-    assert (change.what, change.after, change.status) == ("energy_drift", None, "missing")
+    assert (change.quantity, change.after, change.status) == ("energy_drift", None, "missing")
 
 
 def test_cases_of_one_run_alone_are_told(tables: Tables) -> None:
@@ -222,7 +227,7 @@ def test_a_stable_step_changed_where_the_two_searches_cannot_mean_one(
 
     before, after = with_span(0.5, 0.505), with_span(*span)
     found = compare(before, after).changes
-    assert [(change.what, change.status) for change in found] == (
+    assert [(change.quantity, change.status) for change in found] == (
         [("dt_stable_s", direction)] if direction else []
     )
     assert [mirrored(change) for change in found] == list(compare(after, before).changes)

@@ -203,7 +203,7 @@ def test_an_instant_error_is_weighed_against_its_maximum_over_time() -> None:
     before = run({ERROR: 1e-2, final: 1e-9})
     for now, status in ((1e-4, "moved"), (1e-3, "worse")):
         (change,) = compare(before, run({ERROR: 1e-2, final: now})).changes
-        assert (change.what, change.status) == (final, status)
+        assert (change.quantity, change.status) == (final, status)
 
 
 def test_round_off_that_drifts_accuses_nobody() -> None:
@@ -230,7 +230,7 @@ def test_a_balance_that_the_samples_cannot_resolve_is_not_missing() -> None:
     there, empty = run({"energy_balance": 1e-9}), run({})
     assert compare(there, empty).changes == compare(empty, there).changes == ()
     gone = compare(run({"omega_error": 1e-9}), empty).changes
-    assert [(one.what, one.status) for one in gone] == [("omega_error", "missing")]
+    assert [(one.quantity, one.status) for one in gone] == [("omega_error", "missing")]
 
 
 def test_each_measure_has_its_own_threshold() -> None:
@@ -246,7 +246,7 @@ def test_each_measure_has_its_own_threshold() -> None:
         )
         for place, factor in enumerate((1.0, 1.3))
     )
-    found = {(one.kind, one.what): one.status for one in compare(before, after, thresholds).changes}
+    found = {(one.kind, one.quantity): one.status for one in compare(before, after, thresholds).changes}
     assert found == {
         ("accuracy", ERROR): "worse",
         ("accuracy", "energy_drift"): "moved",

@@ -165,7 +165,7 @@ def test_two_versions_of_an_engine_are_compared_under_one_name() -> None:
     """In the cases, and in all three tables; nothing else is another."""
     stable = {"scenario": "brick", "engine": "mujoco==3", "method": "rk4", "outcome": "ok"}
     tables = run({"engine": "mujoco==3"}, methods=[{"engine": "mujoco==3"}], stability=[stable])
-    made = Run(**vars(tables), subjects=())
+    made = Run(**vars(tables), problems=())
     found = under_one_name(made, "mujoco")
     assert {table["engine"].item() for table in (found.results, found.methods, found.stability)} == {"mujoco"}
     assert [case.columns["engine"] for case in found.cases] == ["mujoco"]

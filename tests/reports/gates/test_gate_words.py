@@ -241,7 +241,7 @@ def test_json_has_every_number_in_full() -> None:
     [
         ("energy_drift", Measure("results", "energy_drift")),
         ("energy_drift_abs", Measure("results", "energy_drift_abs")),
-        ("step_change_rad", Measure("results", "step_change_rad")),
+        ("successive_difference_rad", Measure("results", "successive_difference_rad")),
         ("steps", Measure("results", "steps", in_decades=False)),
         ("rhs_evaluations", Measure("results", "rhs_evaluations", in_decades=False)),
         ("cpu_s", Measure("results", "cpu_s", is_speed=True)),

@@ -26,7 +26,7 @@ def test_night_that_cannot_be_judged_is_stored(night_run: Run, tmp_path: Path) -
     with pytest.raises(InputError, match="is damaged"):
         store_night(run_of_night(night_run, 1, outcomes={"ok": 1}), History(tmp_path))
     nights = History(tmp_path).nights()
-    assert [told_of(night)["status"] for night in nights] == ["past too thin", "not judged"]
+    assert [told_of(night)["status"] for night in nights] == ["insufficient history", "not judged"]
     (judged,) = stored(night_run, tmp_path, [unchanged], first=2)
     assert judged.comparison is not None
     assert judged.comparison.before.run_id == nights[0].name

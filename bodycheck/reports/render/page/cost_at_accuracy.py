@@ -10,9 +10,9 @@ import numpy as np
 
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.formatting import number
-from bodycheck.reports.summary.cases_within import Ladder, keeping, ladders_of
+from bodycheck.reports.summary.cases_within import RefinementSequence, keeping, ladders_of
 from bodycheck.reports.summary.run_tables import MethodKey
 
 ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")
@@ -33,9 +33,9 @@ class Cheapest:
     of_engines: CaseResult | None
 
 
-def cheapest_cases(subject: Subject, cases: Sequence[CaseResult], error: str) -> list[Cheapest]:
+def cheapest_cases(problem: Problem, cases: Sequence[CaseResult], error: str) -> list[Cheapest]:
     """Return the cheapest cases of one scenario for each decade above its floor that any case keeps."""
-    floor, ladders = floor_of(subject.columns, error), ladders_of(cases)
+    floor, ladders = floor_of(problem.columns, error), ladders_of(cases)
     engines = [ladder for (_, (engine, _)), ladder in ladders.items() if engine != _REFERENCE]
     found = []
     for target in TARGETS:
@@ -45,7 +45,7 @@ def cheapest_cases(subject: Subject, cases: Sequence[CaseResult], error: str) ->
     return found
 
 
-def _cheapest(ladders: Iterable[Ladder], error: str, target: float) -> CaseResult | None:
+def _cheapest(ladders: Iterable[RefinementSequence], error: str, target: float) -> CaseResult | None:
     kept = (case for ladder in ladders for case in keeping(ladder, target, error))
     timed = (case for case in kept if "cpu_s" in case.columns)
     return min(timed, key=lambda case: case.columns["cpu_s"], default=None)
@@ -69,14 +69,14 @@ class Cost:
 
 
 def costs(
-    subjects: Sequence[Subject], cases: Iterable[CaseResult], error: str
+    problems: Sequence[Problem], cases: Iterable[CaseResult], error: str
 ) -> dict[MethodKey, list[Cost]]:
     """Return the costs of every method whose speed was measured, for each decade of the error."""
-    by_method: dict[MethodKey, dict[str, Ladder]] = {}
+    by_method: dict[MethodKey, dict[str, RefinementSequence]] = {}
     for (scenario, key), ladder in ladders_of(cases).items():
         if any(case.columns["outcome"] != "unsupported" for case in ladder):
             by_method.setdefault(key, {})[scenario] = ladder
-    floors = {subject.scenario.name: floor_of(subject.columns, error) for subject in subjects}
+    floors = {problem.scenario.name: floor_of(problem.columns, error) for problem in problems}
     found = {}
     for key, ladders in by_method.items():
         if any("cpu_s" in case.columns for ladder in ladders.values() for case in ladder):
@@ -90,7 +90,9 @@ def costs(
     return found
 
 
-def _cost(key: MethodKey, target: float, error: str, told: Sequence[tuple[float, Ladder]]) -> Cost | None:
+def _cost(
+    key: MethodKey, target: float, error: str, told: Sequence[tuple[float, RefinementSequence]]
+) -> Cost | None:
     """told: of each scenario its floor and its cases."""
     seconds = [_price(ladder, target, error) for floor, ladder in told if target >= floor]
     if not seconds:
@@ -100,7 +102,7 @@ def _cost(key: MethodKey, target: float, error: str, told: Sequence[tuple[float,
     return Cost(key, target, median, low, high, sum(map(math.isfinite, seconds)), len(seconds))
 
 
-def _price(ladder: Ladder, target: float, error: str) -> float:
+def _price(ladder: RefinementSequence, target: float, error: str) -> float:
     """Return the least processor seconds a simulated second that keep an error; infinite where none do."""
     prices = (
         case.columns["cpu_s"] / case.columns["duration_s"]

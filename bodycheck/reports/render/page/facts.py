@@ -10,7 +10,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import ReadBack, Reading
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.render import formatting
 from bodycheck.reports.render.formatting import number
@@ -48,9 +48,9 @@ def _known(value: float) -> float | None:
     return value if value == value else None
 
 
-def scenario_facts(subject: Subject) -> list[tuple[str, str]]:
+def scenario_facts(problem: Problem) -> list[tuple[str, str]]:
     """Return what is simulated and what it is measured with, as terms and their texts."""
-    scenario, scene, truth = subject.scenario, subject.scenario.scene, subject.truth
+    scenario, scene, truth = problem.scenario, problem.scenario.scene, problem.truth
     bounds = {
         "rad": truth.bound_rad,
         "of the energy": truth.bound_energy,
@@ -59,7 +59,7 @@ def scenario_facts(subject: Subject) -> list[tuple[str, str]]:
         "m": truth.bound_m,
         "m/s": truth.bound_m_s,
     }
-    bound = ", ".join(f"{formatting.number(subject.largest(b), 2)} {unit}" for unit, b in bounds.items())
+    bound = ", ".join(f"{formatting.number(problem.largest(b), 2)} {unit}" for unit, b in bounds.items())
     facts = [
         ("Source", scenario.source),
         ("Tags", ", ".join(scenario.tags)),

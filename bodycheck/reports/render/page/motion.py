@@ -14,7 +14,7 @@ from bodycheck.reference_impl.rotations import matrix_to_quaternion
 from bodycheck.reference_impl.scene import RigidBody
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.page.downsampling import packed, rounded
 from bodycheck.reports.summary.run_tables import MethodKey, key_of
 
@@ -25,7 +25,7 @@ _THINNEST = 0.06  # of the longest edge: a plate without thickness could not be 
 
 
 def motion_view(
-    subject: Subject, cases: Sequence[CaseResult], numbers: Mapping[MethodKey, int]
+    problem: Problem, cases: Sequence[CaseResult], numbers: Mapping[MethodKey, int]
 ) -> dict[str, Any] | None:
     """Return what the view of one scenario needs: its body, the truth, one track a shown method.
 
@@ -35,15 +35,15 @@ def motion_view(
     shown = shown_cases(cases, at_s)
     if at_s is None or not shown:
         return None
-    inertia = turning_inertia(subject.scenario.scene)
+    inertia = turning_inertia(problem.scenario.scene)
     moments, axes = principal_frame(inertia)
-    frames = frame_numbers(subject.compared)
+    frames = frame_numbers(problem.compared)
     return {
         "dt": at_s,
-        "t": [float(f"{t:.6g}") for t in subject.times[frames]],
+        "t": [float(f"{t:.6g}") for t in problem.times[frames]],
         "moments": moments.tolist(),
-        "corners": _rounded(box_corners(subject.scenario.scene.body) @ axes),
-        "truth": _track(subject.truth.trajectory, axes, frames),
+        "corners": _rounded(box_corners(problem.scenario.scene.body) @ axes),
+        "truth": _track(problem.truth.trajectory, axes, frames),
         "methods": [
             {"m": numbers[key_of(case.columns)], **_track(case.trajectory, axes, frames)}
             for case in shown

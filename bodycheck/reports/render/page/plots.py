@@ -9,7 +9,7 @@ from typing import Any
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.measures import MEASURES, scale_of
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.formatting import number
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cost
 from bodycheck.reports.render.page.downsampling import packed_line, rounded, thinned_times
@@ -48,7 +48,7 @@ _FIRST_MEASURES = ("energy_drift", "angular_momentum_drift", "orientation_error_
 
 
 def plot_data(
-    subject: Subject,
+    problem: Problem,
     cases: Sequence[CaseResult],
     method_rows: Iterable[Mapping[str, Any]],
     drawn: Mapping[MethodKey, Style],
@@ -60,20 +60,20 @@ def plot_data(
     at which drifts are shown over time. Values have 4 digits or more: they are drawn, not read.
     """
     index = {key: style.number for key, style in drawn.items()}
-    by_method = cases_by_method(cases).get(subject.scenario.name, {})
+    by_method = cases_by_method(cases).get(problem.scenario.name, {})
     standing = ((index[key], shown_case(own, at_s)) for key, own in by_method.items())
     shown = {m: case for m, case in standing if case is not None}
     return {
         "errors": [
             {
                 "name": error,
-                "floor": rounded(floor_of(subject.columns, error)),
+                "floor": rounded(floor_of(problem.columns, error)),
                 "fits": _fits(method_rows, error, index),
             }
             for error in ERRORS
         ],
-        "t": [rounded(t) for t in thinned_times(subject.times)],
-        "drifts": _drifts(subject, shown, _growths(method_rows, index)),
+        "t": [rounded(t) for t in thinned_times(problem.times)],
+        "drifts": _drifts(problem, shown, _growths(method_rows, index)),
         "missing": [_mark(m, case) for m, case in shown.items() if not case.ok],
         "ranks": ranks(cases, drawn),
         "points": [_point(index[key_of(case.columns)], case) for case in cases if case.ok],
@@ -82,13 +82,13 @@ def plot_data(
 
 
 def _drifts(
-    subject: Subject, shown: Mapping[int, CaseResult], growths: Mapping[str, Mapping[int, str]]
+    problem: Problem, shown: Mapping[int, CaseResult], growths: Mapping[str, Mapping[int, str]]
 ) -> list[dict[str, Any]]:
     """Return every measure over time that some method has: its name, one line a method, how it grows."""
     measures = dict.fromkeys((*_FIRST_MEASURES, *(name for case in shown.values() for name in case.series)))
     drifts = []
     for measure in measures:
-        scale = scale_of(subject.columns, measure)
+        scale = scale_of(problem.columns, measure)
         name = measure if scale > 0.0 else f"{measure}_abs, {MEASURES[measure].unit}"
         lines = {
             m: packed_line(case.series[measure] / (scale or 1.0))

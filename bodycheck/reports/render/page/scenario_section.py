@@ -9,7 +9,7 @@ from typing import Any
 from urllib.parse import quote
 
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.problem import Subject
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cheapest, cheapest_cases
 from bodycheck.reports.render.page.facts import Limit, limit_of, read_back_facts, scenario_facts
 from bodycheck.reports.render.page.motion import motion_view
@@ -97,7 +97,7 @@ class CellPart:
 class Section:
     """What the page shows of one scenario."""
 
-    subject: Subject
+    problem: Problem
     parts: Mapping[MethodKey, CellPart]
     at_s: float | None
     plots: Mapping[str, Any]
@@ -107,7 +107,7 @@ class Section:
     @property
     def name(self) -> str:
         """The scenario's name."""
-        return self.subject.scenario.name
+        return self.problem.scenario.name
 
     @property
     def anchor(self) -> str:
@@ -117,7 +117,7 @@ class Section:
     @property
     def facts(self) -> list[tuple[str, str]]:
         """What is simulated and what it is measured with, as terms and their texts."""
-        return scenario_facts(self.subject)
+        return scenario_facts(self.problem)
 
     @cached_property
     def cases(self) -> list[CaseResult]:
@@ -169,7 +169,7 @@ def sections_of(
     run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]], drawn: Mapping[MethodKey, Style]
 ) -> list[Section]:
     """Return the sections of a run, in its order; drawn: how each method is drawn."""
-    cases: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.subjects}
+    cases: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.problems}
     cases |= cases_by_method(run.cases)
     rows: dict[str, list[Mapping[str, Any]]] = {name: [] for name in cases}
     told: list[Any] = run.methods.to_dict("records")
@@ -180,14 +180,14 @@ def sections_of(
     for row in searched:
         stable[row["scenario"]][key_of(row)] = row
     return [
-        _section(subject, cells[name], cases[name], rows[name], stable[name], drawn)
-        for subject in run.subjects
-        for name in (subject.scenario.name,)
+        _section(problem, cells[name], cases[name], rows[name], stable[name], drawn)
+        for problem in run.problems
+        for name in (problem.scenario.name,)
     ]
 
 
 def _section(
-    subject: Subject,
+    problem: Problem,
     cells: Mapping[MethodKey, Cell],
     by_method: Mapping[MethodKey, Sequence[CaseResult]],
     rows: Sequence[Mapping[str, Any]],
@@ -198,7 +198,7 @@ def _section(
     at_s = common_step(all_cases)
     parts = {
         key: CellPart(
-            scenario=subject.scenario.name,
+            scenario=problem.scenario.name,
             key=key,
             cell=cells[key],
             cases=tuple(own),
@@ -209,10 +209,10 @@ def _section(
         for key, own in by_method.items()
     }
     return Section(
-        subject=subject,
+        problem=problem,
         parts=parts,
         at_s=at_s,
-        plots=plot_data(subject, all_cases, rows, drawn, at_s),
-        cheapest={error: cheapest_cases(subject, all_cases, error) for error in ERRORS},
-        motion=motion_view(subject, all_cases, {key: style.number for key, style in drawn.items()}),
+        plots=plot_data(problem, all_cases, rows, drawn, at_s),
+        cheapest={error: cheapest_cases(problem, all_cases, error) for error in ERRORS},
+        motion=motion_view(problem, all_cases, {key: style.number for key, style in drawn.items()}),
     )
