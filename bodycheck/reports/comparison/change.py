@@ -52,8 +52,8 @@ class Change:
     """What a case, or a method on a scenario, was before, and what it is after.
 
     quantity: the measure, or `outcome`, `verdict of <quantity>`, `order of <quantity>`, `dt_stable_s`,
-    `stable step: search`, `relative_cpu`; of a case that only one run has, `case`. status: worse or improved beyond
-    the threshold, moved by less, new or missing. control, fineness: the step or the tolerance; None where all
+    `stable step: search`, `relative_cpu`; of a case that only one run has, `case`. status: worse or improved
+    beyond the threshold, moved by less, new or missing. control, fineness: the step or the tolerance; None where all
     of a method's are meant. scenario: None where all of them are meant. before, after: None where there is
     nothing. decades: log10 of after over before, of what has a size.
     """

@@ -31,7 +31,7 @@ _HEADLINES = {
     "regression": "Regression: something became worse, or is not measured any more.",
     "no regression": "No regression.",
     "nothing measured": "No case ended well: nothing was measured.",
-    "insufficient history": "Insufficient history: no run on a machine like this one has cases to compare with.",
+    "insufficient history": "Insufficient history: no run on a similar machine has cases to compare with.",
 }
 
 
