@@ -58,6 +58,7 @@ def ended(outcome: str, method: str = "m1", dt_s: float = 0.01) -> Change:
     def change(results: pd.DataFrame) -> pd.DataFrame:
         mine = of(results, method, dt_s)
         kept = ["run_id", "scenario", "engine", "engine_version", "method", "control", "dt_s", "reproduce"]
+        kept.append("reused")  # a yes or no is never missing
         results.loc[mine, [name for name in results.columns if name not in kept]] = None
         results.loc[mine, "outcome"] = outcome
         return results
