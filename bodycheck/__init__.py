@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from bodycheck._util.errors import BodycheckError, InputError, UnavailableError
     from bodycheck.adapters.registry import register_adapter
     from bodycheck.adapters.step_function import StepState
-    from bodycheck.reports.run_files.writer import write_run
-    from bodycheck.reports.summary.run_tables import Run
+    from bodycheck.reports.run_files.run_tables import Run
+    from bodycheck.runs.directory import write_run
     from bodycheck.runs.runner import judge, run, truth
     from bodycheck.scenarios.library import load_scenario
 
@@ -34,7 +34,7 @@ __all__ = [
 _HOMES = {
     "BodycheckError": "bodycheck._util.errors",
     "InputError": "bodycheck._util.errors",
-    "Run": "bodycheck.reports.summary.run_tables",
+    "Run": "bodycheck.reports.run_files.run_tables",
     "StepState": "bodycheck.adapters.step_function",
     "UnavailableError": "bodycheck._util.errors",
     "judge": "bodycheck.runs.runner",
@@ -42,7 +42,7 @@ _HOMES = {
     "register_adapter": "bodycheck.adapters.registry",
     "run": "bodycheck.runs.runner",
     "truth": "bodycheck.runs.runner",
-    "write_run": "bodycheck.reports.run_files.writer",
+    "write_run": "bodycheck.runs.directory",
 }
 
 

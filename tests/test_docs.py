@@ -21,8 +21,8 @@ from doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, 
 
 import bodycheck
 from bodycheck.cli.main import app
-from bodycheck.reports.comparison.change import THRESHOLD
 from bodycheck.reports.gates.gate import read_gates, read_thresholds
+from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
 from bodycheck.scenarios.reader import parse_members
 

@@ -19,7 +19,7 @@ from scenario_file import MEASURED_ANEW, SCENARIO
 import bodycheck
 from bodycheck.adapters import registry
 from bodycheck.adapters.registry import register_adapter
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 TIMEOUT_S = 4.0
 

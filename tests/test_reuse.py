@@ -18,7 +18,7 @@ from bodycheck.pytest_plugin import fixtures
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.comparison_output import print_comparison
 from bodycheck.reports.run_files.run_reader import read_tables
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs import runner
 from bodycheck.runs.run_options import RunOptions
 from bodycheck.runs.selection import Selection
@@ -176,6 +176,6 @@ def test_an_engine_that_was_rebuilt_is_run_again_and_named_first(
 
 def _kernels() -> Path:
     """Return the folder of the kernels that are compiled: a cache of its own need not have them anew."""
-    from bodycheck._util.cache_dir import cache_directory
+    from bodycheck._util.compiled_cache import cache_directory
 
     return cache_directory()

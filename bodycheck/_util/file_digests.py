@@ -120,3 +120,12 @@ def _remember(memory: Path, state: str, digest: str) -> None:
             with suppress(OSError):
                 Path(unfinished).unlink()
             raise
+
+
+def digest_of(folder: Path) -> str:
+    """Return a hash of all the Python sources in and below a folder, and of their places in it."""
+    digest = hashlib.sha256()
+    for source in sorted(folder.rglob("*.py")):
+        digest.update(source.relative_to(folder).as_posix().encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()

@@ -9,8 +9,8 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from bodycheck._util.cache_dir import digest_of
 from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck._util.file_digests import digest_of
 from bodycheck.adapters.contract import Adapter
 
 _BUILT_IN = {

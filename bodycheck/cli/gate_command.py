@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bodycheck.reports.gates.gate import Gate
     from bodycheck.reports.gates.verdict import GateResult
     from bodycheck.reports.run_files.run_reader import Tables
-    from bodycheck.reports.summary.run_tables import Run
+    from bodycheck.reports.run_files.run_tables import Run
     from bodycheck.runs.run_options import RunOptions
 
 gating = typer.Typer()

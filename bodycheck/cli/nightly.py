@@ -20,7 +20,7 @@ from bodycheck.cli.options import (
     Tolerances,
     thresholds_of,
 )
-from bodycheck.reports.comparison.change import THRESHOLD
+from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.runs.run_options import TIMEOUT_S
 
 nightly = typer.Typer()

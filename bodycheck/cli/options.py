@@ -9,7 +9,7 @@ from typing import Annotated, TypeAlias
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.comparison.change import Thresholds
+from bodycheck.reports.gates.thresholds import Thresholds
 
 Scenarios: TypeAlias = Annotated[
     list[str] | None,

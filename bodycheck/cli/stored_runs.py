@@ -9,7 +9,7 @@ import typer
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli.options import AllowCode, Threshold, Tolerances, thresholds_of
-from bodycheck.reports.comparison.change import THRESHOLD
+from bodycheck.reports.gates.thresholds import THRESHOLD
 
 if TYPE_CHECKING:
     from bodycheck.reports.comparison.change import Status

@@ -9,7 +9,7 @@ import typer
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli.options import AllowCode, Fresh, Jobs, Threshold, TimeoutS, numbers, thresholds_of
-from bodycheck.reports.comparison.change import THRESHOLD
+from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.runs.run_options import TIMEOUT_S
 
 versioning = typer.Typer()

@@ -20,7 +20,7 @@ from bodycheck.pytest_plugin.measurement import Measured, Record, assert_passed
 from bodycheck.reports.cache.disk_cache import Reuse
 from bodycheck.reports.gates.gate import Gate, read_gates
 from bodycheck.reports.gates.verdict import held
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs import runner
 from bodycheck.runs.gate_run import run_for_gates
 from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions

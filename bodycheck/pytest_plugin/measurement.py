@@ -12,7 +12,7 @@ from bodycheck.reports.gates.gate import Gate, gate_of
 from bodycheck.reports.gates.gate_measure import measure_of
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
 from bodycheck.reports.gates.verdict import Check, GateResult, Row, held, rows_of
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 _MOST_ROWS = 20
 

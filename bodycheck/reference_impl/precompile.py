@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodycheck._util.cache_dir import cache_directory
+from bodycheck._util.compiled_cache import cache_directory
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 
 _UNDER_LASTING = "+lasting"

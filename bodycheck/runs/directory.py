@@ -25,8 +25,8 @@ from bodycheck._util.files import atomic_write
 from bodycheck._util.untrusted import quoted, read_json
 from bodycheck.reports.cache.disk_cache import reuse_of
 from bodycheck.reports.cache.journal import Journal
-from bodycheck.reports.run_files.writer import check_output, write_run
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.writer import check_output, write_files
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.run_options import TIMEOUT_S, ProgressFactory, RunOptions
 from bodycheck.runs.runner import run_selection
@@ -182,3 +182,15 @@ def _carried_out(
 
 def _go_on(out: Path) -> str:
     return f"go on with: bodycheck run --resume {quoted(str(out))}"
+
+
+def write_run(run: Run, out: str | Path, *, beside: Path | None = None) -> Path:
+    """Write the tables, trajectories/, manifest.json and report.html; return the report's path.
+
+    Everything is written under a temporary name, in the folder `beside` [default: the one that `out` is in],
+    and renamed at the end. Raises InputError where `out` is in use or cannot be written.
+    """
+    from bodycheck.reports.render.html import render_report  # late: Jinja is needed only now
+
+    check_output(Path(out))
+    return write_files(run, render_report(run), Path(out), beside=beside)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bodycheck.reports.gates.gate import Gate
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.run_options import ProgressFactory, RunOptions
 from bodycheck.runs.runner import run_selection

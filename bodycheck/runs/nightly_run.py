@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from bodycheck.reports.comparison.change import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import seal_night
 from bodycheck.reports.history.history_output import night_markdown, render_night
@@ -17,7 +17,7 @@ from bodycheck.reports.history.nightly_files import (
 )
 from bodycheck.reports.history.regression import Judgement, judge_night
 from bodycheck.reports.run_files.run_reader import read_tables
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.directory import RunRequest
 from bodycheck.runs.manifest import Identity
 from bodycheck.runs.run_options import ProgressFactory

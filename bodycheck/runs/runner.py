@@ -22,12 +22,13 @@ from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.cache.disk_cache import Cache, reuse_of
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.truths import is_known, known_truth
-from bodycheck.reports.measurement.judge import judge_file
+from bodycheck.reports.judge import judge_file
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.scheduler import Task, run_tasks
 from bodycheck.reports.measurement.speed import measure_speeds
 from bodycheck.reports.measurement.study import Study, study
 from bodycheck.reports.probes.probe import probe_rows
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import (
     METHOD_COLUMNS,
     PROBE_COLUMNS,
@@ -35,7 +36,6 @@ from bodycheck.reports.run_files.tables import (
     STABILITY_COLUMNS,
     as_table,
 )
-from bodycheck.reports.summary.run_tables import Run
 from bodycheck.runs.manifest import Identity, manifest_of
 from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOptions
 from bodycheck.runs.selection import Selection, select

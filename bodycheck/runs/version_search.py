@@ -11,9 +11,9 @@ from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.versions.pins import Pin
 from bodycheck.adapters.versions.uv import releases
 from bodycheck.adapters.workers.engine_pool import announced
-from bodycheck.reports.comparison.change import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
 from bodycheck.reports.comparison.release_search import changes, every_change
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.render.answer_text import Found, Track
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.runs.manifest import Identity

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bodycheck.reports.summary.run_tables import Run
+    from bodycheck.reports.run_files.run_tables import Run
     from bodycheck.reports.summary.worst_results import Result
 
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pandas as pd
 
-from bodycheck.reports.comparison.change import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.regression import Judgement
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.nightly_run import store_night
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]

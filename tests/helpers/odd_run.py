@@ -16,7 +16,7 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.scene import Scene
 
 if TYPE_CHECKING:
-    from bodycheck.reports.summary.run_tables import Run
+    from bodycheck.reports.run_files.run_tables import Run
 
 METHODS = ("exact", "taylor", "euler", "lie-euler", "rk4", "m1", "m2", "m3", "cf4")
 """Of the reference: of each control, of several orders, and one that loses nothing but the orientation."""

@@ -29,7 +29,7 @@ from scenario_file import SCENARIO
 import bodycheck
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import told_of
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.nightly_run import store_night
 
 LIMIT_S, MOST_MEGABYTES = 60.0, 500.0

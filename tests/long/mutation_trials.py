@@ -52,7 +52,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/measurement/refinement.py": ("test_convergence_laws.py", "test_convergence.py"),
     "reports/measurement/stability.py": ("test_state_laws.py",),
     "reports/summary/worst_results.py": ("test_state_laws.py",),
-    "reports/summary/run_tables.py": ("test_state_laws.py",),
+    "reports/run_files/run_tables.py": ("test_state_laws.py",),
     "reports/summary/cells.py": ("test_state_laws.py",),
     "adapters/stable_step.py": ("../adapters/test_stable_step_laws.py",),
     **{

@@ -150,7 +150,7 @@ def _trajectories(sound: Path) -> list[Reader]:
     cache = Cache.default()
 
     def judged(path: Path) -> None:
-        from bodycheck.reports.measurement.judge import judge_file
+        from bodycheck.reports.judge import judge_file
 
         judge_file(path, mine, "mine.toml", cache)
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck._util import cache_dir
-from bodycheck._util.cache_dir import cache_directory
+from bodycheck._util import compiled_cache
+from bodycheck._util.compiled_cache import cache_directory
 
 COMPILING = """
-from bodycheck._util.cache_dir import cache_directory
+from bodycheck._util.compiled_cache import cache_directory
 from bodycheck.reference_impl.kernels.double_double import two_sum
 two_sum(1.0, 1e-20)
 print(cache_directory(), len([*cache_directory().rglob("*.nbi")]))
@@ -24,7 +24,7 @@ print(cache_directory(), len([*cache_directory().rglob("*.nbi")]))
 @pytest.fixture
 def anew(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Let the folder be looked for as a new process does."""
-    monkeypatch.setenv(cache_dir._FOR_NOW, "")
+    monkeypatch.setenv(compiled_cache.KERNELS_FOR_NOW, "")
     cache_directory.cache_clear()
     yield
     cache_directory.cache_clear()
@@ -66,13 +66,13 @@ def test_nothing_is_compiled_into_the_sources_folder(tmp_path: Path) -> None:
     """numba would write there by itself; what took the cache's place is gone when the process has ended."""
     (tmp_path / "file").touch()
     (tmp_path / "room").mkdir()
-    sources = Path(cache_dir.__file__).parent
+    sources = Path(compiled_cache.__file__).parents[1]
     before = {path: path.stat().st_mtime_ns for path in sources.rglob("*.nb?")}
     surroundings = {
         **os.environ,
         "BODYCHECK_CACHE_DIR": str(tmp_path / "file"),
         "TMPDIR": str(tmp_path / "room"),
-        cache_dir._FOR_NOW: "",
+        compiled_cache.KERNELS_FOR_NOW: "",
     }
     done = subprocess.run(
         [sys.executable, "-c", COMPILING], env=surroundings, capture_output=True, text=True, check=True

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck._util import cache_dir, platform_identity
+from bodycheck._util import compiled_cache, platform_identity
 
 
 @pytest.mark.parametrize("name", ["numpy", "numba", "llvmlite", "scipy"])
@@ -75,14 +75,14 @@ def test_kernels_of_another_compiler_have_a_folder_of_their_own(
     """numba's own cache knows its version, and neither a patch of it nor llvmlite nor its options."""
     monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))
     monkeypatch.delenv("BODYCHECK_KERNELS_FOR_NOW", raising=False)
-    before = cache_dir.cache_directory.__wrapped__()
-    assert cache_dir.cache_directory.__wrapped__() == before
+    before = compiled_cache.cache_directory.__wrapped__()
+    assert compiled_cache.cache_directory.__wrapped__() == before
     if changed == "NUMBA_OPT":
         monkeypatch.setenv("NUMBA_OPT", "1")
     else:
         others = {**platform_identity.library_builds(), changed: "0 other"}
         monkeypatch.setattr(platform_identity, "library_builds", lambda: others)
-    assert cache_dir.cache_directory.__wrapped__() != before
+    assert compiled_cache.cache_directory.__wrapped__() != before
 
 
 def test_the_processor_is_its_name_and_its_features(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

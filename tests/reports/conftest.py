@@ -12,7 +12,7 @@ from parsed_page import Page
 from playwright.sync_api import Browser, expect, sync_playwright
 
 from bodycheck.reports.render.html import render_report
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 LONG_MS = 120_000

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 import bodycheck
+from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.convergence import Judged, Point, tolerance_convergence
-from bodycheck.reports.render.formatting import number
 from bodycheck.reports.render.page.facts import scenario_facts
 
 CHAOTIC = """

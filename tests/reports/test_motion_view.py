@@ -22,7 +22,7 @@ from bodycheck.reports.render.page.motion import (
     principal_frame,
     shown_cases,
 )
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 
 def rotation(seed: int) -> Array:

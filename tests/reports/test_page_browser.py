@@ -10,9 +10,9 @@ import pytest
 from odd_run import HOSTILE
 from playwright.sync_api import Browser, Error, Page, expect
 
-from bodycheck.reports.render.html import asset
 from bodycheck.reports.render.page.motion import coarsest_shared_step, shown_cases
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.templating import asset
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,7 @@ from odd_run import HOSTILE
 from parsed_page import Page
 
 from bodycheck.reports.render.html import render_report
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 pytestmark = pytest.mark.slow
 

@@ -17,9 +17,9 @@ from bodycheck.reports.render.html import render_report
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, TARGETS
 from bodycheck.reports.render.page.facts import limit_of
 from bodycheck.reports.render.page.scenario_section import anchor_of
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_table
 from bodycheck.reports.summary.cells import summary_cells
-from bodycheck.reports.summary.run_tables import Run
 from bodycheck.reports.summary.sentences import verdict_sentences
 
 pytestmark = pytest.mark.slow

@@ -14,7 +14,7 @@ from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.render.figures import FIGURES, STABILITY, check_picture, drawn_figure, picture
 from bodycheck.reports.run_files.run_reader import read_run
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 pytestmark = pytest.mark.slow
 

@@ -17,9 +17,9 @@ from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.stability import stability_row
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, method_verdict, most_severe
 from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import common_step, shown_case
 from bodycheck.reports.run_files.tables import PROBE_COLUMNS, as_table
 from bodycheck.reports.summary.cells import Cell, Fault, faults_of, summary_cell, summary_cells
-from bodycheck.reports.summary.run_tables import common_step, shown_case
 from bodycheck.reports.summary.worst_results import (
     MethodResults,
     Result,

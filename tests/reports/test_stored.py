@@ -16,8 +16,8 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
-from bodycheck.reports.run_files.writer import write_run
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.directory import write_run
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from bodycheck._util.formatting import names, number, scientific, step
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.render.formatting import names, number, scientific, step
+from bodycheck.reports.run_files.run_tables import Run, common_step
 from bodycheck.reports.summary.cells import Cell, summary_cells
-from bodycheck.reports.summary.run_tables import Run, common_step
 from bodycheck.reports.summary.sentences import verdict_sentences
 
 

@@ -14,7 +14,7 @@ from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.render.progress import LiveProgress
 from bodycheck.reports.render.terminal import print_summary
 from bodycheck.reports.run_files.run_reader import read_run
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 
 class Terminal(io.StringIO):

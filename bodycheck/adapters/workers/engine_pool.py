@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Protocol, TypeAlias
 
-from bodycheck._util.cache_dir import cache_directory
+from bodycheck._util.compiled_cache import cache_directory
 from bodycheck._util.errors import UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Adapter, Build, Engine
 from bodycheck.adapters.registry import registered_adapter

@@ -13,7 +13,7 @@ from typing import Any
 import numba
 from numba.core.caching import IndexDataCacheFile
 
-from bodycheck._util.cache_dir import cache_directory
+from bodycheck._util.compiled_cache import cache_directory
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:

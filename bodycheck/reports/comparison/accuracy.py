@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.reports.comparison.change import Change, Status, Thresholds
+from bodycheck.reports.comparison.change import Change, Status
+from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS, TRUTH_BOUNDS, bound_of
 from bodycheck.reports.measurement.measures import MEASURES
 

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
+from bodycheck._util.formatting import console, escaped_markdown, markdown_table, print_columns
 from bodycheck.reports.comparison.change import FAILING, Change
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.describe import HEADINGS, Group, change_text, groups, identity, sentences
-from bodycheck.reports.render.formatting import console, print_columns
-from bodycheck.reports.render.html import asset, environment
-from bodycheck.reports.render.markdown import escaped, markdown_table
+from bodycheck.reports.templating import asset, environment
 
 _MOST_LINES = 20
 
@@ -41,16 +40,17 @@ def print_changes(changes: Iterable[Change], where_all_are: str) -> None:
             out.print(Text(f"and {len(alike) - _MOST_LINES} more lines: {where_all_are}"))
 
 
-_MOST_LINES = 30
+_MOST_TABLE_ROWS = 30
 
 
 def comparison_markdown(comparison: Comparison) -> str:
     """Return what the terminal shows: the sentences, and a table of what became worse or is missing."""
+    runs = f"Before: {identity(comparison.before)}. After: {identity(comparison.after)}."
     lines = [
         "### bodycheck compare",
         "",
-        *(f"- {escaped(sentence)}" for sentence in sentences(comparison)),
-        f"- {escaped(f'Before: {identity(comparison.before)}. After: {identity(comparison.after)}.')}",
+        *(f"- {escaped_markdown(sentence)}" for sentence in sentences(comparison)),
+        f"- {escaped_markdown(runs)}",
         *changes_table(comparison.changes, "bodycheck compare --html FILE has all"),
     ]
     return "\n".join(lines) + "\n"
@@ -63,11 +63,11 @@ def changes_table(changes: Iterable[Change], where_all_are: str) -> list[str]:
         return []
     rows = [
         (HEADINGS[group.status].lower(), group.where, group.method, group.text)
-        for group in made[:_MOST_LINES]
+        for group in made[:_MOST_TABLE_ROWS]
     ]
     lines = ["", *markdown_table(("", "scenario", "engine:method", "change"), rows)]
-    if len(made) > _MOST_LINES:
-        lines += ["", f"and {len(made) - _MOST_LINES} more lines: {where_all_are}."]
+    if len(made) > _MOST_TABLE_ROWS:
+        lines += ["", f"and {len(made) - _MOST_TABLE_ROWS} more lines: {where_all_are}."]
     return lines
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from bodycheck._util.formatting import count, names, number, setting
 from bodycheck.reports.comparison.change import Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
 from bodycheck.reports.comparison.headlines import headlines, moved_text
-from bodycheck.reports.render.formatting import count, names, number, setting
 from bodycheck.reports.run_files.run_reader import Tables
 
 HEADINGS: dict[Status, str] = {

@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from bodycheck.reports.comparison.change import FAILING, Change, Status, Thresholds
+from bodycheck._util.formatting import count, number, setting
+from bodycheck.reports.comparison.change import FAILING, Change, Status
 from bodycheck.reports.comparison.compare import Comparison
-from bodycheck.reports.render.formatting import count, number, setting
+from bodycheck.reports.gates.thresholds import Thresholds
 
 ORIENTATION = "orientation_error_rad"
 _MOST_METHODS = 6

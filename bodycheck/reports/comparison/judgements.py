@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
-from bodycheck.reports.comparison.change import Change, Status, Thresholds, by_rank
+from bodycheck.reports.comparison.change import Change, Status, by_rank
+from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.measurement.verdicts import UNDECIDED, severity
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from glob import escape
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.comparison.change import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.gates.gate_measure import Measure, measure_of
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.gates.verdict import rows_of
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 _ABSOLUTE = "_abs"
 

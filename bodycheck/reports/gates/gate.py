@@ -13,10 +13,10 @@ from typing import Annotated, Any, TypeVar
 from pydantic import Field, StrictStr, ValidationError, field_validator
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import number, step
 from bodycheck._util.untrusted import parse_toml
-from bodycheck.reports.comparison.change import Thresholds
 from bodycheck.reports.gates.gate_measure import UNCOMPARED, Measure, measure_of
-from bodycheck.reports.render.formatting import number, step
+from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.scenarios.fields import NotNegative, Number, Positive, Table
 from bodycheck.scenarios.reader import fault_lines
 

@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 
 from rich.text import Text
 
+from bodycheck._util.formatting import console, count, number, print_columns
 from bodycheck.reports.gates.proposal import Change
 from bodycheck.reports.gates.verdict import Check, GateResult, distance
-from bodycheck.reports.render.formatting import console, count, number, print_columns
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 

@@ -11,9 +11,9 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Literal
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import number, step
 from bodycheck.reports.gates.gate import Gate, parse_gates
 from bodycheck.reports.gates.verdict import GateResult
-from bodycheck.reports.render.formatting import number, step
 
 _HEADER = re.compile(r"^[ \t]*\[\[[ \t]*gate[ \t]*\]\]", flags=re.MULTILINE)
 _STRING = r'"(?:[^"\\\n]|\\.)*"|' + r"'[^'\n]*'"

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
+from bodycheck._util.formatting import names, number, setting, step
 from bodycheck._util.untrusted import joined, parted
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, method_verdict
-from bodycheck.reports.render.formatting import names, number, setting, step
-from bodycheck.reports.summary.run_tables import RunTables
+from bodycheck.reports.run_files.run_tables import RunTables
 
 if TYPE_CHECKING:
     import pandas as pd

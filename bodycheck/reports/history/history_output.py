@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from bodycheck._util.formatting import console, count, escaped_markdown, number, print_columns
 from bodycheck.reports.comparison.comparison_output import ChangesShown, changes_table, print_changes
 from bodycheck.reports.comparison.describe import HEADINGS, sentences
 from bodycheck.reports.comparison.release_search import release_searches
@@ -18,11 +19,9 @@ from bodycheck.reports.history.step_detection import (
     smallest_detectable_step,
 )
 from bodycheck.reports.history.trends import trends_of
-from bodycheck.reports.render.formatting import console, count, number, print_columns
-from bodycheck.reports.render.html import asset, environment
-from bodycheck.reports.render.markdown import escaped
 from bodycheck.reports.summary.worst_results import faulty, worst_methods
 from bodycheck.reports.summary.worst_results import headline as methods_headline
+from bodycheck.reports.templating import asset, environment
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -105,9 +104,9 @@ def night_markdown(judged: Judgement) -> str:
     lines = [
         f"### bodycheck nightly: {judged.status}",
         "",
-        escaped(headline(judged)),
+        escaped_markdown(headline(judged)),
         "",
-        *(f"- {escaped(sentence)}" for sentence in night_sentences(judged)),
+        *(f"- {escaped_markdown(sentence)}" for sentence in night_sentences(judged)),
     ]
     if judged.comparison is not None:
         lines += changes_table(judged.comparison.changes, "night.html has all")

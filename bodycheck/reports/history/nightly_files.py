@@ -12,9 +12,9 @@ from bodycheck.reports.history.accepted_levels import write_accepted
 from bodycheck.reports.history.baseline import NIGHT_FILE, TOLD, machine_class
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.render.html import render_report
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.table_formats import as_csv, as_parquet
 from bodycheck.reports.run_files.writer import write_tables
-from bodycheck.reports.summary.run_tables import Run
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from bodycheck.reports.comparison.change import DEFAULT_THRESHOLDS, Change, Status, Thresholds
+from bodycheck.reports.comparison.change import Change, Status
 from bodycheck.reports.comparison.compare import Comparison, compare, ended_well_anew, paired_versions
 from bodycheck.reports.comparison.environment_diff import redefined
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.accepted_levels import at_accepted, next_accepted
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import Past, past_of

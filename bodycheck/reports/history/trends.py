@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bodycheck._util.formatting import number
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.history.regression import Speeds
 from bodycheck.reports.history.step_detection import Key, Series, Step
-from bodycheck.reports.render.formatting import number
 
 _WIDTH, _HEIGHT, _EDGE = 240, 32, 4
 _LEAST_HALF_RANGE = 0.05  # decades: what moves less than a tenth up or down looks flat

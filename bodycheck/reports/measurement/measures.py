@@ -25,6 +25,11 @@ from bodycheck.reports.measurement.invariants import Invariant, InvariantDrift, 
 from bodycheck.reports.measurement.scales import Scales
 from bodycheck.reports.measurement.work import work_done, working_loads
 
+WHO = ("scenario", "family", "engine", "engine_version", "method")
+"""Whose a row is, in each table but probes.csv."""
+"""The columns that say whose a row is."""
+
+
 _NORM_FLOOR = 1e-12  # |q| and R^T R after millions of rounded products, each renormalised
 _RESOLVED = 3.0  # times the error of the work: a smaller imbalance is not measured
 

@@ -11,8 +11,8 @@ from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stability_check import kinetic_limit
 from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measures import WHO
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.run_files.tables import WHO
 
 Searching: TypeAlias = Callable[[Engine, Search], StableStep]
 """How a search comes to its answer: from the engine, or from what it answered before."""

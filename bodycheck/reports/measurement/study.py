@@ -25,11 +25,10 @@ from bodycheck.reports.measurement.convergence import (
 )
 from bodycheck.reports.measurement.growth import Growth, growth_of
 from bodycheck.reports.measurement.measure_bounds import BOUND_KINDS, floor_of, relative
-from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, QUANTITIES, scale_of
+from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, QUANTITIES, WHO, scale_of
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.refinement import next_step_size
 from bodycheck.reports.measurement.stability import Searching, stability_row
-from bodycheck.reports.run_files.tables import WHO
 
 _VERDICTS = {"dt": convergence_of, "tolerance": tolerance_convergence, "none": stepless_verdict}
 

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bodycheck._util.formatting import number, setting
 from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
-from bodycheck.reports.render.formatting import number, setting
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
+from bodycheck._util.formatting import console, count, names, number, print_columns, step
 from bodycheck.reports.comparison.measure_track import Finding
-from bodycheck.reports.render.formatting import console, count, names, number, print_columns, step
 from bodycheck.reports.summary.advice import Answer, Option
 
 

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck._util.formatting import setting
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.measures import MEASURES, scale_of
-from bodycheck.reports.render.formatting import setting
 from bodycheck.reports.render.styles import Style, styles
-from bodycheck.reports.summary.run_tables import (
+from bodycheck.reports.run_files.run_tables import (
     MethodKey,
     RunTables,
     cases_by_method,

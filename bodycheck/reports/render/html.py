@@ -3,49 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from functools import cache
-from importlib.resources import files
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.render import formatting
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, cost_sentences, costs, fronts
 from bodycheck.reports.render.page.plots import overall_data
 from bodycheck.reports.render.page.scenario_section import anchor_of, sections_of
 from bodycheck.reports.render.styles import styles
+from bodycheck.reports.run_files.run_tables import Run, key_of
 from bodycheck.reports.summary.cells import faults_of, summary_cells
-from bodycheck.reports.summary.run_tables import Run, key_of
 from bodycheck.reports.summary.sentences import verdict_sentences
 from bodycheck.reports.summary.worst_results import worst_methods
-
-
-@cache
-def environment() -> Environment:
-    """Return the templates: what is put into them is escaped, what they lack is an error."""
-    environment = Environment(
-        loader=PackageLoader("bodycheck.reports.render"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        auto_reload=False,  # else each of a thousand includes asks the disk whether it has changed
-    )
-    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    environment.filters |= {
-        "number": formatting.number,
-        "scientific": formatting.scientific,
-        "step": formatting.step,
-    }
-    environment.globals |= {"count": formatting.count}
-    return environment
-
-
-def asset(path: str) -> Markup:
-    """Return a file of ours, or of plotly's, that goes into the page as it stands."""
-    return Markup((files("bodycheck.reports.render") / path).read_text(encoding="utf-8"))
-
+from bodycheck.reports.templating import asset, environment
 
 _SCRIPTS = ("page", "looks", "plots", "overall", "sections", "turning", "drawing", "motion", "links")
 """In the order in which they build on one another."""

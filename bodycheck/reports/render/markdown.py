@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-
+from bodycheck._util.formatting import count, escaped_markdown, markdown_table
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.render.formatting import count
+from bodycheck.reports.run_files.run_tables import MethodKey, RunTables
 from bodycheck.reports.summary.cells import Cell, overviews, summary_cells
-from bodycheck.reports.summary.run_tables import MethodKey, RunTables
 from bodycheck.reports.summary.sentences import verdict_sentences
 from bodycheck.reports.summary.worst_results import worst_methods
 
@@ -23,9 +20,9 @@ def markdown_summary(run: RunTables) -> str:
     lines = [
         f"### bodycheck: {count(len(cells), 'scenario')}, {count(len(run.cases), 'case')}",
         "",
-        *(f"- {escaped(sentence)}" for sentence in verdict_sentences(run, cells)),
+        *(f"- {escaped_markdown(sentence)}" for sentence in verdict_sentences(run, cells)),
         *(
-            f"- Not measured: {escaped(engine['unavailable'])}"
+            f"- Not measured: {escaped_markdown(engine['unavailable'])}"
             for engine in manifest["engines"].values()
             if "unavailable" in engine
         ),
@@ -76,18 +73,4 @@ def _machine_lines(run: RunTables) -> list[str]:
         f"{manifest['cpu']}, {manifest['cores']} cores, {manifest['platform']}",
         f"run {manifest['run_id']} of {manifest['created']}",
     )
-    return [f"{escaped('; '.join(facts))}."]
-
-
-def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a table; what stands in a cell cannot end it."""
-    lines = [heads, ["---"] * len(heads), *rows]
-    return [f"| {' | '.join(escaped(cell) for cell in line)} |" for line in lines]
-
-
-def escaped(text: str) -> str:
-    """Return text that Markdown shows as it stands, in one line: no table, tag or mention begins in it."""
-    plain = " ".join(text.split())
-    if plain.startswith("`") and plain.endswith("`") and "`" not in plain[1:-1]:
-        return plain.replace("|", "\\|")
-    return re.sub(r"[\\|<*`\[@]|(?<!\w)_|_(?!\w)", r"\\\g<0>", plain)
+    return [f"{escaped_markdown('; '.join(facts))}."]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from bodycheck.reports.summary.run_tables import MethodKey
+from bodycheck.reports.run_files.run_tables import MethodKey
 
 _ENGINE_COLOURS = 8
 

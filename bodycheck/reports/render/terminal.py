@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from bodycheck._util.formatting import console, count, print_columns
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.render.formatting import console, count, print_columns
 from bodycheck.reports.summary.cells import Overview, overviews, summary_cells
 from bodycheck.reports.summary.sentences import verdict_sentences
 from bodycheck.reports.summary.worst_results import worst_methods
 
 if TYPE_CHECKING:
-    from bodycheck.reports.summary.run_tables import Run
+    from bodycheck.reports.run_files.run_tables import Run
 
 _TINT_STYLES = {"good": "green", "floor": "green", "open": "yellow", "bad": "red", "fault": "red", "none": ""}
 

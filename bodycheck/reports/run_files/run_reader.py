@@ -22,6 +22,7 @@ from bodycheck.reports.measurement.measures import Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.manifest_schema import check_manifest
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import (
     METHOD_COLUMNS,
     PROBE_COLUMNS,
@@ -33,7 +34,6 @@ from bodycheck.reports.run_files.tables import (
 )
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.run_files.writer import file_name, trajectory_file
-from bodycheck.reports.summary.run_tables import Run
 from bodycheck.scenarios.serialization import as_written
 
 if TYPE_CHECKING:

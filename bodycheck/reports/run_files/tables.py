@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Any
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import escaped
 from bodycheck.reference_impl.truth.truth import QUANTITIES
-from bodycheck.reports.measurement.measures import MEASURES
+from bodycheck.reports.measurement.measures import MEASURES, WHO
 
 if TYPE_CHECKING:
     import pandas as pd
 
-WHO = ("scenario", "family", "engine", "engine_version", "method")
-"""Whose a row is, in each table but probes.csv."""
 
 _CASE = (
     "run_id",

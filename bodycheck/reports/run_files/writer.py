@@ -13,9 +13,8 @@ from bodycheck._util.files import check_folder, unfinished_name
 from bodycheck.adapters.workers.protocol import Message, read_back_message
 from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.render.html import render_report
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.trajectory_files import npz, stored_arrays
-from bodycheck.reports.summary.run_tables import Run
 
 
 def check_output(out: Path) -> None:
@@ -29,13 +28,12 @@ def check_output(out: Path) -> None:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
 
 
-def write_run(run: Run, out: str | Path, *, beside: Path | None = None) -> Path:
-    """Write the tables, trajectories/, manifest.json and report.html; return the report's path.
+def write_files(run: Run, report: str, out: Path, *, beside: Path | None = None) -> Path:
+    """Write the tables, trajectories/, manifest.json and the report as report.html; return its path.
 
     Everything is written under a temporary name, in the folder `beside`, by default the one that `out` is
     in, and renamed at the end. Raises InputError where `out` is in use or cannot be written.
     """
-    out = Path(out)
     check_output(out)
     beside = out.absolute().parent if beside is None else beside
     try:
@@ -43,7 +41,9 @@ def write_run(run: Run, out: str | Path, *, beside: Path | None = None) -> Path:
         unfinished = unfinished_name(beside / out.absolute().name)
         try:
             unfinished.mkdir()  # not mkdtemp, which keeps others out: the umask says who may read a run
-            _write_files(run, unfinished)
+            write_tables(run, unfinished)
+            _write_trajectories(run, unfinished / "trajectories")
+            (unfinished / "report.html").write_text(report, encoding="utf-8")
             unfinished.replace(out)
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
@@ -62,10 +62,7 @@ def write_tables(run: Run, folder: Path) -> None:
     (folder / "read_back.json").write_text(json.dumps(_read_backs(run)) + "\n", encoding="utf-8")
 
 
-def _write_files(run: Run, folder: Path) -> None:
-    write_tables(run, folder)
-    (folder / "report.html").write_text(render_report(run), encoding="utf-8")
-    trajectories = folder / "trajectories"
+def _write_trajectories(run: Run, trajectories: Path) -> None:
     for problem in run.problems:
         place = trajectories / file_name(problem.scenario.name)
         place.mkdir(parents=True)

@@ -11,8 +11,8 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import joined, parted
 from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
+from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.cases_within import keeping, ladders_of, largest_error
-from bodycheck.reports.summary.run_tables import MethodKey
 
 _ADVISED = tuple(name for name in QUANTITIES if MEASURES[name].judged == "limit")
 

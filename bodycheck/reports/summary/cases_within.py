@@ -9,7 +9,7 @@ from typing import TypeAlias
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.convergence import LARGEST_ROUND_OFF
 from bodycheck.reports.measurement.measure_bounds import bound_of
-from bodycheck.reports.summary.run_tables import MethodKey, cases_by_method
+from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method
 
 RefinementSequence: TypeAlias = Sequence[CaseResult]
 """The cases of one method on one scenario, the finest first."""

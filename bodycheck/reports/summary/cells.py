@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from statistics import median
 from typing import Any
 
+from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.verdicts import (
@@ -17,8 +18,7 @@ from bodycheck.reports.measurement.verdicts import (
     method_verdict,
     most_severe,
 )
-from bodycheck.reports.render.formatting import number
-from bodycheck.reports.summary.run_tables import (
+from bodycheck.reports.run_files.run_tables import (
     MethodKey,
     RunTables,
     cases_by_method,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from bodycheck.reports.render.formatting import count, names
+from bodycheck._util.formatting import count, names
+from bodycheck.reports.run_files.run_tables import MethodKey, RunTables
 from bodycheck.reports.summary.cells import Cell
-from bodycheck.reports.summary.run_tables import MethodKey, RunTables
 from bodycheck.reports.summary.worst_results import MethodResults, faulty, headline, worst_methods
 
 _UNDECIDED = ("pre-asymptotic", "too-few-points", "chaotic")

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bodycheck.reports.render.formatting import count, number, step
+from bodycheck._util.formatting import count, number, step
+from bodycheck.reports.run_files.run_tables import RunTables, key_of
 from bodycheck.reports.summary.cases_within import ladders_of
 from bodycheck.reports.summary.cells import faults_of, summary_cells
-from bodycheck.reports.summary.run_tables import RunTables, key_of
 
 _WORST_FIRST = (
     "invalid",

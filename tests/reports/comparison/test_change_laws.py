@@ -12,11 +12,12 @@ from gated import a_run
 from mirrored import mirrored
 
 from bodycheck.reports.comparison.accuracy import accuracy_changes, noise
-from bodycheck.reports.comparison.change import Change, Kind, Thresholds, by_rank
+from bodycheck.reports.comparison.change import Change, Kind, by_rank
 from bodycheck.reports.comparison.compare import compare, ended_well_anew
 from bodycheck.reports.comparison.describe import change_text, groups, identity, sentences
 from bodycheck.reports.comparison.environment_diff import circumstances, redefined
 from bodycheck.reports.comparison.speed_changes import Ratio, ratio, speed_changes, stability_change
+from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
 
 EPS = float(np.finfo(np.float64).eps)

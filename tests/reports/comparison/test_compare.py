@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from mirrored import mirrored
 
+from bodycheck._util.formatting import count
 from bodycheck.reports.comparison.compare import Comparison, compare
 from bodycheck.reports.comparison.comparison_output import print_comparison, render_comparison
 from bodycheck.reports.comparison.describe import groups, sentences
 from bodycheck.reports.comparison.measure_track import OneMeasure
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.render.formatting import count
 from bodycheck.reports.run_files.run_reader import Tables, read_tables
 
 MEASURES = ("orientation_error_rad", "energy_drift", "omega_error", "position_error", "quaternion_norm_error")

@@ -11,7 +11,8 @@ from gated import a_run
 from markupsafe import escape
 from mirrored import TURNED
 
-from bodycheck.reports.comparison.change import Status, Thresholds
+from bodycheck._util.formatting import escaped_markdown
+from bodycheck.reports.comparison.change import Status
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.comparison_output import (
     comparison_markdown,
@@ -22,7 +23,7 @@ from bodycheck.reports.comparison.describe import sentences
 from bodycheck.reports.comparison.environment_diff import is_refinement
 from bodycheck.reports.comparison.headlines import by_method, headlines
 from bodycheck.reports.comparison.release_search import release_searches
-from bodycheck.reports.render.markdown import escaped
+from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
 
 ERROR = "orientation_error_rad"
@@ -316,10 +317,10 @@ def test_terminal_markdown_and_page_say_the_same(capsys: pytest.CaptureFixture[s
         words = line.split(maxsplit=2)
         for text in words:
             assert str(escape(text)) in page
-            assert escaped(text) in markdown
+            assert escaped_markdown(text) in markdown
     for sentence in sentences(found):
         assert sentence in lines
-        assert escaped(sentence) in markdown
+        assert escaped_markdown(sentence) in markdown
         assert str(escape(sentence)) in page
     for heading in ("Worse", "Not measured any more"):
         assert heading in lines

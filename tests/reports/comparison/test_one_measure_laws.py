@@ -20,7 +20,7 @@ from bodycheck.reports.comparison.comparison_output import print_changes, print_
 from bodycheck.reports.comparison.describe import HEADINGS, sentences
 from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
 from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 ERROR = "orientation_error_rad"
 

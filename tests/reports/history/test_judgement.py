@@ -13,7 +13,7 @@ import pytest
 from made_nights import Change, run_of_night, slower, stored, unchanged
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.comparison.change import Thresholds
+from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history.accepted_levels import read_accepted
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import seal_night
@@ -21,7 +21,7 @@ from bodycheck.reports.history.history_output import night_sentences
 from bodycheck.reports.history.queries import nights_table, query
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.run_files.run_reader import read_tables
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 pytestmark = pytest.mark.slow
 

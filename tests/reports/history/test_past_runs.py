@@ -14,7 +14,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import told_of
 from bodycheck.reports.history.queries import query
-from bodycheck.reports.summary.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.nightly_run import store_night
 
 pytestmark = pytest.mark.slow

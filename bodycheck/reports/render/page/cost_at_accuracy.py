@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.render.formatting import number
+from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.cases_within import RefinementSequence, keeping, ladders_of
-from bodycheck.reports.summary.run_tables import MethodKey
 
 ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")
 """The errors that speed is held against."""

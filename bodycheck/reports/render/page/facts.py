@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from bodycheck._util import formatting
+from bodycheck._util.formatting import number
 from bodycheck.adapters.contract import ReadBack, Reading
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.render import formatting
-from bodycheck.reports.render.formatting import number
 from bodycheck.scenarios.body import Body, GivenBody, MeshBody, ShapeBody
 from bodycheck.scenarios.forcings import Forcing
 

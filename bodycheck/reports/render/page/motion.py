@@ -16,7 +16,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.page.downsampling import packed, rounded
-from bodycheck.reports.summary.run_tables import MethodKey, key_of
+from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 
 FRAMES = 201
 """At most so many states of a motion go into the page: they are what the view weighs."""

@@ -6,15 +6,15 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.measures import MEASURES, scale_of
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.render.formatting import number
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cost
 from bodycheck.reports.render.page.downsampling import packed_line, rounded, thinned_times
 from bodycheck.reports.render.styles import Style
-from bodycheck.reports.summary.run_tables import MethodKey, cases_by_method, key_of, shown_case
+from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method, key_of, shown_case
 
 
 def coinciding(cases: Sequence[CaseResult]) -> list[list[MethodKey]]:

@@ -15,8 +15,7 @@ from bodycheck.reports.render.page.facts import Limit, limit_of, read_back_facts
 from bodycheck.reports.render.page.motion import motion_view
 from bodycheck.reports.render.page.plots import coinciding, growth_words, plot_data
 from bodycheck.reports.render.styles import Style
-from bodycheck.reports.summary.cells import Cell
-from bodycheck.reports.summary.run_tables import (
+from bodycheck.reports.run_files.run_tables import (
     MethodKey,
     Run,
     cases_by_method,
@@ -24,6 +23,7 @@ from bodycheck.reports.summary.run_tables import (
     key_of,
     shown_case,
 )
+from bodycheck.reports.summary.cells import Cell
 
 _CASE_MEASURES = (
     "orientation_error_rad",

@@ -1,13 +1,14 @@
-"""Numbers, lists and widths: how reports word them, and where the text goes."""
+"""Numbers, lists and tables as text, for a terminal, a pipe or Markdown."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
-from rich.console import Console, JustifyMethod
-from rich.table import Table
-from rich.text import Text
+if TYPE_CHECKING:
+    from rich.console import Console, JustifyMethod
+    from rich.text import Text
 
 _MOST_NAMES = 8
 
@@ -62,6 +63,8 @@ _ENDLESS = 10_000
 
 def console() -> Console:
     """Return standard output; the lines of a pipe end where they end."""
+    from rich.console import Console  # late: numbers are formatted where nothing is printed
+
     made = Console(highlight=False)
     if not made.is_terminal:
         made.width = _ENDLESS
@@ -72,6 +75,9 @@ def print_columns(
     out: Console, heads: Sequence[str], rows: Iterable[Sequence[str | Text]], right: Sequence[str] = ()
 ) -> None:
     """Print rows under their heads, if these say anything; of `right`, flush right. The last column wraps."""
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table(box=None, pad_edge=False, header_style="bold", show_header=any(heads))
     for place, head in enumerate(heads):
         last = place == len(heads) - 1
@@ -83,3 +89,17 @@ def print_columns(
         out.print(table)
     for line in shown.get().splitlines():
         print(line.rstrip(), file=out.file)
+
+
+def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a table; what stands in a cell cannot end it."""
+    lines = [heads, ["---"] * len(heads), *rows]
+    return [f"| {' | '.join(escaped_markdown(cell) for cell in line)} |" for line in lines]
+
+
+def escaped_markdown(text: str) -> str:
+    """Return text that Markdown shows as it stands, in one line: no table, tag or mention begins in it."""
+    plain = " ".join(text.split())
+    if plain.startswith("`") and plain.endswith("`") and "`" not in plain[1:-1]:
+        return plain.replace("|", "\\|")
+    return re.sub(r"[\\|<*`\[@]|(?<!\w)_|_(?!\w)", r"\\\g<0>", plain)

@@ -1,0 +1,37 @@
+"""The templates of the HTML pages, and the files of ours that go into them unchanged."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from bodycheck._util import formatting
+
+
+@cache
+def environment() -> Environment:
+    """Return the templates: what is put into them is escaped, what they lack is an error."""
+    environment = Environment(
+        loader=PackageLoader("bodycheck.reports"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        auto_reload=False,  # else each of a thousand includes asks the disk whether it has changed
+    )
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    environment.filters |= {
+        "number": formatting.number,
+        "scientific": formatting.scientific,
+        "step": formatting.step,
+    }
+    environment.globals |= {"count": formatting.count}
+    return environment
+
+
+def asset(path: str) -> Markup:
+    """Return a file of ours, or of plotly's, that goes into a page unchanged."""
+    return Markup((files("bodycheck.reports") / path).read_text(encoding="utf-8"))
