@@ -206,10 +206,12 @@ def test_an_engine_that_cannot_be_imported_is_said_so_in_one_line(
     (facts / "entry_points.txt").write_text("[bodycheck.adapters]\nghost = ghost:Ghost\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("bodycheck.adapters.workers.worker_process._START_S", 3.0 if kind == "hang" else 60.0)
+    # a sound engine could miss the short deadline too, where the machine is busy
+    others = [] if kind == "hang" else ["reference:m1"]
     registry._plugged_in.cache_clear()
     try:
         with pytest.raises(bodycheck.InputError) as refused:
-            bodycheck.run([scenario], engines=["ghost", "reference:m1"], dt_s=[0.1], speed=False)
+            bodycheck.run([scenario], engines=["ghost", *others], dt_s=[0.1], speed=False)
     finally:
         registry._plugged_in.cache_clear()
     assert reason in str(refused.value)
