@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,6 @@ import numpy as np
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.precompile import compile_kernels
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reports.cache.answers import Answers
@@ -176,35 +173,28 @@ def _studies_and_probes(
     ]
     done: dict[int, Study] = {}
     probed: dict[int, list[dict[str, Any]]] = {}
-    # Python runs one thread at a time anyway: two that measure would only take turns within each sample
-    measuring = threading.Lock()
 
     def task(place: int, problem: Problem, engine: Engine, method: Method) -> Task:
         settings = selection.settings(problem.scenario, method)
 
         def do(engine_pool: EnginePool) -> None:
-            asked = _OthersMeasureMeanwhile(engine_pool, measuring)
-
-            with measuring:
-                done[place] = study(
-                    problem,
-                    engine,
-                    method,
-                    settings,
-                    adaptive=selection.dt_s is None,
-                    ask=partial(answers.ask, asked),
-                    search=partial(answers.search, asked) if options.stable_steps else None,
-                    case_done=progress.case_done,
-                )
+            done[place] = study(
+                problem,
+                engine,
+                method,
+                settings,
+                adaptive=selection.dt_s is None,
+                ask=partial(answers.ask, engine_pool),
+                search=partial(answers.search, engine_pool) if options.stable_steps else None,
+                case_done=progress.case_done,
+            )
 
         steps = sum(problem.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
         return Task(engine.name, steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0), do)
 
     def probe(place: int, engine: Engine, method: Method) -> Task:
         def do(engine_pool: EnginePool) -> None:
-            with measuring:
-                asked = _OthersMeasureMeanwhile(engine_pool, measuring)
-                probed[place] = probe_rows(engine, method, partial(answers.ask, asked))
+            probed[place] = probe_rows(engine, method, partial(answers.ask, engine_pool))
 
         return Task(engine.name, 0.0, do)  # what it costs is little: it is done last
 
@@ -213,22 +203,6 @@ def _studies_and_probes(
     run_tasks([*tasks, *probes], options.workers)
     rows = [row for place in range(len(probes)) for row in probed[place]]
     return [done[place] for place in range(len(pairs))], rows
-
-
-@dataclass(frozen=True)
-class _OthersMeasureMeanwhile:
-    """A strand's engines; while one of them works on a case, another strand may measure."""
-
-    engine_pool: EnginePool
-    measuring: threading.Lock
-
-    def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
-        """Ask the engine."""
-        self.measuring.release()
-        try:
-            return self.engine_pool.ask(engine, request, timeout_s)
-        finally:
-            self.measuring.acquire()
 
 
 _WEIGHTS = {"reference": 0.02}

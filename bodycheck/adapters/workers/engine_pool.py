@@ -94,11 +94,12 @@ def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
 class EnginePool:
     """The engines of one strand of a run: each is started when first needed, and again after it failed.
 
-    core: the only one that they may use; None for any.
+    core: the only one that they may use; None for any. turn: held by the thread that uses the pool, and
+    released while an engine works, so that another thread measures meanwhile.
     """
 
-    def __init__(self, core: int | None = None) -> None:
-        self._core = core
+    def __init__(self, core: int | None = None, turn: threading.Lock | None = None) -> None:
+        self._core, self._turn = core, turn
         self._open: dict[str, Host] = {}
         self._lock, self._closed = threading.Lock(), False
 
@@ -142,6 +143,10 @@ class EnginePool:
         killed was not at fault: both are asked once more, of a new worker. Raises WorkerLostError only where
         this was stopped meanwhile.
         """
+        with released(self._turn):
+            return self._asked_twice(engine, request, timeout_s)
+
+    def _asked_twice(self, engine: str, request: Message, timeout_s: float) -> Message:
         used = engine in self._open
         answer, killed = self._asked(engine, request, timeout_s)
         if answer.get("outcome") != "failed" or not (used or killed) or request["do"] == "lap":
@@ -197,6 +202,19 @@ class EnginePool:
         self.stop()
         for host in self._open.values():
             host.close()
+
+
+@contextmanager
+def released(lock: threading.Lock | None) -> Iterator[None]:
+    """Release a lock that this thread holds, and take it again at the end."""
+    if lock is None:
+        yield
+        return
+    lock.release()
+    try:
+        yield
+    finally:
+        lock.acquire()
 
 
 class InProcess:

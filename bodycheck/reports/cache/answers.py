@@ -9,25 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.adapters.workers import case_messages, protocol
+from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.cache.disk_cache import Cache, Reuse
 from bodycheck.reports.cache.entries import Entry, key_of
 from bodycheck.reports.cache.journal import Journal
-
-
-class Askable(Protocol):
-    """Engines by name, each of which answers a request, whatever becomes of it."""
-
-    def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
-        """Return the engine's answer."""
-
 
 _Said = TypeVar("_Said", Answer, StableStep)
 
@@ -53,7 +46,7 @@ class Answers:
         self._reuse: Reuse = reuse
         self._run_id = run_id
 
-    def ask(self, engine_pool: Askable, engine: Engine, case: Case) -> Answer:
+    def ask(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
         """Return what came of a case, whatever became of the engine."""
         return self._answered(
             engine_pool,
@@ -64,7 +57,7 @@ class Answers:
             lambda message: _read(message, case),
         )
 
-    def search(self, engine_pool: Askable, engine: Engine, search: Search) -> StableStep:
+    def search(self, engine_pool: EnginePool, engine: Engine, search: Search) -> StableStep:
         """Return what came of a search for the largest stable step, whatever became of the engine."""
         return self._answered(
             engine_pool,
@@ -77,7 +70,7 @@ class Answers:
 
     def _answered(
         self,
-        engine_pool: Askable,
+        engine_pool: EnginePool,
         engine: Engine,
         case: Case,
         key: str,

@@ -27,7 +27,6 @@ from bodycheck.reports.measurement.work import work_done, working_loads
 
 WHO = ("scenario", "family", "engine", "engine_version", "method")
 """Whose a row is, in each table but probes.csv."""
-"""The columns that say whose a row is."""
 
 
 _NORM_FLOOR = 1e-12  # |q| and R^T R after millions of rounded products, each renormalised

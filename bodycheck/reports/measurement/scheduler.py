@@ -51,13 +51,16 @@ def run_tasks(tasks: Sequence[Task], jobs: int) -> None:
     What one of them raises ends the others and is raised here; so does an interrupt from the keyboard.
     """
     board, raised = _TaskQueue(tasks), []
-    strands = [EnginePool() for _ in range(max(1, min(jobs, len(tasks))))]
+    # Python runs one thread at a time anyway: two that measure would only take turns within each sample
+    turn = threading.Lock()
+    strands = [EnginePool(turn=turn) for _ in range(max(1, min(jobs, len(tasks))))]
     ended = threading.Semaphore(0)
 
     def work(engine_pool: EnginePool) -> None:
         try:
             while task := board.next(engine_pool):
-                task.do(engine_pool)
+                with turn:
+                    task.do(engine_pool)
         except BaseException as error:  # noqa: BLE001 - raised again by the thread that waits
             raised.append(error)
             board.clear()
