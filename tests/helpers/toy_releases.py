@@ -31,7 +31,7 @@ TOY = dedent("""
 """)
 _ORDERS = {"m1": 1, "rk4": 4}
 # of bodycheck the toy asks for what no registry has: the environment is to have none
-_NEEDS = {"toy_engine": "Requires-Dist: numpy\nRequires-Dist: bodycheck>=99\n", "numpy": "", "numba": ""}
+_NEEDS = {"toy_engine": "Requires-Dist: numpy\nRequires-Dist: bodycheck>=99\n"}
 
 
 def write_wheel(folder: Path, name: str, release: str, files: Mapping[str, str], points: str = "") -> Path:
@@ -39,7 +39,7 @@ def write_wheel(folder: Path, name: str, release: str, files: Mapping[str, str],
     facts = f"{name}-{release}.dist-info"
     within = {
         **files,
-        f"{facts}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {release}\n{_NEEDS[name]}",
+        f"{facts}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {release}\n{_NEEDS.get(name, "")}",
         f"{facts}/WHEEL": "Wheel-Version: 1.0\nGenerator: hand\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
         f"{facts}/entry_points.txt": points,
     }
@@ -59,7 +59,7 @@ def write_toy(folder: Path, release: str, method: str, *, announced: str | None 
 
 
 def write_needed(folder: Path) -> None:
-    """Write numpy and numba as wheels that lead to those that are here: tests have no network."""
+    """Write what the worker imports as wheels that lead to the packages here: tests have no network."""
     here = str(Path(np.__file__).parents[1])
-    for name in ("numpy", "numba"):
+    for name in ("numpy", "numba", "pydantic"):
         write_wheel(folder, name, version(name), {f"{name}-from-here.pth": f"{here}\n"})
