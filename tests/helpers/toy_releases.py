@@ -39,7 +39,7 @@ def write_wheel(folder: Path, name: str, release: str, files: Mapping[str, str],
     facts = f"{name}-{release}.dist-info"
     within = {
         **files,
-        f"{facts}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {release}\n{_NEEDS.get(name, "")}",
+        f"{facts}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {release}\n{_NEEDS.get(name, '')}",
         f"{facts}/WHEEL": "Wheel-Version: 1.0\nGenerator: hand\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
         f"{facts}/entry_points.txt": points,
     }
