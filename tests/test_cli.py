@@ -386,14 +386,14 @@ def test_an_engine_that_cannot_be_imported_is_shown_with_the_reason(
 
 @pytest.mark.slow
 def test_a_torque_that_switches_inside_a_step_is_said_so(tmp_path: Path) -> None:
-    """Such a step carries the mean torque, and the row's message tells."""
+    """Such a step applies the mean torque, and the row's message says so."""
     path = tmp_path / "mine.toml"
     path.write_text(
         SCENARIO + '[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = [1, 0, 0]\nuntil_s = 0.105\n'
     )
     measured = bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.01, 0.005], speed=False)
     assert measured.results["message"].tolist() == [
-        "load switches inside a step: 1; such a step carries the mean of what acts in it",
+        "load switches inside a step: 1; such a step applies the mean of its loads",
         "",
     ]
     assert measured.results["orientation_error_rad"].tolist()[1] < 1e-9

@@ -130,8 +130,8 @@ WRONG = {
     "an empty cell": ("t_s,x_m,y_m,z_m\n0,0,,0\n", "line 2: y_m is '', not a number"),
     "one cell too many": ("t_s,x_m,y_m,z_m\n0,1,0,0,0\n1,1,0,0,0\n", "is not CSV"),
     "time stands still": ("t_s,x_m,y_m,z_m\n0,0,0,0\n0,0,0,0\n", "ascending order"),
-    "negative time": ("t_s,x_m,y_m,z_m\n-1,0,0,0\n", "t_s must lie within 0 and the duration"),
-    "past the end": ("t_s,x_m,y_m,z_m\n11,0,0,0\n", "t_s must lie within 0 and the duration"),
+    "negative time": ("t_s,x_m,y_m,z_m\n-1,0,0,0\n", "t_s must lie between 0 and the duration"),
+    "past the end": ("t_s,x_m,y_m,z_m\n11,0,0,0\n", "t_s must lie between 0 and the duration"),
 }
 
 
