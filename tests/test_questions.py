@@ -227,7 +227,7 @@ WRONG = {
     "an error below 0": (["advise", "--error=-1"], "--error -1.0: must be a positive number"),
     "an unknown quantity": (
         ["advise", "--error", "1", "--quantity", "beauty"],
-        "--quantity beauty: is none that can be kept; there are orientation_error_rad",
+        "--quantity beauty: unknown quantity (available: orientation_error_rad",
     ),
     "an unknown column": (["table", "run", "--columns", "beauty"], "results has no beauty; it has run_id"),
     "an unknown table": (["table", "run", "beauty"], "'beauty' is not one of"),
