@@ -32,7 +32,7 @@ from bodycheck.reports.measurement.measures import (
 from bodycheck.reports.measurement.problem import Problem
 
 Asking: TypeAlias = Callable[[Engine, Case], Answer]
-"""Returns the answer to a case, from the engine or from a stored answer."""
+"""A function that answers a case, from the engine or from a stored answer."""
 
 SWITCH_NOTE = "load switches inside a step"
 """Part of the message of a case whose order is lowered by such switches."""

@@ -24,7 +24,7 @@ _BENDS = np.geomspace(0.1, 0.8, 6)  # tau: contribution of the next order at the
 _DECAY = 0.5  # of the variance of each further order
 _FLOOR_NOISE = 0.01  # of the error: a floor of this size makes the noise sqrt 2 times as large
 _TAIL = 0.025
-_REACH, _GRID, _REFINEMENTS = 20.0, 17, 4  # of the quantile search, to 40 standard deviations / 16^4
+_REACH, _GRID, _REFINEMENTS = 20.0, 17, 4  # of the quantile search, resolved to 40 standard deviations / 16^4
 _WIDEST_ORDERS = (0.05, 0.1, 0.25)  # half-widths of the interval that settle an order, best first
 _LEAST_ORDER = 0.5
 

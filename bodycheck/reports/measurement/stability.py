@@ -15,7 +15,7 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.tables import WHO
 
 Searching: TypeAlias = Callable[[Engine, Search], StableStep]
-"""Returns the result of a search, from the engine or from a stored answer."""
+"""A function that answers a search, from the engine or from a stored answer."""
 
 _FINER = 5.0  # the search goes down to the finest requested step over this
 _LEAST_STEPS = 4  # of a trial: fewer steps say nothing about stability

@@ -22,7 +22,7 @@ from bodycheck.scenarios.library import PROBES, load_scenario
 from bodycheck.scenarios.model import Scenario
 
 Asking: TypeAlias = Callable[[Engine, Case], Answer]
-"""Returns the answer to a case, from the engine or from a stored answer."""
+"""A function that answers a case, from the engine or from a stored answer."""
 
 _EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
 
