@@ -120,7 +120,7 @@ WRONG = {
     "no engine at all": (["run", "mine.toml", "--engine", ""], "no engine is named ''"),
     "no method at all": (["run", "mine.toml", "--engine", "reference:"], "reference has no method ''"),
     "a step twice": (["run", "mine.toml", "--dt", "0.1,0.05,0.1"], "the step of 0.1 s is asked for twice"),
-    "here": (["run", "mine.toml", "--out", "."], "is already there"),
+    "here": (["run", "mine.toml", "--out", "."], "already exists"),
     "step that does not fit": (["run", "mine.toml", "--dt", "0.03"], "does not divide the sampling interval"),
     "step that is no number": (["run", "mine.toml", "--dt", "fast"], "'fast' is not a number"),
     "zero step": (["run", "mine.toml", "--dt", "0"], "must be a positive number of seconds"),
@@ -138,8 +138,8 @@ WRONG = {
     "soon": (["run", "mine.toml", "--timeout-s", "soon"], "Invalid value for '--timeout-s'"),
     "nothing to resume": (["run", "--resume", "nothing"], "--resume nothing: no run was stopped there"),
     "resumed otherwise": (["run", "--resume", "x", "--dt", "0.1"], "give nothing beside it"),
-    "output in use": (["run", "mine.toml", "--out", "used"], "is already there"),
-    "output is a file": (["run", "mine.toml", "--out", "mine.toml"], "is already there"),
+    "output in use": (["run", "mine.toml", "--out", "used"], "already exists"),
+    "output is a file": (["run", "mine.toml", "--out", "mine.toml"], "already exists"),
     "truth at a negative time": (["truth", "mine.toml", "--at", "0,-1"], "not -1.0"),
     "truth at no time": (["truth", "mine.toml", "--at", "nan"], "not nan"),
     "truth of nothing": (["truth", "nope", "--at", "0"], "nope: is neither"),
@@ -386,14 +386,14 @@ def test_an_engine_that_cannot_be_imported_is_shown_with_the_reason(
 
 @pytest.mark.slow
 def test_a_torque_that_switches_inside_a_step_is_said_so(tmp_path: Path) -> None:
-    """Such a step carries the mean torque, and the row's message tells."""
+    """Such a step applies the mean torque, and the row's message says so."""
     path = tmp_path / "mine.toml"
     path.write_text(
         SCENARIO + '[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = [1, 0, 0]\nuntil_s = 0.105\n'
     )
     measured = bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.01, 0.005], speed=False)
     assert measured.results["message"].tolist() == [
-        "load switches inside a step: 1; such a step carries the mean of what acts in it",
+        "load switches inside a step: 1; such a step applies the mean of its loads",
         "",
     ]
     assert measured.results["orientation_error_rad"].tolist()[1] < 1e-9

@@ -185,7 +185,7 @@ def test_update_loosens_nothing_without_a_reason(folder: Path, stored_run: Path)
 WRONG = {
     "no file": (["--tolerances", "no.toml"], "no.toml: cannot be read"),
     "no gates": (["--tolerances", "mine.toml"], "gate: needs at least one [[gate]] table"),
-    "no run": (["--tolerances", "kept.toml", "--run", "."], "is no folder of a run"),
+    "no run": (["--tolerances", "kept.toml", "--run", "."], "not a run folder"),
     "run and suite": (["smoke", "--tolerances", "kept.toml", "--run", "."], "has its own scenarios"),
     "unknown scenario": (["nope", "--tolerances", "kept.toml"], "nope: is neither"),
     "margin alone": (

@@ -219,15 +219,15 @@ def test_a_figure_is_drawn(command: Command) -> None:
 
 
 WRONG = {
-    "no run": (["compare", "run", "nowhere"], "nowhere: is no folder of a run: it has no manifest.json"),
+    "no run": (["compare", "run", "nowhere"], "nowhere: not a run folder: manifest.json is missing"),
     "a page nowhere": (["compare", "run", "other", "--html", "no/a.html"], "no/a.html: cannot be written"),
-    "no run to report": (["report", "."], ".: is no folder of a run"),
+    "no run to report": (["report", "."], ".: not a run folder"),
     "no error": (["advise", "--run", "run"], "Missing option '--error'"),
     "an error in words": (["advise", "--error", "small"], "Invalid value for '--error'"),
     "an error below 0": (["advise", "--error=-1"], "--error -1.0: must be a positive number"),
     "an unknown quantity": (
         ["advise", "--error", "1", "--quantity", "beauty"],
-        "--quantity beauty: is none that can be kept; there are orientation_error_rad",
+        "--quantity beauty: unknown quantity (available: orientation_error_rad",
     ),
     "an unknown column": (["table", "run", "--columns", "beauty"], "results has no beauty; it has run_id"),
     "an unknown table": (["table", "run", "beauty"], "'beauty' is not one of"),

@@ -180,7 +180,7 @@ def test_a_second_process_on_the_same_run_is_told_so(command: Command, tmp_path:
     first.send_signal(signal.SIGSTOP)  # however long the others take
     status, words = finished(command("run", "--resume", "out"))
     assert status == 2
-    assert words.startswith("out.partial/journal: another process is at work on this run")
+    assert words.startswith("out.partial/journal: another process is using this run")
     status, words = finished(command(*hanging(), "--out", "out"))
     assert status == 2
     assert words.startswith("out.partial: is of a run that was stopped: go on with --resume out")

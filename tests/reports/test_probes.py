@@ -406,4 +406,4 @@ def test_a_torque_of_twice_the_size_names_the_torque_alone() -> None:
     rows = {row["check"]: row for row in probe_rows(engine_of(sound), sound.methods["rk4"], twice)}
     assert accused(rows) == {"body_torque_response"}
     assert rows["body_torque_response"]["measured"] == pytest.approx(2.0)
-    assert rows["body_torque_response"]["message"] == "the momentum gained is 2 of the impulse"
+    assert rows["body_torque_response"]["message"] == "the momentum gained is 2 times the impulse"

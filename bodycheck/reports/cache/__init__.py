@@ -1,1 +1,1 @@
-"""Answers of engines and truths that were computed before."""
+"""Cached engine answers and truths, and the journal of a run."""

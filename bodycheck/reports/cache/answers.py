@@ -1,7 +1,7 @@
-"""How a case comes to its answer: from this run's journal, from the cache, else from the engine.
+"""Get the answer to a case from the run's journal, from the cache, or from the engine, in this order.
 
-An answer of the cache is found by the identity of what the engine's worker has loaded, and is kept only where
-the worker that answered had loaded just that.
+The cache key includes the identity of the code that the engine's worker has loaded. An answer is cached only
+if the worker that gave it had loaded exactly that code.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ _Said = TypeVar("_Said", Answer, StableStep)
 
 
 class Answers:
-    """Answers of engines to cases, and laps of their clocks, each asked for once.
+    """Answers of engines to cases, and lap times; each is requested once.
 
-    journal: of this run; what is in it is never asked for again. cache: of all runs, None to keep nothing;
-    laps are never cached. timeout_s: what one case may take. reuse: which answers of the cache are used.
-    run_id: of this run, by which an answer in the journal is known for one of its own.
+    journal: of this run; its answers are never requested again. cache: shared by all runs, None to disable
+    it; laps are never cached. timeout_s: time limit of one case. reuse: which cached answers are used.
+    run_id: of this run; it distinguishes this run's answers in the journal from reused ones.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Answers:
         self._run_id = run_id
 
     def ask(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
-        """Return what came of a case, whatever became of the engine."""
+        """Return the answer to a case, also where the engine failed."""
         return self._answered(
             engine_pool,
             engine,
@@ -58,7 +58,7 @@ class Answers:
         )
 
     def search(self, engine_pool: EnginePool, engine: Engine, search: Search) -> StableStep:
-        """Return what came of a search for the largest stable step, whatever became of the engine."""
+        """Return the result of a search for the largest stable step, also where the engine failed."""
         return self._answered(
             engine_pool,
             engine,
@@ -94,12 +94,12 @@ class Answers:
         else:
             said = read(entry.value)
         if journal:
-            # also what the cache has: it may be gone when the run goes on
+            # cached answers too: the cache may be gone when the run is resumed
             journal.append(entry)
         return replace(said, reused=reused)
 
     def _cache_of(self, engine: Engine, case: Case) -> Cache | None:
-        """The cache, unless nobody can say whether the engine or a user's function will be the same."""
+        """Return the cache; None where the engine is not identified, or a user's function may change."""
         known = engine.build.id and engine.build.kind != "handed over"
         return self._cache if known and not case.scene.has_callback_load else None
 
@@ -109,16 +109,16 @@ class Answers:
         )
 
     def _journal_of(self, case: Case) -> Journal | None:
-        """What a user's function does may change under its name, even before a run goes on: none is kept."""
+        """Return the journal; None where a user's function may change before the run is resumed."""
         return None if case.scene.has_callback_load else self._journal
 
     def laps(self, engine: Engine, case: Case) -> Message | None:
-        """Return what this run has measured of a case's speed, if it was before it was interrupted."""
+        """Return the laps of a case that this run measured before it was interrupted, if any."""
         journal = self._journal_of(case)
         return journal.get(_key(engine, case, "laps")) if journal else None
 
     def keep_laps(self, engine: Engine, case: Case, measured: Message) -> None:
-        """Write down what was measured of a case's speed."""
+        """Store the laps of a case in the journal."""
         if journal := self._journal_of(case):
             journal.put(_key(engine, case, "laps"), measured)
 
@@ -144,7 +144,7 @@ def _build(message: Message) -> str:
 
 
 def _lasting(answer: Answer | StableStep) -> bool:
-    """Whether the engine would answer so again: a crash or a timeout may be an accident."""
+    """Whether the engine would answer the same again; a crash or a timeout may be accidental."""
     return answer.outcome == "unsupported" or (answer.outcome == "ok" and not answer.message)
 
 
@@ -154,6 +154,6 @@ def _key(engine: Engine, case: Case, what: str, **within: float | None) -> str:
     return key_of(what=what, protocol=protocol.VERSION, engine=identity, case=asked, **within)
 
 
-@lru_cache(maxsize=256)  # a scene, which is hashed as the object that it is, has a hundred cases
+@lru_cache(maxsize=256)  # a scene, hashed by identity, has about a hundred cases
 def _scene_key(scene: Scene) -> str:
     return key_of(scene=case_messages.scene_message(scene))

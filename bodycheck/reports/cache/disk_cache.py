@@ -1,4 +1,4 @@
-"""What was computed before, by the hash of all that it depends on: one checksummed line per file."""
+"""On-disk cache of results, keyed by the hash of everything they depend on: one checksummed line per file."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.entries import Entry
 
 Reuse: TypeAlias = Literal["nothing", "truths", "installed", "everything"]
-"""nothing; the truths of scenarios; the answers of installed engines too; the answers of all engines whose
-identity is known, plug-ins and editable ones included."""
+"""What is reused: nothing; the truths of scenarios; also the answers of installed engines; also those of all
+other engines whose identity is known, including plug-ins and editable installs."""
 
 
 def reuse_of(fresh: bool | None, default: Reuse) -> Reuse:
-    """Return what --fresh or --reuse asks for; where neither is given, the default of a command."""
+    """Return the setting of --fresh or --reuse [default: that of the command]."""
     return default if fresh is None else "nothing" if fresh else "everything"
 
 
 _MOST_BYTES = 2_000_000_000
 _UNUSED_S = 30 * 86400.0
-_MARKED_AGAIN_S = 86400.0  # a file that was used less long ago is not marked as used once more
+_MARKED_AGAIN_S = 86400.0  # the time of last use is updated at most this often
 
 
 class Cache:
-    """Messages by key. A file that is damaged counts as absent; a folder that cannot be written, as full."""
+    """Messages by key. A damaged file counts as absent; nothing is stored in an unwritable folder."""
 
     def __init__(self, folder: Path, *, readable: bool = True) -> None:
         self._folder, self._readable = folder, readable
@@ -37,24 +37,24 @@ class Cache:
 
     @classmethod
     def default(cls) -> Cache:
-        """The one beside the compiled kernels; BODYCHECK_CACHE_DIR moves both."""
+        """Return the cache next to the compiled kernels; BODYCHECK_CACHE_DIR moves both."""
         return cls(cache_home() / "results")
 
     def write_only(self) -> Cache:
-        """Return the same without what is in it: all is computed anew, and takes the place of what was."""
+        """Return the same cache without reading: results are computed again and replace the old entries."""
         return Cache(self._folder, readable=False)
 
     def get(self, key: str) -> Message | None:
-        """Return what was put under this key, if it is there and whole."""
+        """Return the message stored under this key; None where it is absent or damaged."""
         entry = self.entry(key)
         return None if entry is None else entry.value
 
     def has(self, key: str) -> bool:
-        """Whether there is a file for this key, whole or not."""
+        """Whether there is a file for this key, intact or damaged."""
         return self._readable and os.path.isfile(self._place(key))  # noqa: PTH113 - False without permission
 
     def entry(self, key: str) -> Entry | None:
-        """Return the same, with the line that holds it."""
+        """Return the entry stored under this key, with its line; None where it is absent or damaged."""
         if not self._readable:
             return None
         place = self._place(key)
@@ -72,11 +72,11 @@ class Cache:
         return entry
 
     def put(self, key: str, message: Message) -> None:
-        """Keep a message, whole or not at all; once the disk is full or read-only, nothing more."""
+        """Store a message atomically; once the disk is full or read-only, do nothing."""
         self.keep(Entry.of(key, message))
 
     def keep(self, entry: Entry) -> None:
-        """Keep a message that is sealed already, as `put` does."""
+        """Store a message that already has its checksum, like `put`."""
         if not self._writable:
             return
         place = self._place(entry.key)
@@ -87,10 +87,10 @@ class Cache:
             self._writable = False
 
     def prune(self, now_s: float | None = None) -> None:
-        """Remove what was not used for a month, and then the longest unused, down to two gigabytes."""
+        """Remove entries unused for 30 days, then the least recently used ones, down to 2 GB."""
         now_s = time.time() if now_s is None else now_s
         files = []
-        with suppress(OSError):  # it may not be there, or not be readable
+        with suppress(OSError):  # the folder may be absent or unreadable
             for folder in self._folder.iterdir():
                 with suppress(OSError), os.scandir(folder) as entries:  # another process may prune it too
                     for entry in entries:

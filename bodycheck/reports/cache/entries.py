@@ -1,4 +1,4 @@
-"""Messages as lines that know whether they are whole: the hash of the text, a blank, the text."""
+"""Messages as checksummed lines: the hash of the text, a space, the text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bodycheck.adapters.workers.protocol import Message
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A message under its key, with the sealed line that holds both: sealed once, wherever it is kept."""
+    """A message with its key, and the checksummed line of both, which the cache and the journal share."""
 
     key: str
     value: Message
@@ -21,17 +21,17 @@ class Entry:
 
     @classmethod
     def of(cls, key: str, value: Message) -> Entry:
-        """Seal a message."""
+        """Return the entry of a message, with its checksum."""
         return cls(key, value, sealed({"key": key, "value": value}))
 
     @classmethod
     def read(cls, line: bytes) -> Entry | None:
-        """Return what a line holds; None where it is cut off or changed."""
+        """Return the entry of a line; None where the line is truncated or changed."""
         message = opened(line)
         return None if message is None else cls(message["key"], message["value"], line)
 
 
 def key_of(**parts: Any) -> str:
-    """Return the hash of plain data: equal where, and only where, all of it is."""
+    """Return the hash of plain data: equal if and only if all the data are equal."""
     text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
     return sha256(text.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""The answers of one run, appended as they come: what is written is never lost, what is torn is dropped."""
+"""The answers of one run, appended as they arrive: written answers persist, truncated ones are dropped."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from bodycheck.reports.cache.entries import Entry
 
 
 class Journal:
-    """Messages by key in one append-only file of sealed lines, which one process at a time may hold.
+    """Messages by key in one append-only file of checksummed lines, locked by one process at a time.
 
-    Opening it again drops a last line that was cut off, and passes over any that is damaged. Raises
-    InputError where the file cannot be read or written, or another process holds it.
+    Opening it again drops a truncated last line and skips damaged lines. Raises InputError where the file
+    cannot be read or written, or another process has locked it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -35,16 +35,16 @@ class Journal:
                 self._file.close()
                 raise
         except BlockingIOError:
-            raise InputError(f"{path}: another process is at work on this run") from None
+            raise InputError(f"{path}: another process is using this run") from None
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
     def _hold(self) -> None:
-        """Keep other processes out, until this one ends in whatever way."""
+        """Lock the file against other processes until this one ends, however it ends."""
         fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def _read(self) -> int:
-        """Take in what is whole; return where the last line ends."""
+        """Load the intact entries; return the offset at which the last complete line ends."""
         end = 0
         with self._path.open("rb") as file:
             for line in file:
@@ -57,22 +57,22 @@ class Journal:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing was ever put into it."""
+        """Whether the journal is empty."""
         return self._end == 0
 
     def get(self, key: str) -> Message | None:
-        """Return what was put under this key before the journal was opened."""
+        """Return the message stored under this key before the journal was opened."""
         return self._before.get(key)
 
     def put(self, key: str, value: Message) -> None:
         """Append a message.
 
-        Raises InputError where the disk is full; what was written before stays.
+        Raises InputError where the disk is full; earlier messages remain.
         """
         self.append(Entry.of(key, value))
 
     def append(self, entry: Entry) -> None:
-        """Append a message that is sealed already, as `put` does."""
+        """Append a message that already has its checksum, like `put`."""
         with self._lock:
             try:
                 written = self._file.write(entry.line)

@@ -1,4 +1,4 @@
-"""Truths that were solved before: the cache of solve_truth."""
+"""The cache of solve_truth."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from bodycheck.reports.cache.entries import key_of
 
 
 def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
-    """Return solve_truth(scene, t_s), from the cache where it is there; kept there else.
+    """Return solve_truth(scene, t_s) from the cache; on a miss, solve and store it.
 
-    What depends on a user's function is never kept: its code may change under its name.
+    t_s (n,) in s. A truth that depends on a user's function is never stored, because its code may change.
 
     Raises ValueError as solve_truth does.
     """
@@ -41,19 +41,19 @@ def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
 
 def _solved(scene: Scene, t_s: Array) -> Truth:
     from bodycheck.reference_impl.truth.certification import (
-        solve_truth,  # late: numba takes a second to begin with
+        solve_truth,  # imported here: numba takes a second to start
     )
 
     return solve_truth(scene, t_s)
 
 
 def is_known(scene: Scene, t_s: Array, cache: Cache) -> bool:
-    """Whether known_truth would find it in the cache, unless it is damaged there."""
+    """Whether the cache has a file for this truth; the file may be damaged."""
     return not scene.has_callback_load and cache.has(_key(scene, t_s))
 
 
 def _key(scene: Scene, t_s: Array) -> str:
-    # what evaluates the formulas counts too: another build may round or order them otherwise
+    # includes the numerical libraries, because another build may round or order operations differently
     scene_message = case_messages.scene_message(scene)
     return key_of(truth=scene_message, t_s=packed(t_s), code=own_code(), evaluated_by=numeric_parts())
 

@@ -1,1 +1,1 @@
-"""What is measured of one case, and what the cases of one method say together."""
+"""Measures of one case, and verdicts from all cases of a method."""

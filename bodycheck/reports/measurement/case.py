@@ -32,22 +32,22 @@ from bodycheck.reports.measurement.measures import (
 from bodycheck.reports.measurement.problem import Problem
 
 Asking: TypeAlias = Callable[[Engine, Case], Answer]
-"""How a case comes to its answer: from the engine, or from what it answered before."""
+"""A function that answers a case, from the engine or from a stored answer."""
 
 SWITCH_NOTE = "load switches inside a step"
-"""What stands in the message of a case whose order is lowered by that."""
+"""Part of the message of a case whose order is lowered by such switches."""
 
 ALLOW_CODE = "--allow-code"
-"""What stands in the command of a case whose scenario names a function."""
+"""Part of the command of a case whose scenario names a function."""
 
 
 @dataclass(frozen=True, eq=False)
 class CaseResult:
-    """How a case ended: columns (all of results.csv but run_id), and what it returned, if it did.
+    """The result of a case: its columns (all of results.csv but run_id) and its trajectory, if any.
 
-    series: every measure over time (compared,), in SI units; the invariant's over its size. departures: of
-    every judged measure the signed departure from the truth (compared, k), over its scale. floors: what
-    limits a measure in this case besides the truth. read_back: what the engine says it was given.
+    series: every measure over time (compared,), in SI units; that of the invariant over its size. departures:
+    the signed departure from the truth (compared, k) of each judged measure, over its scale. floors: the
+    error of a measure in this case besides the truth's. read_back: the parameters as the engine reports them.
     """
 
     columns: dict[str, Any]
@@ -59,12 +59,12 @@ class CaseResult:
 
     @property
     def setting(self) -> Setting:
-        """The step, or the tolerance, or neither."""
+        """The step, the tolerance, or neither."""
         return Setting(self.columns.get("dt_s"), self.columns.get("tolerance"))
 
     @property
     def dt_s(self) -> float | None:
-        """The step, None for a method that has none."""
+        """The step in s; None for a method without steps."""
         return self.setting.dt_s
 
     @property
@@ -74,7 +74,7 @@ class CaseResult:
 
 
 def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting, ask: Asking) -> CaseResult:
-    """Have one case answered and measure the answer; whatever goes wrong becomes its outcome."""
+    """Run one case and measure it; any failure becomes its outcome."""
     scene = problem.scenario.scene
     columns = _who(problem, engine, method, setting)
     answer = ask(engine, Case(scene, method.name, setting))
@@ -103,8 +103,11 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
 
 
 def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion | str:
-    """Return energy and momentum along a trajectory; or, where it is unstable beside the true ones, why."""
-    with np.errstate(over="ignore", invalid="ignore"):  # of what has run away
+    """Return energy and momentum along a trajectory, or the reason why it is unstable.
+
+    true: energy and momentum along the truth.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverged trajectory may overflow
         if reason := invalid_state(trajectory):
             return reason
         motion = Motion.of(scene, trajectory)
@@ -112,9 +115,9 @@ def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion 
 
 
 def measured_by(problem: Problem, trajectory: Trajectory, motion: Motion) -> CaseResult:
-    """Return every measure of a trajectory: its columns, its series and its departures.
+    """Return every measure of a trajectory as columns, series and departures.
 
-    motion: the energy and momentum along the trajectory.
+    motion: energy and momentum along the trajectory.
     """
     scene, n = problem.scenario.scene, problem.compared
     compared = Compared(
@@ -137,13 +140,13 @@ def measured_by(problem: Problem, trajectory: Trajectory, motion: Motion) -> Cas
 
 
 def _horizon(t_s: Array, error_rad: Array) -> float:
-    """Return the last of the times (n,) up to which an error (n,) from 0 on was never above 0.3 rad."""
+    """Return the last of the times (n,) up to which the error (n,) stayed at or below 0.3 rad."""
     beyond = error_rad > LARGEST_ERROR
     return float(t_s[np.argmax(beyond) - 1] if beyond.any() else t_s[-1])
 
 
 def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, Any]:
-    """Return how many steps and right-hand sides it took, and who made the steps."""
+    """Return the columns steps, rhs_evaluations and stepping, as far as they are known."""
     columns: dict[str, Any] = {}
     steps = answer.steps if plan is None else plan.steps
     if steps is not None:
@@ -169,7 +172,7 @@ def _who(problem: Problem, engine: Engine, method: Method, setting: Setting) -> 
 
 
 def _reproducing_command(problem: Problem, engine: str, method: str, setting: Setting) -> str:
-    """Return the command line that runs this one case again."""
+    """Return the command line that reproduces this one case."""
     words = ["bodycheck", "run", problem.scenario_spec, "--engine", f"{engine}:{method}"]
     if setting.dt_s is not None:
         words += ["--dt", repr(setting.dt_s)]
@@ -181,7 +184,7 @@ def _reproducing_command(problem: Problem, engine: str, method: str, setting: Se
 
 
 def scenario_spec(reproduce: str) -> str | None:
-    """Return what names the scenario in the command of a case: the word after `bodycheck run`."""
+    """Return the scenario argument in the command of a case: the word after `bodycheck run`."""
     words = parted(reproduce)
     return words[2] if len(words) > 2 else None
 
@@ -189,9 +192,7 @@ def scenario_spec(reproduce: str) -> str | None:
 def _note(problem: Problem, plan: StepPlan | None, said: str) -> str:
     notes = [said] if said else []
     if plan is not None and plan.mid_step_switches:
-        notes.append(
-            f"{SWITCH_NOTE}: {plan.mid_step_switches}; such a step carries the mean of what acts in it"
-        )
+        notes.append(f"{SWITCH_NOTE}: {plan.mid_step_switches}; such a step applies the mean of its loads")
     if problem.compared < len(problem.truth.trajectory.t_s):
         until = f"t = {problem.times[-1]:.6g} s"
         notes.append(f"compared until {until}, where the truth ends: {problem.truth.end_reason}")

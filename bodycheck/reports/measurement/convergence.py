@@ -1,4 +1,4 @@
-"""What the cases of one method say together: the observed order, the round-off floor, the verdict."""
+"""Observed order, round-off floor and verdict from the cases of one method."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from bodycheck.reports.measurement.limits import Limit, limit_of
 from bodycheck.reports.measurement.measures import Judgement
 from bodycheck.reports.measurement.order import LEAST_POINTS, settled_order
 
-LARGEST_ERROR = 0.3  # rad, or of the scale: beyond it an error says nothing about the order
+LARGEST_ERROR = 0.3  # rad, or of the scale: a larger error carries no information about the order
 ABOVE_FLOOR = 10.0
-LARGEST_LIMIT = LARGEST_ERROR / 100.0  # where even the truth, or round-off, is that far off, nothing shows
-LARGEST_ROUND_OFF = 1e-9  # an error above it that stops shrinking is no round-off in double precision
+LARGEST_LIMIT = LARGEST_ERROR / 100.0  # largest truth bound or round-off at which a verdict is possible
+LARGEST_ROUND_OFF = 1e-9  # a larger error that stops shrinking is not round-off in double precision
 _LEAST_CERTAIN = 1e-12
-_LEAST_LIMIT_POINTS = 3  # usable ones, where the limit alone tells that a method converges
-_LEAST_FALL = 0.5  # order in the tolerance at which errors are to fall
+_LEAST_LIMIT_POINTS = 3  # usable points, where the limit alone shows convergence
+_LEAST_FALL = 0.5  # order in the tolerance at which errors must fall
 _PLATEAU_DECADES = 2.0  # of the tolerance, over which they must fall
 
 
@@ -28,8 +28,8 @@ _PLATEAU_DECADES = 2.0  # of the tolerance, over which they must fall
 class Point:
     """One case of a method: its step or tolerance, its error, and its signed departure from the truth.
 
-    error: None where the case did not end well. motion (samples, k): over the scale; by default the error
-    itself, which serves as one while it is small.
+    error: None where the case did not end well. motion (samples, k): the departure over the scale [default:
+    the error itself, which serves as the motion while it is small].
     """
 
     dt_s: float
@@ -41,9 +41,10 @@ class Point:
 class Judged:
     """How a quantity is judged.
 
-    floor: the larger of 3 times the truth's bound and eps times the motion's sensitivity, of the scale; below
-    it an error says nothing. growing: round-off as it grows with the number of steps of the finest case.
-    extrapolated: False where errors follow no power of the step. judged: by its limit, or as a property.
+    floor: the larger of 3 times the truth's bound and eps times the motion's sensitivity, of the scale; a
+    smaller error carries no information. growing: round-off as it grows with the number of steps of the
+    finest case. extrapolated: False where errors do not follow a power of the step. judged: by its limit, or
+    as a property.
     """
 
     floor: float
@@ -54,10 +55,10 @@ class Judged:
 
 @dataclass(frozen=True)
 class Convergence:
-    """The observed order with its 95 % interval, the points it rests on, the floor, the limit, the verdict.
+    """The order with its 95 % interval, the number of points used, the floor, the limit and the verdict.
 
-    limit_distance, limit_uncertainty: how far the limit of ever finer steps is from the truth, and how far
-    that may be off, as root mean squares over the samples.
+    limit_distance, limit_uncertainty: distance from the truth of the limit under step refinement, and its
+    uncertainty, as root mean squares over the samples.
     """
 
     verdict: str
@@ -71,12 +72,12 @@ class Convergence:
 
     @property
     def is_decided(self) -> bool:
-        """Whether finer steps would change nothing about the verdict."""
+        """Whether finer steps would not change the verdict."""
         return self.verdict in ("converges", "does-not-converge", "at-floor", "chaotic")
 
 
 def usable(points: Sequence[Point], floor: float) -> list[Point]:
-    """Return the points that an order can rest on, coarsest first: 10 floor < error < 0.3."""
+    """Return the points usable for an order, coarsest first: 10 floor < error < 0.3."""
     return [
         p
         for p in sorted(points, key=lambda p: -p.dt_s)
@@ -85,12 +86,12 @@ def usable(points: Sequence[Point], floor: float) -> list[Point]:
 
 
 def round_off_floor(points: Sequence[Point], least: float) -> float:
-    """Return `least`, or the error at which finer steps stopped helping, if that is small as round-off.
+    """Return `least`, or the error at which finer steps stopped helping, if it is as small as round-off.
 
     least: the larger of 3 times the truth's bound and eps times the motion's sensitivity.
 
-    Where a finer step gains less than order 1/2 would, on errors that round-off can make, both errors
-    lie on the floor.
+    Where a finer step reduces the error by less than order 1/2 would, and the errors are small enough to be
+    round-off, both errors are on the floor.
     """
     floor = least
     errors = [(p.dt_s, p.error) for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
@@ -103,7 +104,7 @@ def round_off_floor(points: Sequence[Point], least: float) -> float:
 def convergence_of(points: Sequence[Point], how: Judged) -> Convergence:
     """Return order, limit and verdict of one quantity from the cases of one method on one scenario.
 
-    points in any order.
+    points: in any order.
     """
     if how.floor > LARGEST_LIMIT:
         return Convergence("chaotic", 0, how.floor)
@@ -132,7 +133,10 @@ def convergence_of(points: Sequence[Point], how: Judged) -> Convergence:
 
 
 def _limit(ended: Sequence[Point], how: Judged) -> Limit | None:
-    """Return the limit of the motions, coarsest step first; from the finest up to one that has none."""
+    """Return the limit of the motions, from the finest case up to the first without one.
+
+    ended: the cases that ended well, coarsest step first.
+    """
     fine_first = takewhile(lambda pair: pair[1] is not None, ((p, _motion_of(p)) for p in reversed(ended)))
     known = [(point.dt_s, motion) for point, motion in fine_first if motion is not None][::-1]
     steps, motions = [dt_s for dt_s, _ in known], [motion for _, motion in known]
@@ -142,14 +146,14 @@ def _limit(ended: Sequence[Point], how: Judged) -> Limit | None:
 
 
 def _motion_of(point: Point) -> Array | None:
-    """Return the motion of a case; without one its error, unless that is saturated and so stands still."""
+    """Return the motion of a case, or else its error, unless that is saturated and so cannot change."""
     if point.motion is None and point.error is not None and point.error < LARGEST_ERROR:
         return np.array([[point.error]])
     return point.motion
 
 
 def tolerance_convergence(points: Sequence[Point], how: Judged) -> Convergence:
-    """Return the verdict on a method that is given a tolerance: its errors must fall with it, to the floor.
+    """Return the verdict on a method controlled by a tolerance: errors must fall with it, down to the floor.
 
     points: dt_s is the tolerance. There is no order in the step.
     """
@@ -170,7 +174,7 @@ def tolerance_convergence(points: Sequence[Point], how: Judged) -> Convergence:
 
 
 def stepless_verdict(points: Sequence[Point], how: Judged) -> Convergence:
-    """Return the verdict on a method that has neither steps nor a tolerance: exact, or off."""
+    """Return the verdict on a method without step or tolerance: exact or off."""
     error = points[0].error
     if how.floor > LARGEST_LIMIT or error is None:
         return Convergence("unstable" if error is None else "chaotic", 0, how.floor)

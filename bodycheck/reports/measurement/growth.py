@@ -1,9 +1,9 @@
-"""How a drift grows with time: bounded, as the root of t, linear, quadratic or exponential.
+"""How a drift grows with time: bounded, as sqrt(t), linear, quadratic or exponential.
 
-The exponent is the slope of log M against log t over the last two decades of time, M(t) the largest drift
-so far. Energy that a symplectic method keeps to and fro is bounded (Hairer, Lubich and Wanner 2006, Geometric
-Numerical Integration, IX.8), round-off that errs as often either way grows as the root of t (Brouwer 1937,
-Astron. J. 46, 149), and a method's secular error is linear.
+The exponent is the slope of log M against log t over the last two decades of time, where M(t) is the largest
+drift up to t. The energy error of a symplectic method is bounded (Hairer, Lubich and Wanner 2006, Geometric
+Numerical Integration, IX.8), unbiased round-off grows as sqrt(t) (Brouwer 1937, Astron. J. 46, 149), and the
+secular error of a method is linear.
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 
-_DECADES = 2.0  # of time that are looked at
+_DECADES = 2.0  # of time that are fitted
 _LEAST_DECADES = 1.5
 _LEAST_SAMPLES = 100
 _PIECES = 4  # of these decades, whose slopes give the interval
 _POINTS = 40  # of the fit
-_STUDENT = 3.182446305284263  # of 3 degrees of freedom, two-sided 95 %
+_STUDENT = 3.182446305284263  # quantile for 3 degrees of freedom, two-sided 95 %
 _STEADY_BANDS = {"linear": (0.85, 1.2), "quadratic": (1.75, 2.3)}
 _STEADY_SLACK = 0.1  # by which the last decade alone may leave the band
 _ROOT_BAND = (0.25, 0.75)
-_ROOT_LATE = 0.2  # the least slope over the last decade: extremes of mere noise grow more slowly
-_FLAT = 0.1  # a slope over the last decade that is none
-_LARGEST_BOUNDED = 0.25  # over all: the first swing lies within it
-_RAMP = 0.85  # a first slope above it is a swing that has not yet turned back, not the root of t
-_STEEPEST = 1.5  # of a random walk; a slope above it is a jump
+_ROOT_LATE = 0.2  # smallest slope over the last decade: extremes of pure noise grow more slowly
+_FLAT = 0.1  # a smaller slope over the last decade counts as zero
+_LARGEST_BOUNDED = 0.25  # overall slope, which includes the first oscillation
+_RAMP = 0.85  # a steeper first slope is an oscillation that has not turned back yet, not sqrt(t)
+_STEEPEST = 1.5  # slope of a random walk; a steeper one is a jump
 _LEAST_EXPONENTIAL = 1.5  # slope at the end
-_EXPONENTIAL_GAIN = 3.0  # how much better log M must follow t than log t: a random walk may end steeply too
+_EXPONENTIAL_GAIN = 3.0  # ratio of the misfits in log t and t: a random walk may end steeply too
 
 
 @dataclass(frozen=True)
 class Growth:
-    """What a series says: its kind and the exponent with a 95 % interval; None where it says nothing."""
+    """The kind of growth and its exponent with a 95 % interval; None where undetermined."""
 
     growth: str | None = None
     growth_exponent: float | None = None
@@ -45,8 +45,8 @@ class Growth:
 def growth_of(t_s: Array, drift: Array, floor: float) -> Growth:
     """Return how a drift >= 0 (n,) grows over the times t_s (n,), ascending from 0.
 
-    floor: what the drift has to exceed to say anything, in its own unit. The kind is None where there are
-    fewer than 1.5 decades of time above it, or the series fits none.
+    floor: smallest meaningful drift, in the unit of the drift. The kind is None where the drift is above the
+    floor for fewer than 1.5 decades of time, or where the series fits no kind.
     """
     largest = np.maximum.accumulate(drift)
     above = (t_s >= t_s[-1] / 10.0**_DECADES) & (largest > floor)
@@ -75,7 +75,7 @@ def _last_decade(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _power_law(exponent: float, late: float) -> str | None:
-    """Name the power of t that the whole and its last decade agree on."""
+    """Return the power of t on which the whole series and its last decade agree."""
     for kind, (low, high) in _STEADY_BANDS.items():
         if low <= exponent <= high and low - _STEADY_SLACK <= late <= high + _STEADY_SLACK:
             return kind
@@ -83,7 +83,7 @@ def _power_law(exponent: float, late: float) -> str | None:
 
 
 def _random_walk_like(exponent: float, late: float, slopes: Array) -> str | None:
-    """Name what does not grow at the end, or grows as a random walk does, by fits and starts."""
+    """Return "bounded" for no growth at the end, "sqrt" for the irregular growth of a random walk."""
     if exponent < _LARGEST_BOUNDED and late < _FLAT:
         return "bounded"
     low, high = _ROOT_BAND
@@ -92,7 +92,7 @@ def _random_walk_like(exponent: float, late: float, slopes: Array) -> str | None
 
 
 def _exponential(x: Array, y: Array, slopes: Array, unfit: float) -> str | None:
-    """Name what log M shows as a line in t much rather than in log t."""
+    """Return "exponential" where log M is much closer to a line in t than in log t."""
     if slopes[-1] < _LEAST_EXPONENTIAL or not np.all(np.diff(slopes[1:]) > 0.0):
         return None
     _, unfit_in_time = _line(np.exp(x), y)
@@ -100,7 +100,7 @@ def _exponential(x: Array, y: Array, slopes: Array, unfit: float) -> str | None:
 
 
 def _line(x: Array, y: Array) -> tuple[float, float]:
-    """Return the slope of y against x by least squares, and the root of the mean squared residual."""
+    """Return the least-squares slope of y against x, and the root mean square of the residual."""
     deviation = x - x.mean()
     slope = float(deviation @ y) / float(deviation @ deviation)
     residual = y - y.mean() - slope * deviation

@@ -1,4 +1,4 @@
-"""What a scene keeps besides energy and momentum, and how far a trajectory leaves it."""
+"""Invariants of a scene besides energy and momentum, and their drift along a trajectory."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from bodycheck.reference_impl.pivot import turning_inertia
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
-_EQUAL = 1e-12  # relative: moments of one size, and arms along or across an axis
+_EQUAL = 1e-12  # relative tolerance: equal moments, and arms along or across an axis
 _ORBIT_NORMAL = np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
 class Invariant:
-    """A quantity (n,) that the true motion keeps.
+    """A quantity (n,) that the true motion conserves.
 
-    needs: which of attitude and omega it is made of. size: what its drift is measured by, from the truth.
+    needs: which of attitude and omega it depends on. size: the scale of its drift, computed from the truth.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Invariant:
 
 @dataclass(frozen=True, eq=False)
 class InvariantDrift:
-    """How far an invariant departs from the truth's over time (n,), signed, in its SI unit, and its size."""
+    """The signed departure of an invariant from the truth over time (n,), in its SI unit, and its size."""
 
     name: str
     departure: Array
@@ -41,7 +41,7 @@ class InvariantDrift:
 
     @property
     def relative(self) -> Array | None:
-        """The departure over the size (n,); None where that is 0."""
+        """The departure over the size (n,); None where the size is 0."""
         return self.departure / self.size if self.size > 0.0 else None
 
     @property
@@ -55,31 +55,31 @@ class InvariantDrift:
 def invariant_drifts(
     invariants: Sequence[Invariant], truth: Trajectory, trajectory: Trajectory
 ) -> list[InvariantDrift]:
-    """Return the drift of each invariant along a trajectory at the samples of the truth."""
+    """Return the drift of each invariant along a trajectory, at the samples of the truth."""
     return [
         InvariantDrift(one.name, one.of(trajectory) - one.of(truth), one.size(truth)) for one in invariants
     ]
 
 
 def worst_drift(drifts: Sequence[InvariantDrift]) -> InvariantDrift | None:
-    """Return the drift that is largest relative to its size; None of no invariants."""
+    """Return the drift that is largest relative to its size; None if there are no invariants."""
     return max(drifts, key=lambda drift: drift.columns.get("invariant_drift", -1.0), default=None)
 
 
 def invariants_of(scene: Scene) -> list[Invariant]:
-    """Return what the scene keeps besides energy and momentum."""
+    """Return the invariants of the scene besides energy and momentum."""
     return [*_spin(scene), *_vertical_momentum(scene), *_jacobi(scene), *_kovalevskaya(scene)]
 
 
 def symmetry_axis(inertia: Array) -> Array | None:
-    """Return the body axis (3,) of a symmetric top, or None for a sphere or a triaxial body."""
+    """Return the symmetry axis (3,) of a symmetric top in body axes; None for a sphere or a triaxial body."""
     moments, axes = principal_axes(inertia)
     low, high = (abs(moments[i + 1] - moments[i]) <= _EQUAL * moments[2] for i in (0, 1))
     return None if low == high else np.asarray(axes[:, 2 if low else 0])
 
 
 def _is_heavy_top(scene: Scene) -> bool:
-    """Whether the weight of a pivoted body is all that acts."""
+    """Whether gravity is the only load on a pivoted body."""
     return scene.pivot is not None and not scene.loads and bool(scene.gravity.any())
 
 
@@ -111,9 +111,9 @@ def _vertical_momentum(scene: Scene) -> Iterator[Invariant]:
 
 
 def _jacobi(scene: Scene) -> Iterator[Invariant]:
-    """1/2 omega . I omega - n h . L + 3/2 n^2 u . I u, h the orbit's normal, u its radius.
+    """1/2 omega . I omega - n h . L + 3/2 n^2 u . I u, with h the orbit normal and u the radial direction.
 
-    Source: Hughes (1986), Spacecraft Attitude Dynamics, section 9.1; h = y for u(t) = (-sin nt, 0, -cos nt).
+    h = y for u(t) = (-sin nt, 0, -cos nt). Source: Hughes (1986), Spacecraft Attitude Dynamics, section 9.1.
     """
     gradients = [load for load in scene.loads if isinstance(load, GravityGradient)]
     if len(gradients) != 1 or len(scene.loads) != 1:
@@ -137,8 +137,8 @@ def _jacobi(scene: Scene) -> Iterator[Invariant]:
 def _kovalevskaya(scene: Scene) -> Iterator[Invariant]:
     """|(p + i q)^2 - c (a + i b)|^2, c = m g l / I3, p along the arm of the centre of mass, (a, b, .) upward.
 
-    For I1 = I2 = 2 I3 about the pivot, and the centre of mass in the plane of 1 and 2. Source: Kovalevskaya
-    (1889), Acta Mathematica 12, 177.
+    Holds for I1 = I2 = 2 I3 about the pivot and the centre of mass in the plane of axes 1 and 2. Source:
+    Kovalevskaya (1889), Acta Mathematica 12, 177.
     """
     if not _is_heavy_top(scene):
         return

@@ -1,9 +1,9 @@
-"""Where a method goes with ever finer steps: to the truth, to something else, or that cannot be told yet.
+"""The limit of a method under step refinement: the truth, something else, or undecided.
 
-Whole motions are compared at common samples, signed: a difference of states is a smooth function of the step,
-the maximum of an error over time is not. With D1 = x(h1) - x(h2) and D2 = x(h2) - x(h3) of steps
-h1 > h2 > h3, x(h) = x(0) + C h^p gives p from (h1^p - h2^p) / (h2^p - h3^p) = |D1| / |D2|, and the limit
-x(0) = x(h3) - D2 h3^p / (h2^p - h3^p) (Richardson 1911, Phil. Trans. R. Soc. A 210, 307).
+Whole motions are compared at common samples, with their sign: a difference of states is a smooth function of
+the step, but the maximum of an error over time is not. With D1 = x(h1) - x(h2) and D2 = x(h2) - x(h3) of
+steps h1 > h2 > h3, x(h) = x(0) + C h^p gives p from (h1^p - h2^p) / (h2^p - h3^p) = |D1| / |D2|, and the
+limit x(0) = x(h3) - D2 h3^p / (h2^p - h3^p) (Richardson 1911, Phil. Trans. R. Soc. A 210, 307).
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 
-SURELY_OFF = 30.0  # uncertainties: healthy methods stay below 3, planted faults begin at thousands
-_STANDS_OFF = 10.0  # last differences: of a healthy method of order 1/2 the error is 2.4 of them
+SURELY_OFF = 30.0  # multiples of the uncertainty: correct methods stay below 3, planted faults exceed 1000
+_STANDS_OFF = 10.0  # multiples of the last difference: a correct method of order 1/2 has an error of 2.4
 _ORDERS = (0.2, 9.0)
-_LEAST_ORDER = 0.5  # of the differences: they must shrink for an extrapolation to mean anything
+_LEAST_ORDER = 0.5  # of the differences, which must shrink for an extrapolation to be meaningful
 _BISECTIONS = 40
-_SHARE = 0.1  # of the last difference: an extrapolation is never better than that
-_SETTLED_SPAN = 3.9  # of the steps over which a motion must have stood still
+_SHARE = 0.1  # of the last difference: an extrapolation is never assumed to be more accurate
+_SETTLED_SPAN = 3.9  # ratio of the steps over which a motion must not have changed
 
 
 @dataclass(frozen=True)
 class Limit:
-    """What the motions of ever finer steps come to.
+    """The limit of the motions under step refinement.
 
-    distance: root mean square over the samples of the limit's distance from the truth. uncertainty: how far
-    the limit itself may be off. order: p of the last three steps; 0 where the differences do not shrink.
-    is_off: whether the limit is surely not the truth.
+    distance: root mean square over the samples of the limit's distance from the truth. uncertainty: of the
+    limit itself. order: p of the last three steps; 0 where the differences do not shrink. is_off: whether the
+    limit certainly differs from the truth.
     """
 
     distance: float
@@ -41,20 +41,20 @@ class Limit:
 
     @property
     def is_truth(self) -> bool:
-        """Whether the differences shrink towards the truth, as well as can be told."""
+        """Whether the differences shrink and the limit equals the truth within the uncertainty."""
         return self.order >= _LEAST_ORDER and self.distance <= self.uncertainty
 
 
 def limit_of(
     steps: Sequence[float], motions: Sequence[Array], certain: float, *, extrapolated: bool = True
 ) -> Limit | None:
-    """Return the limit of a method's motions; None of fewer than three steps.
+    """Return the limit of a method's motions; None for fewer than three steps.
 
     steps (n,) in s, descending. motions: n arrays (samples, k), each the signed departure from the truth,
-    over a scale. certain: below it no distance means anything: the truth's bound, and round-off as it grows
-    with the number of steps. extrapolated: False where differences follow no power of the step, as where a
-    load switches inside one. Then, and where the distance rises with finer steps, only a motion that has
-    stopped moving far from the truth counts.
+    over a scale. certain: the smallest meaningful distance: the truth's bound, and round-off as it grows with
+    the number of steps. extrapolated: False where the differences do not follow a power of the step, as where
+    a load switches inside one. In that case, and where the distance grows with finer steps, the limit is off
+    only if the motion has stopped changing far from the truth.
     """
     if len(steps) < 3:
         return None
@@ -66,7 +66,7 @@ def limit_of(
     if found is None or not extrapolated:
         return Limit(here, still, 0.0, stands_off)
     end, order = found
-    if here > max(_size(motions[-2]), certain):  # the distance rises: nothing is extrapolated
+    if here > max(_size(motions[-2]), certain):  # a growing distance cannot be extrapolated
         still = max(last[-1], certain)
         return Limit(here, still, order, order >= _LEAST_ORDER and here > _STANDS_OFF * still)
     distance, uncertainty = _size(end), max(_SHARE * last[-1], certain)
@@ -75,7 +75,7 @@ def limit_of(
     else:
         coarser = _extrapolated(steps[-4:-1], motions[-4:-1], certain)
         uncertainty = max(uncertainty, _size(end - (motions[-2] if coarser is None else coarser[0])))
-    # both the limit and the finest motion: where these disagree, nothing is sure
+    # require both the limit and the finest motion to be off: if they disagree, nothing is certain
     off = order >= _LEAST_ORDER and min(distance, here) > SURELY_OFF * uncertainty
     return Limit(distance, uncertainty, order, off or stands_off)
 
@@ -83,7 +83,7 @@ def limit_of(
 def _extrapolated(
     steps: Sequence[float], motions: Sequence[Array], certain: float
 ) -> tuple[Array, float] | None:
-    """Return limit and order of three motions; None where their differences do not shrink."""
+    """Return the limit and the order of three motions; None where their differences do not shrink."""
     d1, d2 = motions[0] - motions[1], motions[1] - motions[2]
     one, two = _size(d1), _size(d2)
     if two <= certain:
@@ -96,7 +96,7 @@ def _extrapolated(
 
 
 def _order_of(steps: Sequence[float], ratio: float) -> float | None:
-    """Solve (h1^p - h2^p) / (h2^p - h3^p) = ratio for p, at most 9; None below 0.2."""
+    """Solve (h1^p - h2^p) / (h2^p - h3^p) = ratio for p, capped at 9; None below 0.2."""
     a, b = math.log(steps[0] / steps[2]), math.log(steps[1] / steps[2])
 
     def ratio_of(p: float) -> float:

@@ -1,7 +1,7 @@
-"""The measures of one case, in one place: formula, departure from the truth, scale, bound, how it is judged.
+"""The measures of one case: formula, departure from the truth, scale, bound, and how each is judged.
 
-What is a column of results.csv, a quantity of methods.csv, a plot, a gate or a line of `bodycheck list
-measures` follows from `MEASURES`: one more entry there is one more measure everywhere.
+The columns of results.csv, the quantities of methods.csv, the plots, the gates and `bodycheck list measures`
+all derive from `MEASURES`. To add a measure, add an entry there.
 """
 
 from __future__ import annotations
@@ -26,11 +26,10 @@ from bodycheck.reports.measurement.scales import Scales
 from bodycheck.reports.measurement.work import work_done, working_loads
 
 WHO = ("scenario", "family", "engine", "engine_version", "method")
-"""Whose a row is, in each table but probes.csv."""
+"""The columns that identify a row's method, in each table but probes.csv."""
 
-
-_NORM_FLOOR = 1e-12  # |q| and R^T R after millions of rounded products, each renormalised
-_RESOLVED = 3.0  # times the error of the work: a smaller imbalance is not measured
+_NORM_FLOOR = 1e-12  # round-off of |q| and R^T R after millions of products, each renormalised
+_RESOLVED = 3.0  # multiples of the error of the work: a smaller imbalance counts as not measured
 
 BoundKind: TypeAlias = Literal["rad", "energy", "momentum", "omega_rad_s", "m", "m_s"]
 Judgement: TypeAlias = Literal["limit", "property"]
@@ -48,9 +47,9 @@ class Motion:
 
     @classmethod
     def of(cls, scene: Scene, trajectory: Trajectory) -> Motion:
-        """E = K + U, U from gravity, zero at the start, and springs; L about the centre of mass, world axes.
+        """E = K + U, U from gravity (zero at the start) and springs; L about the centre of mass, world axes.
 
-        E and L of a body with a pivot are about that.
+        For a body with a pivot, E and L are taken about the pivot.
         """
         kinetic, rotational = kinetic_energies(scene, trajectory)
         inertia = turning_inertia(scene)
@@ -65,9 +64,9 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """A trajectory next to the truth at the same n samples, with the energy and momentum along both.
+    """A trajectory and the truth at the same n samples, with energy and momentum along both.
 
-    until: how many of the samples the truth can be trusted at.
+    until: number of leading samples at which the truth can be trusted.
     """
 
     scene: Scene
@@ -80,7 +79,7 @@ class Compared:
 
     @cached_property
     def balance(self) -> tuple[Array, float] | None:
-        """E - E(0) - W (n,) and the error of W, in J; None where the samples resolve W too coarsely."""
+        """E - E(0) - W (n,) and the error of W, in J; None where the samples are too coarse to resolve W."""
         gained = self.motion.energy - self.motion.energy[0]
         if not self.scene.piecewise_constant_loads and not working_loads(
             self.scene, 0.0, self.scene.duration_s
@@ -101,15 +100,16 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Measure:
-    """One measure: the largest `series` over the samples, over a scale of the scene where it has one.
+    """One measure: the maximum of `series` over the samples, divided by a scale of the scene if it has one.
 
-    departure: the signed difference from the truth (n,) or (n, k), in SI units, smooth in the step, by which
-    the limit of ever finer steps is found; None where the case has no such thing. series: its size over time
-    (n,), by default the norm of the departure. scale: field of `Scales`, None for what needs none. unit: that
-    of the column `_abs`, "" for a measure that has none. bound: which of the truth's bounds limits it. floor:
-    what else limits it in one case, in the unit of the departure. needs: which of position, velocity,
-    attitude and omega a trajectory must have. judged: by the limit of ever finer steps, as a property of the
-    engine's state, which need not be a fault, or not at all. last_of: the measure whose last value this is.
+    departure: signed difference from the truth, (n,) or (n, k), in SI units; None where the case does not
+    define it. It is smooth in the step, so the limit under step refinement is computed from it. series: its
+    size over time (n,) [default: the norm of the departure]. scale: field of `Scales`; None if the measure
+    needs none. unit: unit of the column `_abs`; "" if there is no such column. bound: which of the truth's
+    error bounds applies. floor: error of the measure itself in one case, in the unit of the departure. needs:
+    which of position, velocity, attitude and omega a trajectory must provide. judged: "limit": by its limit
+    under step refinement; "property": as a property of the engine's state, not necessarily a fault; None: not
+    judged. last_of: the measure of which this one is the last value.
     """
 
     name: str
@@ -125,7 +125,7 @@ class Measure:
     last_of: str | None = None
 
     def over_time(self, compared: Compared, departure: Array | None) -> Array | None:
-        """Return the measure over time (n,), in SI units; None where the case has no such thing."""
+        """Return the measure over time (n,), in SI units; None where the case does not define it."""
         if self.series is not None:
             return self.series(compared)
         return None if departure is None else np.asarray(np.linalg.norm(departure, axis=-1))
@@ -141,14 +141,14 @@ def _needing(*quantities: str) -> Callable[[Scene], frozenset[str]]:
 
 
 def _needed_by_energy(scene: Scene) -> frozenset[str]:
-    """Return what the energy is made of: the potential needs the place or the attitude of the body too."""
+    """Return the quantities that E depends on: the potential adds the position, the attitude or both."""
     springs = {type(load) for load in scene.loads} & {Spring, TorsionSpring}
     place = {"position"} if scene.gravity.any() or Spring in springs else set()
     return frozenset({"velocity", "omega"} | place | ({"attitude"} if springs else set()))
 
 
 def _turned_apart(compared: Compared) -> Array:
-    """(R - R*) / sqrt 2 as (n, 9): its norm is 2 sin(angle / 2), without the jump that angles have at pi."""
+    """(R - R*) / sqrt 2 as (n, 9), of norm 2 sin(angle / 2); unlike an angle, it has no jump at pi."""
     apart = compared.trajectory.rotation_matrices - compared.truth.rotation_matrices
     return apart.reshape(len(apart), 9) / math.sqrt(2.0)
 
@@ -177,7 +177,7 @@ def _invariants_apart(compared: Compared) -> Array | None:
 
 
 def _worst_invariant(compared: Compared) -> Array | None:
-    """Return the drift of the invariant that departs farthest where the truth can be trusted."""
+    """Return the drift of the invariant that departs farthest while the truth can be trusted."""
     worst = worst_drift(compared.invariant_drifts)
     relative = None if worst is None else worst.relative
     return None if relative is None else np.abs(relative)
@@ -308,40 +308,40 @@ _ALL = (
 )
 
 MEASURES = {measure.name: measure for measure in _ALL}
-"""Every measure by its name, in the order of the columns."""
+"""All measures by name, in column order."""
 
 ORIENTATION = "orientation_error_rad"
-"""The measure that stands for a method where only one can be shown."""
+"""The measure that represents a method where only one is shown."""
 
 QUANTITIES = (ORIENTATION, *(m.name for m in _ALL if m.judged is not None and m.name != ORIENTATION))
-"""The measures that are judged: each has a row of methods.csv per method and scenario."""
+"""The judged measures. Each has one row of methods.csv per method and scenario."""
 
 SCALES = {measure.name: measure.scale for measure in _ALL if measure.scale is not None}
-"""Measure -> the scale that it is divided by; next to it stands `_abs` in SI units."""
+"""Measure -> the scale that it is divided by. The column `_abs` has the undivided value in SI units."""
 
 
 def scale_of(columns: Mapping[str, Any], measure: str) -> float:
-    """Return what a measure over time is divided by: 1 where it needs no scale, 0 where nothing moves.
+    """Return the divisor of a measure over time: 1 where it needs no scale, 0 where nothing moves.
 
-    columns: of results.csv, those of a case or those that all cases of a scenario share.
+    columns: of results.csv, either of one case or those shared by all cases of a scenario.
     """
     return float(columns[SCALES[measure]]) if measure in SCALES else 1.0
 
 
 def departures_of(compared: Compared) -> dict[str, Array]:
-    """Return the signed departure from the truth (n, k), in SI units, of every measure that this case has."""
+    """Return the signed departure from the truth (n, k), in SI units, of each measure the case defines."""
     found = ((measure.name, measure.departure(compared)) for measure in _ALL)
     return {name: values.reshape(len(values), -1) for name, values in found if values is not None}
 
 
 def series_of(compared: Compared, departures: Mapping[str, Array]) -> dict[str, Array]:
-    """Return every measure over time (n,), in SI units, that this trajectory has: its max is the measure."""
+    """Return each measure that the trajectory defines over time (n,), in SI units; its max is reported."""
     found = ((measure.name, measure.over_time(compared, departures.get(measure.name))) for measure in _ALL)
     return {name: values for name, values in found if values is not None}
 
 
 def reduced(series: Mapping[str, Array], scales: Scales) -> dict[str, float]:
-    """Return the maxima over time: each over its scale, if that is not 0, and as `_abs` in SI units."""
+    """Return the maxima over time: divided by the scale where that is not 0, and as `_abs` in SI units."""
     columns: dict[str, float] = {}
     for name, values in series.items():
         largest = _largest(values)

@@ -1,10 +1,10 @@
 """The observed order of a method with its 95 % interval, from errors at several steps.
 
-log e = c + p log h + f(h) + noise: f is what the next orders add, a smooth function that vanishes with the
-step, sum_m a_m z^m with z = h / h_max and a_m ~ N(0, tau^2 / 2^(m - 1)); the noise is N(0, sigma^2). Neither
-tau nor sigma is known: the interval is that of the posterior of p, averaged over both. So it widens where the
-data cannot tell the order from the next one, and narrows where they can. Source: Rasmussen and Williams
-(2006), Gaussian Processes for Machine Learning, sections 2.7 and 5.2.
+log e = c + p log h + f(h) + noise. f is the contribution of the higher orders, a smooth function that
+vanishes with the step: sum_m a_m z^m with z = h / h_max and a_m ~ N(0, tau^2 / 2^(m - 1)). The noise is
+N(0, sigma^2). tau and sigma are unknown: the interval is that of the posterior of p, averaged over both. It
+widens where the data cannot distinguish the order from the next one, and narrows where they can. Source:
+Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7 and 5.2.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 
 LEAST_POINTS = 4
-_NOISES = np.geomspace(2e-4, 0.1, 16)[:, None]  # sigma: maxima over samples scatter by so much of their size
-_BENDS = np.geomspace(0.1, 0.8, 6)  # tau: what the next order adds at the coarsest step
+_NOISES = np.geomspace(2e-4, 0.1, 16)[:, None]  # sigma: relative scatter of maxima over samples
+_BENDS = np.geomspace(0.1, 0.8, 6)  # tau: contribution of the next order at the coarsest step
 _DECAY = 0.5  # of the variance of each further order
-_FLOOR_NOISE = 0.01  # of the error: where the floor is as large, the noise is sqrt 2 times as large
+_FLOOR_NOISE = 0.01  # of the error: a floor of this size makes the noise sqrt 2 times as large
 _TAIL = 0.025
-_REACH, _GRID, _REFINEMENTS = 20.0, 17, 4  # of the search for a quantile: 40 deviations / 16^4
-_WIDEST_ORDERS = (0.05, 0.1, 0.25)  # half-widths of the interval at which an order is settled, best first
+_REACH, _GRID, _REFINEMENTS = 20.0, 17, 4  # of the quantile search, resolved to 40 standard deviations / 16^4
+_WIDEST_ORDERS = (0.05, 0.1, 0.25)  # half-widths of the interval that settle an order, best first
 _LEAST_ORDER = 0.5
 
 
 @dataclass(frozen=True)
 class Order:
-    """The order, the ends of its 95 % interval, and how many points it rests on."""
+    """The order, the ends of its 95 % interval, and the number of points used."""
 
     order: float
     low: float
@@ -40,16 +40,16 @@ class Order:
 
     @property
     def half_width(self) -> float:
-        """Half of the interval."""
+        """Half the width of the interval."""
         return 0.5 * (self.high - self.low)
 
 
 def settled_order(steps: Sequence[float], errors: Sequence[float], floor: float) -> Order | None:
-    """Return the order that the longest run of consecutive steps settles; None where none does.
+    """Return the order settled by the longest run of consecutive steps; None where no run settles it.
 
-    steps (n,) in s, descending, and errors (n,) > 0, all usable. The coarsest steps may not be asymptotic yet
-    and the finest may feel round-off: of runs of the same length the finer is taken, and a tighter interval
-    goes before a longer run.
+    steps (n,) in s, descending, and errors (n,) > 0, all usable. The coarsest steps may not be asymptotic and
+    round-off may affect the finest. A tighter interval takes precedence over a longer run, and of runs of
+    equal length the finer one is used.
     """
     count = len(steps)
     runs = [
@@ -73,7 +73,7 @@ def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float
 
     steps (n,) in s, descending; errors (n,) > 0; floor: of the errors, whose noise grows towards it.
     """
-    from scipy.special import ndtr  # late: half a second
+    from scipy.special import ndtr  # imported here: takes half a second
 
     e = np.asarray(errors)
     spreads = np.round(np.sqrt(1.0 + (floor / (_FLOOR_NOISE * e)) ** 2), 2)
@@ -109,11 +109,11 @@ def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """The straight line through n weighted points, and what is left of them, in n - 2 uncorrelated parts.
+    """The straight line through n weighted points, and their residual as n - 2 uncorrelated components.
 
-    slope (n,), residual (n - 2, n): map the points to them. variances (n - 2,): of the parts by f of tau = 1;
-    covariances (n - 2,): of the parts and the slope; slope_bend, slope_noise: the slope's own variance by f
-    and by noise of sigma = 1.
+    slope (n,), residual (n - 2, n): map the points to these. variances (n - 2,): of the components, due to f
+    with tau = 1. covariances (n - 2,): of the components and the slope. slope_bend, slope_noise: variance of
+    the slope, due to f and to noise with sigma = 1.
     """
 
     slope: Array

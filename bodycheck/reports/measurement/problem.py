@@ -1,4 +1,4 @@
-"""What cases are measured against: a scenario with its truth, its scales and its invariants."""
+"""The problem that cases are measured against: a scenario with its truth, scales and invariants."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from bodycheck.scenarios.model import Scenario
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A scenario with its truth at the samples, energy and momentum along it, and its scales.
+    """A scenario with its truth at the samples, energy and momentum along the truth, and its scales.
 
-    scenario_spec names it on the command line. compared: how many of the samples the truth can be trusted at;
-    beyond them a chaotic motion is compared with nothing.
+    scenario_spec: its name on the command line. compared: number of leading samples at which the truth can be
+    trusted; a chaotic motion is not compared beyond them.
     """
 
     scenario: Scenario
@@ -41,7 +41,8 @@ class Problem:
     def of(cls, scenario: Scenario, scenario_spec: str | Path, cache: Cache | None = None) -> Problem:
         """Solve the truth at the scenario's samples, or take it from the cache.
 
-        Raises InputError where the motion is beyond all doubles, or lost before the second sample.
+        Raises InputError where the motion exceeds the range of double precision, or the truth ends before the
+        second sample.
         """
         scene = scenario.scene
         try:
@@ -50,34 +51,32 @@ class Problem:
             raise InputError(f"{scenario_spec}: {error}") from None
         scales = scene_scales(scene, truth.trajectory)
         if not all(math.isfinite(scale) for scale in vars(scales).values()):
-            raise InputError(
-                f"{scenario_spec}: its energy or momentum is beyond the range of double precision"
-            )
+            raise InputError(f"{scenario_spec}: energy or momentum exceeds the range of double precision")
         compared = int(np.count_nonzero(truth.trajectory.t_s < truth.trusted_until_s))
         if compared < 2:
-            ends = f"the truth ends before the second sample, take more samples: {truth.end_reason}"
+            ends = f"the truth ends before the second sample; use more samples: {truth.end_reason}"
             raise InputError(f"{scenario_spec}: {ends}")
         return cls(scenario, truth, Motion.of(scene, truth.trajectory), scales, str(scenario_spec), compared)
 
     @property
     def times(self) -> Array:
-        """The samples at which trajectories are compared with the truth (compared,), in s."""
+        """The times at which trajectories are compared with the truth (compared,), in s."""
         return self.truth.trajectory.t_s[: self.compared]
 
     @cached_property
     def invariants(self) -> list[Invariant]:
-        """What the scene keeps besides energy and momentum."""
+        """The invariants of the scene besides energy and momentum."""
         return invariants_of(self.scenario.scene)
 
     @cached_property
     def is_chaotic(self) -> bool:
-        """Whether round-off alone leads so far astray that no method can be blamed for its error."""
+        """Whether round-off alone grows so large that a method cannot be judged by its error."""
         lost = self.compared < len(self.truth.trajectory.t_s)
         return lost or self.largest(self.truth.round_off_rad) > LARGEST_LIMIT
 
     @cached_property
     def columns(self) -> dict[str, Any]:
-        """The columns that all its cases share."""
+        """The columns shared by all cases."""
         scenario, truth = self.scenario, self.truth
         return {
             "scenario": scenario.name,
@@ -90,5 +89,5 @@ class Problem:
         }
 
     def largest(self, bound: Array) -> float:
-        """Return the largest of one of the truth's bounds (n,) over the samples that are compared."""
+        """Return the maximum of one of the truth's bounds (n,) over the compared samples."""
         return float(np.max(bound[: self.compared]))

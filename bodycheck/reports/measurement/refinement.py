@@ -1,4 +1,4 @@
-"""Which step to try next, so that an order can be seen: finer where errors are large, else coarser."""
+"""Choose the next step so that an order becomes visible: finer where errors are large, else coarser."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bodycheck.reports.measurement.order import LEAST_POINTS
 
 _LEADING = (1, 2, 5)
 _MOST_STEPS = 200_000  # of one case
-_SPAN = 100.0  # the coarsest step asked for over the finest tried
+_SPAN = 100.0  # ratio of the coarsest requested step to the finest one tried
 _FLAT_SPREAD = 2.0
 
 
@@ -30,10 +30,10 @@ def next_step_size(
     *,
     needs_order: bool = True,
 ) -> float | None:
-    """Return a further step in s that divides the sampling interval, or None when there is no need.
+    """Return a further step in s that divides the sampling interval, or None if none is needed.
 
-    points: the errors of one quantity so far; how: it is judged; listed: the steps asked for. needs_order:
-    whether an order must show, also where only coarser steps leave an error that is above the floor.
+    points: the errors of one quantity so far. how: how it is judged. listed: the requested steps.
+    needs_order: whether an order must be found even if only coarser steps have an error above the floor.
     """
     found = convergence_of(points, how)
     decided = found.verdict in ("does-not-converge", "chaotic") or found.order is not None
@@ -54,7 +54,7 @@ def next_step_size(
 
 
 def _too_fine(points: list[Point], floor: float) -> bool:
-    """Whether the coarsest step is still so good that the points that lack lie beyond it."""
+    """Whether the coarsest step is so accurate that the missing points must be coarser."""
     coarsest = max(points, key=lambda p: p.dt_s)
     small = coarsest.error is not None and coarsest.error < LARGEST_ERROR
     flat = _is_flat(points, floor)
@@ -62,7 +62,7 @@ def _too_fine(points: list[Point], floor: float) -> bool:
 
 
 def _is_flat(points: list[Point], floor: float) -> bool:
-    """Whether the errors, well above the floor, hardly shrink from the coarsest to the finest step."""
+    """Whether the errors are well above the floor and hardly shrink from the coarsest to the finest step."""
     errors = [p.error for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
     return len(errors) > 1 and min(errors) > ABOVE_FLOOR * floor and errors[0] < _FLAT_SPREAD * errors[-1]
 

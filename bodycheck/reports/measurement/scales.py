@@ -1,4 +1,4 @@
-"""The scales of a scene's true motion, by which drifts and errors are made dimensionless."""
+"""Scales of a scene's true motion, which make drifts and errors dimensionless."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Scales:
-    """Maxima over the truth's samples; 0 where nothing moves, and then nothing is divided by it."""
+    """Maxima over the truth's samples. A scale is 0 where nothing moves, and then it is not divided by."""
 
     length_scale_m: float
     speed_scale_m_s: float
@@ -27,9 +27,9 @@ class Scales:
 
 
 def scene_scales(scene: Scene, truth: Trajectory) -> Scales:
-    """Return the scales: length = max(max |x - x(0)|, gyration radius), and the like.
+    """Return the scales: length = max(max |x - x(0)|, gyration radius), and so on.
 
-    Inertia, energy and angular momentum of a body with a pivot are about that.
+    For a body with a pivot, inertia, energy and angular momentum are taken about the pivot.
     """
     body, inertia = scene.body, turning_inertia(scene)
     radius = gyration_radius(body.mass, inertia)

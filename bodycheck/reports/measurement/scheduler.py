@@ -1,4 +1,4 @@
-"""Sharing work out to strands that run side by side, each with workers of its own."""
+"""Run tasks on parallel threads, each with its own workers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bodycheck.adapters.workers.engine_pool import EnginePool
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Work with one engine: what it will cost, in any unit, and what to do with a strand's hosts."""
+    """Work with one engine: its expected cost, in any unit, and what to do with a thread's engine pool."""
 
     engine: str
     cost: float
@@ -19,7 +19,7 @@ class Task:
 
 
 class _TaskQueue:
-    """What is still to be done; the dearest first, and with an engine that the strand has running already."""
+    """The remaining tasks, most expensive first; tasks of an engine that the thread already runs go first."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         self._open = sorted(tasks, key=lambda task: task.cost)
@@ -33,7 +33,7 @@ class _TaskQueue:
             return self._open.pop(running[-1] if running else self._farthest_behind())
 
     def _farthest_behind(self) -> int:
-        """Return the dearest task of the engine with the most work left."""
+        """Return the index of the most expensive task of the engine with the most work left."""
         left: dict[str, float] = {}
         for task in self._open:
             left[task.engine] = left.get(task.engine, 0.0) + task.cost
@@ -46,9 +46,9 @@ class _TaskQueue:
 
 
 def run_tasks(tasks: Sequence[Task], jobs: int) -> None:
-    """Do all tasks, `jobs` of them at a time.
+    """Run all tasks, `jobs` at a time.
 
-    What one of them raises ends the others and is raised here; so does an interrupt from the keyboard.
+    An exception in one task ends the others and is raised here, and so is a keyboard interrupt.
     """
     board, raised = _TaskQueue(tasks), []
     # Python runs one thread at a time anyway: two that measure would only take turns within each sample
@@ -61,7 +61,7 @@ def run_tasks(tasks: Sequence[Task], jobs: int) -> None:
             while task := board.next(engine_pool):
                 with turn:
                     task.do(engine_pool)
-        except BaseException as error:  # noqa: BLE001 - raised again by the thread that waits
+        except BaseException as error:  # noqa: BLE001 - raised again by the waiting thread
             raised.append(error)
             board.clear()
         finally:

@@ -1,4 +1,4 @@
-"""How fast: each case alone on one core, lap by lap, in turn with a yardstick of the reference."""
+"""CPU time: each case alone on one core, lap by lap, alternating with the reference measurement."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _YARDSTICK = ("reference", "rk4")
 
 @dataclass(frozen=True)
 class MachineNoise:
-    """What is known of the machine while speeds were measured.
+    """The noise of the machine while speeds were measured.
 
-    core: the one that all of it ran on, None where processes cannot be pinned. spread: the yardstick's
-    interquartile range over its median, the median over the cases: what is below it is noise.
+    core: the core that everything ran on; None where processes cannot be pinned. spread: interquartile range
+    over median of the reference measurement, as the median over the cases; smaller differences are noise.
     """
 
     core: int | None
@@ -47,16 +47,16 @@ def measure_speeds(
     passes: int,
     case_done: Callable[[], None],
 ) -> tuple[tuple[CaseResult, ...], MachineNoise]:
-    """Return the cases with their speed, those that ended well; nothing else runs meanwhile.
+    """Return the cases, with the speed of those that ended well; nothing else runs meanwhile.
 
-    passes: how often all of them are timed, one pass after the other. Where another machine's load shares the
-    core, everything takes half as long again, or twice as long, for a second or for minutes, and then again
-    does not: the quickest lap is as good as undisturbed if one of the passes was. case_done: told as
-    often as there are cases, evenly over the passes.
+    passes: how often all cases are timed, one pass after another. On a shared core the load of other
+    processes makes everything take 1.5 or 2 times as long, for a second or for minutes at a time; the fastest
+    lap is nearly undisturbed if one pass was. case_done: called once per case, evenly over the passes.
 
-    The yardstick is the reference's rk4 on the same scenario, at its finest listed step: relative_cpu is a
-    case's quickest lap over the yardstick's, both measured in turn. What disturbs a lap makes it longer: on a
-    busy machine the quickest laps of two runs differ by half as much as the medians do.
+    The reference measurement is the reference's rk4 on the same scenario at its finest listed step.
+    relative_cpu is the case's fastest lap over the fastest lap of the reference, with the laps of both
+    alternating. A disturbance can only lengthen a lap: on a busy machine the fastest laps of two runs differ
+    half as much as their medians.
     """
     by_name = {problem.scenario.name: problem for problem in problems}
     found: dict[int, Message] = {}
@@ -81,7 +81,7 @@ def measure_speeds(
 def _laps(
     problem: Problem, engine: Engine, result: CaseResult, answers: Answers, clock: _Clock, *, again: bool
 ) -> Message:
-    """Return the laps of a case, measured now, or before this run was stopped; `again`: in any case now."""
+    """Return the laps of a case, from this run's journal or measured now; `again`: always measure."""
     case = Case(problem.scenario.scene, result.columns["method"], result.setting)
     laps = None if again else answers.laps(engine, case)
     if laps is None:
@@ -91,7 +91,7 @@ def _laps(
 
 
 def _together(before: Message | None, laps: Message) -> Message:
-    """Return the laps of a case in all passes so far; one pass without any does not spoil the others."""
+    """Return the laps of a case in all passes so far; a pass that failed does not discard the others."""
     if before is None or "lost" in before:
         return laps
     if "lost" in laps:
@@ -107,16 +107,16 @@ def _preparation(case: Case) -> Message:
 
 
 class _Clock:
-    """Engines on one core, timed lap by lap, in turn with the yardstick."""
+    """Engines on one core, timed lap by lap, alternating with the reference measurement."""
 
     def __init__(self, core: int | None, laps: int, timeout_s: float) -> None:
         self._engine_pool, self._laps, self._timeout_s = EnginePool(core), laps, timeout_s
         self._yardstick = _Yardstick(core, timeout_s)
 
     def laps(self, problem: Problem, engine: Engine, case: Case) -> Message:
-        """Return the times of the case's laps and of the yardstick's between them, or why there are none.
+        """Return the times in s of the case's laps and of the reference laps between them, or why none exist.
 
-        What fails is tried once more: a worker that somebody killed was not at fault.
+        A failure is retried once: a worker killed from outside is not at fault.
         """
         self._yardstick.prepare(problem)
         laps, failed = self._tried(engine, case)
@@ -148,14 +148,14 @@ class _Clock:
 
 
 class _Yardstick:
-    """The reference on the scenario that is being timed."""
+    """The reference measurement: the reference's rk4 on the scenario being timed."""
 
     def __init__(self, core: int | None, timeout_s: float) -> None:
         self._engine_pool, self._timeout_s = EnginePool(core), timeout_s
         self._prepared: Problem | None = None
 
     def prepare(self, problem: Problem) -> None:
-        """Make it ready, unless it is."""
+        """Prepare the reference for this scenario, unless that is done already."""
         if self._prepared is not problem:
             engine, method = _YARDSTICK
             case = Case(problem.scenario.scene, method, Setting(dt_s=min(problem.scenario.steps)))
@@ -163,7 +163,7 @@ class _Yardstick:
             self._prepared = problem if answer.get("outcome") == "ok" else None
 
     def lap(self) -> float | None:
-        """Return one lap's time in s; None on a scenario that the yardstick cannot run."""
+        """Return the time of one lap in s; None on a scenario that the reference method cannot run."""
         if self._prepared is None:
             return None
         try:
@@ -173,7 +173,7 @@ class _Yardstick:
             return None
 
     def close(self) -> None:
-        """End its worker."""
+        """End the worker."""
         self._engine_pool.close()
 
 
@@ -186,7 +186,7 @@ def _with_speed(result: CaseResult, laps: Message) -> CaseResult:
     columns |= {"cpu_s": median, "cpu_s_low": low, "cpu_s_high": high}
     if result.dt_s is not None:
         columns["ns_per_step"] = 1e9 * median / columns["steps"]
-    if (yardstick_s := min(laps["yardstick_s"], default=0.0)) > 0.0:  # a coarse clock may have shown nothing
+    if (yardstick_s := min(laps["yardstick_s"], default=0.0)) > 0.0:  # a coarse clock may measure 0
         columns["relative_cpu"] = min(laps["own_s"]) / yardstick_s
     return replace(result, columns=columns)
 
@@ -197,5 +197,5 @@ def _spread(seconds: Sequence[float]) -> float:
 
 
 def _last_core() -> int | None:
-    """Return the core to measure on: the last that this process may use; the system favours the first."""
+    """Return the core to measure on: the last one allowed, since the system prefers the first ones."""
     return max(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None

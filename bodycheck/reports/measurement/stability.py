@@ -1,4 +1,4 @@
-"""The stability map: the largest step at which a method is stable on a scenario, one row for each pair."""
+"""The stability map: the largest stable step of each method on each scenario, one row per pair."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from bodycheck.reports.measurement.measures import WHO
 from bodycheck.reports.measurement.problem import Problem
 
 Searching: TypeAlias = Callable[[Engine, Search], StableStep]
-"""How a search comes to its answer: from the engine, or from what it answered before."""
+"""A function that answers a search, from the engine or from a stored answer."""
 
-_FINER = 5.0  # times finer than the finest step asked for: no search goes below
-_LEAST_STEPS = 4  # of a trial: a step longer than that says nothing of stability
+_FINER = 5.0  # the search goes down to the finest requested step over this
+_LEAST_STEPS = 4  # of a trial: fewer steps say nothing about stability
 _MOST_STEPS = 20_000  # of the first trial, which is the longest
 _SEARCHED = ("ok", "unstable")
 
@@ -26,10 +26,10 @@ _SEARCHED = ("ok", "unstable")
 def stability_row(
     problem: Problem, engine: Engine, method: Method, cases: Sequence[CaseResult], search: Searching
 ) -> dict[str, Any]:
-    """Return the row of stability.csv but its run_id: a search, or why none could be made.
+    """Return a row of stability.csv without run_id: the result of a search, or why there was none.
 
-    cases: what was run of this method on this scenario, in any order; the search begins at the coarsest step
-    at which all cases were stable that are no coarser.
+    cases: all cases of this method on this scenario, in any order. The search starts at the coarsest step for
+    which this step and all finer ones were stable.
     """
     row = {name: cases[0].columns[name] for name in WHO}
     for case in cases:
@@ -49,7 +49,7 @@ def stability_row(
 
 
 def _search(problem: Problem, method: Method, cases: Sequence[CaseResult]) -> Search:
-    """From the coarsest step known to be stable up to a turn, or a quarter of the duration, in one step."""
+    """Search from the coarsest step known to be stable up to one turn, or a quarter of the duration."""
     scene = problem.scenario.scene
     finest_first = sorted((case.dt_s or 0.0, case.ok) for case in cases)
     finest = start = finest_first[0][0]

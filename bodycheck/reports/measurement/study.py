@@ -1,4 +1,4 @@
-"""One method on one scenario: its cases from step to step, and what they say together."""
+"""One method on one scenario: its cases over all steps, and their joint verdicts."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ _VERDICTS = {"dt": convergence_of, "tolerance": tolerance_convergence, "none": s
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The cases of one method on one scenario, coarsest step first, and what they say together.
+    """The cases of one method on one scenario, coarsest step first, and the rows derived from them.
 
-    method_rows: one a quantity of methods.csv. stability_row: of stability.csv, where that was asked for.
+    method_rows: rows of methods.csv, one per quantity. stability_row: row of stability.csv, if requested.
     """
 
     cases: tuple[CaseResult, ...]
@@ -56,9 +56,9 @@ def study(
     search: Searching | None,
     case_done: Callable[[], None],
 ) -> Study:
-    """Run the settings asked for and, if adaptive, more steps until every quantity is judged.
+    """Run the requested settings and, if adaptive, further steps until every quantity is judged.
 
-    If adaptive, the largest stable step is looked for too; search: how, None where nobody wants to know.
+    search: if adaptive, used to search for the largest stable step; None to skip that search.
     """
     cases: list[CaseResult] = []
     stepped = adaptive and method.control == "dt"
@@ -76,7 +76,7 @@ def study(
 
     for setting in settings:
         if make(setting).columns["outcome"] == "unsupported":
-            # a scene that cannot be represented is so at every step
+            # whether a scene can be represented does not depend on the step
             return Study(tuple(cases), (), stable_step())
     asked = [setting.dt_s for setting in settings if setting.dt_s is not None]
     while stepped and (step := _further_step(cases, problem, asked)) is not None:
@@ -85,7 +85,7 @@ def study(
 
 
 def _further_step(cases: Sequence[CaseResult], problem: Problem, asked: Sequence[float]) -> float | None:
-    """Return the step that the first undecided quantity needs, the orientation before all others."""
+    """Return the step needed by the first undecided quantity, starting with the orientation."""
     scene = problem.scenario.scene
     for quantity in QUANTITIES:
         points = _points(cases, quantity)
@@ -102,12 +102,12 @@ def _further_step(cases: Sequence[CaseResult], problem: Problem, asked: Sequence
 
 
 def limit(problem: Problem, quantity: str) -> float:
-    """max(3 bound, eps sensitivity): an error below it is at the floor, in rad or of the scale."""
+    """max(3 bound, eps sensitivity): a smaller error is at the floor, in rad or of the scale."""
     return max(floor_of(problem.columns, quantity), _round_off(problem, quantity))
 
 
 def _round_off(problem: Problem, quantity: str) -> float:
-    """Return eps x sensitivity, over the scale of the quantity; 0 for what needs no truth."""
+    """Return eps x sensitivity over the scale of the quantity; 0 for a quantity that needs no truth."""
     if quantity not in BOUND_KINDS:
         return 0.0
     round_off = problem.largest(getattr(problem.truth, f"round_off_{BOUND_KINDS[quantity]}"))
@@ -118,7 +118,7 @@ def _judged(cases: Sequence[CaseResult], problem: Problem, quantity: str) -> Jud
     """Return how a quantity of these cases is judged."""
     ended = [case for case in cases if case.ok]
     steps = max((case.columns.get("steps") or 0 for case in ended), default=0)
-    # what the finest case is too good for to be measured is not what coarser ones stopped at
+    # a quantity too small to be measured in the finest case did not stop shrinking at the coarser ones
     lost = bool(ended) and quantity not in ended[-1].columns
     return Judged(
         floor=max([limit(problem, quantity), *(case.floors.get(quantity, 0.0) for case in ended)]),
@@ -129,7 +129,7 @@ def _judged(cases: Sequence[CaseResult], problem: Problem, quantity: str) -> Jud
 
 
 def _insert(cases: list[CaseResult], case: CaseResult) -> None:
-    """Put a case among the others, coarsest first; the step changes of it and of the next finer follow."""
+    """Insert a case, coarsest first, and update the successive differences of it and the next finer case."""
     place = bisect_right(cases, -_fineness(case), key=lambda other: -_fineness(other))
     cases.insert(place, case)
     for finer in range(max(place, 1), min(place + 2, len(cases))):
@@ -141,7 +141,7 @@ def _fineness(case: CaseResult) -> float:
 
 
 def _with_step_change(coarser: CaseResult, case: CaseResult) -> CaseResult:
-    """Return the case with its largest angle to the next coarser one, where both ended well."""
+    """Return the case with its largest angle to the next coarser case, where both ended well."""
     columns = {name: value for name, value in case.columns.items() if name != "successive_difference_rad"}
     if case.ok and coarser.ok and case.trajectory is not None and coarser.trajectory is not None:
         change = geodesic_angle(coarser.trajectory.attitude, case.trajectory.attitude)
@@ -150,7 +150,7 @@ def _with_step_change(coarser: CaseResult, case: CaseResult) -> CaseResult:
 
 
 def _points(cases: Sequence[CaseResult], quantity: str) -> list[Point]:
-    """Return the cases as points of error against step; without an error where one did not end well."""
+    """Return the cases as points of error against step; the error is None where one did not end well."""
     return [
         Point(_fineness(case), case.columns.get(quantity) if case.ok else None, case.departures.get(quantity))
         for case in cases
@@ -179,10 +179,10 @@ def _method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) 
 
 
 def _expected_order(cases: Sequence[CaseResult], problem: Problem, method: Method) -> int | None:
-    """Return the least order that theory has for any quantity; None where steps have none.
+    """Return the lowest theoretical order over all quantities; None for a method without one.
 
-    Loads held over a step, and a step that carries the mean of a load that switches in it, make any method
-    one of order 1.
+    Varying loads held constant over the step (zero-order hold), and steps that apply the mean of a load that
+    switches inside them, reduce any method to order 1.
     """
     if method.order is None or method.control != "dt":
         return None
@@ -192,7 +192,7 @@ def _expected_order(cases: Sequence[CaseResult], problem: Problem, method: Metho
 
 
 def _finest(cases: Sequence[CaseResult], quantity: str) -> dict[str, float | None]:
-    """Return step or tolerance and error of the finest case that ended well."""
+    """Return the step or tolerance and the error of the finest case that ended well."""
     case = next((case for case in reversed(cases) if case.ok and quantity in case.columns), None)
     if case is None:
         return {}
@@ -204,14 +204,14 @@ def _finest(cases: Sequence[CaseResult], quantity: str) -> dict[str, float | Non
 
 
 def _is_judged(cases: Sequence[CaseResult], quantity: str) -> bool:
-    """Whether a quantity was measured; of a method that was unstable everywhere, the orientation stands."""
+    """Whether a quantity has a row; a method that was unstable everywhere has one for the orientation."""
     if any(quantity in case.columns for case in cases):
         return True
     return quantity == ORIENTATION and any(case.columns["outcome"] == "unstable" for case in cases)
 
 
 def _growth(cases: Sequence[CaseResult], problem: Problem, quantity: str, floor: float) -> Growth:
-    """Return how a quantity grows in the finest case well above its floor, else in the finest."""
+    """Return how a quantity grows in the finest case that is well above its floor, or else in the finest."""
     sound = [case for case in cases if case.ok and case.columns.get(quantity, 1.0) < LARGEST_ERROR]
     if not sound:
         return Growth()

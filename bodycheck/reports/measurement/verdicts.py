@@ -1,4 +1,4 @@
-"""Every verdict in words, and what each judged quantity of a method comes to, the most severe first."""
+"""The verdicts in words, and the verdicts of a method's judged quantities, the most severe first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
 
 @dataclass(frozen=True)
 class State:
-    """What a cell can say: its symbol, its word, what it means, and the tint that it shares with others."""
+    """A state of a cell: its symbol, word and meaning, and the tint that it shares with similar states."""
 
     symbol: str
     word: str
@@ -22,47 +22,52 @@ class State:
 
 
 STATES = {
-    "converges": State("✓", "converges", "ever finer steps lead to the truth, in every quantity", "good"),
-    "at-floor": State("≈", "at floor", "all errors lie at round-off or at the truth's own bound", "floor"),
-    "exact": State("=", "exact", "a method without steps, at the truth's own bound", "floor"),
+    "converges": State("✓", "converges", "finer steps converge to the truth, in every quantity", "good"),
+    "at-floor": State(
+        "≈", "at floor", "all errors are at round-off or within the truth's own bound", "floor"
+    ),
+    "exact": State("=", "exact", "a method without steps, within the truth's own bound", "floor"),
     "pre-asymptotic": State(
-        "…", "pre-asymptotic", "errors too large or too irregular for an order to show", "open"
+        "…", "pre-asymptotic", "the errors are too large or too irregular to show an order", "open"
     ),
     "lower-order": State(
-        "↓", "lower order", "the error shrinks, at a lower order than the method has in theory", "open"
+        "↓",
+        "lower order",
+        "the error shrinks, but at a lower order than the method's theoretical one",
+        "open",
     ),
-    "too-few-points": State("?", "too few points", "fewer than four steps with a usable error", "open"),
-    "chaotic": State("≋", "chaotic", "nearby motions part too fast for an error to mean much", "open"),
+    "too-few-points": State("?", "too few points", "fewer than four steps have a usable error", "open"),
+    "chaotic": State("≋", "chaotic", "nearby motions diverge too fast for a meaningful error", "open"),
     "does-not-converge": State(
-        "✗", "does not converge", "ever finer steps lead to something else than the truth", "bad"
+        "✗", "does not converge", "finer steps converge to something other than the truth", "bad"
     ),
-    "off": State("✗", "no steps, off", "a method without steps, above the truth's own bound", "bad"),
+    "off": State("✗", "no steps, off", "a method without steps, outside the truth's own bound", "bad"),
     "unstable": State(
-        "▲", "unstable", "not finite, not a rotation, or 100 times the true kinetic energy", "fault"
+        "▲", "unstable", "not finite, not a rotation, or over 100 times the true kinetic energy", "fault"
     ),
     "failed": State("!", "failed", "the engine raised an error", "fault"),
-    "timeout": State("!", "timeout", "the case took longer than it was given", "fault"),
-    "invalid": State("≠", "invalid", "the engine held other parameters than it was given", "fault"),
+    "timeout": State("!", "timeout", "the case exceeded its time limit", "fault"),
+    "invalid": State("≠", "invalid", "the engine's parameters differ from those it was given", "fault"),
     "unsupported": State("○", "unsupported", "the method cannot represent the scenario", "none"),
 }
-"""Every verdict of methods.csv and every outcome but ok, with words for what neither of them says."""
+"""The verdicts of methods.csv, the outcomes other than ok, and the states derived from them."""
 
 FAULTS = ("invalid", "failed", "timeout", "unstable")
-"""The outcomes of cases that did not end well, the gravest first."""
+"""The outcomes of cases that did not end well, the most severe first."""
 
 UNDECIDED = 1
-"""The severity of a verdict that neither confirms nor accuses."""
+"""The severity of a verdict that is neither good nor bad."""
 
 _SEVERITIES = {"good": 0, "floor": 0, "open": UNDECIDED, "none": UNDECIDED, "bad": 2, "fault": 3}
-"""Tint -> how severe the states of that tint are."""
+"""Tint -> severity of the states of that tint."""
 
 
 def severity(word: str) -> int:
-    """Return how severe a verdict is: 0 sound, 1 undecided, 2 wrong, 3 broken; an unknown word: 1."""
+    """Return the severity of a verdict: 0 good, 1 undecided, 2 wrong, 3 broken; 1 for an unknown word."""
     return _SEVERITIES[STATES[word].tint] if word in STATES else UNDECIDED
 
 
-_ORDER_SLACK = 0.5  # orders are whole: one that is this much lower, by its whole interval, is another
+_ORDER_SLACK = 0.5  # orders are integers: an interval that ends this far below one excludes it
 _WRONG = ("does-not-converge", "off", "lower-order")
 
 
@@ -70,8 +75,8 @@ _WRONG = ("does-not-converge", "off", "lower-order")
 class QuantityVerdict:
     """A row of methods.csv: the verdict, and the error at the finest step or tolerance that ended well.
 
-    state: the verdict, or lower-order where the order is surely below the expected one. at: the step or
-    tolerance in words.
+    state: the verdict, or lower-order where the order is certainly below the expected one. at: the step or
+    tolerance as text.
     """
 
     quantity: str
@@ -84,7 +89,7 @@ class QuantityVerdict:
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> QuantityVerdict:
-        """Return the verdict of a row of methods.csv, whose empty cells may be missing or NaN."""
+        """Return the verdict of a row of methods.csv; empty cells may be missing or NaN."""
         there = {name: value for name, value in row.items() if value == value and value is not None}
         high, expected = there.get("order_high"), there.get("expected_order")
         lower = high is not None and expected is not None and high < expected - _ORDER_SLACK
@@ -100,22 +105,22 @@ class QuantityVerdict:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the quantity speaks against the method."""
+        """Whether the quantity counts against the method."""
         return self.state in _WRONG
 
     @property
     def is_property(self) -> bool:
-        """Whether it is what the engine's state holds, well above round-off: a design, not a fault."""
+        """Whether it is a property of the engine's state, well above round-off: by design, not a fault."""
         return MEASURES[self.quantity].judged == "property" and (self.size or 0.0) > ABOVE_FLOOR * self.floor
 
     @property
     def is_open(self) -> bool:
-        """Whether nothing could be told of it, and it is as large as the motion itself."""
+        """Whether it is undecided and as large as the motion itself."""
         return self.state == "pre-asymptotic" and (self.size or 0.0) >= LARGEST_ERROR
 
     @property
     def amount(self) -> str:
-        """The size with its unit, and the step: "0.98 of its scale at dt 0.001 s"."""
+        """The size with its unit, and the step, as in "0.98 of its scale at dt 0.001 s"."""
         if self.size is None:
             return "not measured"
         unit = (
@@ -125,7 +130,7 @@ class QuantityVerdict:
 
     @property
     def text(self) -> str:
-        """The finding in words."""
+        """The finding as text."""
         if self.state == "lower-order":
             orders = f"of order {number(self.order, 3)}, expected {number(self.expected_order)}"
             return f"{self.quantity} {orders}: {self.amount}"
@@ -144,15 +149,15 @@ def _finest(there: Mapping[str, Any]) -> float | None:
 
 
 def most_severe(verdicts: Iterable[QuantityVerdict]) -> list[QuantityVerdict]:
-    """Return those that speak against a method, the most severe first, and by their size."""
+    """Return the verdicts that count against a method, sorted by severity, then by size, descending."""
     wrong = [one for one in verdicts if one.is_wrong and MEASURES[one.quantity].judged == "limit"]
     return sorted(wrong, key=lambda one: (_WRONG.index(one.state), -(one.size or 0.0)))
 
 
 def method_verdict(verdicts: Mapping[str, QuantityVerdict]) -> QuantityVerdict | None:
-    """Return the verdict of a method on a scenario: of its quantities the most severe; None without any.
+    """Return the verdict of a method on a scenario: the most severe of its quantities; None if it has none.
 
-    Where none is wrong it is that of the orientation, unless another quantity could not be judged and is as
+    Where none is wrong, return the verdict of the orientation, unless another quantity is undecided and as
     large as the motion itself.
     """
     if wrong := most_severe(verdicts.values()):

@@ -1,4 +1,4 @@
-"""The work of the loads along a case's own samples, for the energy balance."""
+"""Work of the loads along the samples of a case, for the energy balance."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from bodycheck.reference_impl.scene import (
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import held_between
 
-_DEGREES = (7, 5)  # of the splines through the power; their difference tells whether they resolve it
+_DEGREES = (7, 5)  # of the splines through the power; their difference estimates the error
 
 
 def working_loads(scene: Scene, begin_s: float, end_s: float) -> list[Load]:
-    """Return what acts within [begin_s, end_s) and has no potential energy."""
+    """Return the loads that act within [begin_s, end_s) and have no potential energy."""
     lasting: list[Load] = []
     for load in scene.lasting_loads:
         match load:
@@ -37,15 +37,16 @@ def working_loads(scene: Scene, begin_s: float, end_s: float) -> list[Load]:
             case Spring() | TorsionSpring():
                 pass
             case _:
-                raise unknown_load(load, "the balance of energy")
+                raise unknown_load(load, "the energy balance")
     return [*held_between(scene, begin_s, end_s), *lasting]
 
 
 def work_done(scene: Scene, motion: Trajectory) -> tuple[Array, float] | None:
-    """W_k = integral from 0 to t_k of F . v + tau . omega, loads with a potential apart, and the error of W.
+    """W_k = integral from 0 to t_k of F . v + tau . omega, without loads that have a potential.
 
-    The power at the samples is integrated by splines between the switches. Returns (n,) in J and an
-    error in J, or None where a switch lies between samples, a piece has too few of them, or a load lasts.
+    The power at the samples is integrated by splines between the switches. Returns (n,) in J and its error in
+    J; None where a switch lies between samples, an interval between switches has too few samples, the scene
+    has a continuous load, or the body has a pivot.
     """
     if scene.lasting_loads or scene.pivot is not None:
         return None
@@ -78,13 +79,13 @@ def _integrals(t: Array, power: Array) -> tuple[Array, float]:
 def running_integral(samples: bytes, degree: int) -> Callable[[Array], Array]:
     """W_k = integral from t_0 to t_k of the spline through the values at t: c = B^-1 P, W = A (sum of h c).
 
-    samples: the times t (n,) in s, as the bytes of their doubles, n > degree. The spline is of this odd
-    degree k, without knots at the (k - 1) / 2 samples next to either end. B holds its basis at t, A the basis
-    of its antiderivative, of degree k + 1, and h is the width of a basis function over k + 1.
-    The function returned takes and returns (n,). Source: de Boor (2001), A Practical Guide to Splines,
-    chapter X, equations 22 and 27.
+    samples: the times t (n,) in s, as the bytes of their doubles, n > degree. The spline has this odd degree
+    k and no knots at the (k - 1) / 2 samples next to either end. B holds its basis at t, A the basis of its
+    antiderivative, of degree k + 1, and h is the width of a basis function over k + 1. The returned function
+    takes and returns (n,). Source: de Boor (2001), A Practical Guide to Splines, chapter X, equations 22 and
+    27.
     """
-    # half a second to import; only forced scenes need it
+    # imported here: takes half a second, and only forced scenes need it
     from scipy.interpolate import BSpline
     from scipy.sparse.linalg import splu
 
@@ -103,7 +104,7 @@ def running_integral(samples: bytes, degree: int) -> Callable[[Array], Array]:
 
 
 def power(scene: Scene, loads: Sequence[Load], motion: Trajectory) -> Array:
-    """P = F . v + tau . omega of these loads at every sample: (n,) in W."""
+    """P = F . v + tau . omega of these loads at each sample, (n,) in W."""
     moment = Instants(
         t=motion.t_s,
         position=motion.position_m,

@@ -1,4 +1,4 @@
-"""One check of a probe: what was measured, what any consistent method gives, and the tolerance between.
+"""One check of a probe: the measured value, the value that any consistent method gives, and the tolerance.
 
 The error of a one-step method has an expansion in powers of the step h (Gragg 1964; Hairer, Norsett and
 Wanner, Solving ODEs I, II.8), so the limit is the value at h = 0 of the polynomial through several steps.
@@ -17,15 +17,15 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
-_SAFETY = 10.0  # times the estimated uncertainty: a limit within it is zero
-# Relative: less than that is no fault of a formula. An implicit method may end its iterations there.
+_SAFETY = 10.0  # multiples of the estimated uncertainty: a limit within it counts as zero
+# Relative. A smaller deviation is not a wrong formula: an implicit method may stop its iterations there.
 _LEAST = float(np.sqrt(np.finfo(np.float64).eps))
 _DIFFERENCE_NORM = float(np.sqrt(70.0))  # of a fourth difference of independent errors: 1, -4, 6, -4, 1
 
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """A relative limit for h -> 0, (cells, components), and the largest size that may still be zero."""
+    """A relative limit for h -> 0, (cells, components), and the largest size that still counts as zero."""
 
     value: Array
     tolerance: float
@@ -37,15 +37,15 @@ class Limit:
 
 
 def largest(values: Array) -> float:
-    """Max |v| over the rows of (n, components)."""
+    """max |v| over the rows of (n, components)."""
     return float(np.max(np.linalg.norm(values, axis=-1)))
 
 
 def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: float) -> Limit:
     """Extrapolate relative mismatches, each (cells, components), to h = 0.
 
-    The uncertainty is what the coarsest step changes in the extrapolated value, or the round-off of a
-    mismatch, times the condition of the extrapolation.
+    The uncertainty is the larger of two: the change of the extrapolated value without the coarsest step, and
+    the round-off of a mismatch times the condition number of the extrapolation.
     """
     weights = _weights(steps_s)
     value = np.einsum("h,hij->ij", weights, np.array(mismatches))
@@ -55,7 +55,7 @@ def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: floa
 
 
 def _weights(steps_s: Sequence[float]) -> Array:
-    """Lagrange's basis polynomials at 0: prod over j != i of h_j / (h_j - h_i)."""
+    """Lagrange basis polynomials at 0: prod over j != i of h_j / (h_j - h_i)."""
     h = np.array(steps_s)
     return np.array([np.prod([other / (other - one) for other in h if other != one]) for one in h])
 
@@ -63,8 +63,8 @@ def _weights(steps_s: Sequence[float]) -> Array:
 def noise(series: Array) -> float:
     """Median |fourth difference| / sqrt(70): the round-off of samples (n, components) of a smooth motion.
 
-    It is that of the engine's own arithmetic, single precision too. A median, so that the kinks where loads
-    come and go, and a single wrong sample, do not count: take the finest step, at which they are few.
+    It is the round-off of the engine's own arithmetic, also in single precision. The median ignores the kinks
+    where loads switch, and single wrong samples. Use the finest step, where these are few.
     """
     if len(series) < 5:
         return 0.0
@@ -74,7 +74,7 @@ def noise(series: Array) -> float:
 Verdict: TypeAlias = Literal["consistent", "inconsistent", "not-measured"]
 
 LONGEST_DELAY = 0.75
-"""Steps. A consistent method may hold its velocities half a step off; a whole step is a delay."""
+"""In steps. A consistent method may store its velocities half a step off; a whole step is a delay."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +90,13 @@ class Sampled:
         return self.scene.sample_interval_s
 
     def index(self, t_s: float) -> int:
-        """The sample at this time."""
+        """Return the index of the sample at this time."""
         return round(t_s / self.dt_s)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found; without a measured value, why there is none; without a tolerance, a property."""
+    """The result of one check. If nothing was measured, message says why. A property has no tolerance."""
 
     check: str
     measured: float | None = None
@@ -107,7 +107,7 @@ class Finding:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the deviation is within the tolerance; a property is wrong at no size."""
+        """Whether the deviation is within the tolerance; a property is never inconsistent."""
         if self.deviation is None:
             return "not-measured"
         within = self.tolerance is None or self.deviation <= self.tolerance
@@ -117,7 +117,7 @@ class Finding:
 def delay_finding(check: str, steps: float, late: str) -> Finding:
     """Return a delay in steps as a finding; late: what is delayed, for the message."""
     if not math.isfinite(steps):
-        return Finding(check, message="no motion whose delay could be measured")
+        return Finding(check, message="no motion from which to measure a delay")
     message = ""
     if abs(steps) > LONGEST_DELAY:
         amount = f"{abs(steps):.3g}"

@@ -1,1 +1,1 @@
-"""The files of a run: tables, trajectories, manifest; written, and read back."""
+"""Write and read the files of a run: tables, trajectories and manifest."""

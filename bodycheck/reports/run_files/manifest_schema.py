@@ -1,4 +1,4 @@
-"""The typed check of manifest.json: a run that is stored is data from outside."""
+"""Validate the types in manifest.json, because a stored run is untrusted data."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ _Count: TypeAlias = Annotated[int, Field(strict=True, ge=0, le=10**12)]
 
 
 class _Method(MethodMessage):
-    """What an engine said of a method, then; keys of other versions are let pass."""
+    """The facts of a method as the engine announced them; keys of other versions are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
 
 class _Engine(BaseModel):
-    """One that ran."""
+    """An engine that ran."""
 
     version: _Text
     methods: dict[_Text, _Method]
 
 
 class _Unavailable(BaseModel):
-    """Why an engine did not run."""
+    """An engine that did not run, with the reason."""
 
     unavailable: _Text
 
@@ -55,7 +55,7 @@ _Entry: TypeAlias = Annotated[
 
 
 class _Manifest(BaseModel):
-    """What comparing, judging and summing up read of a manifest; other keys are let pass."""
+    """The keys of a manifest that comparison, gates and summaries read; other keys are allowed."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -86,10 +86,10 @@ class _Manifest(BaseModel):
 
 
 def check_manifest(path: Path, manifest: Any) -> dict[str, Any]:
-    """Return a manifest that has what it must have, as it is; InputError with one line a fault else."""
+    """Return a valid manifest unchanged; raise InputError with one line that lists the faults otherwise."""
     try:
         _Manifest.model_validate(manifest)
     except ValidationError as error:
         faults = "; ".join(line.lstrip(": ") for line in fault_lines(error)[:_MOST_FAULTS])
-        raise InputError(f"{path}: is no manifest of a run: {faults}") from None
+        raise InputError(f"{path}: not a manifest of a run: {faults}") from None
     return dict(manifest)

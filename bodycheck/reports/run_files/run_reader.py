@@ -1,4 +1,4 @@
-"""A run read back from its folder: its tables alone, or all of it, with every motion measured anew."""
+"""Read a run from its folder: its tables alone, or the whole run with every motion measured again."""
 
 from __future__ import annotations
 
@@ -43,15 +43,14 @@ _OF_EVERY_CASE = ("run_id", "scenario", "engine", "method", "control", "outcome"
 _OF_EVERY_METHOD = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
 _OF_EVERY_SEARCH = ("run_id", "scenario", "engine", "method", "outcome")
 _OF_EVERY_CHECK = ("run_id", "engine", "method", "check", "verdict", "reproduce")
-_SAME = 1e-6  # relative: how well a motion that is measured anew gives the error that stands in the table
+_SAME = 1e-6  # relative tolerance between an error measured again and the one in the table
 
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """What a run found, as its tables say it: enough to compare, to advise and to sum up.
+    """The tables of a run, which suffice to compare, advise and summarise.
 
-    results, methods, stability, probes, manifest: as those of a Run. cases: the rows of results, without
-    motions.
+    results, methods, stability, probes, manifest: as for Run. cases: the rows of results, without motions.
     """
 
     run_id: str
@@ -66,14 +65,14 @@ class Tables:
 def read_tables(folder: Path) -> Tables:
     """Read results.csv, methods.csv, stability.csv, probes.csv (if there is one) and manifest.json of a run.
 
-    Raises InputError with one line where the folder is of no run, or its files are damaged or do not belong
+    Raises InputError with one line where the folder is not a run, or its files are damaged or do not belong
     together.
     """
     manifest = read_manifest(folder)
     results = read_rows(folder / "results.csv", RESULT_COLUMNS, _OF_EVERY_CASE)
     methods = read_rows(folder / "methods.csv", METHOD_COLUMNS, _OF_EVERY_METHOD)
     stability = read_rows(folder / "stability.csv", STABILITY_COLUMNS, _OF_EVERY_SEARCH)
-    path = folder / "probes.csv"  # which runs of earlier versions have not
+    path = folder / "probes.csv"  # absent from runs of earlier versions
     probes = read_rows(path, PROBE_COLUMNS, _OF_EVERY_CHECK) if path.exists() else []
     _check_words(folder / "results.csv", results, "outcome")
     _check_commands(folder / "results.csv", results)
@@ -82,10 +81,10 @@ def read_tables(folder: Path) -> Tables:
     _check_words(folder / "stability.csv", stability, "outcome")
     run_id, rows = manifest["run_id"], (*results, *methods, *stability)
     if others := {row["run_id"] for row in (*rows, *probes)} - {run_id}:
-        raise InputError(f"{folder}: its manifest is of run {run_id}, its tables of {', '.join(others)}")
+        raise InputError(f"{folder}: manifest.json is of run {run_id}, but the tables of {', '.join(others)}")
     if Counter(row["outcome"] for row in results) != manifest["outcomes"]:
         raise InputError(
-            f"{folder / 'results.csv'}: has not the cases that manifest.json counts: {folder} is damaged"
+            f"{folder / 'results.csv'}: cases do not match the counts in manifest.json; {folder} is damaged"
         )
     if strange := {row["scenario"] for row in rows} - manifest["scenarios"].keys():
         raise InputError(f"{folder}: manifest.json has no scenario {', '.join(sorted(strange))}")
@@ -108,18 +107,18 @@ def _json(folder: Path, name: str) -> Any:
     try:
         return read_json(folder / name)
     except FileNotFoundError:
-        raise InputError(f"{folder}: is no folder of a run: it has no {name}") from None
+        raise InputError(f"{folder}: not a run folder: {name} is missing") from None
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read manifest.json of a run; InputError with one line where it is missing or damaged."""
+    """Read manifest.json of a run; raise InputError with one line where it is missing or damaged."""
     return check_manifest(folder / "manifest.json", _json(folder, "manifest.json"))
 
 
 def _check_words(path: Path, rows: Iterable[dict[str, Any]], column: str) -> None:
-    """Raise InputError where a row has a word that no run of this version writes."""
+    """Raise InputError where a row has a word that this version does not write."""
     if unknown := {row[column] for row in rows} - {"ok", *STATES}:
-        raise InputError(f"{path}: {column} {sorted(unknown)[0]!r} is not known (known: {', '.join(STATES)})")
+        raise InputError(f"{path}: unknown {column} {sorted(unknown)[0]!r} (available: {', '.join(STATES)})")
 
 
 def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
@@ -127,7 +126,7 @@ def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
         try:
             parted(command)
         except ValueError as error:
-            raise InputError(f"{path}: reproduce is no command: {error}: {command!r:.80}") from None
+            raise InputError(f"{path}: reproduce is not a command: {error}: {command!r:.80}") from None
 
 
 def _case(row: dict[str, Any]) -> CaseResult:
@@ -136,10 +135,10 @@ def _case(row: dict[str, Any]) -> CaseResult:
 
 
 def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = None) -> Run:
-    """Read a whole run: the truths are solved again, and every motion is measured by them again.
+    """Read a whole run: solve its truths again and measure every motion again.
 
-    allow_code: its scenarios may name functions, whose code runs. Raises InputError as read_tables does, and
-    where a motion is missing or is not the one that its row was measured by.
+    allow_code: the run's scenarios may name functions, whose code is executed. Raises InputError as
+    read_tables does, and where a motion is missing or does not match its row.
     """
     tables = read_tables(folder)
     cases = _with_read_backs(folder, tables.cases)
@@ -166,31 +165,31 @@ def _subjects(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: 
         path = folder / "trajectories" / file_name(name) / "truth.npz"
         stored = read_arrays(path)
         if "quaternion" not in stored or len(stored["t_s"]) != len(problem.truth.trajectory.t_s):
-            raise InputError(f"{path}: is not the truth of {name}")
+            raise InputError(f"{path}: not a truth of {name}")
         gap = geodesic_angle(stored["quaternion"], problem.truth.trajectory.attitude)[: problem.compared]
         if not np.all(gap <= 2.0 * problem.truth.bound_rad[: problem.compared]):
-            raise InputError(f"{path}: is not the truth that is solved for {name} now")
+            raise InputError(f"{path}: differs from the truth of {name} as solved now")
         yield problem
 
 
 def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[CaseResult]:
-    """Yield the cases with what their engines held."""
+    """Yield the cases with the parameters that were read back from their engines."""
     held = _json(folder, "read_back.json")
     if not isinstance(held, dict):
-        raise InputError(f"{folder / 'read_back.json'}: should be an object, one entry a case")
+        raise InputError(f"{folder / 'read_back.json'}: must be an object with one entry per case")
     for case in cases:
         message = held.get(str(trajectory_file(case)))
         if isinstance(message, dict):
-            message.pop("build", None)  # for people: the row of the case has it too
+            message.pop("build", None)  # written for human readers; the row of the case has it too
         try:
             yield replace(case, read_back=None if message is None else read_back_of(message))
         except (KeyError, TypeError, ValueError) as error:
             where = f"{folder / 'read_back.json'}: {trajectory_file(case)}"
-            raise InputError(f"{where}: is not what an engine held: {error!r}") from None
+            raise InputError(f"{where}: not a valid read-back: {error!r}") from None
 
 
 def _with_motion(folder: Path, problem: Problem, case: CaseResult) -> CaseResult:
-    """Return a case with its trajectory, if it has one, and its measures over time, if it ended well."""
+    """Return a case with its trajectory if it has one, and its measures over time if it ended well."""
     path = folder / "trajectories" / trajectory_file(case)
     if not case.ok and not path.exists():
         return case
@@ -198,14 +197,14 @@ def _with_motion(folder: Path, problem: Problem, case: CaseResult) -> CaseResult
     try:
         trajectory = Trajectory(**arrays)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{path}: is no trajectory of a case: {error}") from None
+        raise InputError(f"{path}: not the trajectory of a case: {error}") from None
     if not case.ok:
         return replace(case, trajectory=trajectory)
     if not np.array_equal(trajectory.t_s, problem.truth.trajectory.t_s):
-        raise InputError(f"{path}: its times are not the samples of {problem.scenario.name}")
+        raise InputError(f"{path}: t_s differs from the sample times of {problem.scenario.name}")
     found = measured_by(problem, trajectory, Motion.of(problem.scenario.scene, trajectory))
     angle, told = found.columns["orientation_error_rad"], case.columns.get("orientation_error_rad", math.nan)
     slack = 2.0 * problem.largest(problem.truth.bound_rad)
     if not math.isclose(angle, told, rel_tol=_SAME, abs_tol=slack):
-        raise InputError(f"{path}: is off by {angle:.4g} rad, but results.csv says {told:.4g} rad")
+        raise InputError(f"{path}: its error is {angle:.4g} rad, but results.csv has {told:.4g} rad")
     return replace(found, columns=case.columns, trajectory=trajectory, read_back=case.read_back)

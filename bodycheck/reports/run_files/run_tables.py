@@ -1,4 +1,4 @@
-"""A run, made now or stored: its tables, and its cases by scenario and method."""
+"""A run, new or stored: its tables, and its cases by scenario and method."""
 
 from __future__ import annotations
 
@@ -17,14 +17,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What `bodycheck.run` returns.
+    """The result of `bodycheck.run`.
 
-    results: one row a case (results.csv). methods: one row a scenario, method and quantity (methods.csv).
-    stability: one row a scenario and method that is told a step (stability.csv); none where steps were asked
-    for.
-    manifest: versions, machine, settings (manifest.json). subjects: the scenarios with their truths.
-    cases: the rows of results in the same order, each with its trajectory and its measures over time.
-    probes: one row per method and check (probes.csv).
+    results: one row per case (results.csv). methods: one row per scenario, method and quantity (methods.csv).
+    stability: one row per scenario and method with a step (stability.csv); empty where steps were specified.
+    manifest: versions, machine, settings (manifest.json). problems: the scenarios with their truths. cases:
+    the rows of results in the same order, each with its trajectory and its measures over time. probes: one
+    row per method and check (probes.csv).
     """
 
     run_id: str
@@ -38,11 +37,11 @@ class Run:
 
 
 MethodKey: TypeAlias = tuple[str, str]
-"""Engine and method."""
+"""(engine, method)"""
 
 
 class RunTables(Protocol):
-    """A run, or the tables of one."""
+    """A run, or the tables of a run."""
 
     @property
     def manifest(self) -> dict[str, Any]:
@@ -50,23 +49,23 @@ class RunTables(Protocol):
 
     @property
     def methods(self) -> pd.DataFrame:
-        """One row a scenario, method and quantity."""
+        """One row per scenario, method and quantity."""
 
     @property
     def stability(self) -> pd.DataFrame:
-        """One row a scenario and method that is told a step."""
+        """One row per scenario and method with a step."""
 
     @property
     def probes(self) -> pd.DataFrame:
-        """One row per method and check of its probes; none in a run from before there were any."""
+        """One row per method and check of its probes; empty for a run of a version without probes."""
 
     @property
     def cases(self) -> tuple[CaseResult, ...]:
-        """Every case, in the order of the run."""
+        """All cases, in the order of the run."""
 
 
 def key_of(row: Mapping[str, Any]) -> MethodKey:
-    """Return engine and method of a row of either table."""
+    """Return the engine and method of a row of any table."""
     return row["engine"], row["method"]
 
 
@@ -79,7 +78,7 @@ def cases_by_method(cases: Iterable[CaseResult]) -> dict[str, dict[MethodKey, li
 
 
 def common_step(cases: Iterable[CaseResult]) -> float | None:
-    """Return the step that most methods were run at, the finest of several; None where there are no steps."""
+    """Return the step used by most methods, the finest of several; None where there are no steps."""
     shared = Counter(
         case.dt_s for case in cases if case.dt_s is not None and case.columns["outcome"] != "unsupported"
     )
@@ -87,6 +86,6 @@ def common_step(cases: Iterable[CaseResult]) -> float | None:
 
 
 def shown_case(cases: Iterable[CaseResult], at_s: float | None) -> CaseResult | None:
-    """Return the case of a method that stands for it: at the common step, else at its finest tolerance."""
+    """Return the case that represents a method: at the common step, or else at its finest tolerance."""
     fitting = [case for case in cases if case.dt_s in (None, at_s)]
     return min(fitting, key=lambda case: case.setting.fineness or 0.0, default=None)

@@ -1,4 +1,4 @@
-"""A table of a run as CSV, JSON, Markdown or Parquet, its numbers to the last digit."""
+"""Tables of a run as CSV, JSON, Markdown or Parquet, with numbers in full precision."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 
 def as_csv(table: pd.DataFrame) -> bytes:
-    """Return a head and one line a row; what was not measured is empty."""
+    """Return a header and one line per row; what was not measured is empty."""
     return table.to_csv(index=False).encode()
 
 
 def as_json(table: pd.DataFrame) -> bytes:
-    """Return a list with one object a row; what was not measured is null."""
+    """Return a list with one object per row; what was not measured is null."""
     return (json.dumps(_rows(table), indent=1, allow_nan=False) + "\n").encode()
 
 
 def as_markdown(table: pd.DataFrame) -> bytes:
-    """Return a table for a page or a comment; what was not measured is empty."""
+    """Return a Markdown table; what was not measured is empty."""
     cells = [["" if cell is None else str(cell) for cell in row.values()] for row in _rows(table)]
     return ("\n".join(markdown_table([str(name) for name in table.columns], cells)) + "\n").encode()
 
@@ -35,11 +35,11 @@ def as_markdown(table: pd.DataFrame) -> bytes:
 def as_parquet(table: pd.DataFrame) -> bytes:
     """Return a Parquet file with the table's own types; what was not measured is null.
 
-    DuckDB writes it: a history is read and queried with it too, while pyarrow does only this.
+    It is written by DuckDB, which also reads and queries a history, so pyarrow is not required.
     """
     import duckdb
 
-    # a column of text in which nothing stands has no type that could be seen
+    # the type of an empty text column cannot be inferred
     texts = {name: "string" for name in table.columns if table[name].dtype == object}
     with tempfile.TemporaryDirectory() as folder, duckdb.connect() as database:
         path = Path(folder, "table.parquet")
@@ -61,11 +61,11 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _plain(cell: Any) -> Any:
-    """Return a cell as JSON has it: null for what is not there, text for what JSON has no word for."""
+    """Return a cell as a JSON value: null for a missing value, text for what JSON cannot represent."""
     import pandas as pd
 
     match cell:
-        case np.ndarray():  # what a query made a list of
+        case np.ndarray():  # a list column of a query
             return _plain(cell.tolist())
         case list():
             return [_plain(part) for part in cell]

@@ -1,4 +1,4 @@
-"""The tables of a run: the columns of results, methods, stability and probes.csv, in their order."""
+"""The tables of a run: columns of results, methods, stability and probes.csv, in order."""
 
 from __future__ import annotations
 
@@ -116,29 +116,29 @@ _TEXTS = frozenset(
 def as_table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
     """Return the rows as a table with exactly these columns; what was not measured is missing, never 0.
 
-    Raises ValueError where a row has a column that the table has not.
+    Raises ValueError where a row has a column that the table does not have.
     """
-    import pandas as pd  # late: a third of a second
+    import pandas as pd  # imported here: takes a third of a second
 
     rows = list(rows)
     for row in rows:
         if unknown := row.keys() - set(columns):
-            raise ValueError(f"no column is named {', '.join(sorted(unknown))}")
+            raise ValueError(f"unknown column {', '.join(sorted(unknown))}")
     return pd.DataFrame({column: pd.Series(_cells(rows, column), dtype=_dtype(column)) for column in columns})
 
 
 def _cells(rows: list[Mapping[str, Any]], column: str) -> list[Any]:
-    """Return the cells of a column; a row without a yes or no means no."""
+    """Return the cells of a column; a missing boolean is False."""
     return [row.get(column, False if column in _YES_OR_NO else None) for row in rows]
 
 
 def no_probes() -> pd.DataFrame:
-    """Return the table of a run that made no probes."""
+    """Return the empty table of a run without probes."""
     return as_table((), PROBE_COLUMNS)
 
 
 def _dtype(column: str) -> str | None:
-    """Return what a column holds; None where pandas is to see for itself which kind of text."""
+    """Return the dtype of a column; None where pandas chooses the text type."""
     if column in _WHOLE_NUMBERS:
         return "Int64"
     if column in _YES_OR_NO:
@@ -153,10 +153,10 @@ def _yes_or_no(cell: str) -> bool:
 
 
 def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Read the rows of a table of a run, as they were before they were written; an empty cell has no entry.
+    """Read the rows of a table of a run, with the types they were written with; empty cells are left out.
 
-    columns: those that the table may have; needed: those that it must have, and no row may lack. Raises
-    InputError with one line that names the file and what is wrong with it.
+    columns: those that the table may have; needed: those that every row must have. Raises InputError with one
+    line that names the file and the fault.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -164,17 +164,17 @@ def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> 
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (csv.Error, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is not CSV: {error}") from None
+        raise InputError(f"{path}: not a CSV file: {error}") from None
     head = lines[0] if lines else []
     if missing := [name for name in needed if name not in head]:
-        raise InputError(f"{path}: is no table of a run: it has no column {', '.join(missing)}")
+        raise InputError(f"{path}: not a table of a run: missing column {', '.join(missing)}")
     if unknown := [name for name in head if name not in columns]:
-        raise InputError(f"{path}: this version of bodycheck knows no column {', '.join(unknown)}")
+        raise InputError(f"{path}: this version of bodycheck has no column {', '.join(unknown)}")
     return [_row(path, number, head, line, needed) for number, line in enumerate(lines[1:], 1)]
 
 
 def _value(column: str, cell: str) -> Any:
-    """Return what a cell says; ValueError where it is not of its column."""
+    """Return the value of a cell; raise ValueError where it does not fit its column."""
     if column in _YES_OR_NO:
         return _yes_or_no(cell)
     if column in _TEXTS:

@@ -1,4 +1,4 @@
-"""Trajectories as files: columns of the CSV, arrays of the npz, and a reader of what others wrote."""
+"""Trajectory files: the CSV columns, the npz arrays, and a reader for files written by other programs."""
 
 from __future__ import annotations
 
@@ -22,20 +22,21 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _MOST_BYTES = 1 << 28
-"""Of all arrays together, as doubles: the quantities of a million samples take 208 MB."""
+"""Limit for all arrays together, as doubles; the quantities of a million samples take 208 MB."""
 _ALWAYS_BYTES = 1 << 25
-_MOST_PACKED = 50  # times the file's size, beyond that: what is packed closer is a trap, or at rest
+_MOST_PACKED = 50  # above that, times the file size: denser files are zip bombs, or a body at rest
 _DOUBLE_BYTES = 8
 _MOST_DIMENSIONS = 3
-_EXACT = 2**53  # up to here every whole number is a double
+_EXACT = 2**53  # every integer up to here is a double
 _ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
 
 
 def read_npz(path: Path, names: Sequence[str]) -> dict[str, Array]:
-    """Return the arrays of these names that the file has, as doubles.
+    """Return those of the named arrays that the file has, as doubles.
 
-    Raises OSError where the file cannot be read, InputError with one line where it is no npz of real numbers.
+    Raises OSError where the file cannot be read, and InputError with one line where it is not an npz of real
+    numbers.
     """
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as archive:
@@ -47,19 +48,19 @@ def read_npz(path: Path, names: Sequence[str]) -> dict[str, Array]:
                     left -= arrays[name].nbytes
             return arrays
     except (ValueError, EOFError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"{path}: is not an npz of numbers: {' '.join(str(error).split())}") from None
+        raise InputError(f"{path}: not an npz file of numbers: {' '.join(str(error).split())}") from None
 
 
 def _array(archive: zipfile.ZipFile, name: str, most: int) -> Array:
-    """Return one member of at most so many bytes as doubles.
+    """Return one member, of at most `most` bytes, as doubles.
 
-    Raises ValueError where its header and its size do not agree, or it has no real numbers.
+    Raises ValueError where its header and its size disagree, or its type is not real.
     """
     member = archive.getinfo(f"{name}.npy")
     if member.flag_bits & _ENCRYPTED:
         raise ValueError(f"{name} is encrypted")
     if member.compress_type not in _METHODS:
-        raise ValueError(f"{name} is packed in a way that numpy does not write; use numpy.savez")
+        raise ValueError(f"{name} has an unsupported compression; use numpy.savez or numpy.savez_compressed")
     with archive.open(member) as packed:
         stream = cast(BinaryIO, packed)
         shape, columns_first, dtype = _header(stream, name, most)
@@ -72,31 +73,31 @@ def _array(archive: zipfile.ZipFile, name: str, most: int) -> Array:
 
 
 def _header(stream: BinaryIO, name: str, most: int) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return shape, order and type of an array, of numbers, as doubles of at most so many bytes."""
+    """Return shape, order and type of a numeric array of at most `most` bytes as doubles."""
     version = np.lib.format.read_magic(stream)
     read = {
         (1, 0): np.lib.format.read_array_header_1_0,
         (2, 0): np.lib.format.read_array_header_2_0,
     }.get(version)
     if read is None:
-        raise ValueError(f"{name} is of the npy version {version}")
+        raise ValueError(f"{name} has the unsupported npy version {version}")
     shape, columns_first, dtype = read(stream)
     if dtype.kind not in "fiu":
-        raise ValueError(f"{name} is of {dtype}, not of real numbers")
+        raise ValueError(f"{name} has type {dtype}, not real numbers")
     if dtype.itemsize > _DOUBLE_BYTES:
-        raise ValueError(f"{name} is of {dtype}, which no double holds in full")
+        raise ValueError(f"{name} has type {dtype}, which does not fit in doubles")
     if len(shape) > _MOST_DIMENSIONS or min(shape, default=0) < 0:
         raise ValueError(f"{name} has the shape {shape}")
     if math.prod(shape) * _DOUBLE_BYTES > most:
-        raise ValueError(f"{name} declares the shape {shape}: more than the {most} bytes that are read of it")
+        raise ValueError(f"{name} declares the shape {shape}, which exceeds the limit of {most} bytes")
     return shape, columns_first, dtype
 
 
 def doubles(values: np.ndarray[Any, np.dtype[Any]], name: str) -> Array:
-    """Return real numbers as doubles; ValueError for a whole number that no double holds in full."""
+    """Return real numbers as doubles; raise ValueError for integers above 2^53."""
     whole = values.dtype.kind in "iu" and values.size
     if whole and max(int(values.max()), -int(values.min())) > _EXACT:
-        raise ValueError(f"{name} has whole numbers above 2^53, which no double holds in full")
+        raise ValueError(f"{name} has integers above 2^53, which do not fit in doubles")
     return values.astype(np.float64)
 
 
@@ -114,7 +115,7 @@ _IGNORED = ("bound_rad",)  # the last column of `bodycheck truth`
 
 
 def trajectory_table(trajectory: Trajectory) -> pd.DataFrame:
-    """Return t_s, x_m, ..., qw, ..., wz_body_rad_s, one row a sample; omega in both axes."""
+    """Return t_s, x_m, ..., qw, ..., wz_body_rad_s, one row per sample; omega in both axes."""
     import pandas as pd
 
     values = {
@@ -137,15 +138,15 @@ def stored_arrays(trajectory: Trajectory) -> dict[str, Array]:
 
 
 def npz(arrays: Mapping[str, Array]) -> bytes:
-    """Return the bytes of the .npz file that np.load reads these arrays from; equal for equal arrays.
+    """Return an .npz file as bytes, readable by np.load; equal arrays give equal bytes.
 
-    numpy.savez seeks and writes a dozen times for each array; in memory the whole is one stroke.
+    It is built in memory, because numpy.savez seeks and writes a dozen times per array.
     """
     whole = io.BytesIO()
     with zipfile.ZipFile(whole, "w") as archive:
         for name, array in arrays.items():
             doubles = np.ascontiguousarray(array, dtype="<f8")
-            # with a date of its own, the earliest that zip has, not that of the run
+            # ZipInfo defaults to the earliest zip date, so the bytes do not depend on the time of the run
             archive.writestr(zipfile.ZipInfo(f"{name}.npy"), _npy_header(doubles.shape) + doubles.tobytes())
     return whole.getvalue()
 
@@ -158,9 +159,9 @@ def _npy_header(shape: tuple[int, ...]) -> bytes:
 
 
 def read_arrays(path: Path) -> dict[str, Array]:
-    """Read t_s (n,) and any of the arrays of a trajectory, (n, 3), (n, 4) or (n, 3, 3), from .csv or .npz.
+    """Read t_s (n,) and any arrays of a trajectory, (n, 3), (n, 4) or (n, 3, 3), from .csv or .npz.
 
-    Raises InputError with one line that names the file and what is wrong with it.
+    Raises InputError with one line that names the file and the fault.
     """
     try:
         arrays = read_npz(path, ("t_s", *_ARRAYS)) if path.suffix == ".npz" else _read_csv(path)
@@ -172,7 +173,7 @@ def read_arrays(path: Path) -> dict[str, Array]:
     if t_s.ndim != 1 or not len(t_s) or not np.all(np.isfinite(t_s)) or np.any(np.diff(t_s) <= 0.0):
         raise InputError(f"{path}: t_s must be finite times in ascending order")
     if len(arrays) == 1:
-        raise InputError(f"{path}: has no quantity beside t_s; known are {', '.join(_ARRAYS)}")
+        raise InputError(f"{path}: has no quantity besides t_s (available: {', '.join(_ARRAYS)})")
     for name, value in arrays.items():
         shape = {"t_s": (), "rotation": (3, 3)}.get(name, (len(_ARRAYS.get(name, ())),))
         if value.shape != (len(t_s), *shape):
@@ -192,19 +193,19 @@ def _read_csv(path: Path) -> dict[str, Array]:
                 index_col=False,
                 keep_default_na=False,
                 na_values=["nan", "NaN"],
-                compression=None,  # never guessed from the file's name
+                compression=None,  # do not guess from the file name
             )
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
-        raise InputError(f"{path}: is not CSV: {' '.join(str(error).split())}") from None
+        raise InputError(f"{path}: not a CSV file: {' '.join(str(error).split())}") from None
     known = {"t_s", *_IGNORED, *(column for columns in _ARRAYS.values() for column in columns)}
     if unknown := [str(column) for column in table.columns if column not in known]:
-        raise InputError(f"{path}: no column of a trajectory is named {', '.join(unknown)}")
+        raise InputError(f"{path}: unknown trajectory column {', '.join(unknown)}")
     if table.empty:
         raise InputError(f"{path}: has no rows")
     for column in table.columns:
         kind = table[column].dtype.kind
         if kind == "b":
-            raise InputError(f"{path}: {column} holds truth values, not numbers")
+            raise InputError(f"{path}: {column} has booleans, not numbers")
         if kind not in "fiu":
             row = int(np.argmax(pd.to_numeric(table[column], errors="coerce").isna().to_numpy()))
             found = table[column].iloc[row]

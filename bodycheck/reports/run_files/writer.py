@@ -1,4 +1,4 @@
-"""A run as files: the tables, the trajectories, the manifest and the report, written whole or not at all."""
+"""Write a run atomically as files: the tables, the trajectories, the manifest and the report."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from bodycheck.reports.run_files.trajectory_files import npz, stored_arrays
 
 
 def check_output(out: Path) -> None:
-    """Raise InputError where a run could not be written to `out`; asked before anything is run."""
+    """Raise InputError where a run could not be written to `out`; called before anything is run."""
     try:
         in_place = out.is_symlink() or out.resolve() == Path.cwd()
         if in_place or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
-            raise InputError(f"--out {out}: is already there; name a new or an empty folder")
+            raise InputError(f"--out {out}: already exists; choose a new or an empty folder")
         check_folder(f"--out {out}", out.absolute().parent)
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
@@ -31,8 +31,8 @@ def check_output(out: Path) -> None:
 def write_files(run: Run, report: str, out: Path, *, beside: Path | None = None) -> Path:
     """Write the tables, trajectories/, manifest.json and the report as report.html; return its path.
 
-    Everything is written under a temporary name, in the folder `beside`, by default the one that `out` is
-    in, and renamed at the end. Raises InputError where `out` is in use or cannot be written.
+    Everything is written under a temporary name in the folder `beside` [default: the parent of `out`] and
+    renamed at the end. Raises InputError where `out` is in use or cannot be written.
     """
     check_output(out)
     beside = out.absolute().parent if beside is None else beside
@@ -40,7 +40,7 @@ def write_files(run: Run, report: str, out: Path, *, beside: Path | None = None)
         beside.mkdir(parents=True, exist_ok=True)
         unfinished = unfinished_name(beside / out.absolute().name)
         try:
-            unfinished.mkdir()  # not mkdtemp, which keeps others out: the umask says who may read a run
+            unfinished.mkdir()  # not mkdtemp, which ignores the umask and excludes other users
             write_tables(run, unfinished)
             _write_trajectories(run, unfinished / "trajectories")
             (unfinished / "report.html").write_text(report, encoding="utf-8")
@@ -53,7 +53,7 @@ def write_files(run: Run, report: str, out: Path, *, beside: Path | None = None)
 
 
 def write_tables(run: Run, folder: Path) -> None:
-    """Write the tables, manifest.json and read_back.json: all that questions are asked of."""
+    """Write the tables, manifest.json and read_back.json: all that read_tables needs, and the read-backs."""
     run.results.to_csv(folder / "results.csv", index=False)
     run.methods.to_csv(folder / "methods.csv", index=False)
     run.stability.to_csv(folder / "stability.csv", index=False)
@@ -75,7 +75,7 @@ def _write_trajectories(run: Run, trajectories: Path) -> None:
 
 
 def _read_backs(run: Run) -> dict[str, Message]:
-    """Return what the engines held and by which build, by the files of the cases' trajectories."""
+    """Return the parameters read back from the engines, and the builds, by trajectory file of the case."""
     return {
         str(trajectory_file(case)): {**read_back_message(case.read_back), "build": case.columns.get("build")}
         for case in run.cases
@@ -84,7 +84,7 @@ def _read_backs(run: Run) -> dict[str, Message]:
 
 
 def trajectory_file(case: CaseResult) -> Path:
-    """Return scenario/engine_method_step.npz or .._tolerance.npz, relative to the run's trajectories/."""
+    """Return scenario/engine_method_step.npz or ..._tolerance.npz, relative to the run's trajectories/."""
     columns = case.columns
     fineness = case.setting.fineness
     step = "" if fineness is None else f"_{fineness!r}"
@@ -93,6 +93,6 @@ def trajectory_file(case: CaseResult) -> Path:
 
 
 def file_name(name: str) -> str:
-    """Return a name that is safe as a file's, itself where it is so already; others get a hash."""
+    """Return a safe file name: the name itself if it is safe, else a sanitised one with a hash."""
     safe = re.sub(r"[^A-Za-z0-9+_.-]+", "-", name).lstrip(".")[:80]
     return safe if safe == name else f"{safe}-{sha256(name.encode()).hexdigest()[:8]}"

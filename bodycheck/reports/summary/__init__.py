@@ -1,1 +1,1 @@
-"""What a run comes to in short: its tables, cells, worst results and advice."""
+"""Summaries of a run: its tables, cells, worst results and advice."""

@@ -1,4 +1,4 @@
-"""The cheapest settings that keep an error, among the cases of a run: measured, never extrapolated."""
+"""The cheapest settings of a run that meet an error tolerance: measured, never extrapolated."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _ADVISED = tuple(name for name in QUANTITIES if MEASURES[name].judged == "limit"
 
 @dataclass(frozen=True)
 class Option:
-    """What a method needs to keep the error, and what that costs.
+    """The settings with which a method meets the error tolerance, and their cost.
 
-    settings: the step or tolerance on each scenario, None of a method that has neither. error: the measured
-    one and the truth's bound; of several scenarios the largest. cpu_s: processor time of the whole scenarios
-    in s, None where it was not measured. reproduce: the command that shows it again.
+    settings: the step or tolerance on each scenario; None for a method that has neither. error: measured
+    error plus the truth's bound, the largest over the scenarios. cpu_s: CPU time of the whole scenarios in s;
+    None where it was not measured. reproduce: the command that reproduces it.
     """
 
     engine: str
@@ -37,11 +37,11 @@ class Option:
 
 @dataclass(frozen=True)
 class Answer:
-    """What keeps the error on a scenario; where that is None, on all of them.
+    """What meets the error tolerance on one scenario, or on all scenarios together if scenario is None.
 
-    options: the cheapest of each engine, the cheapest first; those whose time was not measured at the end.
-    without: the engines that were measured and keep it by no method. nearest: what comes closest where
-    nothing keeps it, None where nothing was measured at all.
+    options: the cheapest option of each engine, cheapest first, those without measured time last. without:
+    the measured engines of which no method meets the tolerance. nearest: the option with the smallest error
+    where none meets the tolerance; None where nothing was measured.
     """
 
     scenario: str | None
@@ -51,17 +51,17 @@ class Answer:
 
 
 def check_question(error: float, quantity: str) -> None:
-    """Raise InputError where there is no such question."""
+    """Raise InputError for an invalid error tolerance or an unknown quantity."""
     if not 0.0 < error < math.inf:
         raise InputError(f"--error {error!r}: must be a positive number")
     if quantity not in _ADVISED:
-        raise InputError(f"--quantity {quantity}: is none that can be kept; there are {', '.join(_ADVISED)}")
+        raise InputError(f"--quantity {quantity}: unknown quantity (available: {', '.join(_ADVISED)})")
 
 
 def advise(
     cases: Iterable[CaseResult], error: float, quantity: str, scenarios: Sequence[str]
 ) -> tuple[Answer, ...]:
-    """Return the answer for all the scenarios together, if they are several, and for each.
+    """Return the answers for all scenarios together, if there are several, and for each one.
 
     Raises InputError as check_question does.
     """
@@ -72,7 +72,7 @@ def advise(
     for (name, key), ladder in ladders.items():
         options = [_option(case, quantity) for case in keeping(ladder, error, quantity)]
         if options:
-            kept[name][key] = min(reversed(options), key=_cost)  # of unknown costs the coarsest step
+            kept[name][key] = min(reversed(options), key=_cost)  # if no cost is known, the coarsest step
         if measured := [
             _option(case, quantity) for case in ladder if largest_error(case, quantity) < math.inf
         ]:
@@ -116,7 +116,7 @@ def _answer(
 
 
 def _on_all(found: Mapping[str, Mapping[MethodKey, Option]]) -> dict[MethodKey, Option]:
-    """Return the methods that are found everywhere, with the largest error and the sum of the times."""
+    """Return the methods that have an option on every scenario, with the largest error and the total time."""
     together = {}
     for key in dict.fromkeys(key for options in found.values() for key in options):
         each = [options[key] for options in found.values() if key in options]
@@ -135,7 +135,7 @@ def _on_all(found: Mapping[str, Mapping[MethodKey, Option]]) -> dict[MethodKey, 
 
 
 def _command(key: MethodKey, each: Sequence[str]) -> str:
-    """Return the one command that runs a method on the scenarios of several commands."""
+    """Merge several commands into one that runs the method on all their scenarios."""
     asked = [name for command in each if (name := scenario_spec(command)) is not None]
     code = [ALLOW_CODE] if any(ALLOW_CODE in parted(command) for command in each) else []
     return joined(["bodycheck", "run", *asked, "--engine", ":".join(key), *code])

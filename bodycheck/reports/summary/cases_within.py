@@ -1,4 +1,7 @@
-"""Which cases of a method keep an error: by what was measured and the truth's bound, and not by luck."""
+"""Select the cases that meet an error tolerance.
+
+The error includes the truth's bound. Coarse steps that meet the tolerance by accident are excluded.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,11 @@ from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method
 
 RefinementSequence: TypeAlias = Sequence[CaseResult]
-"""The cases of one method on one scenario, the finest first."""
+"""The cases of one method on one scenario, finest first."""
 
 
 def ladders_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], RefinementSequence]:
-    """Return the cases of each method on each scenario."""
+    """Return the cases of each method on each scenario, finest first."""
     return {
         (scenario, key): sorted(own, key=lambda case: case.setting.fineness or 0.0)
         for scenario, methods in cases_by_method(cases).items()
@@ -25,7 +28,7 @@ def ladders_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], Re
 
 
 def largest_error(case: CaseResult, quantity: str) -> float:
-    """measured + bound: what the true error is at most; infinite where the case did not end well."""
+    """measured + bound: an upper bound of the true error; infinite where the case did not end well."""
     columns = case.columns
     if not case.ok or quantity not in columns:
         return math.inf
@@ -33,10 +36,10 @@ def largest_error(case: CaseResult, quantity: str) -> float:
 
 
 def keeping(ladder: RefinementSequence, error: float, quantity: str) -> Iterator[CaseResult]:
-    """Yield the cases that keep the error, the finest first, down to a step that does not.
+    """Yield the cases that meet the error tolerance, finest first, up to the first one that does not.
 
-    A coarser step that keeps it all the same does so by luck. Below 1e-9 it is no luck: there finer steps
-    may be worse by their round-off.
+    A coarser step that meets the tolerance after that does so by accident. A failure with an error below 1e-9
+    does not count, because round-off can make finer steps worse there.
     """
     for case in ladder:
         largest = largest_error(case, quantity)

@@ -1,4 +1,4 @@
-"""What there is to choose from: the lists that `bodycheck list` prints."""
+"""The lists that `bodycheck list` prints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bodycheck.scenarios.library import scenario_summaries, suites
 
 
 def print_catalogue(what: str) -> None:
-    """Print one line an entry: the name, then what it is."""
+    """Print one line per entry: its name and description."""
     out = Console(highlight=False, soft_wrap=True)
     catalogues: dict[str, Callable[[], list[tuple[str, str]]]] = {
         "scenarios": lambda: list(scenario_summaries().items()),
@@ -39,7 +39,7 @@ def _measure_rows() -> list[tuple[str, str]]:
 
 def _engine_rows() -> list[tuple[str, str]]:
     return [
-        (name, engine.version if isinstance(engine, Engine) else f"not there: {engine}")
+        (name, engine.version if isinstance(engine, Engine) else f"not available: {engine}")
         for name, engine in announced(engine_names()).items()
     ]
 
@@ -55,6 +55,6 @@ def _method_rows() -> list[tuple[str, str]]:
             only = "; run only when requested by name" if method.on_request else ""
             if method.is_for_off_centre_links:
                 only += ", or where a link is off the centre of mass"
-            row = (f"{name}:{method.name}", f"{method.formula}{order}; keeps {method.keeps}{only}")
+            row = (f"{name}:{method.name}", f"{method.formula}{order}; conserves {method.keeps}{only}")
             (apart if method.on_request else rows).append(row)
     return rows + apart

@@ -1,4 +1,4 @@
-"""One cell per scenario and method, one line per method over all scenarios, and failed cases."""
+"""One cell per scenario and method, one overview per method over all scenarios, and failed cases."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ _SEVERITY = ("none", "floor", "good", "open", "bad", "fault")
 
 @dataclass(frozen=True)
 class Cell:
-    """One method on one scenario: the most severe of all that is known of it.
+    """One method on one scenario, with its most severe state.
 
-    verdict: of the quantities the most severe, None where no case ended well. order: of the orientation.
-    error: of the orientation at the common step. faults: how many of the cases ended so. cases: how many
-    there are. wrong: the quantities that speak against the method, the most severe first. properties: of the
-    engine's state, no faults. detail: what the verdict rests on.
+    verdict: the most severe of the quantities; None where no case ended well. order: of the orientation.
+    error: of the orientation at the common step. faults: number of cases per fault. cases: total number of
+    cases. wrong: the quantities that count against the method, most severe first. properties: of the engine's
+    state, not faults. detail: what the verdict is based on.
     """
 
     state: str
@@ -52,22 +52,22 @@ class Cell:
 
     @property
     def notes(self) -> list[str]:
-        """What went wrong, and what the state holds besides."""
+        """The faults, the wrong quantities and the properties of the state, as text."""
         faults = [f"{amount} of {self.cases} {fault}" for fault, amount in self.faults.items()]
         return [*faults, *(one.text for one in (*self.wrong, *self.properties))]
 
     @property
     def is_sound(self) -> bool:
-        """Whether the method does what theory says of it, as far as was measured."""
+        """Whether the method behaves as theory predicts, as far as was measured."""
         return self.state in ("converges", "at-floor", "exact")
 
 
 def summary_cell(
     cases: Sequence[CaseResult], found: Mapping[str, Mapping[str, Any]], at_s: float | None
 ) -> Cell:
-    """Return what the cases of one method on one scenario come to.
+    """Return the cell of one method on one scenario.
 
-    found: their rows of methods.csv by quantity; at_s: the common step.
+    found: its rows of methods.csv by quantity; at_s: the common step.
     """
     at_step = shown_case(cases, at_s)
     error = at_step.columns[ORIENTATION] if at_step and at_step.ok else None
@@ -94,7 +94,7 @@ def summary_cell(
 
 
 def _detail(cases: Sequence[CaseResult], row: Mapping[str, Any] | None) -> str:
-    """Return what the verdict on the orientation rests on, and what lowers orders here."""
+    """Return what the verdict on the orientation is based on, and what lowers the order."""
     if row is None:
         return ""
     parts = [f"floor {number(row['floor'], 2)} rad"]
@@ -125,7 +125,7 @@ def summary_cells(run: RunTables) -> dict[str, dict[MethodKey, Cell]]:
 
 @dataclass(frozen=True)
 class Fault:
-    """Cases of one method on one scenario that ended badly in the same way, at these steps or tolerances."""
+    """Cases of one method on one scenario with the same fault, at these steps or tolerances."""
 
     scenario: str
     key: MethodKey
@@ -135,7 +135,7 @@ class Fault:
 
 
 def faults_of(cases: Iterable[CaseResult]) -> list[Fault]:
-    """Return all that failed, was invalid, unstable or timed out, alike cases together."""
+    """Return the invalid, failed, timed-out and unstable cases, grouped by fault."""
     steps: dict[tuple[str, MethodKey, str, str], list[float | None]] = {}
     for case in cases:
         columns = case.columns
@@ -147,19 +147,19 @@ def faults_of(cases: Iterable[CaseResult]) -> list[Fault]:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a method came to: its cells by scenario, in the order of the run."""
+    """The results of one method: its cells by scenario, in the order of the run."""
 
     method: str
     cells: Mapping[str, Cell]
 
     @property
     def states(self) -> Counter[str]:
-        """How many scenarios came to each state."""
+        """The number of scenarios in each state."""
         return Counter(cell.state for cell in self.cells.values())
 
     @property
     def order(self) -> str:
-        """The median of the orders that showed, and their range where there are several."""
+        """The median of the observed orders, and their range where there are several."""
         orders = sorted(cell.order for cell in self.cells.values() if cell.order is not None)
         if not orders:
             return ""
@@ -168,7 +168,7 @@ class Overview:
 
     @property
     def largest_error(self) -> str:
-        """The largest orientation error at the scenarios' common steps, and where."""
+        """The largest orientation error at the scenarios' common steps, and its scenario."""
         errors = [(cell.error, scenario) for scenario, cell in self.cells.items() if cell.error is not None]
         if not errors:
             return ""

@@ -1,4 +1,4 @@
-"""What a run found, in a few sentences: what is wrong, what is as it should be, what could not be told."""
+"""The results of a run in a few sentences: what is wrong, what is correct, and what is undecided."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _UNDECIDED = ("pre-asymptotic", "too-few-points", "chaotic")
 
 
 def verdict_sentences(run: RunTables, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> list[str]:
-    """Return what the run found, in a few sentences; every method that something was found of is named."""
+    """Return the results of the run in a few sentences that name every method with findings."""
     found = worst_methods(run)
     sentences = [headline(found), _as_they_should(cells, found), _undecided(cells), _properties(found)]
     return [sentence for sentence in sentences if sentence]
 
 
 def _as_they_should(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> str:
-    """Name the methods that show their order in every quantity, or are at the floor, wherever supported."""
+    """Name the methods with the expected order, or at the floor, in every quantity wherever supported."""
     wrong = {one.method for one in faulty(found)}
     sound: dict[str, bool] = {}
     for methods in cells.values():
@@ -49,12 +49,12 @@ def _undecided(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
     where = [s for s, methods in cells.items() if any(c.state in _UNDECIDED for c in methods.values())]
     return (
         f"No verdict for {undecided} of {count(len(pairs), 'pair')} of method and scenario, "
-        f"in {names(where)}: too few steps at which an order shows."
+        f"in {names(where)}: too few steps show an order."
     )
 
 
 def _properties(found: list[MethodResults]) -> str:
-    """Name what engines hold by design: an unnormalised quaternion is not a fault."""
+    """Name the properties of the engines' states: an unnormalised quaternion is a design, not a fault."""
     results = [
         f"{one.method}: {result.sentence}"
         for one in found

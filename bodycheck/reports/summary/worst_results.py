@@ -1,6 +1,6 @@
-"""The worst that a run found, each with its quantity, its size, its step and the command that shows it again.
+"""The worst results of a run, each with its quantity, size, step and the command that reproduces it.
 
-The terminal, Markdown, the report and nightly runs all show these, and nothing else.
+The terminal, Markdown, the report and nightly runs all show exactly these.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _WORST_FIRST = (
 
 @dataclass(frozen=True)
 class Result:
-    """One thing that a run holds against a method, or a property of its state, and a command that shows it.
+    """One finding against a method, or a property of its state, with a command that reproduces it.
 
     kind: a state, or `property`. quantity: a measure, or the check of a probe; "" where a case did not end
-    well. size: of the quantity, by which the worst comes first. scenarios: where it shows, that with the
-    largest size first; none for a probe.
+    well. size: of the quantity; results are sorted by it, descending. scenarios: where it occurs, the one
+    with the largest size first; empty for a probe.
     """
 
     kind: str
@@ -46,7 +46,7 @@ class Result:
 
     @property
     def sentence(self) -> str:
-        """The result in one line: what it is, and where."""
+        """The result and its scenarios in one line."""
         first, *others = self.scenarios or ("",)
         more = f" and {count(len(others), 'more scenario')}" if others else ""
         return f"{self.text} in {first}{more}" if first else self.text
@@ -54,25 +54,25 @@ class Result:
 
 @dataclass(frozen=True)
 class MethodResults:
-    """All that a run found of one method, the worst first."""
+    """All results of one method, worst first."""
 
     method: str
     results: tuple[Result, ...]
 
     @property
     def worst(self) -> Result:
-        """The worst of them."""
+        """The worst result."""
         return self.results[0]
 
     @property
     def sentence(self) -> str:
-        """The worst in one line, and how many more there are."""
+        """The worst result in one line, and the number of others."""
         more = len(self.results) - 1
         return self.worst.sentence + (f"; {count(more, 'more finding')}" if more else "")
 
 
 def worst_results(run: RunTables) -> list[Result]:
-    """Return all that was found, the worst first; what repeats in several scenarios is one result."""
+    """Return all results, worst first; a result that recurs in several scenarios is listed once."""
     found: dict[tuple[str, str, str], list[Result]] = {}
     for one in (*_broken(run), *_judged(run), *_probed(run)):
         found.setdefault((one.kind, one.method, one.quantity), []).append(one)
@@ -81,7 +81,7 @@ def worst_results(run: RunTables) -> list[Result]:
 
 
 def worst_methods(run: RunTables) -> list[MethodResults]:
-    """Return the methods that something was found of, each once, that with the worst first."""
+    """Return the methods that have results, each once, the one with the worst result first."""
     by_method: dict[str, list[Result]] = {}
     for one in worst_results(run):
         by_method.setdefault(one.method, []).append(one)
@@ -89,12 +89,12 @@ def worst_methods(run: RunTables) -> list[MethodResults]:
 
 
 def faulty(methods: Iterable[MethodResults]) -> list[MethodResults]:
-    """Return those of which more is known than a property of their state."""
+    """Return the methods that have more than properties of their state."""
     return [one for one in methods if one.worst.kind != "property"]
 
 
 def _together(alike: list[Result]) -> Result:
-    """Return one result for those that differ in the scenario alone: that of the largest size."""
+    """Merge results that differ only in the scenario into the one with the largest size."""
     ordered = sorted(alike, key=lambda one: -one.size)
     first = ordered[0]
     scenarios = tuple(dict.fromkeys(name for one in ordered for name in one.scenarios))
@@ -133,7 +133,7 @@ def _judged(run: RunTables) -> Iterator[Result]:
 
 
 def _probed(run: RunTables) -> Iterator[Result]:
-    """Yield the checks of probes that a method did not pass."""
+    """Yield the probe checks that a method failed."""
     rows: list[Any] = run.probes.to_dict("records")
     for row in rows:
         if row["verdict"] == "inconsistent":
@@ -148,16 +148,16 @@ def _probed(run: RunTables) -> Iterator[Result]:
 
 
 def _probe_text(row: Mapping[str, Any]) -> str:
-    """Return what a probe measured and expected, at which step, and its message."""
+    """Return the measured and expected values of a probe, its step and its message."""
     at = "" if row["dt_s"] != row["dt_s"] else f" at dt {step(row['dt_s'])} s"
     said = f": {row['message']}" if isinstance(row["message"], str) and row["message"] else ""
-    if row["check"].endswith("read_back"):  # there are no numbers but those of the message
+    if row["check"].endswith("read_back"):  # the message has the values
         return f"{row['check']}{at}{said}"
     return f"{row['check']} {number(row['measured'], 6)}, expected {number(row['expected'])}{at}{said}"
 
 
 def headline(methods: Iterable[MethodResults]) -> str:
-    """Return one sentence that names the faulty methods, and one the merely unstable; "" without any."""
+    """Return one sentence that names the faulty methods and one for those only unstable; "" if none."""
     wrong = faulty(methods)
     unstable = [one.method for one in wrong if one.worst.kind == "unstable"]
     others = [one.method for one in wrong if one.worst.kind != "unstable"]

@@ -109,7 +109,7 @@ def test_a_second_process_is_told_that_the_journal_is_in_use(tmp_path: Path) -> 
         journal.put("b", ENTRIES["b"])
     assert done.returncode == 1
     last_line = done.stderr.splitlines()[-1]
-    assert last_line.endswith(f"InputError: {path}: another process is at work on this run")
+    assert last_line.endswith(f"InputError: {path}: another process is using this run")
     assert subprocess.run(words, check=False).returncode == 0
     assert held(path) == {key: ENTRIES[key] for key in "ab"}
 
