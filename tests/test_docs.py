@@ -195,16 +195,13 @@ def check_commands(page: str, folder: Path) -> None:
         if shown(page)
     ],
 )
-def test_the_commands_of_a_page_work(page: str, folder: Path, request: pytest.FixtureRequest) -> None:
+def test_the_commands_of_a_page_work(page: str, folder: Path) -> None:
     """One after the other, with the files of the docs beside them."""
     needed = " ".join(command.line for command in shown(page))
     if "pybullet" in needed:  # has no wheels for later Pythons
         pytest.importorskip("pybullet")
     if "report_picture.py" in needed and shutil.which("chromium") is None:
         pytest.skip("no Chromium on the path")
-    if "compare yesterday today" in needed:
-        for run in ("yesterday", "today"):
-            shutil.copytree(request.getfixturevalue("stored_run"), folder / run)
     check_commands(page, folder)
     if page == "docs/gates.md":
         gates = blocks(page, "toml")[0].text

@@ -36,10 +36,10 @@ _NEEDS = {"toy_engine": "Requires-Dist: numpy\nRequires-Dist: bodycheck>=99\n"}
 
 def write_wheel(folder: Path, name: str, release: str, files: Mapping[str, str], points: str = "") -> Path:
     """Write a wheel of a pure package, by hand: nothing builds it."""
-    facts = f"{name}-{release}.dist-info"
+    facts, needs = f"{name}-{release}.dist-info", _NEEDS.get(name, "")
     within = {
         **files,
-        f"{facts}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {release}\n{_NEEDS.get(name, '')}",
+        f"{facts}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {release}\n{needs}",
         f"{facts}/WHEEL": "Wheel-Version: 1.0\nGenerator: hand\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
         f"{facts}/entry_points.txt": points,
     }
