@@ -14,7 +14,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
-from bodycheck.reference_impl.rotations import quaternion_to_matrix
+from bodycheck.reference_impl.rotations import exp_matrix, quaternion_to_matrix
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.certification import solve_truth
@@ -309,6 +309,23 @@ def test_drift_is_measured_as_a_vector_in_world_axes() -> None:
     columns = measured("free", turned)
     assert columns["angular_momentum_drift_abs"] == pytest.approx(2 * np.linalg.norm(momentum[0]), rel=1e-6)
     assert columns["rotational_energy_drift"] < 1e-6
+
+
+def test_the_direction_of_the_momentum_is_an_angle() -> None:
+    """A momentum turned by 0.3 rad about an axis across it, and twice as long, is 0.3 rad off."""
+    sound = stepped(SCENES["free"])
+    momentum = angular_momentum(sound.rotation_matrices, TENSOR, sound.omega_body)
+    axis = np.cross(momentum[0], [1.0, 2.0, -0.5])
+    turn = exp_matrix(0.3 * axis / np.linalg.norm(axis))
+    turned = replace(
+        sound,
+        quaternion=None,
+        rotation=turn @ sound.rotation_matrices,
+        omega_body_rad_s=2.0 * sound.omega_body,
+    )
+    assert measured("free", sound)["angular_momentum_direction_error_rad"] < 1e-6
+    found = measured("free", turned)["angular_momentum_direction_error_rad"]
+    assert found == pytest.approx(0.3, rel=1e-6)
 
 
 def test_a_scene_at_rest_has_no_relative_drift() -> None:

@@ -30,6 +30,7 @@ WHO = ("scenario", "family", "engine", "engine_version", "method")
 
 _NORM_FLOOR = 1e-12  # round-off of |q| and R^T R after millions of products, each renormalised
 _RESOLVED = 3.0  # multiples of the error of the work: a smaller imbalance counts as not measured
+_DIRECTED = 0.1  # of its largest value: a smaller vector has no reliable direction
 
 BoundKind: TypeAlias = Literal["rad", "energy", "momentum", "omega_rad_s", "m", "m_s"]
 Judgement: TypeAlias = Literal["limit", "property"]
@@ -183,6 +184,17 @@ def _worst_invariant(compared: Compared) -> Array | None:
     return None if relative is None else np.abs(relative)
 
 
+def _angle_between_momenta(compared: Compared) -> Array | None:
+    """Return the angle between L and L* (n,), 0 where |L*| is below a tenth of its largest value."""
+    momentum, true = compared.motion.angular_momentum, compared.true.angular_momentum
+    sizes = np.linalg.norm(true, axis=-1)
+    if not sizes.any():
+        return None
+    across = np.linalg.norm(np.cross(momentum, true), axis=-1)
+    angles = np.arctan2(across, np.sum(momentum * true, axis=-1))
+    return np.where(sizes >= _DIRECTED * sizes.max(), angles, 0.0)
+
+
 _ALL = (
     Measure(
         "energy_drift",
@@ -220,6 +232,14 @@ _ALL = (
         scale="angular_momentum_scale_kg_m2_s",
         unit="kg m^2/s",
         bound="momentum",
+    ),
+    Measure(
+        "angular_momentum_direction_error_rad",
+        "max angle between L and L*, where |L*| is at least a tenth of its largest",
+        needs=_needing("attitude", "omega"),
+        series=_angle_between_momenta,
+        bound="momentum",
+        judged=None,
     ),
     Measure(
         "linear_momentum_drift",
