@@ -118,7 +118,10 @@ def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None
     nothing = [line for line in done.stdout.splitlines() if line.startswith("nothing")]
     assert len(nothing) == 2
     assert "measured nothing: failed: RuntimeError: the solver gave up | it said <so>" in nothing[0]
-    assert "no scenario of the run is nowhere; it has free, forced, and a mesh and shape/1" in nothing[1]
+    assert (
+        "no scenario of the run matches nowhere (available: free, forced, and a mesh and shape/1"
+        in nothing[1]
+    )
     assert done.stdout.splitlines()[-1] == "4 gates: 2 passed, 2 measured nothing"
 
 

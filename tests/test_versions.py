@@ -235,8 +235,8 @@ def test_equal_ends_are_told_for_what_they_are(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--since", "1.0", "--measure", "beauty"), "--measure beauty: no measure is named 'beauty'"),
-        (("--since", "1.0", "--measure", "cpu_s"), "a speed is not looked for"),
+        (("--since", "1.0", "--measure", "beauty"), "--measure beauty: unknown measure 'beauty'"),
+        (("--since", "1.0", "--measure", "cpu_s"), "cannot search by speed"),
         (("--since", "1.0", "--measure", "steps"), "runs are not compared by it"),
         (("--since", "1.0", "--until", "1.1", "--method", "n"), "toy has no such method; it has m"),
         (("--since", "1.x"), "--since 1.x: is no version"),
