@@ -123,8 +123,8 @@ def test_a_history_is_listed_asked_and_pruned(folder: Path) -> None:
         (("nightly", "--history", "tumble.toml"), "cannot be written"),
         (("nightly", "tumble.toml", "--history", "kept", "--threshold", "-1"), "--threshold -1.0: must be"),
         (("nightly", "tumble.toml", "--history", "kept", "--tolerances", "absent.toml"), "absent.toml"),
-        (("history", "list", "kept"), "holds no night"),
-        (("history", "query", "absent", "SELECT 1"), "holds no night"),
+        (("history", "list", "kept"), "no nightly runs"),
+        (("history", "query", "absent", "SELECT 1"), "no nightly runs"),
         (("history", "prune", "kept", "--keep", "0"), "1 or more"),
     ],
 )
