@@ -1,4 +1,4 @@
-"""The report of a run: one page of HTML that holds all it shows and fetches nothing."""
+"""Render the report of a run as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from bodycheck.reports.summary.worst_results import worst_methods
 
 @cache
 def environment() -> Environment:
-    """Return the templates: what is put into them is escaped, what they lack is an error."""
+    """Return the template environment: values are escaped, undefined names are errors."""
     environment = Environment(
         loader=PackageLoader("bodycheck.reports.render"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        auto_reload=False,  # else each of a thousand includes asks the disk whether it has changed
+        auto_reload=False,  # avoids a disk access for each of about a thousand includes
     )
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     environment.filters |= {
@@ -43,16 +43,16 @@ def environment() -> Environment:
 
 
 def asset(path: str) -> Markup:
-    """Return a file of ours, or of plotly's, that goes into the page as it stands."""
+    """Return a file of this package that goes into the page unchanged."""
     return Markup((files("bodycheck.reports.render") / path).read_text(encoding="utf-8"))
 
 
 _SCRIPTS = ("page", "looks", "plots", "overall", "sections", "turning", "drawing", "motion", "links")
-"""In the order in which they build on one another."""
+"""In order of dependence: each may use those before it."""
 
 
 def render_report(run: Run) -> str:
-    """Return the report of a run as one HTML page that needs nothing else, not even a network."""
+    """Return the report of a run as one HTML page that needs no other file and no network."""
     cells = summary_cells(run)
     drawn = styles(key_of(case.columns) for case in run.cases)
     by_error = {error: costs(run.problems, run.cases, error) for error in ERRORS}

@@ -1,4 +1,4 @@
-"""A run in some 60 lines of Markdown, fit for a comment on a pull request."""
+"""Summarise a run in about 60 lines of Markdown, for a comment on a pull request."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST_METHODS = 24
 
 
 def markdown_summary(run: RunTables) -> str:
-    """Return verdict, outcomes, the worst of each method with its command, the methods, and the machine."""
+    """Return verdict, outcomes, the worst result of each method with its command, methods and machine."""
     manifest = run.manifest
     cells = summary_cells(run)
     ended = ", ".join(f"{amount} {outcome}" for outcome, amount in manifest["outcomes"].items())
@@ -44,12 +44,12 @@ def _worst_lines(run: RunTables) -> list[str]:
     if not worst:
         return []
     rows = [(one.method, one.sentence, f"`{one.worst.reproduce}`") for one in worst]
-    lines = ["**The worst of each method**", "", *markdown_table(("method", "what", "see it again"), rows)]
+    lines = ["**Worst result of each method**", "", *markdown_table(("method", "result", "reproduce"), rows)]
     return [*lines, ""]
 
 
 def _method_lines(cells: dict[str, dict[MethodKey, Cell]]) -> list[str]:
-    """Return one line a method: how often each verdict, and its largest error at the common steps."""
+    """Return one line per method: the count of each verdict, and the largest error at the common steps."""
     rows = [
         (
             one.method,
@@ -80,13 +80,13 @@ def _machine_lines(run: RunTables) -> list[str]:
 
 
 def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a table; what stands in a cell cannot end it."""
+    """Return the lines of a table; the text of its cells is escaped."""
     lines = [heads, ["---"] * len(heads), *rows]
     return [f"| {' | '.join(escaped(cell) for cell in line)} |" for line in lines]
 
 
 def escaped(text: str) -> str:
-    """Return text that Markdown shows as it stands, in one line: no table, tag or mention begins in it."""
+    """Escape text so that Markdown shows it unchanged, on one line, without tables, tags or mentions."""
     plain = " ".join(text.split())
     if plain.startswith("`") and plain.endswith("`") and "`" not in plain[1:-1]:
         return plain.replace("|", "\\|")
