@@ -24,7 +24,7 @@ def print_comparison(comparison: Comparison) -> None:
     out.print(Text(f"after   {identity(comparison.after)}"))
     for sentence in sentences(comparison):
         out.print(Text(sentence))
-    print_changes(comparison.changes, "--html FILE has all")
+    print_changes(comparison.changes, "--html FILE lists all")
 
 
 def print_changes(changes: Iterable[Change], where_all_are: str) -> None:
@@ -54,7 +54,7 @@ def comparison_markdown(comparison: Comparison) -> str:
         "",
         *(f"- {escaped(sentence)}" for sentence in sentences(comparison)),
         f"- {escaped(f'Before: {identity(comparison.before)}. After: {identity(comparison.after)}.')}",
-        *changes_table(comparison.changes, "bodycheck compare --html FILE has all"),
+        *changes_table(comparison.changes, "bodycheck compare --html FILE lists all"),
     ]
     return "\n".join(lines) + "\n"
 
