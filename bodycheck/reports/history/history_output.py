@@ -31,7 +31,7 @@ _HEADLINES = {
     "regression": "Regression: something became worse or is no longer measured.",
     "no regression": "No regression.",
     "nothing measured": "Nothing was measured: no case ended well.",
-    "insufficient history": "Insufficient history: no baseline run on this machine class has comparable cases.",
+    "insufficient history": "Insufficient history: no baseline run on such a machine has comparable cases.",
 }
 
 
