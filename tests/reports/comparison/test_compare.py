@@ -283,7 +283,7 @@ def test_a_scenario_that_is_another_by_the_same_name_is_not_compared(tables: Tab
 
     found = told(duration_s=2.0)
     assert (found.redefined, found.changes) == (("free",), ())
-    assert "another scenario: free" in " ".join(sentences(found))
+    assert "(scenario definition changed): free" in " ".join(sentences(found))
     assert told(summary="reworded").changes
 
 
