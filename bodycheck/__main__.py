@@ -10,7 +10,7 @@ from bodycheck._util.errors import INTERRUPTED
 def main() -> None:
     """Carry the command out; an interrupt while it is still being imported ends it in one line too."""
     try:
-        from bodycheck.cli.main import main as command
+        from bodycheck.cli.commands import main as command
 
         command()
     except KeyboardInterrupt:

@@ -50,7 +50,7 @@ def test_an_interrupt_while_the_command_is_imported_is_one_line(
         def __getattr__(self, name: str) -> object:
             raise KeyboardInterrupt
 
-    monkeypatch.setitem(sys.modules, "bodycheck.cli.main", Interrupted("bodycheck.cli.main"))
+    monkeypatch.setitem(sys.modules, "bodycheck.cli.commands", Interrupted("bodycheck.cli.commands"))
     with pytest.raises(SystemExit) as ended:
         bodycheck_main()
     assert ended.value.code == 130

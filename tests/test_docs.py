@@ -20,7 +20,7 @@ import yaml
 from doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, text_of
 
 import bodycheck
-from bodycheck.cli.main import app
+from bodycheck.cli.commands import app
 from bodycheck.reports.gates.gate import read_gates, read_thresholds
 from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.reports.run_files.trajectory_files import trajectory_table

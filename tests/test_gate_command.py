@@ -15,7 +15,7 @@ from scenario_file import tumbling
 from typer.testing import CliRunner, Result
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.main import main as cli
+from bodycheck.cli import commands
 from bodycheck.reports.gates.gate import parse_gates
 from bodycheck.reports.gates.gate_output import as_json, as_junit
 from bodycheck.reports.gates.verdict import held
@@ -81,7 +81,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def gate(*words: str | Path) -> Result:
     """Return what `bodycheck gate words` did in this process."""
-    return CliRunner().invoke(cli.app, ["gate", *map(str, words)])
+    return CliRunner().invoke(commands.app, ["gate", *map(str, words)])
 
 
 def test_gates_that_hold_end_with_status_0(folder: Path, stored_run: Path) -> None:
@@ -118,7 +118,10 @@ def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None
     nothing = [line for line in done.stdout.splitlines() if line.startswith("nothing")]
     assert len(nothing) == 2
     assert "measured nothing: failed: RuntimeError: the solver gave up | it said <so>" in nothing[0]
-    assert "no scenario of the run is nowhere; it has free, forced, and a mesh and shape/1" in nothing[1]
+    assert (
+        "no scenario of the run matches nowhere (available: free, forced, and a mesh and shape/1"
+        in nothing[1]
+    )
     assert done.stdout.splitlines()[-1] == "4 gates: 2 passed, 2 measured nothing"
 
 

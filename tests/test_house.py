@@ -69,7 +69,7 @@ def test_the_rooms_are_linked_at_the_top_level() -> None:
 HEAVY = ("numba", "numpy", "pandas", "scipy", "jinja2", "mujoco", "pybullet", "dartpy", "pydantic")
 
 
-@pytest.mark.parametrize("what", ["import bodycheck", "import bodycheck.cli.main"])
+@pytest.mark.parametrize("what", ["import bodycheck", "import bodycheck.cli.commands"])
 def test_heavy_imports_happen_late(what: str) -> None:
     """Neither the package nor its command line imports anything heavy until it is needed."""
     code = f"{what}\nimport sys\nprint([name for name in {HEAVY!r} if name in sys.modules])"

@@ -19,7 +19,7 @@ from typer.testing import CliRunner, Result
 from bodycheck._util.errors import InputError, StoppedError
 from bodycheck.adapters.contract import Method, Reading, Simulation
 from bodycheck.adapters.reference import Reference
-from bodycheck.cli.main import main as cli
+from bodycheck.cli import commands
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
 
@@ -72,7 +72,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def bodycheck(*words: str | Path) -> Result:
     """Return what `bodycheck words` did in this process."""
-    return CliRunner().invoke(cli.app, list(map(str, words)))
+    return CliRunner().invoke(commands.app, list(map(str, words)))
 
 
 def night(*words: str, angle_rad: float = 0.0) -> Result:
@@ -123,8 +123,8 @@ def test_a_history_is_listed_asked_and_pruned(folder: Path) -> None:
         (("nightly", "--history", "tumble.toml"), "cannot be written"),
         (("nightly", "tumble.toml", "--history", "kept", "--threshold", "-1"), "--threshold -1.0: must be"),
         (("nightly", "tumble.toml", "--history", "kept", "--tolerances", "absent.toml"), "absent.toml"),
-        (("history", "list", "kept"), "holds no night"),
-        (("history", "query", "absent", "SELECT 1"), "holds no night"),
+        (("history", "list", "kept"), "no nightly runs"),
+        (("history", "query", "absent", "SELECT 1"), "no nightly runs"),
         (("history", "prune", "kept", "--keep", "0"), "1 or more"),
     ],
 )

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from unprivileged import heed_modes
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.main import main as cli
+from bodycheck.cli import commands
 
 GATES = '[[gate]]\nmeasure = "outcome"\nequals = "ok"\nreason = "any"\n'
 WRITING = {
@@ -41,7 +41,7 @@ def test_an_output_that_cannot_be_written_is_told_before_the_run(
     monkeypatch.setattr("bodycheck.runs.selection.announcing", never)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "gates.toml").write_text(GATES)
-    done = CliRunner().invoke(cli.app, [*WRITING[option], option, place])
+    done = CliRunner().invoke(commands.app, [*WRITING[option], option, place])
     assert isinstance(done.exception, InputError)
     assert str(done.exception).startswith(f"{option} {place}: {PLACES[place]}")
     assert "\n" not in str(done.exception)

@@ -141,7 +141,7 @@ def test_an_engine_is_run_and_held_to_bounds(inner: pytest.Pytester) -> None:
             "E*bodycheck run mine.toml --engine reference:rk4 --dt 0.05",
             "E*measured nothing: cpu_s was not measured",
             "E*AssertionError: mine reference:rk4 dt 0.05 s: orthogonality_error was not measured",
-            "E*InputError: check('orientation_error').measure: no measure is named 'orientation_error'*",
+            "E*InputError: check('orientation_error').measure: unknown measure 'orientation_error'*",
             "*= bodycheck =*",
             "passed mine reference:rk4: orientation_error_rad >= 1e-12 and <= 1e-5: 1 case; worst *",
             "measured mine reference:rk4 dt 0.05 s: energy_drift *",

@@ -98,7 +98,7 @@ def test_runs_that_have_nothing_in_common_do_not_pass(command: Command) -> None:
     for when, wanted in (("never", 0), ("worse", 1), ("moved", 1)):
         status, out, _ = command("compare", "run", "other", "--fail-on", when)
         assert status == wanted
-        assert "There is nothing that could be compared." in out
+        assert "Nothing could be compared." in out
 
 
 def test_what_changed_is_named_and_the_status_stays_0(command: Command) -> None:

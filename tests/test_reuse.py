@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import bodycheck
 from bodycheck.adapters import registry
-from bodycheck.cli.main import main as cli
+from bodycheck.cli import commands
 from bodycheck.pytest_plugin import fixtures
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.comparison_output import print_comparison
@@ -81,7 +81,7 @@ def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(("words", "reuse"), COMMANDS, ids=lambda part: " ".join(part[:1] + part[-1:]))
 def test_a_command_uses_what_its_purpose_allows(words: list[str], reuse: str) -> None:
     """A gate and a nightly run measure what is there now; a run may use answers of the same build."""
-    done = CliRunner().invoke(cli.app, words)
+    done = CliRunner().invoke(commands.app, words)
     assert isinstance(done.exception, ManagedError), done.output
     assert str(done.exception) == reuse
 
@@ -89,7 +89,7 @@ def test_a_command_uses_what_its_purpose_allows(words: list[str], reuse: str) ->
 @pytest.mark.usefixtures("folder", "_no_run")
 def test_a_nightly_run_times_all_cases_in_ten_passes() -> None:
     """One undisturbed pass is enough; a run by itself makes one."""
-    passes = [CliRunner().invoke(cli.app, words).exception.options.speed_passes for words in (NIGHT, RUN)]
+    passes = [CliRunner().invoke(commands.app, words).exception.options.speed_passes for words in (NIGHT, RUN)]
     assert passes == [10, 1]
 
 

@@ -21,7 +21,7 @@ from scenario_file import MEASURED_ANEW, SCENARIO
 from typer.testing import CliRunner
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.main import main as cli
+from bodycheck.cli import commands
 
 HELPERS = Path(__file__).parent / "helpers"
 PATIENCE_S = 600.0
@@ -211,7 +211,7 @@ def test_a_run_whose_input_is_wrong_leaves_nothing(tmp_path: Path, monkeypatch: 
     )
     words = ["run", "mine.toml", "--engine", "mujoco:rk4", "--no-speed", "--allow-code", "--out", "out"]
     for _ in range(2):  # the second time no remains of the first are in the way
-        done = CliRunner().invoke(cli.app, words)
+        done = CliRunner().invoke(commands.app, words)
         assert isinstance(done.exception, InputError)
         assert str(done.exception).startswith("mine.toml: math:hypot: failed at t = 0.0 s: TypeError")
         assert "go on with" not in str(done.exception)

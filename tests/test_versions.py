@@ -205,7 +205,7 @@ def test_every_release_is_run_where_that_is_asked_for(command: Callable[..., tup
     measure = ("--measure", "orientation_error_rad")
     status, out, error = command(*words, *measure)
     assert status == 0, error
-    assert out.splitlines()[-1].endswith("a change between them that was undone would not be seen")
+    assert out.splitlines()[-1].endswith("a change that was undone between them would be missed")
     status, out, error = command(*words, *measure, "--every")
     assert status == 0, error
     assert out.splitlines()[0].endswith("; 5 releases from 1.0 to 1.9, 4 of them run")
@@ -228,15 +228,15 @@ def test_equal_ends_are_told_for_what_they_are(
     status, out, error = command(*words)
     assert status == 0, error
     assert told in out.splitlines()[-1]
-    assert out.splitlines()[-1].endswith("a change between them that was undone would not be seen")
+    assert out.splitlines()[-1].endswith("a change that was undone between them would be missed")
 
 
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--since", "1.0", "--measure", "beauty"), "--measure beauty: no measure is named 'beauty'"),
-        (("--since", "1.0", "--measure", "cpu_s"), "a speed is not looked for"),
+        (("--since", "1.0", "--measure", "beauty"), "--measure beauty: unknown measure 'beauty'"),
+        (("--since", "1.0", "--measure", "cpu_s"), "cannot search by speed"),
         (("--since", "1.0", "--measure", "steps"), "runs are not compared by it"),
         (("--since", "1.0", "--until", "1.1", "--method", "n"), "toy has no such method; it has m"),
         (("--since", "1.x"), "--since 1.x: is no version"),

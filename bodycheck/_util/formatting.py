@@ -1,4 +1,4 @@
-"""Numbers, lists and tables as text, for a terminal, a pipe or Markdown."""
+"""Format numbers, lists and tables as text, for a terminal, a pipe or Markdown."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _MOST_NAMES = 8
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """Return value to so many significant digits, without idle zeros; "" for what was not measured."""
+    """Return value with so many significant digits, without trailing zeros; "" for None or NaN."""
     if value is None or value != value:
         return ""
     return _short_exponent(f"{value:.{digits}g}")
 
 
 def scientific(value: float) -> str:
-    """Return value as 2.78e-2, so that sizes compare at a glance; as 0.315 or 2.78 near 1."""
+    """Return value as 2.78e-2, or as 0.315 or 2.78 near 1."""
     return number(value, 3) if 0.1 <= value < 1000.0 else _short_exponent(f"{value:.2e}")
 
 
@@ -30,7 +30,7 @@ def _short_exponent(text: str) -> str:
 
 
 def step(dt_s: float | None) -> str:
-    """Return a step so that it reads back as the same double."""
+    """Return a step with all digits, so that it parses to the same double; "" for None."""
     return "" if dt_s is None else _short_exponent(repr(dt_s))
 
 
@@ -42,12 +42,12 @@ def setting(control: str | None, fineness: float | None) -> str:
 
 
 def vector(values: Iterable[float]) -> str:
-    """Return (x, y, z), each to 6 digits."""
+    """Return "(x, y, z)", each with 6 digits."""
     return f"({', '.join(number(value, 6) for value in values)})"
 
 
 def names(words: Sequence[str]) -> str:
-    """Return "a, b and c"; of a long list, how many more there are."""
+    """Return "a, b and c"; a long list ends with the number of further items."""
     if len(words) > _MOST_NAMES:
         words = [*words[: _MOST_NAMES - 1], f"{len(words) - _MOST_NAMES + 1} more"]
     return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
@@ -62,7 +62,7 @@ _ENDLESS = 10_000
 
 
 def console() -> Console:
-    """Return standard output; the lines of a pipe end where they end."""
+    """Return a console on standard output; it does not wrap lines in a pipe."""
     from rich.console import Console  # late: numbers are formatted where nothing is printed
 
     made = Console(highlight=False)
@@ -74,7 +74,7 @@ def console() -> Console:
 def print_columns(
     out: Console, heads: Sequence[str], rows: Iterable[Sequence[str | Text]], right: Sequence[str] = ()
 ) -> None:
-    """Print rows under their heads, if these say anything; of `right`, flush right. The last column wraps."""
+    """Print rows under their heads, if any is not empty; right-align `right`; wrap the last column."""
     from rich.table import Table
     from rich.text import Text
 

@@ -115,7 +115,7 @@ def test_nothing_keeps_it_and_the_nearest_is_told(capsys: pytest.CaptureFixture[
     answers = advise([*ladder("euler", [1e-1, 5e-2]), *ladder("rk4", [1e-3])], 1e-6, ERROR, ["free"])
     print_advice(answers, 1e-6, ERROR, "there")
     shown = capsys.readouterr().out
-    assert "nothing that was measured keeps it; nearest is mujoco:rk4, dt 0.1 s: 0.001" in shown
+    assert "no measured setting meets it; the nearest is mujoco:rk4, dt 0.1 s: 0.001" in shown
     assert "bodycheck run free --engine mujoco:rk4 --dt 0.1" in shown
 
 

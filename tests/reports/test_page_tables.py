@@ -105,10 +105,10 @@ def test_the_methods_of_a_scenario_stand_as_in_the_tables(page: Page, run: Run) 
         own = rows_of(run.results, scenario, engine, method)
         found = rows_of(verdicts, scenario, engine, method)
         verdict, order = record.pop("verdict"), record.pop("order")
-        record.pop("not as it should be")
+        record.pop("problems")
         growing = rows_of(run.methods, scenario, engine, method).set_index("quantity")["growth"].dropna()
         for quantity in ("energy_drift", "angular_momentum_drift"):
-            grows = record.pop(f"{quantity} grows", "")
+            grows = record.pop(f"{quantity} growth", "")
             assert grows.partition(",")[0] == growing.get(quantity, "")
         if own["outcome"].eq("ok").any() and len(found):
             assert STATES[found["verdict"].item()].word in verdict

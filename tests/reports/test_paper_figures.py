@@ -87,7 +87,7 @@ def test_a_drift_that_has_no_scale_is_drawn_in_its_unit(run: Run) -> None:
 @pytest.mark.parametrize("figure", FIGURES)
 def test_what_has_no_points_is_no_figure(figure: str, run: Run) -> None:
     """An empty picture would say that all is well."""
-    with pytest.raises(InputError, match="nothing was measured of it in nowhere"):
+    with pytest.raises(InputError, match="nothing to draw for nowhere"):
         picture(run, figure, "nowhere", "orientation_error_rad", ".svg")
 
 

@@ -1,4 +1,4 @@
-"""A comparison on the terminal, in Markdown and as one HTML page."""
+"""Write a comparison to the terminal, as Markdown and as one HTML page."""
 
 from __future__ import annotations
 
@@ -17,17 +17,20 @@ _MOST_LINES = 20
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """Print what changed, and what became worse or is missing; of a long list, how many more lines it has."""
+    """Print the sentences of a comparison, then what became worse or is missing, shortened if it is long."""
     out = console()
     out.print(Text(f"before  {identity(comparison.before)}"))
     out.print(Text(f"after   {identity(comparison.after)}"))
     for sentence in sentences(comparison):
         out.print(Text(sentence))
-    print_changes(comparison.changes, "--html FILE has all")
+    print_changes(comparison.changes, "--html FILE lists all")
 
 
 def print_changes(changes: Iterable[Change], where_all_are: str) -> None:
-    """Print the changes that fail in groups under their headings; of a long list, where the rest is."""
+    """Print the failing changes in groups under their headings.
+
+    where_all_are: text that says where to find the rest of a long list.
+    """
     out, made = console(), groups(changes)
     for status in FAILING:
         alike = [group for group in made if group.status == status]
@@ -44,20 +47,20 @@ _MOST_TABLE_ROWS = 30
 
 
 def comparison_markdown(comparison: Comparison) -> str:
-    """Return what the terminal shows: the sentences, and a table of what became worse or is missing."""
+    """Return the sentences of a comparison and a table of what became worse or is missing, as Markdown."""
     runs = f"Before: {identity(comparison.before)}. After: {identity(comparison.after)}."
     lines = [
         "### bodycheck compare",
         "",
         *(f"- {escaped_markdown(sentence)}" for sentence in sentences(comparison)),
         f"- {escaped_markdown(runs)}",
-        *changes_table(comparison.changes, "bodycheck compare --html FILE has all"),
+        *changes_table(comparison.changes, "bodycheck compare --html FILE lists all"),
     ]
     return "\n".join(lines) + "\n"
 
 
 def changes_table(changes: Iterable[Change], where_all_are: str) -> list[str]:
-    """Return the lines of a table of the changes that fail; of a long list, where the rest is."""
+    """Return the lines of a table of the failing changes; where_all_are as in print_changes."""
     made = [group for group in groups(changes) if group.status in FAILING]
     if not made:
         return []
@@ -76,9 +79,9 @@ _TINTS = ("bad", "bad", "good", "open", "open")
 
 @dataclass(frozen=True)
 class ChangesShown:
-    """What a page shows of changes: groups by heading, the tint of each heading, and a change in words.
+    """The changes of a page: groups by heading, the tint of each heading, and the text of a change.
 
-    open: the headings whose changes stand open; the others are folded.
+    open: the headings whose changes are shown unfolded.
     """
 
     sections: dict[str, list[Group]]
@@ -88,7 +91,7 @@ class ChangesShown:
 
     @classmethod
     def of(cls, changes: Iterable[Change]) -> ChangesShown:
-        """Return them under the heading of their status, the most severe first."""
+        """Group the changes under the heading of their status, the most severe first."""
         made = groups(changes)
         return cls(
             sections={
@@ -101,7 +104,7 @@ class ChangesShown:
 
 
 def render_comparison(comparison: Comparison) -> str:
-    """Return all that changed as one HTML page that needs nothing else."""
+    """Return all changes as one self-contained HTML page."""
     return (
         environment()
         .get_template("compare.html")

@@ -1,4 +1,4 @@
-"""A comparison in words: what was compared, what changed, alike changes together."""
+"""Describe a comparison in sentences: what was compared and what changed, similar changes grouped."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bodycheck.reports.run_files.run_reader import Tables
 
 HEADINGS: dict[Status, str] = {
     "worse": "Worse",
-    "missing": "Not measured any more",
+    "missing": "No longer measured",
     "improved": "Improved",
     "moved": "Moved",
     "new": "New",
@@ -26,7 +26,7 @@ _KINDS: tuple[Kind, ...] = ("outcome", "verdict", "order", "stability", "accurac
 
 @dataclass(frozen=True)
 class Group:
-    """Changes of one kind and status, of one method on one scenario, the largest first."""
+    """The changes of one kind and status, for one method on one scenario, the largest first."""
 
     status: Status
     kind: Kind
@@ -36,12 +36,12 @@ class Group:
 
     @property
     def where(self) -> str:
-        """The scenario; all, where the method as a whole is meant."""
+        """The scenario, or "all scenarios" if the change is of the method as a whole."""
         return "all scenarios" if self.scenario is None else self.scenario
 
     @property
     def text(self) -> str:
-        """The largest change, and how many more there are."""
+        """The largest change and the number of further ones."""
         first, *others = self.changes
         if not others:
             return change_text(first)
@@ -51,7 +51,7 @@ class Group:
 
 
 def groups(changes: Iterable[Change]) -> list[Group]:
-    """Return the changes in groups, those that fail first, then by kind, then by size."""
+    """Return the changes in groups, failing ones first, then by kind, then by size."""
     found: dict[tuple[Status, Kind, str | None, str], list[Change]] = {}
     for change in changes:
         key = (change.status, change.kind, change.scenario, f"{change.engine}:{change.method}")
@@ -69,21 +69,21 @@ def groups(changes: Iterable[Change]) -> list[Group]:
 
 
 def change_text(change: Change) -> str:
-    """Return one change in words, but for whose it is."""
+    """Return one change as text, without its scenario and method."""
     at = _at(change)
     if change.kind == "speed":
         assert change.decades is not None
         how = "slow" if change.decades > 0.0 else "fast"
         return f"{number(10.0 ** abs(change.decades), 3)} times as {how}"
     if change.kind == "case":
-        which, outcome = ("after", change.after) if change.before is None else ("before", change.before)
-        return f"only in the run {which}{at} ({outcome})"
+        which, outcome = ("new", change.after) if change.before is None else ("missing", change.before)
+        return f"{which} case{at} ({outcome})"
     before, after = _apart(change.before, change.after)
     return f"{change.quantity} {before} -> {after}{_size(change)}{at}"
 
 
 def _size(change: Change) -> str:
-    """Return how far a number went: " (factor 10 up)", " (1.2 % down)"; "" without a size."""
+    """Return the size of a change: " (factor 10 up)", " (1.2 % down)"; "" without a size."""
     if change.decades is None or change.relative is None:
         return ""
     way = "up" if change.decades > 0.0 else "down"
@@ -93,12 +93,12 @@ def _size(change: Change) -> str:
 
 
 def _at(change: Change) -> str:
-    """Return the step or tolerance of a change, if it is that of one case."""
+    """Return the step or tolerance of a change; "" if it is not of one case."""
     return "" if change.fineness is None else f" at {setting(change.control, change.fineness)}"
 
 
 def _apart(before: float | str | None, after: float | str | None) -> tuple[str, str]:
-    """Return both to as many digits as tell them apart, but at least four."""
+    """Return both values with as many digits as distinguish them, at least four."""
     for digits in range(4, 18):
         texts = tuple(_value(value, digits) for value in (before, after))
         if texts[0] != texts[1]:
@@ -113,15 +113,15 @@ def _value(value: float | str | None, digits: int) -> str:
 
 
 def identity(tables: Tables) -> str:
-    """Return which run it is."""
+    """Return the run's id, its time and its bodycheck version."""
     manifest = tables.manifest
     return f"{tables.run_id}, {manifest['created']}, bodycheck {manifest['bodycheck']}"
 
 
 def sentences(comparison: Comparison) -> list[str]:
-    """Return what changed, one sentence per engine, then how much was compared, under what circumstances.
+    """Return what changed, one sentence per engine, then the circumstances and how much was compared.
 
-    Another build under the same version comes first: no version explains what changed.
+    A different build under the same version comes first, because no version number shows it.
     """
     found = headlines(comparison) or [_nothing(comparison)]
     if collapsed := _collapsed(comparison):
@@ -134,17 +134,17 @@ def sentences(comparison: Comparison) -> list[str]:
             0 if rebuilt else len(found), f"Different circumstances: {'; '.join(comparison.circumstances)}."
         )
     if comparison.redefined:
-        found.append(f"Not compared, as the name means another scenario: {names(comparison.redefined)}.")
+        found.append(f"Not compared (scenario definition changed): {names(comparison.redefined)}.")
     came, went = (
         sum(change.kind == "case" for change in comparison.of_status(status)) for status in ("new", "missing")
     )
-    compared = f"{count(comparison.paired, 'case')} compared, {comparison.timed} of them by their speed too"
+    compared = f"{count(comparison.paired, 'case')} compared, {comparison.timed} of them also by speed"
     refined = f"; {comparison.refined} at steps that only one run chose" if comparison.refined else ""
-    return [*found, f"{compared}; {came} only in the run after, {went} only in the run before{refined}."]
+    return [*found, f"{compared}; {count(came, 'new case')}, {count(went, 'missing case')}{refined}."]
 
 
 def _collapsed(comparison: Comparison) -> str:
-    """Return how many changes improved, moved and are new, which are not listed one by one."""
+    """Return how many changes improved, moved or are new; these are not listed."""
     parts = []
     if improved := comparison.of_status("improved"):
         parts.append(f"{len(improved)} improved")
@@ -152,10 +152,10 @@ def _collapsed(comparison: Comparison) -> str:
         parts.append(f"{len(moved)} moved{moved_text(moved, comparison.thresholds)}")
     if new := comparison.of_status("new"):
         parts.append(f"{len(new)} new")
-    return f"Changes that are not listed: {', '.join(parts)}." if parts else ""
+    return f"Changes not listed: {', '.join(parts)}." if parts else ""
 
 
 def _nothing(comparison: Comparison) -> str:
     if not comparison.paired:
-        return "There is nothing that could be compared."
+        return "Nothing could be compared."
     return "Nothing changed beyond round-off and the noise of the machines."

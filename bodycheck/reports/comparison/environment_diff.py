@@ -1,4 +1,4 @@
-"""Under what different circumstances two runs were made, and which steps each chose itself."""
+"""Differences of machine, versions and settings between two runs, and the steps that each chose itself."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from bodycheck.scenarios.model import DEFAULT_STEPS_PER_SAMPLE
 _MACHINE = ("cpu", "cores", "platform")
 _SOFTWARE = ("bodycheck", "python")
 _SETTINGS = ("dt_s", "tolerances", "speed", "timeout_s")
-_IDLE = ("summary", "source", "tags", "steps_s")  # keys of a scenario that do not change what is simulated
+_IDLE = ("summary", "source", "tags", "steps_s")  # keys of a scenario that do not affect the simulation
 
 _Manifest = Mapping[str, Any]
 
 BUILD_OF = "build of"
-"""How the circumstance begins that an engine was rebuilt under the same version."""
+"""The beginning of the circumstance that reports a different build of the same version."""
 
 
 def same_machine(before: _Manifest, after: _Manifest) -> bool:
-    """Whether times in seconds can be compared."""
+    """Whether both runs were made on the same machine, so that times in seconds are comparable."""
     return all(before.get(key) == after.get(key) for key in _MACHINE)
 
 
 def circumstances(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
-    """Return each circumstance that differs, as `name: before -> after`; builds of one version come first."""
+    """Return the differing circumstances as `name: before -> after`; builds of one version come first."""
     told = rebuilt(before, after)
     pairs = [(key, before.get(key), after.get(key)) for key in (*_MACHINE, *_SOFTWARE)]
     for table, words in (("engines", _version), ("libraries", str)):
@@ -36,7 +36,7 @@ def circumstances(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
 
 
 def rebuilt(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
-    """Return the engines of one version that were not the same build, and in which parts they differ."""
+    """Return the engines with equal versions but different builds, and the parts that differ."""
     old, new = before.get("engines", {}), after.get("engines", {})
     both = [(name, old[name], new[name]) for name in new if name in old]
     return tuple(
@@ -47,12 +47,12 @@ def rebuilt(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
 
 
 def _ids(engine: Mapping[str, Any]) -> str:
-    """Return the builds that answered; where there are none to tell, the one that was announced."""
+    """Return the builds that produced results; if none is known, the announced one."""
     return ", ".join(engine.get("builds") or [engine["build"]["id"][:12] or "unknown"])
 
 
 def _differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
-    """Return the names of the parts that differ, as a clause."""
+    """Return the names of the parts that differ, in parentheses."""
     old, new = before["build"]["parts"], after["build"]["parts"]
     names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
     return f" ({', '.join(names)})" if names else ""
@@ -69,7 +69,7 @@ def _shown(value: Any) -> str:
 
 
 def redefined(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
-    """Return the scenarios of both runs that are the same by their names alone."""
+    """Return the scenarios that have the same name in both runs but different definitions."""
     both = before["scenarios"].keys() & after["scenarios"].keys()
     return tuple(
         name
@@ -82,13 +82,13 @@ def _simulated(scenario: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in scenario.items() if key not in _IDLE}
 
 
-_SAME = 1e-9  # relative: how well two steps agree that are one
+_SAME = 1e-9  # relative tolerance at which two steps count as equal
 
 
 def is_refinement(row: Mapping[str, Any], manifest: Mapping[str, Any]) -> bool:
-    """Whether a run chose the step of a case itself; such a case is neither new nor missing elsewhere.
+    """Whether a run chose the step of a case itself, so that the case is neither new nor missing elsewhere.
 
-    row: of results.csv. manifest: of its run. A run of which the requested steps are unknown chose none.
+    row: a row of results.csv. manifest: of its run. If the requested steps are unknown, the run chose none.
     """
     if row["control"] != "dt" or row.get("dt_s") is None:
         return False
@@ -97,7 +97,7 @@ def is_refinement(row: Mapping[str, Any], manifest: Mapping[str, Any]) -> bool:
 
 
 def _listed(scenario: Mapping[str, Any]) -> list[float]:
-    """Return the steps that a scenario, as a manifest has it, uses by default."""
+    """Return the default steps of a scenario as stored in a manifest."""
     if scenario.get("steps_s"):
         return list(scenario["steps_s"])
     if not {"duration_s", "samples"} <= scenario.keys():

@@ -1,4 +1,4 @@
-"""One measure of one method, read from the tables of runs and compared between them."""
+"""Read one measure of one method from the tables of runs, and compare it between them."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _ABSOLUTE = "_abs"
 
 
 def comparable(name: str) -> Measure:
-    """Return what a measure stands for, named as in a gate.
+    """Return the measure of that name; names are those of gates.
 
-    Raises InputError where there is none of that name, or runs are not compared by it.
+    Raises InputError if the measure is unknown, or if runs are not compared by it.
     """
     try:
         measure = measure_of(name)
     except ValueError as error:
         raise InputError(f"--measure {name}: {error}") from None
     if measure.is_speed:
-        raise InputError(f"--measure {name}: a speed is not looked for, it varies from run to run")
+        raise InputError(f"--measure {name}: cannot search by speed: it varies from run to run")
     in_results = measure.source == "results" and not measure.words
     if in_results and name.removesuffix(_ABSOLUTE) not in MEASURES:
         raise InputError(f"--measure {name}: runs are not compared by it; see bodycheck list measures")
@@ -37,7 +37,7 @@ def comparable(name: str) -> Measure:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """What one run found: a finite number or a word; None where there is none, and then why."""
+    """The value of a measure in one run: a finite number or a word; None if there is none, and then why."""
 
     value: float | str | None
     why: str
@@ -46,9 +46,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class OneMeasure:
-    """A measure of one method on one scenario; fineness: of which step or tolerance, where it is of one.
+    """One measure of one method on one scenario.
 
-    thresholds: from which size on a change counts.
+    fineness: the step or the tolerance; None if the measure covers all of them. thresholds: the sizes above
+    which a change counts.
     """
 
     scenario: str
@@ -60,7 +61,7 @@ class OneMeasure:
     thresholds: Thresholds = DEFAULT_THRESHOLDS
 
     def finding(self, tables: Tables) -> Finding:
-        """Return what a run found."""
+        """Return the value of the measure in a run."""
         of_one = comparable(self.name).source == "results"
         gate = Gate(
             scenario=escape(self.scenario),
@@ -69,19 +70,19 @@ class OneMeasure:
             dt_s=self.fineness if of_one and self.control == "dt" else None,
             tolerance=self.fineness if of_one and self.control == "tolerance" else None,
             measure=self.name,
-            reason="it is asked for",
+            reason="requested",
         )
         for row in rows_of(gate, tables):
             return Finding(row.obtained, row.why, tables)
-        # a scene that the method cannot represent is not tried at its finer steps
+        # a scene that the method does not support is not run at the finer steps
         first = next(case.columns for case in tables.cases if case.columns["method"] == self.method)
         return Finding(None, f"{first['outcome']}: {first['message']}", tables)
 
     def differ(self, before: Finding, after: Finding) -> bool:
-        """Whether two runs are different in this: words where they are not the same, numbers as in `compare`.
+        """Whether two runs differ in this measure: words by equality, numbers as in `compare`.
 
-        What moved by less than the threshold is no difference. Where there is none in both, nothing is
-        different; where there is one in one of them, it is.
+        A change below the threshold is not a difference. Two missing values are equal; a missing value
+        differs from any other.
         """
         a, b = before.value, after.value
         if isinstance(a, str) or isinstance(b, str) or a is None or b is None:
@@ -97,7 +98,7 @@ class OneMeasure:
 
     @property
     def _told_as(self) -> tuple[str, ...]:
-        """What changes of it are called in a comparison, where it is of a number."""
+        """The quantities under which a comparison reports changes of this measure, if it is a number."""
         measure = comparable(self.name)
         if measure.quantity is not None:
             return (f"order of {measure.quantity}",)
@@ -108,7 +109,7 @@ class OneMeasure:
 
 
 def under_one_name(run: Run, engine: str) -> Tables:
-    """Return the tables of a run of one engine, by another name for it: of two versions, the name of both."""
+    """Return the tables of a run of one engine with the engine renamed, so that two versions share a name."""
     return Tables(
         run_id=run.run_id,
         results=run.results.assign(engine=engine),

@@ -1,4 +1,4 @@
-"""Where a measure changed within an ordered list of releases, and the command that finds it."""
+"""Search an ordered list of releases for changes of a measure; suggest the command that does so."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def changes(
     measured: Callable[[str], Found | None],
     differ: Callable[[Found, Found], bool],
 ) -> tuple[tuple[str, str], ...]:
-    """Return each change as the last member before it and the first after it, in the order of the list.
+    """Bisect for changes; return each as the last member before it and the first after it, in order.
 
-    members: ordered and distinct. measured: None where one cannot be; those are stepped around, and may lie
-    between the two of a pair. differ: whether two findings are different.
+    Both ends are measured, then the interval is halved until two neighbours differ; then the same from there
+    to the end. This finds every difference between the ends in 2 + log2(n) measurements per change. A change
+    that was undone between two measured members is missed. No member is measured twice.
 
-    The ends are measured, then halves, until two neighbours differ; then the same from there to the end. So
-    each difference between the ends is found, in 2 + log2(n) measurements a change; what changed and changed
-    back between two that were measured is not seen. No member is measured twice.
+    members: ordered and distinct. measured: returns None for a member that cannot be measured; such members
+    are skipped, and may lie between the two of a pair. differ: whether two findings are different.
     """
     known: dict[str, Found | None] = {}
 
@@ -63,7 +63,7 @@ def changes(
 
 
 def _from_the_middle(low: int, high: int) -> list[int]:
-    """Return the places between two others, the middle first."""
+    """Return the indices between two others, from the middle outwards."""
     return sorted(range(low + 1, high), key=lambda place: abs(2 * place - low - high))
 
 
@@ -72,9 +72,9 @@ def every_change(
     measured: Callable[[str], Found | None],
     differ: Callable[[Found, Found], bool],
 ) -> tuple[tuple[str, str], ...]:
-    """Return each change as `changes` does, with every member measured once.
+    """Return the changes as `changes` does, but measure every member once.
 
-    Each is compared with the first after the last change, so that small differences cannot add up unseen.
+    Each member is compared with the first one after the last change, so that slow drifts are detected.
     """
     pairs = []
     level: Found | None = None
@@ -96,9 +96,10 @@ _STATUSES = ("worse", "improved", "moved")
 
 
 def release_searches(comparison: Comparison) -> Iterator[str]:
-    """Yield `bodycheck versions ...` for each engine whose release changed, and a measure with it.
+    """Yield a `bodycheck versions ...` command for each engine whose release and measures both changed.
 
-    It looks for the change of the largest factor among the worse ones, else the improved, else the moved.
+    The command searches for the change with the largest factor among the worse ones, else among the improved,
+    else among the moved ones.
     """
     for engine in dict.fromkeys(one.engine for one in by_method(comparison.changes)):
         versions = [_version(run, engine) for run in (comparison.before, comparison.after)]
@@ -126,7 +127,7 @@ def _numbers(version: str) -> list[int]:
 
 
 def _telling(changes: Iterable[Change]) -> Change | None:
-    """Return the change that a search should look for: of a measure, else of an order or a verdict."""
+    """Return the change to search for: of a measure, else of an order or a verdict."""
     kinds = ("accuracy", "order", "verdict")
     found = [one for one in changes if one.kind in kinds and one.status in _STATUSES]
 

@@ -1,4 +1,4 @@
-"""Whether the speed or the largest stable step of a method changed."""
+"""Detect changes of the speed or of the largest stable step of a method."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy as np
 
 from bodycheck.reports.comparison.change import Change, Status, by_rank
 
-_MOST = (0.25, 0.75)  # three quarters of the cases have to have moved one way
-_NOISES_OF_A_SCENARIO = 3.0  # its few cases are timed one after the other: what disturbs one disturbs all
+_MOST = (0.25, 0.75)  # three quarters of the cases must have changed in one direction
+_NOISES_OF_A_SCENARIO = 3.0  # its few cases are timed in sequence, so one disturbance affects all
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """How a case's time changed: log10 of after over before, and the least that the quartiles leave of it."""
+    """The change of a case's time: log10(after / before), and the part that the quartiles make certain."""
 
     scenario: str
     engine: str
@@ -28,9 +28,9 @@ class Ratio:
 
 
 def ratio(before: Mapping[str, Any], after: Mapping[str, Any], *, same_machine: bool) -> Ratio | None:
-    """Return how relative_cpu changed from one row to the other, or cpu_s on the same machine.
+    """Return the change of relative_cpu between two rows, or of cpu_s on the same machine.
 
-    None where neither can be compared, or a case was faster than the clock can tell.
+    Returns None if neither can be compared, or if a case was too fast for the clock.
     """
     if not min(before.get("cpu_s_low", 0.0), after.get("cpu_s_low", 0.0)) > 0.0:
         return None
@@ -50,11 +50,11 @@ def ratio(before: Mapping[str, Any], after: Mapping[str, Any], *, same_machine: 
 
 
 def speed_changes(ratios: Iterable[Ratio], noises: tuple[float, float], threshold: float) -> Iterator[Change]:
-    """Yield the methods that became slower or faster: at least three quarters of the cases, beyond the noise.
+    """Yield the methods of which at least three quarters of the cases became slower or faster than the noise.
 
-    noises: the yardstick's interquartile range over its median in either run. threshold: the relative change
-    below which a method that is beyond the noise has merely moved. A method is judged by all its
-    cases; where they do not agree, by those of each scenario, beyond three times the noise.
+    A method is judged by all its cases; if they disagree, by those of each scenario, beyond three times the
+    noise. noises: the interquartile range of the reference measurement over its median, in each run.
+    threshold: the relative change below which a method beyond the noise has moved.
     """
     slack = math.log10(1.0 + sum(noises))
     ordered = sorted(ratios, key=lambda one: (one.engine, one.method, one.scenario))
@@ -82,11 +82,11 @@ def _judged(cases: list[Ratio], slack: float, threshold: float, scenario: str | 
 
 
 def stability_change(before: Mapping[str, Any], after: Mapping[str, Any], threshold: float) -> Change | None:
-    """Return how the largest stable step of one method on one scenario changed; None where it did not.
+    """Return the change of the largest stable step of one method on one scenario; None if there is none.
 
-    before, after: rows of stability.csv without what is empty. The limit lies between the last stable and the
-    first unstable step: where two such spans meet, it may be one and the same. threshold: the relative change
-    of the last stable step from which on it is worse or improved.
+    The limit lies between the last stable and the first unstable step; if these intervals overlap, the limits
+    may be equal. before, after: rows of stability.csv without empty cells. threshold: the relative change of
+    the last stable step above which it is worse or improved.
     """
     old, new = before["outcome"], after["outcome"]
     if old != new:
@@ -118,5 +118,5 @@ def _change(
 
 
 def _span(row: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the last stable step and the first unstable one: 0 and infinity where there is none."""
+    """Return the last stable step and the first unstable one; 0 and infinity if there is none."""
     return row.get("dt_stable_s", 0.0), row.get("dt_unstable_s", math.inf)

@@ -1,4 +1,4 @@
-"""What can be gated: a column of results.csv, or a fact of methods.csv or stability.csv by its short name."""
+"""The measures that a gate can bound: columns of results.csv, values of methods.csv and stability.csv."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Source: TypeAlias = Literal["results", "methods", "stability"]
 _SPEEDS = ("cpu_s", "ns_per_step", "relative_cpu")
 _COUNTS = ("steps", "rhs_evaluations")
 UNCOMPARED = ("successive_difference_rad", "cpu_s", "ns_per_step", *_COUNTS)
-"""Columns of results.csv that a gate can look at and by which runs are not compared."""
+"""Columns of results.csv that a gate can bound, but by which runs are not compared."""
 _COLUMNS = (
     *(column for measure in MEASURES.values() for column in measure.columns),
     *("successive_difference_rad", *_SPEEDS, *_COUNTS),
@@ -26,10 +26,11 @@ _GROWTHS = ("bounded", "sqrt", "linear", "quadratic", "exponential")
 
 @dataclass(frozen=True)
 class Measure:
-    """Where a gate looks: which table, which column, of which quantity; what words it may say, if words.
+    """The table, the column and the quantity that a gate reads, and the words that may stand there.
 
-    in_decades: whether two values are compared by their ratio, as errors and times are, or by their
-    difference, as orders are. is_speed: whether it is there only where processor time was measured.
+    words: empty if the values are numbers. in_decades: whether two values are compared by their ratio, as
+    errors and times are, or by their difference, as orders are. is_speed: whether the value exists only where
+    processor time was measured.
     """
 
     source: Source
@@ -41,7 +42,7 @@ class Measure:
 
 
 def measure_of(name: str) -> Measure:
-    """Return what a gate's `measure` stands for; ValueError with what there is where it is none."""
+    """Return the measure of that name; raise ValueError with the available names if there is none."""
     if name in _COLUMNS:
         return Measure("results", name, in_decades=name not in _COUNTS, is_speed=name in _SPEEDS)
     head, _, quantity = name.partition(".")
@@ -59,7 +60,7 @@ def measure_of(name: str) -> Measure:
         case "order", _ if quantity in QUANTITIES:
             return Measure("methods", "order", quantity, in_decades=False)
     raise ValueError(
-        f"no measure is named {name!r}; there are the columns of results.csv (bodycheck list measures, "
-        f"{', '.join(_SPEEDS)}), outcome, verdict, stability.dt_stable_s, and order., verdict. or growth. "
-        f"before {', '.join(QUANTITIES)}"
+        f"unknown measure {name!r} (available: the columns that bodycheck list measures shows, "
+        f"{', '.join(_SPEEDS)}, outcome, verdict, stability.dt_stable_s, and order., verdict. or growth. "
+        f"followed by one of {', '.join(QUANTITIES)})"
     )

@@ -1,4 +1,4 @@
-"""The results of gates on the terminal, as JUnit XML and as JSON."""
+"""Write the results of gates to the terminal, as JUnit XML and as JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def as_junit(results: Sequence[GateResult], where: str) -> bytes:
-    """Return a test suite with one test case a gate; what measured nothing is a failure too."""
+    """Return a JUnit test suite with one test case per gate; a gate that measured nothing is a failure."""
     failures = sum(result.status != "passed" for result in results)
     counts = {"tests": str(len(results)), "failures": str(failures), "errors": "0", "skipped": "0"}
     root = ElementTree.Element("testsuites", counts)
@@ -39,12 +39,12 @@ def as_junit(results: Sequence[GateResult], where: str) -> bytes:
 
 
 def _xml(text: str) -> str:
-    """Return the text without what XML cannot hold: an engine's message may have anything in it."""
+    """Return the text without characters that XML forbids: an engine's message may contain any."""
     return _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def as_json(results: Sequence[GateResult], where: str, run_id: str) -> bytes:
-    """Return an object: the file, the run, whether all passed, and each gate with all its rows."""
+    """Return a JSON object: the file, the run, whether all gates passed, and each gate with all its rows."""
     told = {
         "tolerances": where,
         "run_id": run_id,
@@ -66,7 +66,7 @@ def _gate(result: GateResult) -> dict[str, Any]:
 
 
 def _beyond(check: Check, result: GateResult) -> dict[str, float | None]:
-    """Return the distance under the name of its unit; null where there is none, or a side is 0."""
+    """Return the distance under a key that names its unit; None if there is none or a side is 0."""
     finite = check.beyond is not None and math.isfinite(check.beyond)
     name = "beyond_decades" if result.gate.looks_at.in_decades else "beyond"
     return {name: check.beyond if finite else None}
@@ -77,7 +77,7 @@ _STYLES = {"passed": "green", "failed": "red", "nothing": "red"}
 
 
 def line_of(result: GateResult) -> str:
-    """Return what became of a gate, without its status: its title, and the worst of its rows."""
+    """Return the result of a gate without its status: its title and its worst row."""
     cases = count(len(result.checks), "case")
     if result.status == "nothing":
         return f"{result.gate.title}: measured nothing: {result.why}"
@@ -94,7 +94,7 @@ def _worst(result: GateResult) -> str:
 
 
 def obtained(check: Check) -> str:
-    """Return a value in words, or why there is none."""
+    """Return the obtained value as text, or why there is none."""
     value = check.row.obtained
     if value is None:
         return check.row.why
@@ -104,7 +104,7 @@ def obtained(check: Check) -> str:
 
 
 def failure_rows(results: Sequence[GateResult]) -> list[tuple[str, ...]]:
-    """Return the cells of every row that failed: gate, who, where, obtained, bound, distance, command."""
+    """Return the cells of every row that failed, one per head of the printed table."""
     return [
         (
             str(place),
@@ -122,7 +122,7 @@ def failure_rows(results: Sequence[GateResult]) -> list[tuple[str, ...]]:
 
 
 def print_results(results: Sequence[GateResult]) -> None:
-    """Print one line a gate, the table of what failed, and the count."""
+    """Print one line per gate, a table of the failed rows, and the counts."""
     out = console()
     for place, result in enumerate(results):
         status = Text(f"{result.status:7}", style=_STYLES[result.status])
@@ -142,7 +142,7 @@ def print_results(results: Sequence[GateResult]) -> None:
 
 
 def print_changes(changes: Sequence[Change], results: Sequence[GateResult], margin: float) -> None:
-    """Print the bounds that were replaced, each with what was measured and the margin to it."""
+    """Print the replaced bounds, each with the measured value and the margin to it."""
     out = console()
     for change in changes:
         gate = results[change.place].gate
@@ -157,5 +157,5 @@ def print_changes(changes: Sequence[Change], results: Sequence[GateResult], marg
     loosened = {change.place for change in changes if change.loosens}
     kept = sum(result.status != "passed" and place not in loosened for place, result in enumerate(results))
     if kept:
-        out.print(f"{count(kept, 'gate')} that did not pass left as they are: loosen with --loosen REASON")
+        out.print(f"{count(kept, 'gate')} that did not pass left unchanged: loosen with --loosen REASON")
     out.print(f"{count(len(changes), 'bound')} replaced")

@@ -1,4 +1,4 @@
-"""New bounds by what a run measured, written into a tolerance file whose comments stay."""
+"""Propose new bounds from the values of a run, and write them into a tolerance file, keeping its comments."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _STRING = r'"(?:[^"\\\n]|\\.)*"|' + r"'[^'\n]*'"
 
 
 def edited(text: str, where: str, changes: Sequence[Change], why: str | None) -> str:
-    """Return the text of a tolerance file with the changes made, and read again to be sure of them.
+    """Return the text of a tolerance file with the changes applied, after parsing it again to check them.
 
-    why: what is added, once, to the reason of a gate that is loosened. Raises InputError where a bound does
-    not stand on a line of its own under its [[gate]].
+    why: text that is added, once, to the reason of each loosened gate. Raises InputError if a bound is not on
+    a line of its own under its [[gate]].
     """
     before = parse_gates(text, where)
     starts = [found.start() for found in _HEADER.finditer(text)]
@@ -60,14 +60,14 @@ def _says(text: str, where: str, wanted: Sequence[Gate]) -> bool:
 
 
 MARGIN_DECADES = 0.3
-"""What a proposed bound leaves between itself and the worst that was measured: a factor of 2."""
+"""The distance from a proposed bound to the worst measured value: a factor of 2."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """One bound of the gate at a place of the file, as it is and as it is proposed.
+    """The current and the proposed value of one bound, of the gate at index `place` of the file.
 
-    measured: the worst value of the run, from which the margin is counted.
+    measured: the worst value of the run, to which the margin is added.
     """
 
     place: int
@@ -79,11 +79,11 @@ class Change:
 
 
 def proposals(results: Sequence[GateResult], margin: float, *, loosen: bool) -> list[Change]:
-    """Return the bounds that lie the margin, in decades, from the worst measured, to two digits.
+    """Return new bounds at the margin, in decades, from the worst measured value, rounded to two digits.
 
-    A bound is changed where that is tighter, or, with `loosen`, where the gate fails. Orders and words come
-    from theory and are never changed; nor is a bound of which a case was not measured, or one below its
-    floor.
+    A bound is changed where the new one is tighter, or, with `loosen`, where the gate fails. Orders and words
+    come from theory and are never changed; nor is a bound if one of its cases was not measured, or if it lies
+    below its floor.
     """
     return [
         change
@@ -116,7 +116,7 @@ def _proposed(place: int, result: GateResult, margin: float) -> Iterator[Change]
 
 
 def _advanced(gate: Gate, least: float, most: float) -> float | None:
-    """Return the middle of the values on a log scale; None where they lie farther apart than allowed."""
+    """Return the geometric mean of both values; None if they lie farther apart than the gate allows."""
     middle = float(number(math.sqrt(least) * math.sqrt(most), 3))
     reach = 10.0 ** (gate.decades or 0.0)
     return middle if middle / reach <= least and most <= middle * reach else None

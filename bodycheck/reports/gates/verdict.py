@@ -1,4 +1,4 @@
-"""Whether a gate holds: the rows that it matches, each with its command, and its bounds."""
+"""Check gates against a run: the rows that each gate matches, with their commands, and its bounds."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """One case, or one method on one scenario: what was obtained, or why nothing was.
+    """The value of one case, or of one method on one scenario, or the reason why there is none.
 
-    at: the step or the tolerance in words; "" where a row is of all steps. obtained: a finite number or a
-    word; None where there is none, and then why. about: the quantity behind a word, with its size and step.
+    at: the step or the tolerance as text; "" if the row covers all steps. obtained: a finite number or a
+    word; None if there is none, and then why. about: the quantity that decided a word, with size and step.
     """
 
     scenario: str
@@ -48,7 +48,7 @@ def rows_of(gate: Gate, run: RunTables) -> list[Row]:
         if measure.column == "verdict" and measure.quantity is None
         else {_pair(row): row for row in rows if measure.quantity in (None, row.get("quantity"))}
     )
-    # a method of which nothing could be told on a scenario has no row there: it has cases, and must not pass
+    # a method without a verdict on a scenario has no row in the table, but has cases, and must not pass
     pairs = {_pair(case.columns): case.columns for case in run.cases}
     return [
         _row_of_method(gate, columns, found.get(pair, {}), run)
@@ -62,7 +62,7 @@ def _pair(row: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 def _worst_verdicts(rows: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str, str], Mapping[str, Any]]:
-    """Return the most severe verdict of each method on each scenario, with what it is about."""
+    """Return the most severe verdict of each method on each scenario, with the quantity that decided it."""
     quantities: dict[tuple[str, str, str], dict[str, QuantityVerdict]] = {}
     for row in rows:
         quantities.setdefault(_pair(row), {})[row["quantity"]] = QuantityVerdict.of(row)
@@ -95,8 +95,8 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
     why = ""
     if value is None or (not measure.words and not _is_finite(value)):
         value = None
-        told = found.get("verdict") or found.get("message") or columns["message"] or "nothing tells of it"
-        why = f"there is no {gate.measure}: {told}"
+        told = found.get("verdict") or found.get("message") or columns["message"] or "no result"
+        why = f"no {gate.measure}: {told}"
     command = _whole_command(columns, run.manifest)
     about = found.get("about", "")
     return Row(**_who(columns), at="", obtained=value, why=why, reproduce=command, about=about)
@@ -111,14 +111,14 @@ def _is_finite(value: Any) -> bool:
 
 
 def _present(row: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return the cells that have something in them."""
+    """Return the cells that are not empty."""
     import pandas as pd
 
     return {name: value for name, value in row.items() if not pd.isna(value)}
 
 
 def _whole_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
-    """Return the command of all steps of a case's method: its own, with the steps of the run."""
+    """Return the command that runs a case's method at all steps of the run."""
     words = parted(columns["reproduce"])
     for option, asked in (("--dt", manifest["dt_s"]), ("--tolerance", manifest["tolerances"])):
         if option in words:
@@ -128,7 +128,7 @@ def _whole_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> s
 
 
 def why_none(gate: Gate, run: RunTables) -> str:
-    """Say of a gate without rows which key is the first that leaves no case, and what there is instead."""
+    """Return which key of a gate without rows is the first to match no case, and the available values."""
     cases: list[Mapping[str, Any]] = [case.columns for case in run.cases]
     left_by_each = accumulate(
         _KEYS.values(), lambda left, wanted: [one for one in left if wanted(gate, one)], initial=cases
@@ -138,7 +138,7 @@ def why_none(gate: Gate, run: RunTables) -> str:
     )
     has = names(list(dict.fromkeys(_shown(columns, key) for columns in there)))
     lost = [told["unavailable"] for told in run.manifest["engines"].values() if "unavailable" in told]
-    return "; ".join([f"no {key} of the run is {_asked(gate, key)}; it has {has or 'none'}", *lost])
+    return "; ".join([f"no {key} of the run matches {_asked(gate, key)} (available: {has or 'none'})", *lost])
 
 
 _KEYS: dict[str, Callable[[Gate, Mapping[str, Any]], bool]] = {
@@ -147,7 +147,7 @@ _KEYS: dict[str, Callable[[Gate, Mapping[str, Any]], bool]] = {
     "method": lambda gate, columns: gate.wants_method(columns["engine"], columns["method"]),
     "step": lambda gate, columns: gate.wants_setting(columns.get("dt_s"), columns.get("tolerance")),
 }
-"""What a case must meet, in the order in which it is told what none met."""
+"""The conditions that a case must meet, in the order in which an unmatched one is reported."""
 
 
 def _asked(gate: Gate, key: str) -> str:
@@ -169,10 +169,10 @@ def _at(columns: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Check:
-    """One row held against the gate's bounds.
+    """One row compared with the gate's bounds.
 
-    beyond: how far outside the nearest bound, negative inside: in decades where the measure is compared so,
-    else in its unit; None for words and for what was not measured.
+    beyond: the distance outside the nearest bound, negative inside, in decades if the measure is compared by
+    ratios, else in its unit; None for words and for values that were not measured.
     """
 
     row: Row
@@ -182,10 +182,10 @@ class Check:
 
 @dataclass(frozen=True)
 class GateResult:
-    """A gate with all that it matched.
+    """A gate with all the rows that it matched.
 
-    status: passed, failed, or nothing where no row matched or none was measured, which never passes.
-    why: of the status nothing, the reason. floor, bound and title are the gate's.
+    status: passed, failed, or nothing if no row matched or none was measured, which never passes. why: the
+    reason of the status nothing.
     """
 
     gate: Gate
@@ -200,7 +200,7 @@ class GateResult:
 
     @property
     def worst(self) -> Check | None:
-        """The measured row that is the farthest out, or the least far in; None where there is none."""
+        """The measured row farthest outside, or least far inside, its bound; None if there is none."""
 
         def badness(check: Check) -> tuple[bool, float]:
             return not check.passed, -math.inf if check.beyond is None else check.beyond
@@ -209,7 +209,7 @@ class GateResult:
 
 
 def held(gates: Sequence[Gate], run: RunTables) -> tuple[GateResult, ...]:
-    """Return what a run has to say to each gate; nothing is asked of an engine."""
+    """Check each gate against a stored run; no engine is run."""
     return tuple(_held(gate, run) for gate in gates)
 
 
@@ -240,7 +240,7 @@ def _checked(gate: Gate, row: Row) -> Check:
 
 
 def _beyond(larger: float, smaller: float, gate: Gate) -> float:
-    """Return how far the first is above the second, negative below: exact in its sign."""
+    """Return how far the first value is above the second, negative below; the sign is exact."""
     if larger == smaller:
         return 0.0
     if not gate.looks_at.in_decades:
@@ -248,12 +248,12 @@ def _beyond(larger: float, smaller: float, gate: Gate) -> float:
     sign = 1.0 if larger > smaller else -1.0
     if min(larger, smaller) <= 0.0:
         return sign * math.inf
-    # two neighbouring doubles have the same logarithm, and are not the same
+    # the logarithms of two neighbouring doubles may be equal
     return sign * max(abs(math.log10(larger) - math.log10(smaller)), math.ulp(0.0))
 
 
 def distance(check: Check, gate: Gate) -> str:
-    """Return how far a value is from its bound, in words."""
+    """Return the distance of a value from its bound as text."""
     if check.beyond is None or math.isinf(check.beyond):
         return ""
     size = number(abs(check.beyond), 2)

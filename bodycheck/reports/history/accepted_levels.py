@@ -1,7 +1,7 @@
-"""The accepted level of each measure: what the next nightly run is compared with, so that small steps add up.
+"""The accepted level of each measure, to which the next nightly run is compared so that small steps add up.
 
-A level is the value of the nightly run in which the measure last changed by more than the threshold, which
-was reported then, or in which it was measured first. What moves by less leaves it where it is.
+A level is the value from the nightly run in which the measure last changed by more than the threshold and was
+reported, or in which it was first measured. A smaller change leaves the level unchanged.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bodycheck.reports.run_files.table_formats import as_csv
 from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_table, read_rows
 
 FILE = "accepted.csv"
-"""In the folder of a nightly run: rows of results.csv, each measure at its accepted level."""
+"""A file in the folder of a nightly run: rows of results.csv, each measure at its accepted level."""
 
 _NEEDED = ("scenario", "engine", "method", "control", "outcome")
 _REPORTED = ("worse", "improved", "new")
@@ -31,7 +31,7 @@ _Key: TypeAlias = tuple[Any, ...]
 def read_accepted(folder: Path, tables: Tables) -> Tables:
     """Return the tables of a nightly run with the accepted levels as its cases.
 
-    They are its own cases that ended well where it stored no levels. Raises InputError where they are
+    If the run stored no levels, they are its own cases that ended well. Raises InputError if the file is
     damaged.
     """
     path = folder / FILE
@@ -43,13 +43,13 @@ def read_accepted(folder: Path, tables: Tables) -> Tables:
 
 
 def write_accepted(accepted: Iterable[_Row], run_id: str, folder: Path) -> None:
-    """Write the levels that the next nightly run is compared with."""
+    """Write the accepted levels with which the next nightly run is compared."""
     rows = ({**row, "run_id": run_id} for row in accepted)
     (folder / FILE).write_bytes(as_csv(as_table(rows, RESULT_COLUMNS)))
 
 
 def at_accepted(tables: Tables, accepted: Tables) -> Tables:
-    """Return the tables with each measure of the cases that ended well at its accepted level."""
+    """Return the tables with the measures of all cases that ended well set to their accepted levels."""
     levels = {_key(case.columns): case.columns for case in accepted.cases}
 
     def leveled(case: CaseResult) -> CaseResult:
@@ -62,10 +62,10 @@ def at_accepted(tables: Tables, accepted: Tables) -> Tables:
 def next_accepted(
     accepted: Tables, tonight: Tables, redefined: Iterable[str], changes: Iterable[Change]
 ) -> Iterator[dict[str, Any]]:
-    """Yield the levels after a nightly run, as rows of results.csv.
+    """Yield the accepted levels after a nightly run, as rows of results.csv.
 
-    A measure whose change was reported has its new value for level, every other one keeps its own; so does a
-    case that did not end well. redefined: scenarios of which no level counts any more.
+    A measure whose change was reported gets its new value as level; all others keep theirs, and so does a
+    case that did not end well. redefined: scenarios whose old levels are discarded.
     """
     apart = set(redefined)
     levels = {_key(case.columns): case.columns for case in accepted.cases}
@@ -87,7 +87,7 @@ def next_accepted(
 
 
 def _with_levels(row: _Row, level: _Row, reported: Iterable[str]) -> dict[str, Any]:
-    """Return a row with the levels of the measures that it has, but for those that were reported."""
+    """Return a row with its measures set to their levels, except the reported ones."""
     fresh = {name for what in reported for name in _columns_of(what.removesuffix("_abs"))}
     columns = (name for measure in MEASURES for name in _columns_of(measure) if name not in fresh)
     return {**row, **{name: level[name] for name in columns if name in row and name in level}}

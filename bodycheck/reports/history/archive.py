@@ -1,4 +1,4 @@
-"""The nights of a history: one folder each, written whole or not at all, and never changed again."""
+"""The nightly runs of a history: one folder each, written atomically and never changed afterwards."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.files import check_folder
 
 _RUN_ID = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{6}")
-_STAMP, _STAMP_LENGTH = "%Y%m%dT%H%M%SZ", 16  # what such a name begins with
+_STAMP, _STAMP_LENGTH = "%Y%m%dT%H%M%SZ", 16  # the beginning of a run id
 _LOCK = ".lock"
 _UNFINISHED = ".unfinished-"
 
 
 @dataclass(frozen=True)
 class History:
-    """A folder of nights, each named by its run: the names sort as the nights began."""
+    """A folder of nightly runs, each in a folder named by its run id; the names sort by start time."""
 
     folder: Path
 
     @classmethod
     def at(cls, folder: Path) -> History:
-        """Return the history in a folder, which is made if it is not there; asked before anything is run.
+        """Return the history in a folder, creating the folder if needed; call this before anything is run.
 
-        Raises InputError where nothing could be stored there.
+        Raises InputError if nothing can be stored there.
         """
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -42,14 +42,14 @@ class History:
 
     @classmethod
     def existing(cls, folder: Path) -> History:
-        """Return the history in a folder; InputError where there is none."""
+        """Return the history in a folder; raise InputError if it contains no nightly run."""
         history = cls(folder)
         if not history.nights():
-            raise InputError(f"{folder}: holds no night; `bodycheck nightly --history {folder}` stores one")
+            raise InputError(f"{folder}: no nightly runs; `bodycheck nightly --history {folder}` stores one")
         return history
 
     def nights(self) -> list[Path]:
-        """Return the folders of the nights, the oldest first; a night that is being written is none."""
+        """Return the folders of the nightly runs, the oldest first, without one that is being written."""
         try:
             entries = sorted(self.folder.iterdir())
         except FileNotFoundError:
@@ -59,18 +59,18 @@ class History:
         return [entry for entry in entries if _RUN_ID.fullmatch(entry.name)]
 
     def dated_in_future(self, run_id: str = "") -> list[Path]:
-        """Return the nights that began after now, and after a run that is named: the last of `nights`.
+        """Return the nightly runs that began after now and after the run `run_id`: the last of `nights`.
 
-        They are no baseline, and pruning counts none of them: a clock that was wrong once must not decide.
+        They are not baseline runs and pruning ignores them, so that one wrong clock has no lasting effect.
         """
         latest = max(f"{datetime.now(UTC):{_STAMP}}", run_id[:_STAMP_LENGTH])
         return [night for night in self.nights() if night.name[:_STAMP_LENGTH] > latest]
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        """Let no other process store or prune meanwhile; a process that is killed lets go of it.
+        """Lock the history against other processes that store or prune; a killed process releases its lock.
 
-        What a killed one left unfinished is removed: while this is held, nobody is writing it.
+        Remove the unfinished folders of killed processes: while the lock is held, nobody writes to them.
         """
         with (self.folder / _LOCK).open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
@@ -80,9 +80,9 @@ class History:
 
     @contextmanager
     def new_night(self, name: str) -> Iterator[Path]:
-        """Give a folder to write a night into, which takes its place among the others at the end.
+        """Give a temporary folder for a nightly run, and rename it into the history at the end.
 
-        Raises InputError where it cannot be written; then, and where the body raises, there is no such night.
+        Raises InputError if it cannot be written. Then, and if the body raises, nothing is stored.
         """
         unfinished, night = self.folder / f"{_UNFINISHED}{name}", self.folder / name
         try:
@@ -99,19 +99,19 @@ class History:
             raise InputError(f"{night}: cannot be written: {error.strerror or error}") from None
 
     def prune(self, keep: int) -> list[str]:
-        """Remove all nights but the newest `keep` and those of the future; return the names of the removed.
+        """Remove all nightly runs except the newest `keep` and those of the future; return the removed names.
 
-        Raises InputError where one cannot be removed.
+        Raises InputError if one cannot be removed.
         """
         if keep < 1:
-            raise InputError(f"--keep {keep}: must be 1 or more nights")
+            raise InputError(f"--keep {keep}: must be 1 or more")
         gone = []
         try:
             with self._locked():
                 coming = self.dated_in_future()
                 for night in [night for night in self.nights() if night not in coming][:-keep]:
                     leaving = self.folder / f"{_UNFINISHED}{night.name}"
-                    night.rename(leaving)  # at once: a night is there whole or not at all
+                    night.rename(leaving)  # atomic: a nightly run is complete or absent
                     shutil.rmtree(leaving)
                     gone.append(night.name)
         except OSError as error:
@@ -120,7 +120,7 @@ class History:
 
 
 def _settle(folder: Path) -> None:
-    """Bring a folder, and the files in it, to the disk: a night must outlast a loss of power."""
+    """Flush a folder and its files to disk, so that a nightly run survives a loss of power."""
     for path in (*(entry for entry in folder.iterdir() if entry.is_file()), folder):
         descriptor = os.open(path, os.O_RDONLY)
         try:

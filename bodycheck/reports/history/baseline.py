@@ -1,4 +1,4 @@
-"""The baseline runs of tonight's: of the same machine class, undamaged, none of the future."""
+"""Find the baseline runs of a nightly run: same machine class, undamaged, not dated in the future."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_t
 
 
 def machine_class(manifest: Mapping[str, Any]) -> str:
-    """Return processor, cores, system and architecture: what must be alike for two nights to be compared.
+    """Return processor, cores, system and architecture, which two nightly runs must share to be compared.
 
-    Versions of the system, of Python and of libraries are circumstances: a change of theirs is to be seen.
+    Versions of the system, of Python and of libraries are circumstances: their effect should be visible.
     """
     return f"{manifest['cpu']}, {manifest['cores']} cores, {manifest['system']}"
 
 
 NIGHT_FILE = "night.json"
 _SUMS, _SEAL = "sha256", "seal"
-_PARQUET = b"PAR1"  # a whole file begins and ends with it
+_PARQUET = b"PAR1"  # a complete file begins and ends with it
 
 
 def seal_night(folder: Path) -> None:
-    """Add the sums of all files of a nightly run, and the seal, to its night.json."""
+    """Add the SHA-256 sums of all files of a nightly run, and a seal, to its night.json."""
     path = folder / NIGHT_FILE
     told = json.loads(path.read_text(encoding="utf-8"))
     told[_SUMS] = {file.name: _sum(file) for file in sorted(folder.iterdir()) if file != path}
@@ -40,23 +40,23 @@ def seal_night(folder: Path) -> None:
 
 
 def read_night_file(folder: Path) -> dict[str, Any]:
-    """Read night.json of a nightly run; InputError where it cannot be read or is not as it was written."""
+    """Read night.json of a nightly run; raise InputError if it is unreadable or was changed."""
     path = folder / NIGHT_FILE
     try:
         told = read_json(path, escape=False)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if not isinstance(told, dict):
-        raise InputError(f"{path}: is damaged: it should be an object")
+        raise InputError(f"{path}: is damaged: must be a JSON object")
     if {_SUMS, _SEAL} & told.keys() and told.get(_SEAL) != _seal(told):
-        raise InputError(f"{path}: is damaged: it is not as it was written")
+        raise InputError(f"{path}: is damaged: changed after it was written")
     return {name: value for name, value in escaped(told).items() if name != _SEAL}
 
 
 def check_files(folder: Path, told: dict[str, Any], names: Iterable[str] | None = None) -> None:
-    """Raise InputError, which names it, where a file of a nightly run is not as it was written.
+    """Raise InputError, naming the file, if a file of a nightly run was changed after it was written.
 
-    told: its night.json. names: of the files to look at; all, if not given.
+    told: the content of its night.json. names: the files to check [default: all].
     """
     sums = told.get(_SUMS)
     if sums is None:
@@ -70,11 +70,11 @@ def check_files(folder: Path, told: dict[str, Any], names: Iterable[str] | None 
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
         if found != sums.get(name):
-            raise InputError(f"{path}: is damaged: it is not as it was written")
+            raise InputError(f"{path}: is damaged: changed after it was written")
 
 
 def _check_parquet(path: Path) -> None:
-    """Raise InputError where a Parquet file without a known sum cannot be read in full."""
+    """Raise InputError if a Parquet file without a known sum cannot be read completely."""
     import duckdb
 
     try:
@@ -101,18 +101,18 @@ def _seal(told: dict[str, Any]) -> str:
 
 
 _MOST_NIGHTS = 60
-"""How far back speeds are looked at, and a case that did not end well for a while."""
+"""How many baseline runs are used at most."""
 
 _COUNTS = ("worse", "missing", "improved", "moved", "new")
 TOLD = ("run_id", "status", *_COUNTS, "cases", "engines", "machine")
-"""What night.json says of a night, in the order in which it is listed."""
+"""The keys of night.json, in the order in which they are listed."""
 _NEEDED = tuple(name for name in TOLD if name not in _COUNTS[1:])
 _FORMER_COUNTS = {"improved": "better", "moved": "other"}
 
 
 @dataclass(frozen=True, eq=False)
 class Night:
-    """An earlier nightly run: its folder, its tables, and what was reported about it."""
+    """A stored nightly run: its folder, its manifest, and its report in night.json."""
 
     folder: Path
     manifest: dict[str, Any]
@@ -120,36 +120,36 @@ class Night:
 
     @property
     def name(self) -> str:
-        """The run's name."""
+        """The run id."""
         return self.folder.name
 
     @property
     def tables(self) -> Tables:
-        """What it found; InputError where that is damaged."""
+        """The tables of the run; InputError if they are damaged."""
         return read_tables(self.folder)
 
     @property
     def accepted(self) -> Tables:
-        """The accepted levels after it; InputError where they are damaged."""
+        """The accepted levels after the run; InputError if they are damaged."""
         return read_accepted(self.folder, self.tables)
 
     def same_scenarios(self, manifest: Mapping[str, Any]) -> set[str]:
-        """Return the scenarios that are what another run means by their names."""
+        """Return the scenarios whose definitions are the same as in another run."""
         return self.manifest["scenarios"].keys() - set(redefined(self.manifest, manifest))
 
 
 @dataclass(frozen=True)
 class Past:
-    """The nights of a machine class, the newest first, and why others were left out."""
+    """The baseline runs on one machine class, the newest first, and why others were left out."""
 
     nights: tuple[Night, ...]
     left_out: tuple[str, ...]
 
 
 def past_of(history: History, manifest: Mapping[str, Any]) -> Past:
-    """Return the nights before a run, given by its manifest, on machines like its own.
+    """Return the baseline runs of a run, given by its manifest: earlier ones on the same machine class.
 
-    A night that is damaged is left out: it must neither count nor keep tonight from being stored.
+    A damaged run is left out: it must neither count nor prevent the new run from being stored.
     """
     nights: list[Night] = []
     left_out: list[str] = []
@@ -161,7 +161,7 @@ def past_of(history: History, manifest: Mapping[str, Any]) -> Past:
                 night = Night(folder, read_manifest(folder), told_of(folder))
                 if machine_class(night.manifest) == machine_class(manifest):
                     check_files(folder, night.told)
-                    _ = nights or night.accepted  # the newest is compared in full
+                    _ = nights or night.accepted  # all tables of the newest one are compared
                     nights.append(night)
         except InputError as error:
             left_out.append(str(error))
@@ -171,10 +171,10 @@ def past_of(history: History, manifest: Mapping[str, Any]) -> Past:
 
 
 def readable_nights(nights: Sequence[Path], tables: Sequence[str] = ()) -> tuple[list[Path], list[str]]:
-    """Return the nights that can be read, and of each other which file is damaged, and how.
+    """Return the readable nightly runs, and for each other one its damaged file and the fault.
 
-    nights: their folders. tables: of which the Parquet files are looked at too. Raises InputError where none
-    can be read.
+    nights: their folders. tables: names of tables whose Parquet files are checked too. Raises InputError if
+    none is readable.
     """
     readable: list[Path] = []
     left_out: list[str] = []
@@ -192,10 +192,10 @@ def readable_nights(nights: Sequence[Path], tables: Sequence[str] = ()) -> tuple
 
 
 def told_of(folder: Path) -> dict[str, Any]:
-    """Return night.json of a night: status, and how much changed; InputError where it cannot be read."""
+    """Return night.json of a nightly run: status and counts of changes; InputError if it is unreadable."""
     path, told = folder / NIGHT_FILE, read_night_file(folder)
     if lacking := [name for name in _NEEDED if not isinstance(told, dict) or name not in told]:
-        raise InputError(f"{path}: is damaged: it has no {lacking[0]}")
+        raise InputError(f"{path}: is damaged: missing key {lacking[0]}")
     if strange := [name for name in TOLD if isinstance(told.get(name), list | dict)]:
-        raise InputError(f"{path}: is damaged: {strange[0]} is neither text nor a number")
+        raise InputError(f"{path}: is damaged: {strange[0]} must be text or a number")
     return {**{name: told.get(_FORMER_COUNTS.get(name, name), 0) for name in _COUNTS}, **told}

@@ -1,4 +1,4 @@
-"""A nightly run in sentences: on the terminal, in Markdown and as one HTML page."""
+"""Write the report of a nightly run to the terminal, as Markdown and as one HTML page."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _HEADLINES = {
-    "regression": "Regression: something became worse, or is not measured any more.",
+    "regression": "Regression: something became worse or is no longer measured.",
     "no regression": "No regression.",
-    "nothing measured": "No case ended well: nothing was measured.",
-    "insufficient history": "Insufficient history: no run on a similar machine has cases to compare with.",
+    "nothing measured": "Nothing was measured: no case ended well.",
+    "insufficient history": "Insufficient history: no baseline run on such a machine has comparable cases.",
 }
 
 
@@ -40,24 +40,24 @@ def headline(judged: Judgement) -> str:
 
 
 def night_sentences(judged: Judgement) -> list[str]:
-    """Return what was compared, how much changed, how far speed can be judged, and what was left out."""
+    """Return sentences: what changed, what was compared, how far speed can be judged, what was left out."""
     found: list[str] = []
     if judged.comparison is not None:
         searches = release_searches(judged.comparison)
         found = [*sentences(judged.comparison), *(f"To find the release: {command}" for command in searches)]
         found += [
-            f"Compared with the levels accepted after the nightly run {judged.comparison.before.run_id}."
+            f"Compared with the accepted levels after the nightly run {judged.comparison.before.run_id}."
         ]
     found += _findings(judged)
     found += [_speed_sentence(judged), f"Machine: {machine_class(judged.tonight.manifest)}."]
-    found += [f"A night that cannot be read was left out: {why}." for why in judged.past.left_out]
+    found += [f"Nightly run left out: {why}." for why in judged.past.left_out]
     return found
 
 
 def _findings(judged: Judgement) -> list[str]:
-    """Return what the run itself has against its methods, as its report words it, changed or not."""
+    """Return the faults of the methods in this run, changed or not, worded as in its report."""
     wrong = faulty(worst_methods(judged.tonight))
-    lines = [f"{one.method}: {one.sentence}. To see it again: {one.worst.reproduce}" for one in wrong]
+    lines = [f"{one.method}: {one.sentence}. Reproduce: {one.worst.reproduce}" for one in wrong]
     return [methods_headline(wrong), *lines] if wrong else []
 
 
@@ -66,13 +66,11 @@ def _speed_sentence(judged: Judgement) -> str:
     if not judged.tonight.manifest["speed"]:
         return "Speed was not measured."
     if speeds.measured < least:
-        return (
-            f"Speed is not judged yet: it was measured on {speeds.measured} of the {least} nights that takes."
-        )
+        return f"Speed is not judged yet: {speeds.measured} of the {least} required nightly runs measured it."
     spread = pooled_spread(speeds.decades, list(judged.speeds.steps.values()))
     percent = 100.0 * (10.0 ** smallest_detectable_step(spread) - 1.0)
-    told = f"a method that takes {number(percent, 2)} % longer is told within five nights"
-    return f"Speed is judged by {count(speeds.measured, 'night')}: {told}."
+    told = f"a slowdown of {number(percent, 2)} % is detected within five nightly runs"
+    return f"Speed is judged from {count(speeds.measured, 'nightly run')}: {told}."
 
 
 _STYLES = {
@@ -84,23 +82,23 @@ _STYLES = {
 
 
 def print_night(judged: Judgement) -> None:
-    """Print what was told of a night, the worst first."""
+    """Print the report of a nightly run, the worst changes first."""
     out = console()
     out.print(Text(headline(judged), style=_STYLES[judged.status]))
     for sentence in night_sentences(judged):
         out.print(Text(sentence))
     if judged.comparison is not None:
-        print_changes(judged.comparison.changes, "night.html and changes.csv have all")
+        print_changes(judged.comparison.changes, "night.html and changes.csv list all")
 
 
 def print_nights(nights: pd.DataFrame) -> None:
-    """Print one line a night, the oldest first."""
+    """Print one line per nightly run, the oldest first."""
     rows = nights[list(TOLD)].astype(str).to_numpy().tolist()
     print_columns(console(), TOLD, rows, right=(*HEADINGS, "cases"))
 
 
 def night_markdown(judged: Judgement) -> str:
-    """Return status, circumstances, and what changed, the worst first."""
+    """Return status, circumstances and changes as Markdown, the worst changes first."""
     lines = [
         f"### bodycheck nightly: {judged.status}",
         "",
@@ -109,7 +107,7 @@ def night_markdown(judged: Judgement) -> str:
         *(f"- {escaped_markdown(sentence)}" for sentence in night_sentences(judged)),
     ]
     if judged.comparison is not None:
-        lines += changes_table(judged.comparison.changes, "night.html has all")
+        lines += changes_table(judged.comparison.changes, "night.html lists all")
     return "\n".join(lines) + "\n"
 
 
@@ -122,7 +120,7 @@ _TINTS = {
 
 
 def render_night(judged: Judgement) -> str:
-    """Return the page of a night; it needs nothing else, and leads to the report beside it."""
+    """Return the self-contained HTML page of a nightly run; it links to report.html in the same folder."""
     return (
         environment()
         .get_template("night.html")

@@ -1,4 +1,4 @@
-"""The files of a night: its tables as CSV and as Parquet, what was told of it, and its pages."""
+"""Write the files of a nightly run: tables as CSV and Parquet, its report and its pages."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 _CHANGE_COLUMNS = (
     *("run_id", "compared_with", "kind", "status", "scenario", "engine", "method", "control", "fineness"),
-    *("what", "before", "after", "decades"),
+    *("quantity", "before", "after", "decades"),
 )
 
 
 def write_run_of_night(run: Run, night: Path) -> None:
-    """Write what was measured, before it is judged: the tables."""
+    """Write the measured tables, before the run is judged."""
     write_tables(run, night)
     for name, table in {"results": run.results, "methods": run.methods, "stability": run.stability}.items():
         (night / f"{name}.parquet").write_bytes(as_parquet(table))
@@ -38,7 +38,7 @@ def write_report_of_night(run: Run, night: Path) -> None:
 
 
 def write_unjudged(run: Run, night: Path) -> None:
-    """Write night.json and no change, of a run that could not be judged."""
+    """Write night.json and empty tables of changes for a run that could not be judged."""
     import pandas as pd
 
     known = {"run_id": run.run_id, "status": "not judged", "cases": len(run.cases)}
@@ -51,7 +51,7 @@ def write_unjudged(run: Run, night: Path) -> None:
 
 
 def write_judgement(judged: Judgement, night: Path) -> None:
-    """Write what was reported: night.json, changes.csv and changes.parquet; and the accepted levels."""
+    """Write night.json, changes.csv, changes.parquet and the accepted levels."""
     (night / "night.json").write_text(json.dumps(_summary(judged), indent=2) + "\n", encoding="utf-8")
     changes = _changes_table(judged)
     (night / "changes.csv").write_bytes(as_csv(changes))
@@ -89,6 +89,6 @@ def _changes_table(judged: Judgement) -> pd.DataFrame:
 
 
 def _row(change: Change) -> dict[str, Any]:
-    """Return a change as cells; before and after are words or numbers, and stand as text."""
+    """Return a change as cells; before and after may be words or numbers, so both are stored as text."""
     row = {name: getattr(change, name) for name in _CHANGE_COLUMNS if hasattr(change, name)}
     return row | {name: None if row[name] is None else str(row[name]) for name in ("before", "after")}

@@ -1,4 +1,4 @@
-"""A nightly run compared with its baseline: worse, improved, moved, missing; slower or faster."""
+"""Compare a nightly run with its baseline runs: worse, improved, moved, missing; slower or faster."""
 
 from __future__ import annotations
 
@@ -25,12 +25,11 @@ NightStatus: TypeAlias = Literal["regression", "no regression", "insufficient hi
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """Tonight's run compared with the baseline runs.
+    """The newest nightly run compared with the baseline runs.
 
-    comparison: with the accepted levels and the night before, but for the changes of speed, which the nights
-    before that have a say in; None where there is no night to compare with. accepted: the levels that the
-    next night is compared with, as rows of results.csv. speeds, errors: of all methods in the past and
-    tonight.
+    comparison: with the accepted levels and the latest baseline run; changes of speed use all baseline runs.
+    None if there is no baseline run. accepted: the levels with which the next nightly run is compared, as
+    rows of results.csv. speeds, errors: of all methods, over the baseline runs and the newest run.
     """
 
     tonight: Tables
@@ -42,7 +41,7 @@ class Judgement:
 
     @property
     def status(self) -> NightStatus:
-        """Whether anything became worse or is not measured any more; without a past nothing can be told."""
+        """Whether anything became worse or is no longer measured; undecided without a baseline run."""
         if not any(case.ok for case in self.tonight.cases):
             return "nothing measured"
         if self.comparison is None or not self.comparison.paired:
@@ -51,7 +50,7 @@ class Judgement:
 
 
 def judge_night(history: History, tonight: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Judgement:
-    """Judge a nightly run against the history, which it is not yet part of."""
+    """Judge a nightly run against a history that does not contain it yet."""
     past = past_of(history, tonight.manifest)
     nights, cases = _recorded(past, tonight)
     speeds = speeds_of(nights, cases)
@@ -78,13 +77,13 @@ def judge_night(history: History, tonight: Tables, thresholds: Thresholds = DEFA
 
 
 def _returned(before: Tables, levels: Tables, tonight: Tables, thresholds: Thresholds) -> list[Change]:
-    """Return how cases that end well tonight, but did not the night before, differ from their levels."""
+    """Return the changes from their levels of cases that end well again after not ending well in `before`."""
     returned = compare(levels, ended_well_anew(before, tonight), thresholds)
     return [change for change in returned.changes if change.kind == "accuracy"]
 
 
 def _recorded(past: Past, tonight: Tables) -> tuple[list[str], pd.DataFrame]:
-    """Return the nights up to tonight, and the cases of each, of the scenarios that are still the same."""
+    """Return the names of all runs, and their cases on scenarios whose definitions are unchanged."""
     import pandas as pd
 
     nights = past.nights[::-1]
@@ -97,20 +96,20 @@ def _recorded(past: Past, tonight: Tables) -> tuple[list[str], pd.DataFrame]:
 
 
 def _farthest(decades: pd.Series) -> float:
-    """Return the one that is farthest from zero: no case's error may move unseen among others."""
+    """Return the value farthest from zero, so that no change of a single case is hidden by the others."""
     return max(decades.tolist(), key=abs)
 
 
 @dataclass(frozen=True, eq=False)
 class Speeds:
-    """The times of all methods, night by night, and where they moved to another level."""
+    """The times of all methods in each nightly run, and the detected steps."""
 
     series: Series
     steps: dict[Key, list[Step]]
 
     @property
     def changes(self) -> Iterator[Change]:
-        """The moves that are told on the last night."""
+        """The steps detected in the newest run."""
         tonight = len(self.series.nights) - 1
         for (engine, method), steps in self.steps.items():
             if steps and steps[-1].detected_at == tonight:
@@ -120,9 +119,9 @@ class Speeds:
 
 
 def speeds_of(nights: Sequence[str], cases: pd.DataFrame) -> Speeds:
-    """Return how long each method took: the median over its cases, so that what most of them did is told.
+    """Return the time of each method, as the median over its cases, and the steps detected in it.
 
-    nights: their names, the oldest first. cases: one row a case and night, with its relative_cpu.
+    nights: names of nightly runs, the oldest first. cases: one row per case and run, with its relative_cpu.
     """
     series = series_of(nights, cases, "relative_cpu", lambda decades: float(decades.median()))
     return Speeds(series, dict(zip(series.methods, detect_steps(series.decades), strict=True)))

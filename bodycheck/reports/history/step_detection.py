@@ -1,7 +1,8 @@
-"""Steps in noisy series, detected online from what was known at the time.
+"""Detect steps in noisy series online, each from the values known at the time.
 
-What disturbs a machine makes everything slower, never faster, on one night in ten or on every second one: so
-a level is where most nights lie close together, and the quickest of some nights is the least disturbed.
+A disturbed machine makes everything slower, never faster, in every tenth or even every second nightly run.
+The level is therefore where most runs lie close together, and the fastest of several runs is the least
+disturbed.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LEAST_BEFORE = 8
-"""How many nights a level needs before a departure from it can be told."""
+"""The number of nightly runs that establish a level before a step from it can be detected."""
 LEAST_AFTER = 5
-"""How many nights a slower level needs: a few may be the machine's doing. Of a quicker one three will do."""
+"""The number of runs that a slower level needs: a few may be disturbed. A faster level needs only three."""
 _MOST_BEFORE = 20
 _SIGMAS = 2.5
 _LEAST_STEP = math.log10(1.08)
@@ -31,7 +32,7 @@ _HALF_TO_SIGMA = 1.0 / 0.6745  # half of a normal distribution lies within 0.674
 
 @dataclass(frozen=True)
 class Step:
-    """A move to another level: the first night on it, the night on which it was told, and how far it went."""
+    """A step to another level: its first run, the run in which it was detected, and its size in decades."""
 
     first: int
     detected_at: int
@@ -39,11 +40,12 @@ class Step:
 
 
 def detect_steps(series: Array) -> list[list[Step]]:
-    """Return where each column of series (nights, methods) moved to another level; NaN: not measured.
+    """Return the steps of each column of series (nights, methods); NaN: not measured.
 
-    Up, as soon as min(the last five) - level(the m <= 20 before) > T; down, as soon as min(the m before) -
-    median(the last five) > T; T = max(8 %, 2.5 sigma), sigma that of most columns. From then on the nights
-    before the step count no more. No night is judged by what came after it.
+    Up if min(last five) - level(baseline) > T, down if min(baseline) - median(last five) > T, where the
+    baseline is the m <= 20 runs before the last five, T = max(8 %, 2.5 sigma) and sigma is the median over
+    the columns. After a step, the runs before it are ignored. The result for a run does not depend on later
+    runs.
     """
     found: list[list[Step]] = [[] for _ in range(series.shape[1])]
     for night in range(LEAST_BEFORE + LEAST_AFTER - 1, len(series)):
@@ -59,10 +61,10 @@ def detect_steps(series: Array) -> list[list[Step]]:
 
 
 def pooled_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
-    """Return the median over the columns of sigma, each in the up to 20 nights before the last five.
+    """Return the median over the columns of sigma, each from the up to 20 runs before the last five.
 
-    steps: where each column moved to another level; what was before that does not count. 0 where no column
-    has been long enough on its level.
+    series: (nights, methods). steps: the detected steps of each column; runs before the last step are
+    ignored. Returns 0 if no column has enough runs on its level.
     """
     past = series[:-LEAST_AFTER]
     levels = (column[_begin(moved) :] for column, moved in zip(past.T, steps, strict=True))
@@ -74,8 +76,8 @@ def pooled_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
 
 
 def smallest_detectable_step(spread: float) -> float:
-    """Return the smallest step that is sure to be told by its fifth night, of a method with that spread."""
-    # the quickest of five nights lies up to 2.5 sigma low, and the level before is known to a half
+    """Return the smallest step that is certain to be detected by its fifth run, given the spread."""
+    # the fastest of five runs lies up to 2.5 sigma low; the level before is known to half a sigma
     return max(_LEAST_STEP, _SIGMAS * spread) + 3.5 * spread
 
 
@@ -84,7 +86,7 @@ def _begin(steps: Sequence[Step]) -> int:
 
 
 def _step_detected(column: Array, there: NDArray[np.intp], edge: float) -> Step | None:
-    """Return the step of one column within the last five of the nights on which it was measured, if any."""
+    """Return the step of one column within the last five runs that measured it; None if there is none."""
     before, now = column[there[:-LEAST_AFTER][-_MOST_BEFORE:]], column[there[-LEAST_AFTER:]]
     if len(before) < LEAST_BEFORE:
         return None
@@ -99,10 +101,10 @@ def _step_detected(column: Array, there: NDArray[np.intp], edge: float) -> Step 
 
 
 def _shortest_half(nights: Array) -> tuple[float, float]:
-    """Return median and sigma of the half of the nights (n,) that lie closest together.
+    """Return median and sigma of the half of the values (n,) that lie closest together.
 
-    Up to half of the nights may lie anywhere else. Source: the shortest half, Rousseeuw and Leroy (1987),
-    with their factor 1 + 5 / (n - 1), for the shortest half of few nights is too short.
+    Up to half of the values may be outliers. Source: the shortest half, Rousseeuw and Leroy (1987), with
+    their factor 1 + 5 / (n - 1), because the shortest half of few values is too short.
     """
     ordered, half = np.sort(nights), len(nights) // 2 + 1
     widths = ordered[half - 1 :] - ordered[: len(ordered) - half + 1]
@@ -119,9 +121,9 @@ _CASE = ["engine", "method", "scenario", "control", "dt_s", "tolerance"]
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """log10 of a number over the usual one, (nights, methods), NaN where it was not measured.
+    """log10(x / median of x over the runs), (nights, methods); NaN if not measured.
 
-    nights: their names, the oldest first.
+    nights: names of the nightly runs, the oldest first.
     """
 
     nights: tuple[str, ...]
@@ -130,17 +132,17 @@ class Series:
 
     @property
     def measured(self) -> int:
-        """On how many nights anything was measured."""
+        """The number of nightly runs with any value."""
         return int(np.sum(~np.all(np.isnan(self.decades), axis=1))) if self.methods else 0
 
 
 def series_of(
     nights: Sequence[str], cases: pd.DataFrame, measure: str, of_cases: Callable[[pd.Series], float]
 ) -> Series:
-    """Return of_cases(log10(x / median of x over the nights)) of each method on each night, x of each case.
+    """of_cases(log10(x / median of x over the runs)) for each method and run, with x the measure of a case.
 
-    nights: their names, the oldest first. cases: one row a case and night, with `night` and the measure.
-    of_cases: one number for the decades of a method's cases on one night.
+    nights: names of the nightly runs, the oldest first. cases: one row per case and run, with `night` and the
+    measure. of_cases: reduces the decades of a method's cases in one run to one number.
     """
     there = cases[cases[measure] > 0.0]
     if there.empty:

@@ -1,1 +1,1 @@
-"""Text, Markdown, HTML and figures of a run."""
+"""Render a run as text, Markdown, HTML and figures."""

@@ -1,4 +1,4 @@
-"""Advice, and the releases of an engine, on the terminal or in a pipe."""
+"""Print advice, and the results of a search through releases, as plain text."""
 
 from __future__ import annotations
 
@@ -13,19 +13,17 @@ from bodycheck.reports.summary.advice import Answer, Option
 
 
 def print_advice(answers: Sequence[Answer], error: float, quantity: str, where: str) -> None:
-    """Print what keeps the error, the cheapest of each engine; where nothing does, what comes nearest."""
+    """Print the cheapest setting of each engine that meets the error tolerance; without one, the nearest."""
     out = console()
-    out.print(Text(f"{quantity} of {number(error)} or less, by what was measured in {where}"))
+    out.print(Text(f"{quantity} <= {number(error)}, measured in {where}"))
     for answer in answers:
         out.print(Text(f"\n{_name(answer, len(answers) - 1)}", style="bold"))
         if answer.options:
             rows = [_row(option) for option in answer.options]
-            heads = ("engine:method", "setting", "error at most", "cpu_s", "to see it again")
+            heads = ("engine:method", "setting", "error at most", "cpu_s", "reproduce")
             print_columns(out, heads, rows, right=heads[2:4])
             if answer.without:
-                out.print(
-                    Text(f"no setting that was measured keeps it in {names(answer.without)}", style="yellow")
-                )
+                out.print(Text(f"no measured setting meets it in {names(answer.without)}", style="yellow"))
         else:
             for line in _nothing(answer):
                 out.print(Text(line, style="yellow"))
@@ -42,7 +40,7 @@ def _row(option: Option) -> tuple[str, ...]:
 
 
 def _setting_text(option: Option) -> str:
-    """Return the step or tolerance, from the finest to the coarsest where scenarios need different ones."""
+    """Return the step or tolerance; a range if scenarios need different ones."""
     known = sorted({setting for setting in option.settings if setting is not None})
     if not known:
         return "no steps"
@@ -53,10 +51,10 @@ def _setting_text(option: Option) -> str:
 def _nothing(answer: Answer) -> Iterator[str]:
     one = answer.nearest
     if one is None:
-        yield "nothing was measured" if answer.scenario else "no method was measured on all of them"
+        yield "nothing was measured" if answer.scenario else "no method was measured on all scenarios"
         return
     yield (
-        f"nothing that was measured keeps it; nearest is {one.engine}:{one.method}, {_setting_text(one)}: "
+        f"no measured setting meets it; the nearest is {one.engine}:{one.method}, {_setting_text(one)}: "
         f"{number(one.error, 3)}"
     )
     yield f"    {one.reproduce}"
@@ -67,7 +65,7 @@ _FEWEST_DIGITS, _ALL_DIGITS = 3, 17
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One method through the releases: what those that were run say, and between which of them it changed."""
+    """One method across releases: the findings of those that were run, and the changes between them."""
 
     method: str
     findings: Mapping[str, Finding]
@@ -76,9 +74,9 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What came of a search.
+    """The result of a search through releases.
 
-    versions: all releases, oldest first. failed: why those that failed did. every: whether none was skipped.
+    versions: all releases, oldest first. failed: release -> reason. every: whether every release was run.
     """
 
     engine: str
@@ -91,7 +89,7 @@ class Found:
 
 
 def print_found(found: Found) -> None:
-    """Print the releases that were run, oldest first, with what failed, and one line a method."""
+    """Print the releases that were run, oldest first, the failed ones, and one line per method."""
     out = console()
     texts = {track.method: _texts(found, track) for track in found.tracks}
     run = [version for version in found.versions if any(version in known for known in texts.values())]
@@ -109,15 +107,15 @@ def print_found(found: Found) -> None:
 
 
 def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:
-    """Return where the measure of a method changed: "2.00 up to 3.17.0, 4.00 from 4.0.0"."""
+    """Return where the measure of a method changed, as "2.00 up to 3.17.0, 4.00 from 4.0.0"."""
     run = [version for version in found.versions if version in texts]
     if not track.changes:
         if len(run) == 1:
-            return f"{texts[run[0]]} in {run[0]}, the only one that was run"
+            return f"{texts[run[0]]} in {run[0]}, the only release run"
         if found.every:
-            return f"{texts[run[-1]]} in all {len(run)} that were run"
+            return f"{texts[run[-1]]} in all {len(run)} releases run"
         same = f"{texts[run[-1]]} in {run[-1]}, as in {run[0]}"
-        return f"{same}; a change between them that was undone would not be seen"
+        return f"{same}; a change that was undone between them would be missed"
     befores, afters = zip(*track.changes, strict=True)
     parts = [f"{texts[run[0]]} up to {befores[0]}"]
     parts += [
@@ -128,7 +126,7 @@ def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:
 
 
 def _changed_in(found: Found) -> str:
-    """Return the releases in which anything changed, with the methods that did."""
+    """Return the releases in which any method changed, with these methods."""
     changed = {
         version: [track.method for track in found.tracks if version in (after for _, after in track.changes)]
         for version in found.versions
@@ -138,7 +136,7 @@ def _changed_in(found: Found) -> str:
 
 
 def _left_open(found: Found, track: Track) -> list[str]:
-    """Return that a change cannot be told from releases between two that differ, where there are any."""
+    """Return which releases between two that differ could not be run; empty if there are none."""
     places = {version: place for place, version in enumerate(found.versions)}
     unknown = [
         version
@@ -149,7 +147,7 @@ def _left_open(found: Found, track: Track) -> list[str]:
 
 
 def _texts(found: Found, track: Track) -> dict[str, str]:
-    """Return what each release says, to as many digits as tell the two sides of each change apart."""
+    """Return the value of each release, with as many digits as distinguish both sides of each change."""
     for digits in range(_FEWEST_DIGITS, _ALL_DIGITS + 1):
         texts = {
             version: _text(finding, digits, is_order=found.measure.startswith("order."))

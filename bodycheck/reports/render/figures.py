@@ -1,4 +1,4 @@
-"""Figures of a run for papers, as SVG or PNG: one column wide, the legend beside the axes."""
+"""Draw figures of a run for papers, as SVG or PNG: one column wide, the legend next to the axes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _SUFFIXES = (".svg", ".png")
 _INCHES = (3.5, 2.6)
 _DOTS_PER_INCH = 300
-_COLOURS = (  # one an engine, as in the report: after Okabe and Ito
+_COLOURS = (  # one per engine, as in the report: after Okabe and Ito
     *("#0072b2", "#c44e00", "#00805c", "#1a1a1a"),
     *("#a8487f", "#8a6d00", "#2f86b5", "#7a5cc0"),
 )
@@ -54,20 +54,20 @@ _Lines: TypeAlias = Mapping[MethodKey, Sequence[CaseResult]]
 
 
 def check_picture(out: Path) -> None:
-    """Raise InputError where the file's name says no format, UnavailableError without matplotlib."""
+    """Raise InputError for an unsupported suffix, UnavailableError without matplotlib."""
     if out.suffix not in _SUFFIXES:
         raise InputError(f"--out {out}: must end in {' or '.join(_SUFFIXES)}")
     try:
-        import matplotlib  # noqa: F401 - asked before anything is read
+        import matplotlib  # noqa: F401 - checked before anything is read
     except ImportError:
         raise UnavailableError("figures need matplotlib: pip install 'bodycheck[plot]'") from None
 
 
 def picture(run: RunTables, figure: str, scenario: str, quantity: str, suffix: str) -> bytes:
-    """Return a figure of one scenario as the bytes of an SVG or PNG file: equal for equal runs.
+    """Return a figure of one scenario as the bytes of an SVG or PNG file, identical for identical runs.
 
-    figure: one of FIGURES, or STABILITY, which is of no quantity; that of drifts needs the motions. Raises
-    InputError where there is nothing to draw.
+    figure: one of FIGURES, or STABILITY, which ignores `quantity`; "drift" needs the motions. Raises
+    InputError if there is nothing to draw.
     """
     import matplotlib as mpl  # late: only figures need it
 
@@ -80,7 +80,7 @@ def picture(run: RunTables, figure: str, scenario: str, quantity: str, suffix: s
 
 
 def drawn_figure(run: RunTables, figure: str, scenario: str, quantity: str) -> Figure:
-    """Return a figure of one scenario, one line a method, before it is written; as picture does."""
+    """Draw a figure of one scenario, one line per method; parameters and errors as in picture."""
     from matplotlib.figure import Figure
 
     lines = cases_by_method(run.cases).get(scenario, {})
@@ -92,7 +92,7 @@ def drawn_figure(run: RunTables, figure: str, scenario: str, quantity: str) -> F
     elif lines:
         FIGURES[figure](axes, lines, drawn, quantity)
     if not axes.lines:
-        raise InputError(f"--figure {figure}: nothing was measured of it in {scenario}")
+        raise InputError(f"--figure {figure}: nothing to draw for {scenario}")
     axes.set_title(scenario, fontsize=8)
     if figure != STABILITY:
         axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, fontsize=6)
@@ -100,7 +100,7 @@ def drawn_figure(run: RunTables, figure: str, scenario: str, quantity: str) -> F
 
 
 def _work_precision(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
-    """Draw error against processor time, every case a point, joined from the coarsest to the finest."""
+    """Draw error against processor time: one point per case, joined from the coarsest to the finest."""
     axes.set(xscale="log", yscale="log", xlabel="processor time, s", ylabel=_words(quantity))
     for key, cases in lines.items():
         points = [
@@ -112,7 +112,7 @@ def _work_precision(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style],
 
 
 def _order(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
-    """Draw error against step, of every method that is told a step."""
+    """Draw error against step, for every method with a step."""
     axes.set(xscale="log", yscale="log", xlabel="step, s", ylabel=_words(quantity))
     for key, cases in lines.items():
         points = [
@@ -124,7 +124,7 @@ def _order(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity
 
 
 def _drift(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
-    """Draw a measure over time, of each method at the step that most were run at."""
+    """Draw a measure over time, for each method at the step shared by most methods."""
     every = [case for cases in lines.values() for case in cases]
     at_s = common_step(every)
     scale = scale_of(every[0].columns, quantity)
@@ -150,15 +150,15 @@ FIGURES: dict[str, Callable[[Axes, _Lines, Mapping[MethodKey, Style], str], None
 
 
 STABILITY = "stability"
-"""The one figure that is of no quantity."""
+"""The only figure without a quantity."""
 
 
 def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style]) -> None:
-    """Draw the largest stable step of each method, open where it is only the end of the search.
+    """Draw the largest stable step of each method; an open marker if it is only the end of the search.
 
-    Beside the name of a method that has none stands why.
+    A method without one has the reason next to its name.
     """
-    axes.set(xscale="log", xlabel="largest stable step, s; open: at least so much")
+    axes.set(xscale="log", xlabel="largest stable step, s; open: lower bound")
     axes.invert_yaxis()
     for row in rows.to_dict("records"):
         style, stable = drawn[row["engine"], row["method"]], row["dt_stable_s"]
@@ -174,14 +174,14 @@ def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style])
             linestyle="none",
         )
     stable = rows["dt_stable_s"].dropna()
-    if len(stable):  # to whole decades: only they have numbers
+    if len(stable):  # to whole decades, because only these have tick labels
         axes.set_xlim(10.0 ** np.floor(np.log10(stable.min())), 10.0 ** np.ceil(np.log10(stable.max())))
     axes.xaxis.set_minor_formatter("")
     axes.tick_params(axis="y", labelsize=6)
 
 
 def _drawn_error(case: CaseResult, quantity: str) -> float:
-    """Return max(error, 3 bound): what is below cannot be told from it."""
+    """Return max(error, 3 bound): smaller errors cannot be resolved."""
     return max(float(case.columns[quantity]), floor_of(case.columns, quantity))
 
 
@@ -193,7 +193,7 @@ def _draw(
     *,
     markers: bool = True,
 ) -> None:
-    """Draw one method's line; in the legend stands how its other cases ended, if it has any."""
+    """Draw the line of one method; its legend entry counts the cases that did not end well."""
     ended = Counter(case.columns["outcome"] for case in cases if not case.ok)
     faults = ", ".join(f"{amount} {outcome}" for outcome, amount in ended.items())
     if not points and not faults:

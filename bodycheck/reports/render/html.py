@@ -1,4 +1,4 @@
-"""The report of a run: one page of HTML that holds all it shows and fetches nothing."""
+"""Render the report of a run as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from bodycheck.reports.summary.worst_results import worst_methods
 from bodycheck.reports.templating import asset, environment
 
 _SCRIPTS = ("page", "looks", "plots", "overall", "sections", "turning", "drawing", "motion", "links")
-"""In the order in which they build on one another."""
+"""In order of dependence: each may use those before it."""
 
 
 def render_report(run: Run) -> str:
-    """Return the report of a run as one HTML page that needs nothing else, not even a network."""
+    """Return the report of a run as one HTML page that needs no other file and no network."""
     cells = summary_cells(run)
     drawn = styles(key_of(case.columns) for case in run.cases)
     by_error = {error: costs(run.problems, run.cases, error) for error in ERRORS}

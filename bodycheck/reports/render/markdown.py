@@ -1,4 +1,4 @@
-"""A run in some 60 lines of Markdown, fit for a comment on a pull request."""
+"""Summarise a run in about 60 lines of Markdown, for a comment on a pull request."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MOST_METHODS = 24
 
 
 def markdown_summary(run: RunTables) -> str:
-    """Return verdict, outcomes, the worst of each method with its command, the methods, and the machine."""
+    """Return verdict, outcomes, the worst result of each method with its command, methods and machine."""
     manifest = run.manifest
     cells = summary_cells(run)
     ended = ", ".join(f"{amount} {outcome}" for outcome, amount in manifest["outcomes"].items())
@@ -41,12 +41,12 @@ def _worst_lines(run: RunTables) -> list[str]:
     if not worst:
         return []
     rows = [(one.method, one.sentence, f"`{one.worst.reproduce}`") for one in worst]
-    lines = ["**The worst of each method**", "", *markdown_table(("method", "what", "see it again"), rows)]
+    lines = ["**Worst result of each method**", "", *markdown_table(("method", "result", "reproduce"), rows)]
     return [*lines, ""]
 
 
 def _method_lines(cells: dict[str, dict[MethodKey, Cell]]) -> list[str]:
-    """Return one line a method: how often each verdict, and its largest error at the common steps."""
+    """Return one line per method: the count of each verdict, and the largest error at the common steps."""
     rows = [
         (
             one.method,

@@ -1,4 +1,4 @@
-"""How far a run has come, as it is told on the terminal while it goes on."""
+"""Show the progress of a run on the terminal."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rich.text import Text
 
 @contextmanager
 def watched(what: str) -> Iterator[None]:
-    """Show what goes on and for how long, on standard error where that is a terminal, while it goes on."""
+    """Show a description and the elapsed time on standard error, if that is a terminal."""
     console = Console(stderr=True, highlight=False)
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
@@ -31,7 +31,7 @@ def watched(what: str) -> Iterator[None]:
 
 
 class LiveProgress:
-    """A bar on standard error where that is a terminal, else one line a phase."""
+    """A progress bar on standard error if that is a terminal, else one line per phase."""
 
     def __init__(self, cases_listed: int) -> None:
         self._console = Console(stderr=True, highlight=False)
@@ -61,24 +61,24 @@ class LiveProgress:
         self._bar.stop()
 
     def speed_measured(self) -> None:
-        """Count one more speed; as many are due as there were motions."""
+        """Count one more measured speed; the total is the number of cases that ran."""
         if self._timed == 0:
             self._bar.reset(self._task, total=self._done)
         self._timed += 1
         self._bar.update(self._task, completed=self._timed)
 
     def phase(self, what: str) -> None:
-        """Name the phase that has begun."""
+        """Show the name of the phase that has begun."""
         self._bar.update(self._task, description=what)
         if not self._console.is_terminal:
             self._console.print(Text(what))
 
     def truth_begun(self, scenario: str) -> None:
-        """Name the scenario whose truth is solved, where that can be overwritten."""
+        """Show the scenario whose truth is being solved, on a terminal only."""
         self._bar.update(self._task, description=f"solving the truth of {scenario}")
 
     def case_done(self) -> None:
-        """Count one more case, from any thread; steps that were added on the way raise the total."""
+        """Count one more case, from any thread; steps added during the run raise the total."""
         with self._lock:
             self._done += 1
             self._listed = max(self._listed, self._done)

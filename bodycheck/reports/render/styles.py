@@ -1,4 +1,4 @@
-"""How methods are drawn, wherever they are: one colour an engine, one marker and dash a method."""
+"""How methods are drawn everywhere: one colour per engine, one marker and dash per method."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ MARKERS = {
     "star": "M18 .4l1.7 3.7 4 .5-3 2.7.8 4L18 9.300l-3.500 2 .8-4-3-2.700 4-.5z",
     "pentagon": "M18 1.200l4.800 3.500-1.800 5.600h-6L13.200 4.700z",
 }
-"""Marker -> its outline in a box of 36 x 12, for the legend."""
+"""Marker -> its SVG outline in a box of 36 x 12, for the legend."""
 
 DASHES = ("solid", "7 3", "2 3", "7 3 2 3", "13 4")
-"""No two of the 45 pairs of marker and dash are alike: their numbers have no common divisor."""
+"""All 45 pairs of marker and dash are distinct, because 9 and 5 have no common divisor."""
 
 
 @dataclass(frozen=True)
 class Style:
-    """How a method is drawn: one colour an engine, one marker and dash a method."""
+    """How a method is drawn: one colour per engine, one marker and dash per method."""
 
     number: int
     name: str

@@ -1,4 +1,4 @@
-"""What a run says on the terminal at its end."""
+"""Print the summary at the end of a run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TINT_STYLES = {"good": "green", "floor": "green", "open": "yellow", "bad": "red
 
 
 def print_summary(run: Run) -> None:
-    """Print how the cases ended, one line a method, and the worst that was found with its commands."""
+    """Print the outcomes, one line per method, and the worst results with their commands."""
     out = console()
     outcomes = ", ".join(f"{amount} {outcome}" for outcome, amount in run.manifest["outcomes"].items())
     seconds, compiling = run.manifest["run_s"], run.manifest["compile_s"]
@@ -39,7 +39,7 @@ def print_summary(run: Run) -> None:
     print_columns(out, heads, rows, right=heads[1:2])
     worst = worst_methods(run)
     if worst:
-        out.print(Text("\nThe worst of each method", style="bold"))
+        out.print(Text("\nWorst result of each method", style="bold"))
     for one in worst:
         style = "yellow" if one.worst.kind in ("property", "lower-order") else "red"
         out.print(Text(f"{one.method}: {one.sentence}", style=style))
@@ -47,7 +47,7 @@ def print_summary(run: Run) -> None:
 
 
 def _verdicts(overview: Overview) -> Text:
-    """Return how many scenarios came to each verdict, each in its colour."""
+    """Return the number of scenarios with each verdict, each in its colour."""
     words = (
         Text(f"{STATES[state].word} {amount}", style=_TINT_STYLES[STATES[state].tint])
         for state, amount in overview.states.items()

@@ -519,8 +519,8 @@ def test_words_about_a_scenario_make_it_no_other(idle: str) -> None:
         ),
         ({"kind": "speed", "decades": math.log10(2.0)}, "2 times as slow"),
         ({"kind": "speed", "decades": -math.log10(2.0)}, "2 times as fast"),
-        ({"kind": "case", "before": None, "after": "ok"}, "only in the run after at dt 0.01 s (ok)"),
-        ({"kind": "case", "before": "failed", "after": None}, "only in the run before at dt 0.01 s (failed)"),
+        ({"kind": "case", "before": None, "after": "ok"}, "new case at dt 0.01 s (ok)"),
+        ({"kind": "case", "before": "failed", "after": None}, "missing case at dt 0.01 s (failed)"),
         (
             {"what": "outcome", "before": "ok", "after": "failed", "decades": None},
             "outcome ok -> failed at dt 0.01 s",
@@ -568,22 +568,22 @@ def test_the_sentences_say_how_much_was_compared_and_what_changed() -> None:
     assert sentences(compare(same, same)) == [
         "Nothing changed beyond round-off and the noise of the machines.",
         "The same machine, versions and settings.",
-        "2 cases compared, 0 of them by their speed too; 0 only in the run after, 0 only in the run before.",
+        "2 cases compared, 0 of them also by speed; 0 new cases, 0 missing cases.",
     ]
     after = run({ERROR: 1e-6}, {"method": "euler"}, {"method": "implicit"}, cpu="other")
     assert sentences(compare(same, after)) == [
         "mujoco: rk4 worse, error at 10 ms 1e-9 -> 1e-6 rad (factor 1e3), and missing (1 case);"
         " euler, implicit new.",
-        "Changes that are not listed: 2 new.",
+        "Changes not listed: 2 new.",
         "Different circumstances: cpu: none -> other.",
-        "1 case compared, 0 of them by their speed too; 2 only in the run after, 1 only in the run before.",
+        "1 case compared, 0 of them also by speed; 2 new cases, 1 missing case.",
     ]
     other = run({}, scenarios={"brick": {"duration_s": 2.0}})
     assert sentences(compare(run({}), other)) == [
-        "There is nothing that could be compared.",
+        "Nothing could be compared.",
         "The same machine, versions and settings.",
-        "Not compared, as the name means another scenario: brick.",
-        "0 cases compared, 0 of them by their speed too; 0 only in the run after, 0 only in the run before.",
+        "Not compared (scenario definition changed): brick.",
+        "0 cases compared, 0 of them also by speed; 0 new cases, 0 missing cases.",
     ]
 
 

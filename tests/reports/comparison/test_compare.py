@@ -184,7 +184,7 @@ def test_cases_of_one_run_alone_are_told(tables: Tables) -> None:
     gone = compare(tables, few).changes
     assert [change.kind for change in gone] == 4 * ["case"]
     assert all(change.after is None for change in gone)
-    assert sentences(compare(tables, few))[-1].endswith("0 only in the run after, 4 only in the run before.")
+    assert sentences(compare(tables, few))[-1].endswith("0 new cases, 4 missing cases.")
 
 
 def test_another_verdict_and_another_order_are_told(tables: Tables) -> None:
@@ -283,7 +283,7 @@ def test_a_scenario_that_is_another_by_the_same_name_is_not_compared(tables: Tab
 
     found = told(duration_s=2.0)
     assert (found.redefined, found.changes) == (("free",), ())
-    assert "another scenario: free" in " ".join(sentences(found))
+    assert "(scenario definition changed): free" in " ".join(sentences(found))
     assert told(summary="reworded").changes
 
 

@@ -322,7 +322,7 @@ def test_terminal_markdown_and_page_say_the_same(capsys: pytest.CaptureFixture[s
         assert sentence in lines
         assert escaped_markdown(sentence) in markdown
         assert str(escape(sentence)) in page
-    for heading in ("Worse", "Not measured any more"):
+    for heading in ("Worse", "No longer measured"):
         assert heading in lines
         assert f"{heading}</h2>" in page
         assert f"| {heading.lower()} |" in markdown

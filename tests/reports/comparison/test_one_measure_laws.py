@@ -50,8 +50,8 @@ def differs(asked: OneMeasure, before: Tables, after: Tables) -> bool:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("energy", "--measure energy: no measure is named 'energy'"),
-        ("cpu_s", "--measure cpu_s: a speed is not looked for, it varies from run to run"),
+        ("energy", "--measure energy: unknown measure 'energy'"),
+        ("cpu_s", "--measure cpu_s: cannot search by speed: it varies from run to run"),
         ("steps", "--measure steps: runs are not compared by it; see bodycheck list measures"),
     ],
 )
@@ -212,7 +212,7 @@ def test_of_a_long_list_twenty_lines_are_shown(
     assert all("mujoco:m" in line for line in shown[2:end])
     assert shown[end:] == [
         *more,
-        *["", "Not measured any more", "brick  mujoco:o  orientation_error_rad 1 -> not measured"],
+        *["", "No longer measured", "brick  mujoco:o  orientation_error_rad 1 -> not measured"],
     ]
 
 
@@ -234,9 +234,9 @@ def test_the_page_has_all_of_it_under_the_tints_of_a_report() -> None:
     page = render_comparison(found)
     for words in ("made-up, today, bodycheck 1", "other, today, bodycheck 1", *sentences(found)):
         assert str(escape(words)) in page
-    heads = ("Worse</h2>", "Not measured any more</h2>", "Improved</h2>", "New</h2>")
+    heads = ("Worse</h2>", "No longer measured</h2>", "Improved</h2>", "New</h2>")
     places = [page.index(head) for head in heads]
     assert places == sorted(places)
     assert math.isclose(page.count("orientation_error_rad 0.001 -&gt; 0.01"), 1)
-    assert "only in the run after at dt 0.04 s (ok)" in page
+    assert "new case at dt 0.04 s (ok)" in page
     assert "--good" in page  # the report's own style

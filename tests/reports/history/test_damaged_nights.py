@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.main import main as cli
+from bodycheck.cli import commands
 from bodycheck.reports.history.baseline import TOLD
 from bodycheck.reports.history.queries import TABLES
 from bodycheck.reports.run_files.table_formats import as_parquet
@@ -39,7 +39,7 @@ def history(tmp_path: Path) -> Path:
 
 def asked(*words: str | Path) -> Result:
     """Return what `bodycheck history words` did in this process."""
-    return CliRunner().invoke(cli.app, ["history", *map(str, words)])
+    return CliRunner().invoke(commands.app, ["history", *map(str, words)])
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"run_id": "x"}', None])

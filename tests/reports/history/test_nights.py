@@ -108,5 +108,5 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(tmp_path: Path) -> No
 def test_a_history_without_nights_cannot_be_asked(tmp_path: Path) -> None:
     """Neither can a folder that is not there; the line says how a night is stored."""
     for folder in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(InputError, match="holds no night; `bodycheck nightly --history"):
+        with pytest.raises(InputError, match="no nightly runs; `bodycheck nightly --history"):
             History.existing(folder)

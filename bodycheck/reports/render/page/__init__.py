@@ -1,1 +1,1 @@
-"""What the report shows, put together from a run: one idea a file."""
+"""Build the data of the report's sections from a run."""

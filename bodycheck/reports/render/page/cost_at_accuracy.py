@@ -1,4 +1,4 @@
-"""The cheapest method that keeps an error: on one scenario, and over all scenarios of a run."""
+"""The cheapest methods that meet an error tolerance, on one scenario and over all scenarios of a run."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.cases_within import RefinementSequence, keeping, ladders_of
 
 ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")
-"""The errors that speed is held against."""
+"""The errors for which costs are compared."""
 
 TARGETS = tuple(float(f"1e-{k}") for k in range(1, 14))
-"""One error a decade; a coarser one is no accuracy, a finer one is round-off."""
+"""The error tolerances, one per decade; a coarser one is useless, a finer one is round-off."""
 
 _REFERENCE = "reference"
 
 
 @dataclass(frozen=True, eq=False)
 class Cheapest:
-    """The cases that keep an error at the least processor time: of all methods, and of the engines alone."""
+    """The cases that meet an error tolerance in the least processor time: of all methods, of engines only."""
 
     target: float
     of_all: CaseResult
@@ -34,7 +34,7 @@ class Cheapest:
 
 
 def cheapest_cases(problem: Problem, cases: Sequence[CaseResult], error: str) -> list[Cheapest]:
-    """Return the cheapest cases of one scenario for each decade above its floor that any case keeps."""
+    """Return the cheapest cases of one scenario for each tolerance above its floor that any case meets."""
     floor, ladders = floor_of(problem.columns, error), ladders_of(cases)
     engines = [ladder for (_, (engine, _)), ladder in ladders.items() if engine != _REFERENCE]
     found = []
@@ -53,10 +53,10 @@ def _cheapest(ladders: Iterable[RefinementSequence], error: str, target: float) 
 
 @dataclass(frozen=True)
 class Cost:
-    """What it costs a method to keep an error, in processor seconds a simulated second.
+    """The cost of meeting an error tolerance, in processor seconds per simulated second.
 
-    median, low, high: of the scenarios that the method supports and whose truth can tell the error;
-    infinite where it does not keep the error. kept: in how many of them it does.
+    median, low, high: over the scenarios that the method supports and whose truth resolves the error;
+    infinite where the method misses the tolerance. kept: the number of scenarios in which it meets it.
     """
 
     key: MethodKey
@@ -71,7 +71,7 @@ class Cost:
 def costs(
     problems: Sequence[Problem], cases: Iterable[CaseResult], error: str
 ) -> dict[MethodKey, list[Cost]]:
-    """Return the costs of every method whose speed was measured, for each decade of the error."""
+    """Return the costs of every method whose speed was measured, for each tolerance of the error."""
     by_method: dict[MethodKey, dict[str, RefinementSequence]] = {}
     for (scenario, key), ladder in ladders_of(cases).items():
         if any(case.columns["outcome"] != "unsupported" for case in ladder):
@@ -93,17 +93,17 @@ def costs(
 def _cost(
     key: MethodKey, target: float, error: str, told: Sequence[tuple[float, RefinementSequence]]
 ) -> Cost | None:
-    """told: of each scenario its floor and its cases."""
+    """told: the floor and the cases of each scenario."""
     seconds = [_price(ladder, target, error) for floor, ladder in told if target >= floor]
     if not seconds:
         return None
-    # of an even number of scenarios the dearer one: half of them kept is not enough
+    # of an even number of scenarios the more expensive one: meeting it in half of them is not enough
     low, median, high = np.quantile(seconds, [0.25, 0.5, 0.75], method="higher").tolist()
     return Cost(key, target, median, low, high, sum(map(math.isfinite, seconds)), len(seconds))
 
 
 def _price(ladder: RefinementSequence, target: float, error: str) -> float:
-    """Return the least processor seconds a simulated second that keep an error; infinite where none do."""
+    """Return the least cost that meets a tolerance, per simulated second; infinite if no case meets it."""
     prices = (
         case.columns["cpu_s"] / case.columns["duration_s"]
         for case in keeping(ladder, target, error)
@@ -114,7 +114,7 @@ def _price(ladder: RefinementSequence, target: float, error: str) -> float:
 
 @dataclass(frozen=True)
 class Front:
-    """The methods that keep an error at the least median cost: of all, and of the engines alone."""
+    """The methods that meet an error tolerance at the least median cost: of all, and of engines only."""
 
     target: float
     of_all: Cost
@@ -122,7 +122,7 @@ class Front:
 
 
 def fronts(found: Mapping[MethodKey, Sequence[Cost]]) -> list[Front]:
-    """Return the cheapest methods for each decade that any of them keeps in most scenarios."""
+    """Return the cheapest methods for each tolerance that any method meets in most scenarios."""
     front = []
     for target in TARGETS:
         keeping = [cost for own in found.values() for cost in own if cost.target == target]
@@ -134,10 +134,10 @@ def fronts(found: Mapping[MethodKey, Sequence[Cost]]) -> list[Front]:
 
 
 def cost_sentences(front: Mapping[str, Sequence[Front]]) -> list[str]:
-    """Say which method keeps the orientation to a coarse and to a fine error at the least cost."""
+    """Return sentences that name the cheapest methods for a coarse and for a fine orientation error."""
     return [
-        f"To {number(target)} rad of orientation the cheapest is {_priced(found.of_all)}; of the engines "
-        f"{_priced(found.of_engines) if found.of_engines else 'none keeps it in most scenarios'}."
+        f"Cheapest method for an orientation error of {number(target)} rad: {_priced(found.of_all)}; "
+        f"cheapest engine: {_priced(found.of_engines) if found.of_engines else 'none in most scenarios'}."
         for found in front["orientation_error_rad"]
         for target in (1e-3, 1e-6)
         if found.target == target
@@ -145,4 +145,4 @@ def cost_sentences(front: Mapping[str, Sequence[Front]]) -> list[str]:
 
 
 def _priced(cost: Cost) -> str:
-    return f"{':'.join(cost.key)}, {number(cost.median, 2)} s a simulated second"
+    return f"{':'.join(cost.key)}, {number(cost.median, 2)} CPU s per simulated s"

@@ -1,4 +1,4 @@
-"""Numbers of plots and motions as short texts: they are most of the page, and are drawn, not read."""
+"""Encode the numbers of plots and motions compactly, since they are most of the page."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 
-LINE_POINTS = 200  # more could not be told apart on a screen, and would make the page heavy
+LINE_POINTS = 200  # more are indistinguishable on a screen and enlarge the page
 
 
 def rounded(value: float) -> float:
-    """Return a number to 4 digits."""
+    """Return a number rounded to 4 digits."""
     return float(f"{value:.4g}")
 
 
 def packed(values: Array | NDArray[np.float32]) -> str:
-    """Return the base64 of float32, low byte first: half as long as decimals."""
+    """Return the base64 of little-endian float32: half as long as decimals."""
     return b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
 
 
 def packed_line(values: Array) -> str | float:
-    """Return a thinned line, packed; of a constant one its value."""
+    """Return a downsampled line, packed; for a constant line, its value."""
     line = np.minimum(thinned_maxima(values), np.finfo(np.float32).max).astype(np.float32)
     return rounded(line[0]) if np.all(line == line[0]) else packed(line)
 
 
 def thinned_times(t_s: Array) -> Array:
-    """Return the last time of each bucket of samples, of which there are at most LINE_POINTS."""
+    """Return the last time of each of the at most LINE_POINTS buckets of samples."""
     ends = np.append(_bucket_starts(len(t_s))[1:], len(t_s)) - 1
     return np.asarray(t_s[ends])
 

@@ -1,4 +1,4 @@
-"""What is simulated and what it is measured with, in words; the largest stable steps."""
+"""Describe scenarios, read-back values and largest stable steps in words."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bodycheck.scenarios.forcings import Forcing
 
 @dataclass(frozen=True)
 class Limit:
-    """The mark of a method in the stability map, its tint, and the same as a sentence."""
+    """The symbol of a method in the stability map, its tint, and a sentence that explains it."""
 
     mark: str
     tint: str
@@ -28,9 +28,9 @@ class Limit:
 
 
 def limit_of(row: Mapping[str, Any] | None) -> Limit:
-    """Return what a row of stability.csv comes to; None is of a method that is told no step."""
+    """Return the entry of a row of stability.csv; None is for a method without a step."""
     if row is None:
-        return Limit("", "", "no largest stable step was looked for")
+        return Limit("", "", "no search for the largest stable step")
     if row["outcome"] != "ok":
         state = STATES[row["outcome"]]
         return Limit(state.symbol, state.tint, f"{state.word}: {row['message']}")
@@ -49,7 +49,7 @@ def _known(value: float) -> float | None:
 
 
 def scenario_facts(problem: Problem) -> list[tuple[str, str]]:
-    """Return what is simulated and what it is measured with, as terms and their texts."""
+    """Return the facts of a scenario and its truth, as terms and texts."""
     scenario, scene, truth = problem.scenario, problem.scenario.scene, problem.truth
     bounds = {
         "rad": truth.bound_rad,
@@ -66,15 +66,15 @@ def scenario_facts(problem: Problem) -> list[tuple[str, str]]:
         ("Shape", _shape_words(scenario.body)),
         ("Body", _body_words(scene)),
         ("Start", _start_words(scene)),
-        ("Acts on it", "; ".join(map(_forcing_words, scenario.forcing)) or "nothing"),
-        ("Watched", f"{formatting.number(scene.duration_s, 6)} s, {scene.samples} samples"),
+        ("Loads", "; ".join(map(_forcing_words, scenario.forcing)) or "none"),
+        ("Duration", f"{formatting.number(scene.duration_s, 6)} s, {scene.samples} samples"),
         ("Truth", f"{truth.kind}, bound {bound}"),
     ]
     return [(term, text) for term, text in facts if text]
 
 
 def _shape_words(body: Body) -> str:
-    """Return what a body's numbers came from, and what was put right in it; nothing of a body by numbers."""
+    """Return the source of a body's mass properties and its repairs; "" if they were given as numbers."""
     match body:
         case MeshBody():
             what = f"mesh {body.mesh.name}"
@@ -105,7 +105,7 @@ def _start_words(scene: Scene) -> str:
 
 
 def _forcing_words(forcing: Forcing) -> str:
-    """Return a forcing as its file says it: kind, then each key with its value."""
+    """Return a forcing as in its scenario file: kind, then each key with its value."""
     told = forcing.model_dump(exclude_defaults=True)
     kind = told.pop("kind")
     return f"{kind}: {', '.join(f'{key} {_value_words(value)}' for key, value in told.items())}"
@@ -121,7 +121,7 @@ def _value_words(value: Any) -> str:
 
 
 def read_back_facts(held: ReadBack) -> list[tuple[str, str]]:
-    """Return what an engine says it was given, as terms and their texts."""
+    """Return the values read back from an engine, as terms and texts."""
     facts = [
         ("Mass", f"{formatting.number(held.mass, 6)} kg"),
         ("Inertia", f"{', '.join(formatting.vector(row) for row in held.inertia)} kg m²"),

@@ -1,4 +1,4 @@
-"""The motions that the report plays: the truth beside one method of each engine, in principal axes."""
+"""The motions that the report plays: the truth and one method of each engine, in principal axes."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from bodycheck.reports.render.page.downsampling import packed, rounded
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 
 FRAMES = 201
-"""At most so many states of a motion go into the page: they are what the view weighs."""
+"""The largest number of states per motion in the page; they dominate its size."""
 
-_THINNEST = 0.06  # of the longest edge: a plate without thickness could not be seen from its side
+_THINNEST = 0.06  # of the longest edge: a plate without thickness would be invisible from its side
 
 
 def motion_view(
     problem: Problem, cases: Sequence[CaseResult], numbers: Mapping[MethodKey, int]
 ) -> dict[str, Any] | None:
-    """Return what the view of one scenario needs: its body, the truth, one track a shown method.
+    """Return the data of the view of one scenario: its body, the truth, and one track per shown method.
 
-    numbers: of each method's style. None where no method with a step ended well.
+    numbers: the style number of each method. Returns None if no method with a step ended well.
     """
     at_s = coarsest_shared_step(cases)
     shown = shown_cases(cases, at_s)
@@ -53,13 +53,13 @@ def motion_view(
 
 
 def coarsest_shared_step(cases: Sequence[CaseResult]) -> float | None:
-    """Return the coarsest of the steps at which most methods ended well: there departures show best."""
+    """Return the coarsest of the steps at which most methods ended well, where errors are most visible."""
     shared = Counter(case.dt_s for case in cases if case.dt_s is not None and case.ok)
     return max(shared, key=lambda dt_s: (shared[dt_s], dt_s), default=None)
 
 
 def shown_cases(cases: Sequence[CaseResult], at_s: float | None) -> list[CaseResult]:
-    """Return of each engine the case at that step that is farthest from the truth."""
+    """Return, for each engine, the case at that step that is farthest from the truth."""
     worst: dict[str, CaseResult] = {}
     for case in cases:
         if case.ok and case.dt_s == at_s and case.trajectory is not None:
@@ -75,12 +75,12 @@ def _error(case: CaseResult) -> float:
 
 
 def frame_numbers(samples: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Return the numbers of at most FRAMES samples, evenly spread, the first and the last among them."""
+    """Return the indices of at most FRAMES evenly spread samples, including the first and the last."""
     return np.unique(np.linspace(0, samples - 1, min(samples, FRAMES)).round().astype(np.intp))
 
 
 def principal_frame(inertia: Array) -> tuple[Array, Array]:
-    """I = A diag(moments) A^T: the moments (3,) and A (3, 3), a rotation; 1 where I is diagonal already."""
+    """I = A diag(moments) A^T: the moments (3,) and the rotation A (3, 3); A = 1 if I is diagonal."""
     if np.array_equal(np.diag(np.diag(inertia)), inertia):
         return np.diag(inertia).copy(), np.eye(3)
     moments, axes = np.linalg.eigh(inertia)
@@ -88,9 +88,9 @@ def principal_frame(inertia: Array) -> tuple[Array, Array]:
 
 
 def box_corners(body: RigidBody) -> Array:
-    """a_i^2 ~ I_j + I_k - I_i: the corners (8, 3) of the box with this tensor, body axes, 0.9 away.
+    """a_i^2 ~ I_j + I_k - I_i: the corners (8, 3) of the box with this tensor, body axes, at distance 0.9.
 
-    The box and the ellipsoid of the same tensor have edges in the same proportions.
+    The edges of the box have the same proportions as the axes of the solid ellipsoid with this tensor.
     """
     moments, axes = principal_frame(body.inertia)
     edges = np.sqrt(np.maximum(moments.sum() - 2.0 * moments, 0.0))

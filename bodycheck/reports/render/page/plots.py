@@ -1,4 +1,4 @@
-"""The data behind the report's plots, and methods whose lines lie on top of one another."""
+"""The data of the report's plots, and groups of methods whose lines overlap."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method, k
 def coinciding(cases: Sequence[CaseResult]) -> list[list[MethodKey]]:
     """Return the groups of methods whose orientation errors are equal to 3 digits at every step.
 
-    Their lines lie on top of one another. Methods with fewer than two errors are left out.
+    Their lines overlap. Methods with fewer than two errors are ignored.
     """
     errors: dict[MethodKey, list[tuple[float, str]]] = {}
     for case in cases:
@@ -35,7 +35,7 @@ def coinciding(cases: Sequence[CaseResult]) -> list[list[MethodKey]]:
 
 
 def ranks(cases: Sequence[CaseResult], drawn: Mapping[MethodKey, Style]) -> dict[int, int]:
-    """Return how many engines lie on top of a line: it is drawn so much wider, to show beneath them."""
+    """Return how many engines cover each line; it is drawn that much wider, to stay visible."""
     found = {}
     for group in coinciding(cases):
         engines = list(dict.fromkeys(engine for engine, _ in group))
@@ -54,10 +54,10 @@ def plot_data(
     drawn: Mapping[MethodKey, Style],
     at_s: float | None,
 ) -> dict[str, Any]:
-    """Return what the plots of one scenario show.
+    """Return the data of the plots of one scenario, with values rounded to 4 digits or more.
 
-    cases, method_rows: all of the scenario; drawn: the styles, whose numbers stand under "m"; at_s: the step
-    at which drifts are shown over time. Values have 4 digits or more: they are drawn, not read.
+    cases, method_rows: all of the scenario. drawn: the styles; their numbers are the values of "m". at_s: the
+    step at which drifts are shown over time.
     """
     index = {key: style.number for key, style in drawn.items()}
     by_method = cases_by_method(cases).get(problem.scenario.name, {})
@@ -84,7 +84,7 @@ def plot_data(
 def _drifts(
     problem: Problem, shown: Mapping[int, CaseResult], growths: Mapping[str, Mapping[int, str]]
 ) -> list[dict[str, Any]]:
-    """Return every measure over time that some method has: its name, one line a method, how it grows."""
+    """Return every measure over time that any method has: its name, one line per method, its growth."""
     measures = dict.fromkeys((*_FIRST_MEASURES, *(name for case in shown.values() for name in case.series)))
     drifts = []
     for measure in measures:
@@ -101,7 +101,7 @@ def _drifts(
 
 
 def _growths(rows: Iterable[Mapping[str, Any]], index: Mapping[MethodKey, int]) -> dict[str, dict[int, str]]:
-    """Return by measure and method how it grows with time, in words, where that shows."""
+    """Return the growth with time in words, by measure and method, where one was found."""
     growths: dict[str, dict[int, str]] = {}
     for row in rows:
         if words := growth_words(row):
@@ -110,11 +110,11 @@ def _growths(rows: Iterable[Mapping[str, Any]], index: Mapping[MethodKey, int]) 
 
 
 def growth_words(row: Mapping[str, Any]) -> str:
-    """Return the kind of growth of a row of methods.csv and its exponent, "" where it says nothing."""
+    """Return the kind of growth of a row of methods.csv and its exponent; "" if there is none."""
     kind = row["growth"]
     if not isinstance(kind, str):
         return ""
-    # of these two an exponent of t is no law
+    # these two are not powers of t
     return kind if kind in ("bounded", "exponential") else f"{kind}, t^{number(row['growth_exponent'], 3)}"
 
 
@@ -137,7 +137,7 @@ def _point(m: int, case: CaseResult) -> dict[str, Any]:
 def _fits(
     rows: Iterable[Mapping[str, Any]], error: str, index: Mapping[MethodKey, int]
 ) -> dict[int, list[float]]:
-    """Return the order and the floor of each method that has an order of this error."""
+    """Return the order and the floor of each method with an order in this error."""
     return {
         index[key_of(row)]: [rounded(row["order"]), rounded(row["floor"])]
         for row in rows
@@ -158,10 +158,10 @@ def _mark(m: int, case: CaseResult) -> dict[str, Any]:
 def overall_data(
     found: Mapping[str, Mapping[MethodKey, Sequence[Cost]]], drawn: Mapping[MethodKey, Style]
 ) -> list[dict[str, Any]]:
-    """Return what the plot over all scenarios shows: for each error the costs of every method.
+    """Return the data of the plot over all scenarios: for each error, the costs of every method.
 
-    found: error -> method -> its costs. A method that keeps no error in most of its scenarios is missing from
-    the lines and told apart.
+    found: error -> method -> its costs. A method that meets no tolerance in most of its scenarios has no line
+    and is listed under "faults".
     """
     return [
         {
@@ -194,4 +194,4 @@ def _why_missing(own: Sequence[Cost]) -> str:
     if not own:
         return "not measured: no case ended well, or no error of this kind"
     coarsest = own[0]
-    return f"keeps {coarsest.target:g} in {coarsest.kept} of {coarsest.scenarios} scenarios"
+    return f"meets {coarsest.target:g} in {coarsest.kept} of {coarsest.scenarios} scenarios"

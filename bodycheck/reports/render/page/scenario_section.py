@@ -1,4 +1,4 @@
-"""What the page shows of one scenario: its facts, its methods, its plots, and a part for each cell."""
+"""The report's section on one scenario: facts, methods, plots, and a part for each method."""
 
 from __future__ import annotations
 
@@ -36,27 +36,27 @@ _CASE_MEASURES = (
     "cpu_s",
     "ns_per_step",
 )
-"""The columns of results.csv that the table of a cell repeats, where the scenario has them."""
+"""The columns of results.csv that the table of a cell shows, if the scenario has them."""
 
 _METHOD_MEASURES = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error", "cpu_s")
-"""The columns of results.csv by which methods stand beside one another."""
+"""The columns of results.csv by which the table of methods compares them."""
 
 _ORDER_COLUMNS = (
     *("quantity", "verdict", "order", "order_low", "order_high", "points", "floor"),
     *("growth", "growth_exponent"),
 )
-"""The columns of methods.csv that the page repeats."""
+"""The columns of methods.csv that the page shows."""
 
 _GROWING = ("energy_drift", "angular_momentum_drift")
-"""The drifts whose growth stands in the table of the methods."""
+"""The drifts whose growth the table of methods shows."""
 
 
 @dataclass(frozen=True, eq=False)
 class CellPart:
-    """One method on one scenario: what its cases came to, what they were, and how to run them again.
+    """One method on one scenario: its verdict, its cases, and the commands that reproduce them.
 
-    shown: the case at the common step, or what stands for it. orders: its rows of methods.csv, by column.
-    limit: its largest stable step.
+    shown: the case at the common step, or its substitute. orders: its rows of methods.csv. limit: its largest
+    stable step.
     """
 
     scenario: str
@@ -69,24 +69,24 @@ class CellPart:
 
     @property
     def anchor(self) -> str:
-        """The part's id: one a cell, without blanks."""
+        """The id of the part: unique, without spaces."""
         return anchor_of(self.scenario, self.key)
 
     @property
     def read_back(self) -> list[tuple[str, str]]:
-        """What the engine says it was given, in the shown case or the first that got so far."""
+        """The values read back from the engine, for the shown case or the first case that has them."""
         tried = [case for case in (self.shown, *self.cases) if case is not None]
         held = next((case.read_back for case in tried if case.read_back is not None), None)
         return [] if held is None else read_back_facts(held)
 
     @property
     def growths(self) -> list[str]:
-        """How the drifts grow, in the order of the table's columns."""
+        """The growth of the drifts, in the order of the table's columns."""
         by_quantity = {row["quantity"]: growth_words(row) for row in self.orders}
         return [by_quantity.get(quantity, "") for quantity in _GROWING]
 
     def measured(self, name: str) -> float | None:
-        """Return a column of the shown case, None where it was not measured or did not end well."""
+        """Return a column of the shown case; None if it was not measured or the case did not end well."""
         if self.shown is None or not self.shown.ok:
             return None
         value: float | None = self.shown.columns.get(name)
@@ -95,7 +95,7 @@ class CellPart:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """What the page shows of one scenario."""
+    """The section of one scenario."""
 
     problem: Problem
     parts: Mapping[MethodKey, CellPart]
@@ -116,22 +116,22 @@ class Section:
 
     @property
     def facts(self) -> list[tuple[str, str]]:
-        """What is simulated and what it is measured with, as terms and their texts."""
+        """The facts of the scenario and its truth, as terms and texts."""
         return scenario_facts(self.problem)
 
     @cached_property
     def cases(self) -> list[CaseResult]:
-        """All of its cases, in the order of results.csv."""
+        """All cases, in the order of results.csv."""
         return [case for part in self.parts.values() for case in part.cases]
 
     @cached_property
     def case_measures(self) -> list[str]:
-        """The columns of its cases' tables: those that any case has."""
+        """The columns of the tables of cases: those that any case has."""
         return self._measured(_CASE_MEASURES)
 
     @cached_property
     def method_measures(self) -> list[str]:
-        """The columns of its methods' table: those that any case has."""
+        """The columns of the table of methods: those that any case has."""
         return self._measured(_METHOD_MEASURES)
 
     def _measured(self, names: Sequence[str]) -> list[str]:
@@ -139,17 +139,17 @@ class Section:
 
     @property
     def growing(self) -> tuple[str, ...]:
-        """The drifts whose growth is shown: none, where none shows."""
+        """The drifts whose growth is shown; empty if no growth was found."""
         return _GROWING if any(any(part.growths) for part in self.parts.values()) else ()
 
     @property
     def noted(self) -> bool:
-        """Whether anything went wrong that a verdict does not tell."""
+        """Whether anything went wrong that no verdict reports."""
         return any(part.cell.notes for part in self.parts.values())
 
     @property
     def coinciding(self) -> list[list[MethodKey]]:
-        """The groups of methods whose lines cannot be told apart."""
+        """The groups of methods whose lines overlap."""
         return coinciding(self.cases)
 
     @property
@@ -159,7 +159,7 @@ class Section:
 
 
 def anchor_of(scenario: str, key: MethodKey | None = None) -> str:
-    """Return the id of a scenario's section, or of the part of one of its cells."""
+    """Return the id of a scenario's section, or of the part of one of its methods."""
     if key is None:
         return "scenario-" + quote(scenario, safe="")
     return f"cell-{quote(scenario, safe='')}--{quote(':'.join(key), safe=':')}"
@@ -168,7 +168,7 @@ def anchor_of(scenario: str, key: MethodKey | None = None) -> str:
 def sections_of(
     run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]], drawn: Mapping[MethodKey, Style]
 ) -> list[Section]:
-    """Return the sections of a run, in its order; drawn: how each method is drawn."""
+    """Return the sections of a run, in its order; drawn: the style of each method."""
     cases: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.problems}
     cases |= cases_by_method(run.cases)
     rows: dict[str, list[Mapping[str, Any]]] = {name: [] for name in cases}
