@@ -89,7 +89,9 @@ def test_a_command_uses_what_its_purpose_allows(words: list[str], reuse: str) ->
 @pytest.mark.usefixtures("folder", "_no_run")
 def test_a_nightly_run_times_all_cases_in_ten_passes() -> None:
     """One undisturbed pass is enough; a run by itself makes one."""
-    passes = [CliRunner().invoke(commands.app, words).exception.options.speed_passes for words in (NIGHT, RUN)]
+    passes = [
+        CliRunner().invoke(commands.app, words).exception.options.speed_passes for words in (NIGHT, RUN)
+    ]
     assert passes == [10, 1]
 
 

@@ -53,7 +53,7 @@ def gate(
     if run is not None and scenarios:
         raise InputError(f"--run {run}: has its own scenarios; name none beside it")
     from bodycheck._util.files import check_file, write_whole
-    from bodycheck.reports.cache.disk_cache import reuse_of
+    from bodycheck.reports.cache.reuse import reuse_of
     from bodycheck.reports.gates.gate import read_gates
     from bodycheck.reports.gates.gate_output import as_json, as_junit, print_results
     from bodycheck.reports.gates.verdict import held

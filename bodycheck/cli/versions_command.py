@@ -46,7 +46,7 @@ def versions(
 
     The status is 0 whatever changed: this informs, it does not judge.
     """
-    from bodycheck.reports.cache.disk_cache import reuse_of
+    from bodycheck.reports.cache.reuse import reuse_of
     from bodycheck.reports.render.answer_text import print_found
     from bodycheck.runs.run_options import RunOptions
     from bodycheck.runs.version_search import Search, search

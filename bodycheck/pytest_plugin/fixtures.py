@@ -17,7 +17,7 @@ from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.registry import registered
 from bodycheck.adapters.step_function import Step, StepFunction
 from bodycheck.pytest_plugin.measurement import Measured, Record, assert_passed
-from bodycheck.reports.cache.disk_cache import Reuse
+from bodycheck.reports.cache.reuse import Reuse
 from bodycheck.reports.gates.gate import Gate, read_gates
 from bodycheck.reports.gates.verdict import held
 from bodycheck.reports.run_files.run_tables import Run

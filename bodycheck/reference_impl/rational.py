@@ -1,7 +1,4 @@
-"""Rational arithmetic on doubles without rounding, and its results rounded to double-doubles.
-
-A vector is a list of three numbers, a matrix one of nine, row by row.
-"""
+"""Rational arithmetic: vectors and matrices of exact doubles, without rounding."""
 
 from __future__ import annotations
 
@@ -12,9 +9,6 @@ from typing import TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.kernels import double_double as dd
-from bodycheck.reference_impl.kernels.double_double import DoubleDouble
-from bodycheck.reference_impl.scene import State
 
 Vector: TypeAlias = list[Fraction]
 
@@ -65,34 +59,3 @@ def rotation_of(q: Vector) -> Vector:
         *(s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)),
         *(s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)),
     ]
-
-
-def pair(x: Fraction) -> DoubleDouble:
-    """Return the double-double nearest to a rational number."""
-    high = float(x)
-    return high, float(x - Fraction(high))
-
-
-def unit_quaternion(q: Array) -> list[DoubleDouble]:
-    """q / |q| of a quaternion of doubles (4,)."""
-    return unit(fractions(q))
-
-
-def start_omega(start: State) -> Vector:
-    """Return omega in body axes without rounding: as it is given, or R^T of what is given in world axes."""
-    if start.exact_omega_world is None:
-        return fractions(start.omega_body)
-    to_body = transposed(rotation_of(fractions(start.quaternion)))
-    return times(to_body, fractions(start.exact_omega_world))
-
-
-def paired_omega(start: State) -> tuple[Array, Array]:
-    """Return the same in two parts, (3,) and (3,)."""
-    high, low = np.array([pair(x) for x in start_omega(start)], dtype=np.float64).T
-    return np.ascontiguousarray(high), np.ascontiguousarray(low)
-
-
-def unit(exact: Vector) -> list[DoubleDouble]:
-    """v / |v|, of any number of components."""
-    norm = dd.square_root(pair(dot(exact, exact)))
-    return [dd.divide(pair(x), norm) for x in exact]

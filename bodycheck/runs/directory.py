@@ -23,8 +23,8 @@ from pydantic import (
 from bodycheck._util.errors import InputError, StoppedError
 from bodycheck._util.files import atomic_write
 from bodycheck._util.untrusted import quoted, read_json
-from bodycheck.reports.cache.disk_cache import reuse_of
 from bodycheck.reports.cache.journal import Journal
+from bodycheck.reports.cache.reuse import reuse_of
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.writer import check_output, write_files
 from bodycheck.runs.manifest import Identity

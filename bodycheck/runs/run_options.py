@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.cache.disk_cache import Reuse
+from bodycheck.reports.cache.reuse import Reuse
 
 TIMEOUT_S = 120.0
 """What one case may take unless told otherwise."""

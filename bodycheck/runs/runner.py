@@ -16,8 +16,9 @@ from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.precompile import compile_kernels
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reports.cache.answers import Answers
-from bodycheck.reports.cache.disk_cache import Cache, reuse_of
+from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
+from bodycheck.reports.cache.reuse import reuse_of
 from bodycheck.reports.cache.truths import is_known, known_truth
 from bodycheck.reports.judge import judge_file
 from bodycheck.reports.measurement.problem import Problem

@@ -11,17 +11,8 @@ from typing import TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rational import (
-    Vector,
-    added,
-    cross,
-    fractions,
-    pair,
-    start_omega,
-    times,
-    transposed,
-    unit,
-)
+from bodycheck.reference_impl.rational import Vector, added, cross, fractions, times, transposed
+from bodycheck.reference_impl.rational_rounding import pair, start_omega, unit
 from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,
@@ -165,7 +156,7 @@ class PrincipalFrame:
 def packed_rotation(
     scene: Scene, frame: PrincipalFrame, begin_s: float, end_s: float
 ) -> tuple[Array, Array | None]:
-    """Return the constants of the body and of its loads within [begin_s, end_s).
+    """Return the constants of the body (k,) and of its loads (m,) within [begin_s, end_s).
 
     Nothing switches there. None for the loads where nothing at all turns the body. Springs are not known:
     raises ValueError for them, and for any other kind.

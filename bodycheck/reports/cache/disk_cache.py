@@ -6,22 +6,11 @@ import os
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal, TypeAlias
 
 from bodycheck._util.cache_dir import cache_home
 from bodycheck._util.files import atomic_write
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.entries import Entry
-
-Reuse: TypeAlias = Literal["nothing", "truths", "installed", "everything"]
-"""What is reused: nothing; the truths of scenarios; also the answers of installed engines; also those of all
-other engines whose identity is known, including plug-ins and editable installs."""
-
-
-def reuse_of(fresh: bool | None, default: Reuse) -> Reuse:
-    """Return the setting of --fresh or --reuse [default: that of the command]."""
-    return default if fresh is None else "nothing" if fresh else "everything"
-
 
 _MOST_BYTES = 2_000_000_000
 _UNUSED_S = 30 * 86400.0

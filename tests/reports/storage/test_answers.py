@@ -18,8 +18,9 @@ from bodycheck.adapters.workers import protocol
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
 from bodycheck.reports.cache.answers import Answers
-from bodycheck.reports.cache.disk_cache import Cache, Reuse
+from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
+from bodycheck.reports.cache.reuse import Reuse
 
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
 SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (), np.zeros(3), 1.0, 3)
