@@ -19,7 +19,7 @@ from importlib import import_module
 from bodycheck.reference_impl.integrators.facts import Integrator
 
 INTEGRATORS: dict[str, Integrator]
-"""The integrators by name, in ascending order of accuracy."""
+"""The integrators by name, sorted by order and name."""
 
 
 @cache
