@@ -172,9 +172,9 @@ def slope(steps: tuple[int, ...], found: list[float]) -> float:
 # by the order: numbers of steps, from where it shows to where rounding begins to; how near to it slopes come
 REFINEMENTS: dict[int, tuple[tuple[int, ...], float]] = {
     4: ((80, 113, 160), 0.1),
-    5: ((40, 57, 80), 0.2),
-    6: ((10, 14, 20, 28), 0.1),
-    7: ((16, 20, 24, 28, 32), 0.4),
+    5: ((113, 160, 226), 0.6),
+    6: ((24, 34, 48), 0.15),
+    7: ((28, 40, 56), 0.6),
     8: ((16, 20, 24, 28, 32), 0.4),
 }
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -14,6 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from bodycheck.adapters.reference import Reference
+from bodycheck.reference_impl import integrators
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS, splitting
 from bodycheck.reference_impl.integrators.facts import Integrator
@@ -186,6 +190,19 @@ def slope(steps: tuple[int, ...], errors: list[float]) -> float:
 
 
 # -------------------------------------------------------------------------------- order, convergence
+
+
+def test_every_method_of_the_package_is_found() -> None:
+    """The registry holds one entry, by a name of its own, for each module that assigns METHOD."""
+    sources = [path.read_text() for path in Path(integrators.__path__[0]).glob("*.py")]
+    assert len(INTEGRATORS) == sum(source.count("\nMETHOD = ") for source in sources)
+
+
+@pytest.mark.parametrize("module", ["loads.continuous_loads", "truth.callback_motion", "integrators.cf4"])
+def test_modules_that_share_the_right_hand_sides_can_be_imported_first(module: str) -> None:
+    """Importing a part of the package does not import the methods, which import that part."""
+    code = f"import bodycheck.reference_impl.{module}"
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 @every_integrator
