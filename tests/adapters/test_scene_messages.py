@@ -14,6 +14,7 @@ from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers.case_messages import scene_message, scene_of
 from bodycheck.adapters.workers.protocol import line_of, message_of
+from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.scene import CallbackLoad, Scene
 from bodycheck.scenarios.library import load_scenario, load_scenarios
 
@@ -99,6 +100,7 @@ def test_the_reference_asks_a_function_where_it_can(tmp_path: Path, monkeypatch:
     scene = parse_scenario(text, "linked.toml", allow_code=True).scene
     adapter: Adapter = Reference()
     reasons = {name: adapter.unsupported(scene, name) for name in adapter.methods}
-    refused = {"exact": "closed form", "taylor": "series", "cf4": "compiled", "splitting6": "compiled"}
+    compiled = [m.name for m in INTEGRATORS.values() if m.lasting == "every stage" and m.tableau is None]
+    refused = {"exact": "closed form", "taylor": "series", **dict.fromkeys(compiled, "compiled")}
     assert {name for name, reason in reasons.items() if reason} == set(refused)
     assert all(words in (reasons[name] or "") for name, words in refused.items())

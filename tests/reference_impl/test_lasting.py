@@ -206,6 +206,19 @@ def solved(scene: Scene) -> Trajectory:
     )
 
 
+# by the order: the numbers of steps tried
+REFINEMENTS: dict[int, tuple[int, ...]] = {
+    1: (256, 512, 1024),
+    2: (64, 128, 256),
+    3: (32, 48, 64),
+    4: (16, 24, 32, 48),
+    5: (6, 8, 12, 16),
+    6: (3, 4, 5, 6),
+    7: (2, 3, 4, 5, 6, 8),
+    8: (1, 2, 3, 4, 5, 6, 8, 10),
+}
+
+
 @every_kind
 @every_integrator
 def test_order_under_a_lasting_load(method: Integrator, load: ContinuousLoad) -> None:
@@ -215,9 +228,8 @@ def test_order_under_a_lasting_load(method: Integrator, load: ContinuousLoad) ->
         assert type(load) in method.refused
         return
     truth = solved(scene)
-    tried = {1: (256, 512, 1024), 4: (16, 24, 32, 48), 6: (3, 4, 5, 6), 8: (1, 2, 3, 4, 5, 6, 8, 10)}
     steps, errors = [], []
-    for n in tried[method.order]:
+    for n in REFINEMENTS[method.order]:
         simulation = built(scene, method.name, scene.duration_s / n)
         simulation.advance(n)
         error = max(distances(simulation.read(), truth))

@@ -1,33 +1,37 @@
-"""The fixed-step integrators, one file each."""
+"""The fixed-step integrators, one module each.
+
+To add an integrator, add a module to this package that assigns its `Integrator` to METHOD. The registry, the
+adapter, the lists and the tests find it by that name.
+
+An explicit Runge-Kutta method is its tableau and its facts: `midpoint.py` is a whole one. Any other method is
+a kernel and its facts: `explicit_gyro.py` for loads that are held constant over the step (zero-order hold),
+`cf4.py` for loads that are evaluated at every stage. The tests derive from the facts which laws they hold a
+method to; `tests/reference_impl/test_integrators.py` takes the formula of a method without a tableau in
+numpy, which is compared with the kernel step by step. Add a line to `docs/engines/reference.md`.
+"""
 
 from __future__ import annotations
 
-from bodycheck.reference_impl.integrators.cf4 import LIE4
-from bodycheck.reference_impl.integrators.dop853 import DOP853
-from bodycheck.reference_impl.integrators.euler import EULER
-from bodycheck.reference_impl.integrators.euler_svd import EULER_SVD
-from bodycheck.reference_impl.integrators.explicit_gyro import M1
-from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.lie_euler import ROTATION_FIRST
-from bodycheck.reference_impl.integrators.linearly_implicit import M2
-from bodycheck.reference_impl.integrators.linearly_implicit_gyro import M3
-from bodycheck.reference_impl.integrators.quaternion_euler import QUATERNION_EULER
-from bodycheck.reference_impl.integrators.rk4 import RK4
-from bodycheck.reference_impl.integrators.splitting import SPLITTING6
+import pkgutil
+from functools import cache
+from importlib import import_module
 
-INTEGRATORS: dict[str, Integrator] = {
-    integrator.name: integrator
-    for integrator in (
-        EULER,
-        EULER_SVD,
-        ROTATION_FIRST,
-        QUATERNION_EULER,
-        RK4,
-        M1,
-        M2,
-        M3,
-        LIE4,
-        SPLITTING6,
-        DOP853,
-    )
-}
+from bodycheck.reference_impl.integrators.facts import Integrator
+
+INTEGRATORS: dict[str, Integrator]
+"""The integrators by name, sorted by order and name."""
+
+
+@cache
+def _discovered() -> dict[str, Integrator]:
+    """Return what the modules of this package assign to METHOD."""
+    modules = [import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
+    methods = [module.METHOD for module in modules if hasattr(module, "METHOD")]
+    return {method.name: method for method in sorted(methods, key=lambda method: (method.order, method.name))}
+
+
+def __getattr__(name: str) -> dict[str, Integrator]:
+    # At the first use, not on import: the modules import loads/, which imports right_hand_sides from here.
+    if name == "INTEGRATORS":
+        return _discovered()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

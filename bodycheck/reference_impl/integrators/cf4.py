@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
 from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
@@ -122,14 +122,17 @@ def advance_forced(
     advance(state, body, load, dt, steps, lasting, begin)
 
 
-LIE4 = Integrator(
+METHOD = Integrator(
     name="cf4",
     formula="q+ = q exp(dt (3k1 + 2k2 + 2k3 - k4) / 12) exp(dt (-k1 + 2k2 + 2k3 + 3k4) / 12), L+ by RK4",
     order=4,
     evaluations=4,
     torque="every stage",
     keeps="L exactly where no torque acts; |q| to round-off",
+    preserves=frozenset({"angular momentum", "rotation group"}),
     source="Celledoni, Marthinsen and Owren (2003), Commutator-free Lie group methods, FGCS 19, 341",
+    turn=exact_turn,
+    position_weight=0.5,
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.dormand_prince import B_REMAINING, TABLEAU, A, B, Turning, combined
-from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
@@ -13,7 +12,7 @@ from bodycheck.reference_impl.integrators.right_hand_sides import (
     store,
     vector_at,
 )
-from bodycheck.reference_impl.integrators.stages import stage_by_stage
+from bodycheck.reference_impl.integrators.runge_kutta import runge_kutta
 from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel
 from bodycheck.reference_impl.kernels.small_vectors import Vec, matrix_of, quaternion_times, scaled_add, times
 
@@ -67,18 +66,12 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     state[9], state[10], state[11], state[12] = y[0], y[1], y[2], y[3]
 
 
-DOP853 = Integrator(
+METHOD = runge_kutta(
     name="dop853",
     formula="y+ = y + dt sum b_i k_i over 12 stages, y = (x, v, omega, q)",
     order=8,
-    evaluations=12,
-    torque="every stage",
+    tableau=TABLEAU,
     keeps="nothing exactly; |q| to order 9",
     source="Dormand and Prince (1989); Hairer, Norsett and Wanner (1993), Solving ODEs I, II.5 and dop853.f",
-    attitude="quaternion",
-    spin="omega_body",
     advance=advance,
-    advance_forced=stage_by_stage(*TABLEAU),
-    lasting="every stage",
-    tableau=TABLEAU,
 )

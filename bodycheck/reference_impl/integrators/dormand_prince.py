@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.kernels.jit import inlined_kernel
 
 Turning: TypeAlias = tuple[float, float, float, float, float, float, float]
@@ -100,12 +101,11 @@ WEIGHTS = {
 }
 """b_i by the stage i; the others are 0."""
 
-TABLEAU = (
-    np.array([[row.get(j, 0.0) for j in range(1, 13)] for row in ROWS]),
-    np.array([WEIGHTS.get(i, 0.0) for i in range(1, 13)]),
-    np.array(NODES),
+TABLEAU = Tableau(
+    a=np.array([[row.get(j, 0.0) for j in range(1, 13)] for row in ROWS]),
+    b=np.array([WEIGHTS.get(i, 0.0) for i in range(1, 13)]),
+    c=np.array(NODES),
 )
-"""a (12, 12), b (12,), c (12,) as arrays."""
 
 A = ((), *(tuple(row.values()) for row in ROWS))
 """For kernels: A[i] are the coefficients of stage i that are not 0, in order."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
 from bodycheck.reference_impl.integrators.facts import Integrator
@@ -20,7 +22,7 @@ from bodycheck.reference_impl.kernels.small_vectors import cross, scaled_add, ti
 def step(state: Array, body: Array, load: Array, dt: float) -> None:
     """x+ = x + dt v, v+ = v + dt a, L+ = L + dt tau, R+ = R + dt [omega]x R; omega = R I0^-1 R^T L.
 
-    state (18,): x, v, L and R, row by row, in place; body (19,) and load (21,) as in equations.py.
+    state (18,): x, v, L and R, row by row, in place; body (19,) and load (21,) as in right_hand_sides.py.
     """
     velocity, momentum, rotation = vector_at(state, 3), vector_at(state, 6), matrix_at(state, 9)
     torque_world = times(rotation, body_torque(rotation, load))
@@ -41,14 +43,17 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
         step(state, body, load, dt)
 
 
-EULER = Integrator(
+METHOD = Integrator(
     name="euler",
     formula="R+ = R + dt [omega]x R, L+ = L + dt tau",
     order=1,
     evaluations=1,
     torque="held over the step",
     keeps="the L that it carries, where no torque acts; not R in SO(3), nor I(R) omega with it",
+    preserves=frozenset(),
     source="Baraff and Witkin (1997), Physically based modeling: rigid body simulation, part 1",
+    turn=math.atan,
+    position_weight=0.0,
     attitude="matrix",
     spin="angular_momentum",
     advance=advance,

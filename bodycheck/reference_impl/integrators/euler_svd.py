@@ -78,14 +78,17 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
             state[9 + i] = rotation[i]
 
 
-EULER_SVD = Integrator(
+METHOD = Integrator(
     name="euler-svd",
     formula="R+ = the rotation nearest to R + dt [omega]x R, L+ = L + dt tau",
     order=1,
     evaluations=1,
     torque="held over the step",
     keeps="L exactly where no torque acts; orthogonality of R",
+    preserves=frozenset({"angular momentum", "rotation group"}),
     source="Baraff and Witkin (1997), part 1; projection: Higham (1986)",
+    turn=math.atan,
+    position_weight=0.0,
     attitude="matrix",
     spin="angular_momentum",
     advance=advance,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
-from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
 from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
@@ -42,14 +42,17 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     state[9], state[10], state[11], state[12] = q
 
 
-M1 = Integrator(
+METHOD = Integrator(
     name="m1",
     formula="omega+ = omega + dt I^-1 (tau - omega x I omega), q+ = q exp(dt omega+ / 2)",
     order=1,
     evaluations=1,
     torque="held over the step",
     keeps="|q| to round-off",
+    preserves=frozenset({"rotation group"}),
     source="measured to be the map of MuJoCo Euler, Bullet's btMultiBody and DART",
+    turn=exact_turn,
+    position_weight=1.0,
     attitude="quaternion",
     spin="omega_body",
     advance=advance,

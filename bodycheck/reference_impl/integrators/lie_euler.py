@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
-from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
 from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
@@ -46,14 +46,17 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     state[9], state[10], state[11], state[12] = q
 
 
-ROTATION_FIRST = Integrator(
+METHOD = Integrator(
     name="lie-euler",
     formula="R+ = exp(dt [omega]x) R, omega+ = I(R+)^-1 (I(R) omega + dt tau)",
     order=1,
     evaluations=1,
     torque="held over the step",
     keeps="L to round-off where no torque acts; orthogonality of R",
+    preserves=frozenset({"angular momentum", "rotation group"}),
     source="Buss (2000), Accurate and efficient simulation of rigid-body rotations",
+    turn=exact_turn,
+    position_weight=0.0,
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,

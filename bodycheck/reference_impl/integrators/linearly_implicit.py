@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
-from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
 from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
@@ -76,14 +76,17 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     advance_linearised(state, body, load, dt, steps, True)
 
 
-M2 = Integrator(
+METHOD = Integrator(
     name="m2",
     formula="omega+ = omega + (I + dt D)^-1 dt (tau - omega x I omega), q+ = q exp(dt omega+ / 2)",
     order=1,
     evaluations=1,
     torque="held over the step",
     keeps="|q| to round-off",
+    preserves=frozenset({"rotation group"}),
     source="measured to be the map of MuJoCo implicit, implicitfast, discrete; D = [omega]x I - [I omega]x",
+    turn=exact_turn,
+    position_weight=1.0,
     attitude="quaternion",
     spin="omega_body",
     advance=advance,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
-from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
 from bodycheck.reference_impl.integrators.linearly_implicit import advance_linearised
 from bodycheck.reference_impl.kernels.jit import kernel
 
@@ -15,14 +15,17 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     advance_linearised(state, body, load, dt, steps, False)
 
 
-M3 = Integrator(
+METHOD = Integrator(
     name="m3",
     formula="omega+ = omega - (I + dt D)^-1 dt omega x I omega + dt I^-1 tau, q+ = q exp(dt omega+ / 2)",
     order=1,
     evaluations=1,
     torque="held over the step",
     keeps="|q| to round-off",
+    preserves=frozenset({"rotation group"}),
     source="measured to be the map of Bullet's btRigidBody",
+    turn=exact_turn,
+    position_weight=1.0,
     attitude="quaternion",
     spin="omega_body",
     advance=advance,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
 from bodycheck.reference_impl.integrators.facts import Integrator
@@ -37,14 +39,17 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     state[9], state[10], state[11], state[12] = q
 
 
-QUATERNION_EULER = Integrator(
+METHOD = Integrator(
     name="quaternion-euler",
     formula="q+ = q + dt/2 q omega, omega+ = omega + dt I^-1 (tau - omega x I omega)",
     order=1,
     evaluations=1,
     torque="held over the step",
     keeps="nothing; |q| grows by (dt omega)^2 / 8 a step",
+    preserves=frozenset(),
     source="Euler (1768), Institutiones calculi integralis, on q' = q omega / 2",
+    turn=lambda x: 2.0 * math.atan(0.5 * x),
+    position_weight=0.0,
     attitude="quaternion",
     spin="omega_body",
     advance=advance,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
@@ -14,7 +13,8 @@ from bodycheck.reference_impl.integrators.right_hand_sides import (
     store,
     vector_at,
 )
-from bodycheck.reference_impl.integrators.stages import stage_by_stage
+from bodycheck.reference_impl.integrators.runge_kutta import runge_kutta
+from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
@@ -27,10 +27,10 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     times,
 )
 
-_TABLEAU = (
-    np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
-    np.array([1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0]),
-    np.array([0.0, 0.5, 0.5, 1.0]),
+_TABLEAU = Tableau(
+    a=np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
+    b=np.array([1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0]),
+    c=np.array([0.0, 0.5, 0.5, 1.0]),
 )
 
 
@@ -77,18 +77,12 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     state[9], state[10], state[11], state[12] = q
 
 
-RK4 = Integrator(
+METHOD = runge_kutta(
     name="rk4",
     formula="y+ = y + dt/6 (k1 + 2 k2 + 2 k3 + k4), y = (x, v, omega, q)",
     order=4,
-    evaluations=4,
-    torque="every stage",
+    tableau=_TABLEAU,
     keeps="nothing exactly; |q| to order 5",
     source="Kutta (1901); Hairer, Norsett and Wanner (1993), Solving ODEs I, table II.1.2",
-    attitude="quaternion",
-    spin="omega_body",
     advance=advance,
-    advance_forced=stage_by_stage(*_TABLEAU),
-    lasting="every stage",
-    tableau=_TABLEAU,
 )

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
 from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
@@ -158,14 +158,17 @@ def advance_forced(
     advance(state, body, load, dt, steps, lasting, begin)
 
 
-SPLITTING6 = Integrator(
+METHOD = Integrator(
     name="splitting6",
     formula="exp(a11 K) exp(b10 D) ... exp(b1 D) exp(a1 K): loads kick, the free body drifts, itself split",
     order=6,
     evaluations=11,
     torque="every stage",
     keeps="L exactly where no torque acts; the symplectic form, so that the energy error stays bounded; |q|",
+    preserves=frozenset({"angular momentum", "rotation group", "symplectic form", "time reversal"}),
     source="Touma and Wisdom (1994), Astron. J. 107, 1189; Blanes and Moan (2002), method S10",
+    turn=exact_turn,
+    position_weight=0.5,
     attitude="quaternion",
     spin="angular_momentum",
     advance=advance,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from bodycheck.reference_impl.integrators.right_hand_sides import (
     store,
     vector_at,
 )
+from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     add,
@@ -29,9 +29,6 @@ from bodycheck.reference_impl.kernels.small_vectors import (
 )
 from bodycheck.reference_impl.scene import RigidBody, State, Wrenching
 from bodycheck.reference_impl.trajectory import Trajectory
-
-Tableau: TypeAlias = tuple[Array, Array, Array]
-"""a (s, s) strictly lower, b (s,), c (s,) of an explicit Runge-Kutta method."""
 
 _NO_LOAD = np.zeros(21)
 
@@ -84,8 +81,8 @@ def stage_by_stage_asking(
 ) -> Array:
     """y + h sum b_i k_i (13,), the function asked at each stage.
 
-    packed (19,) and load (21,), what acts besides the function, as in equations.py; y: position, velocity,
-    omega in body axes, quaternion.
+    packed (19,) and load (21,), what acts besides the function, as in right_hand_sides.py.
+    y: position, velocity, omega in body axes, quaternion.
     """
     a, b, c = tableau
     k = np.zeros((len(c), 13))
