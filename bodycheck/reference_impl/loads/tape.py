@@ -19,7 +19,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.load import Instants
 
 TIME, CONSTANT, SUM, DIFFERENCE, PRODUCT, QUOTIENT, SCALED, SHIFTED, ROOT, SINE, COSINE = range(11)
-"""t, c, a + b, a - b, a b, a / b, c a, a + c, sqrt a, sin a, cos a; beside a sine its cosine is b, and back."""
+"""t, c, a + b, a - b, a b, a / b, c a, a + c, sqrt a, sin a, cos a; b of a sine is its cosine, and back."""
 OPERATION = 5
 """Numbers of an operation: its code, the operands a and b, and the constant c, its high and low part."""
 POSITION, ROTATION, VELOCITY, OMEGA, OPERATIONS = 0, 3, 12, 15, 18
@@ -27,7 +27,7 @@ POSITION, ROTATION, VELOCITY, OMEGA, OPERATIONS = 0, 3, 12, 15, 18
 RESULTS = 6
 """The last operations: three components of force, three of torque."""
 
-_Real: TypeAlias = int | float | np.floating[Any]
+_REAL = (int, float, np.floating, np.integer)
 _Scalar: TypeAlias = "Symbol | float"
 
 
@@ -49,38 +49,46 @@ class Symbol:
     def __init__(self, tape: Tape, operand: int) -> None:
         self.tape, self.operand = tape, operand
 
-    def __add__(self, other: Symbol | _Real) -> _Scalar:
+    def __add__(self, other: object) -> Any:
         if isinstance(other, Symbol):
             return self._with(SUM, other)
-        return self if other == 0.0 else self._by(SHIFTED, other)
+        if not isinstance(other, _REAL):
+            return NotImplemented  # numpy goes through its arrays itself
+        return self if other == 0.0 else self._by(SHIFTED, float(other))
 
     __radd__ = __add__
 
-    def __sub__(self, other: Symbol | _Real) -> _Scalar:
-        return self._with(DIFFERENCE, other) if isinstance(other, Symbol) else self + -other
+    def __sub__(self, other: object) -> Any:
+        if isinstance(other, Symbol):
+            return self._with(DIFFERENCE, other)
+        return self + -other if isinstance(other, _REAL) else NotImplemented
 
-    def __rsub__(self, other: _Real) -> _Scalar:
+    def __rsub__(self, other: object) -> Any:
         return -self + other
 
-    def __mul__(self, other: Symbol | _Real) -> _Scalar:
+    def __mul__(self, other: object) -> Any:
         if isinstance(other, Symbol):
             return self._with(PRODUCT, other)
+        if not isinstance(other, _REAL):
+            return NotImplemented
         if other == 0.0:
             return 0.0
-        return self if other == 1.0 else self._by(SCALED, other)
+        return self if other == 1.0 else self._by(SCALED, float(other))
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Symbol | _Real) -> Symbol:
-        return self._with(QUOTIENT, other if isinstance(other, Symbol) else self.tape.constant(float(other)))
+    def __truediv__(self, other: object) -> Any:
+        if isinstance(other, _REAL):
+            other = self.tape.constant(float(other))
+        return self._with(QUOTIENT, other) if isinstance(other, Symbol) else NotImplemented
 
-    def __rtruediv__(self, other: _Real) -> Symbol:
-        return self.tape.constant(float(other)) / self
+    def __rtruediv__(self, other: object) -> Any:
+        return self.tape.constant(float(other)) / self if isinstance(other, _REAL) else NotImplemented
 
     def __neg__(self) -> Symbol:
         return self._by(SCALED, -1.0)
 
-    def __pow__(self, exponent: object) -> Symbol:
+    def __pow__(self, exponent: object) -> Any:
         return self._with(PRODUCT, self) if exponent == 2 else NotImplemented
 
     def __bool__(self) -> NoReturn:
@@ -106,8 +114,8 @@ class Symbol:
     def _with(self, code: int, other: Symbol) -> Symbol:
         return self.tape.record(_Step(code, self.operand, other.operand))
 
-    def _by(self, code: int, constant: _Real) -> Symbol:
-        return self.tape.record(_Step(code, self.operand, high=float(constant)))
+    def _by(self, code: int, constant: float) -> Symbol:
+        return self.tape.record(_Step(code, self.operand, high=constant))
 
 
 class Tape:
