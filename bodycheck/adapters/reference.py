@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 
 import numpy as np
@@ -22,7 +22,7 @@ from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.loads.continuous_loads import packed_lasting
 from bodycheck.reference_impl.loads.loads_at import lasting_wrench_of
 from bodycheck.reference_impl.pivot import about_pivot, load_about
-from bodycheck.reference_impl.scene import GravityGradient, Scene, Wrenching
+from bodycheck.reference_impl.scene import ContinuousLoad, Drag, GravityGradient, Scene, Wrenching
 from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.step_halving import PivotPlace
@@ -233,10 +233,9 @@ class Reference:
             return _NO_SERIES if scene.has_callback_load else None
         if scene.has_callback_load and not supports_callbacks(INTEGRATORS[method]):
             return f"{method} takes the loads of its stages from compiled code, which can ask no function"
-        kinds = {type(load) for load in scene.lasting_loads}
-        if scene.pivot is not None and GravityGradient in kinds:
+        if scene.pivot is not None and any(isinstance(load, GravityGradient) for load in scene.loads):
             return "a gravity gradient is reduced to no torque about a pivot"
-        refused = [kind.__name__.lower() for kind in INTEGRATORS[method].refused if kind in kinds]
+        refused = _refused(INTEGRATORS[method], scene.lasting_loads)
         return f"{method} steps no {', '.join(refused)}: its kicks must be exact" if refused else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
@@ -249,6 +248,16 @@ class Reference:
             return ClosedForm(scene)
         assert tolerance is not None
         return Series(scene, tolerance)
+
+
+def _refused(method: Integrator, loads: Sequence[ContinuousLoad]) -> list[str]:
+    """Return the kinds that a method cannot take; one that takes no drag takes no other damping either."""
+    velocity_too = Drag in method.refused
+    return [
+        load.kind
+        for load in loads
+        if isinstance(load, method.refused) or (velocity_too and load.depends_on_velocity)
+    ]
 
 
 def _own_numbers(scene: Scene) -> ReadBack:

@@ -9,20 +9,9 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import rotational_energy, translational_energy
+from bodycheck.reference_impl.loads.load import checked
 from bodycheck.reference_impl.rational import Vector, dot, fractions
-from bodycheck.reference_impl.scene import (
-    CallbackLoad,
-    Drag,
-    GravityGradient,
-    Load,
-    PointForce,
-    Scene,
-    SineTorque,
-    Spring,
-    Torque,
-    TorsionSpring,
-    unknown_load,
-)
+from bodycheck.reference_impl.scene import PointForce, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
 
@@ -72,7 +61,9 @@ def about_pivot(scene: Scene) -> Scene:
     arm, initial = -scene.pivot, scene.initial
     place = initial.position - initial.rotation @ arm
     weight = PointForce("world", scene.body.mass * scene.gravity, arm)
-    loads = [_advanced(load, scene.pivot) for load in scene.loads]
+    loads = [
+        checked(load, "the motion about a pivot").about_pivot(scene, scene.pivot) for load in scene.loads
+    ]
     return replace(
         scene,
         body=replace(scene.body, inertia=turning_inertia(scene)),
@@ -82,26 +73,6 @@ def about_pivot(scene: Scene) -> Scene:
         pivot=None,
         link=None,
     )
-
-
-def _across(c: Array) -> Array:
-    """|c|^2 E - c c^T."""
-    return np.asarray(float(c @ c) * np.eye(3) - np.outer(c, c))
-
-
-def _advanced(load: Load, pivot: Array) -> Load:
-    """Return the load with its place seen from the pivot; the drag of the centre's way is one of turning."""
-    match load:
-        case PointForce() | Spring():
-            return replace(load, at=load.at - pivot)
-        case Drag():
-            return Drag(0.0, load.angular + load.linear * _across(pivot))
-        case GravityGradient():
-            raise ValueError("a gravity gradient turns a body about its centre of mass, not about a pivot")
-        case Torque() | SineTorque() | TorsionSpring() | CallbackLoad():
-            return load
-        case _:
-            raise unknown_load(load, "the motion about a pivot")
 
 
 def load_about(pivot: Array, load: Array) -> Array:

@@ -2,25 +2,44 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.loads.kinds.callback import CallbackLoad
+from bodycheck.reference_impl.loads.kinds.drag import Drag
+from bodycheck.reference_impl.loads.kinds.force import PointForce
+from bodycheck.reference_impl.loads.kinds.gravity_gradient import GravityGradient
+from bodycheck.reference_impl.loads.kinds.sine_torque import SineTorque
+from bodycheck.reference_impl.loads.kinds.spring import Spring
+from bodycheck.reference_impl.loads.kinds.torque import Torque
+from bodycheck.reference_impl.loads.kinds.torsion_spring import TorsionSpring
+from bodycheck.reference_impl.loads.load import Axes, ContinuousLoad, Load, Wrenching, unknown_load
 from bodycheck.reference_impl.rotations import quaternion_to_matrix, rotate
 
-Axes: TypeAlias = Literal["body", "world"]
-
-Wrenching: TypeAlias = Callable[[float, Array, Array, Array, Array], tuple[Array, Array]]
-"""f(t, position, R, velocity, omega) -> force in N, torque about the centre of mass in N m.
-
-position, velocity, omega, force and torque are (3,), all in world axes; R (3, 3) takes body axes to world
-axes. A function compiled by numba serves as well as a plain one.
-"""
+__all__ = [
+    "Axes",
+    "CallbackLoad",
+    "ContinuousLoad",
+    "Drag",
+    "GravityGradient",
+    "Link",
+    "Load",
+    "PointForce",
+    "RigidBody",
+    "Scene",
+    "SineTorque",
+    "Spring",
+    "State",
+    "Timed",
+    "Torque",
+    "TorsionSpring",
+    "Wrenching",
+    "unknown_load",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,106 +77,8 @@ class State:
         return rotate(self.quaternion, self.omega_body)
 
 
-@dataclass(frozen=True, eq=False)
-class Torque:
-    """A torque (3,) in N m, constant in the body's or the world's axes, within [from_s, until_s)."""
-
-    axes: Axes
-    value: Array
-    from_s: float = 0.0
-    until_s: float = math.inf
-
-
-@dataclass(frozen=True, eq=False)
-class PointForce:
-    """A force (3,) in N, constant in its axes within [from_s, until_s), at a body-fixed point.
-
-    at (3,) in m: the point, from the centre of mass, in body axes.
-    """
-
-    axes: Axes
-    value: Array
-    at: Array
-    from_s: float = 0.0
-    until_s: float = math.inf
-
-
-@dataclass(frozen=True, eq=False)
-class SineTorque:
-    """tau = amplitude sin(rate t + phase), in the body's or the world's axes.
-
-    amplitude (3,) in N m, rate in rad/s, phase in rad.
-    """
-
-    axes: Axes
-    amplitude: Array
-    rate: float
-    phase: float
-
-
-@dataclass(frozen=True, eq=False)
-class Drag:
-    """F = -linear v, tau = -angular omega.
-
-    linear in N s/m; angular (3, 3) in N m s, body axes.
-    """
-
-    linear: float
-    angular: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Spring:
-    """F = -stiffness (|d| - rest_length) d / |d|, d = x + R at - anchor, at a body-fixed point; F(0) = 0.
-
-    anchor (3,) in world axes, m; at (3,) from the centre of mass in body axes, m; stiffness in N/m,
-    rest_length in m. U = stiffness (|d| - rest_length)^2 / 2.
-    """
-
-    anchor: Array
-    at: Array
-    stiffness: float
-    rest_length: float
-
-
-@dataclass(frozen=True, eq=False)
-class TorsionSpring:
-    """tau = -stiffness x the rotation vector of R R(0)^T, for angles below pi; U = stiffness angle^2 / 2.
-
-    stiffness in N m.
-    """
-
-    stiffness: float
-
-
-@dataclass(frozen=True, eq=False)
-class GravityGradient:
-    """tau = 3 n^2 u x (I u) in world axes, u(t) = (-sin n t, 0, -cos n t).
-
-    rate: n of the circular orbit, rad/s.
-    """
-
-    rate: float
-
-
-@dataclass(frozen=True, eq=False)
-class CallbackLoad:
-    """A force and a torque that only a function knows; name: its package.module:function."""
-
-    name: str
-    function: Wrenching
-
-
-def unknown_load(load: object, what: str) -> ValueError:
-    """Return what to raise where a load is of no kind that is known; what: that which knows it not."""
-    return ValueError(f"{what} does not know loads of the kind {type(load).__name__}")
-
-
 Timed: TypeAlias = Torque | PointForce
 """What comes and goes: constant in its axes between from_s and until_s."""
-ContinuousLoad: TypeAlias = SineTorque | Drag | Spring | TorsionSpring | GravityGradient | CallbackLoad
-"""What acts throughout, and varies with the time or the motion."""
-Load: TypeAlias = Timed | ContinuousLoad
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +128,8 @@ class Scene:
     @property
     def lasting_loads(self) -> tuple[ContinuousLoad, ...]:
         """The loads that act throughout."""
-        return tuple(load for load in self.loads if not isinstance(load, Torque | PointForce))
+        lasting = (load for load in self.loads if not isinstance(load, Torque | PointForce))
+        return cast("tuple[ContinuousLoad, ...]", tuple(lasting))
 
     def switches_before(self, end_s: float) -> tuple[float, ...]:
         """Return the times inside (0, end_s) at which a load comes or goes, ascending."""

@@ -17,7 +17,7 @@ _NEARLY = 0.8  # a slip or two in a name of ten letters
 _LIBRARY = files("bodycheck.scenarios") / "library"
 
 _FORCINGS = (
-    *("lagrange-top", "sleeping-top", "heavy-top", "kovalevskaya-top", "torsion-spring"),
+    *("lagrange-top", "sleeping-top", "heavy-top", "kovalevskaya-top", "torsion-spring", "compass"),
     *("satellite-libration", "self-excited", "detumbling", "spring-pendulum", "sine-torque", "damped-fall"),
 )
 _HARD = (

@@ -17,6 +17,7 @@ from spin_steps import SpinStep, explicit_step, implicit_gyroscopic_step, implic
 
 from bodycheck.adapters.contract import Adapter, Reading, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.loads.kinds.magnetic_dipole import MagneticDipole
 from bodycheck.reference_impl.scene import (
     CallbackLoad,
     Drag,
@@ -65,6 +66,7 @@ LOADS: dict[str, tuple[Load, ...]] = {
     "spring": (Spring(np.array([1.0, 0.5, -0.3]), np.array([0.4, -0.1, 0.2]), 3.0, 0.5),),
     "torsion spring": (TorsionSpring(2.5),),
     "gravity gradient": (GravityGradient(0.9),),
+    "magnetic dipole": (MagneticDipole(np.array([0.8, -0.5, 0.6]), np.array([0.9, 0.7, -1.1])),),
 }
 LOADS["with constant ones"] = (
     *LOADS["spring"],
@@ -168,6 +170,8 @@ def wrench_at(scene: Scene, t: float, x: Array, r: Array, v: Array, omega: Array
             case GravityGradient():
                 u = np.array([-np.sin(load.rate * t), 0.0, -np.cos(load.rate * t)])
                 torque = torque + 3.0 * load.rate**2 * np.cross(u, r @ scene.body.inertia @ r.T @ u)
+            case MagneticDipole():
+                torque = torque + np.cross(r @ load.moment, load.field)
             case CallbackLoad():
                 push, turn = load.function(t, x, r, v, r @ omega)
                 force, torque = force + push, torque + turn

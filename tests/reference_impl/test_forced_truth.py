@@ -25,6 +25,7 @@ CASES = {
     "heavy-top": (1.0, 1 / 12),
     "kovalevskaya-top": (1.0, 1 / 10),
     "torsion-spring": (1.5, 1 / 6),
+    "compass": (1.5, 1 / 6),
     "satellite-libration": (8.0, 1.0),
     "self-excited": (2.0, 1 / 4),
     "detumbling": (1.5, 1 / 6),

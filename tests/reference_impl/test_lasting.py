@@ -13,6 +13,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench_at, packed_lasting, rotation_vector
+from bodycheck.reference_impl.loads.kinds.magnetic_dipole import MagneticDipole
 from bodycheck.reference_impl.rotations import (
     exp_matrix,
     geodesic_angle,
@@ -48,6 +49,7 @@ LASTING: dict[str, ContinuousLoad] = {
     "spring": Spring(np.array([1.0, 0.5, -0.3]), np.array([0.4, -0.1, 0.2]), 3.0, 0.5),
     "torsion spring": TorsionSpring(2.5),
     "gravity gradient": GravityGradient(0.9),
+    "magnetic dipole": MagneticDipole(np.array([0.8, -0.5, 0.6]), np.array([0.9, 0.7, -1.1])),
 }
 every_kind = pytest.mark.parametrize("load", LASTING.values(), ids=LASTING.keys())
 every_integrator = pytest.mark.parametrize("method", INTEGRATORS.values(), ids=INTEGRATORS.keys())
@@ -113,6 +115,8 @@ def exact_wrench(
                 n = mp.mpf(load.rate)
                 u = mp.matrix([-mp.sin(n * t), 0, -mp.cos(n * t)])
                 torque = 3 * n**2 * cross(u, r * mp.matrix(INERTIA.tolist()) * r.T * u)
+            case MagneticDipole():
+                torque = cross(r * vector(load.moment), vector(load.field))
         return np.array(force.T.tolist()[0], dtype=float), np.array(torque.T.tolist()[0], dtype=float)
 
 

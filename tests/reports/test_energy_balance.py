@@ -71,6 +71,7 @@ KEPT = {
     "satellite-libration": {"Jacobi integral"},
     "symmetric-top": {"spin about the symmetry axis"},
     "torsion-spring": set(),
+    "compass": set(),
     "detumbling": set(),
     "self-excited": set(),
 }

@@ -15,35 +15,10 @@ from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import Search
 from bodycheck.adapters.workers.protocol import Message
-from bodycheck.reference_impl.scene import (
-    CallbackLoad,
-    Drag,
-    GravityGradient,
-    Link,
-    Load,
-    PointForce,
-    RigidBody,
-    Scene,
-    SineTorque,
-    Spring,
-    State,
-    Torque,
-    TorsionSpring,
-    unknown_load,
-)
+from bodycheck.reference_impl.loads import load_kinds
+from bodycheck.reference_impl.loads.load import checked
+from bodycheck.reference_impl.scene import CallbackLoad, Link, Load, RigidBody, Scene, State
 from bodycheck.scenarios.user_functions import UserWrench, user_function
-
-_LOADS: dict[str, type[Any]] = {
-    "torque": Torque,
-    "force": PointForce,
-    "sine-torque": SineTorque,
-    "drag": Drag,
-    "spring": Spring,
-    "torsion-spring": TorsionSpring,
-    "gravity-gradient": GravityGradient,
-}
-_CALLABLE = "callable"
-_KINDS = {load: kind for kind, load in _LOADS.items()}
 
 
 def case_message(case: Case) -> Message:
@@ -123,15 +98,14 @@ def scene_of(message: Message) -> Scene:
 
 def _load_message(load: Load) -> Message:
     """Return a load as plain data; a function travels as its name."""
+    kind = checked(load, "a message to a worker").kind
     if isinstance(load, CallbackLoad):
-        return {"kind": _CALLABLE, "name": load.name}
-    if type(load) not in _KINDS:
-        raise unknown_load(load, "a message to a worker")
-    return {"kind": _KINDS[type(load)], **_plain(load)}
+        return {"kind": kind, "name": load.name}
+    return {"kind": kind, **_plain(load)}
 
 
 def _load(message: Message) -> Load:
-    if message["kind"] == _CALLABLE:
+    if message["kind"] == CallbackLoad.kind:
         # the run that sends it was allowed to run code
         return CallbackLoad(
             message["name"], UserWrench(message["name"], user_function(message["name"], allow_code=True))
@@ -139,8 +113,7 @@ def _load(message: Message) -> Load:
     values = _arrays({name: value for name, value in message.items() if name != "kind"})
     if "until_s" in values and values["until_s"] is None:
         values["until_s"] = math.inf
-    load: Load = _LOADS[message["kind"]](**values)
-    return load
+    return load_kinds()[message["kind"]](**values)
 
 
 def _plain(holder: Any) -> Message:

@@ -1,13 +1,17 @@
 """F, tau = sum of the lasting loads at (t, x, R, v, omega): what varies with the time and the motion.
 
-Force and torque about the centre of mass, both in world axes. The loads are rows of eleven numbers, a
-kind and its constants, one after another in one array:
+Force and torque about the centre of mass, both in world axes. The loads that have a kernel here are rows of
+eleven numbers, a kind and its constants, one after another in one array:
 
     sine torque        0, axes (0 body, 1 world), amplitude (3,), rate, phase
     drag               1, linear, angular (9,)
     spring             2, anchor (3,), at (3,), stiffness, rest length
     torsion spring     3, stiffness, R(0) (9,)
     gravity gradient   4, orbit rate, inertia (9,)
+
+All other loads are one last row, of any length:
+
+    recorded loads     5, the operations of tape.py that sum them up, of five numbers each
 """
 
 from __future__ import annotations
@@ -28,34 +32,42 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     times,
     transposed_times,
 )
+from bodycheck.reference_impl.loads.load import ContinuousLoad, checked_continuous, total_wrench
+from bodycheck.reference_impl.loads.recorded_loads import recorded_wrench
+from bodycheck.reference_impl.loads.tape import recorded
 from bodycheck.reference_impl.scene import (
     CallbackLoad,
-    ContinuousLoad,
     Drag,
     GravityGradient,
     Scene,
     SineTorque,
     Spring,
     TorsionSpring,
-    unknown_load,
 )
 
 _ROW = 11
-_SINE, _DRAG, _SPRING, _TORSION, _GRADIENT = range(5)
+_SINE, _DRAG, _SPRING, _TORSION, _GRADIENT, _RECORDED = range(6)
 _ZERO = (0.0, 0.0, 0.0)
 _UNKNOWN = (math.nan, math.nan, math.nan)
 
 
 def packed_lasting(scene: Scene) -> Array:
-    """Return the scene's lasting loads as rows, one after another: (11 n,)."""
-    rows = np.zeros((len(scene.lasting_loads), _ROW))
-    for row, load in zip(rows, scene.lasting_loads, strict=True):
+    """Return the scene's lasting loads as rows, one after another, (11 n,), and what has no row, recorded."""
+    rows: list[float] = []
+    others: list[ContinuousLoad] = []
+    for load in scene.lasting_loads:
         constants = _constants(load, scene)
-        row[: len(constants)] = constants
-    return rows.ravel()
+        if constants is None:
+            others.append(checked_continuous(load, "the table of lasting loads"))
+        else:
+            rows += constants + [0.0] * (_ROW - len(constants))
+    if others:
+        rows += [_RECORDED, *recorded(lambda _, at: total_wrench(others, scene, at)).ravel()]
+    return np.array(rows, dtype=np.float64)
 
 
-def _constants(load: ContinuousLoad, scene: Scene) -> list[float]:
+def _constants(load: object, scene: Scene) -> list[float] | None:
+    """Return the row of a load; None for a kind that has no row."""
     match load:
         case SineTorque():
             return [_SINE, 0.0 if load.axes == "body" else 1.0, *load.amplitude, load.rate, load.phase]
@@ -70,7 +82,7 @@ def _constants(load: ContinuousLoad, scene: Scene) -> list[float]:
         case CallbackLoad():
             raise ValueError(f"{load.name} is known by its function alone, not by constants")
         case _:
-            raise unknown_load(load, "the table of lasting loads")
+            return None
 
 
 @kernel
@@ -99,6 +111,9 @@ def lasting_wrench(
             torque = scaled_add(torque, -loads[row + 1], turned)
         elif kind == _GRADIENT:
             torque = add(torque, _gravity_gradient(t, rotation, loads, row))
+        elif kind == _RECORDED:  # the last row, of any length
+            push, turn = recorded_wrench(t, position, rotation, velocity, omega_world, loads, row + 1)
+            return add(force, push), add(torque, turn)
         else:  # which packed_lasting never writes
             return _UNKNOWN, _UNKNOWN
     return force, torque

@@ -7,7 +7,7 @@ from rounded sums. What a scene does not have is None, and is compiled out of th
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import overload
 
@@ -17,6 +17,8 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.generic_precision import Numbers
+from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants, checked_continuous, total_wrench
+from bodycheck.reference_impl.loads.tape import Tape, recorded
 from bodycheck.reference_impl.pivot import inertia_about
 from bodycheck.reference_impl.rational import Vector, added, cross, fractions, inverse, rotation_of, times
 from bodycheck.reference_impl.rational_rounding import pair, unit_quaternion
@@ -30,7 +32,6 @@ from bodycheck.reference_impl.scene import (
     Timed,
     Torque,
     TorsionSpring,
-    unknown_load,
 )
 from bodycheck.reference_impl.wrench import held_between
 
@@ -58,8 +59,9 @@ class Forcing:
     world axes; moment = sum of at F^T over the world forces. orbit (2,): 3 n^2 and n of the gravity gradient.
     moving (9,): acceleration held in body axes and in world axes, drag over mass, 1 / mass, gyration radius.
     springs (n, 14): anchor, at, stiffness, rest length, then what anchor and at are beyond doubles.
-    torsion (5,): stiffness and q(0). on_parabola: the centre of mass moves under a constant acceleration,
-    apart from the rotation.
+    torsion (5,): stiffness and q(0). recorded (n, 5): the operations of tape.py that sum up all other loads,
+    the torque in body axes. on_parabola: the centre of mass moves under a constant acceleration, apart from
+    the rotation.
     """
 
     turning: Numbers
@@ -71,6 +73,7 @@ class Forcing:
     moving: Numbers
     springs: Array | None
     torsion: Numbers | None
+    recorded: Array | None
     on_parabola: bool
 
     def rounded(self) -> Forcing:
@@ -85,6 +88,7 @@ class Forcing:
             _high(self.moving),
             self.springs,
             _high(self.torsion),
+            self.recorded,
             self.on_parabola,
         )
 
@@ -96,9 +100,11 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     """
     if scene.has_callback_load:
         raise ValueError("a load that only a function knows has no Taylor series")
-    for load in scene.lasting_loads:
-        if not isinstance(load, SineTorque | Drag | Spring | TorsionSpring | GravityGradient):
-            raise unknown_load(load, "the Taylor series of a motion")
+    others = [
+        checked_continuous(load, "the Taylor series of a motion")
+        for load in scene.lasting_loads
+        if not isinstance(load, SineTorque | Drag | Spring | TorsionSpring | GravityGradient)
+    ]
     timed = held_between(scene, begin_s, end_s)
     sines = [load for load in scene.lasting_loads if isinstance(load, SineTorque)]
     drags = [load for load in scene.lasting_loads if isinstance(load, Drag)]
@@ -112,7 +118,7 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     damping = _damping(scene, drags)
     moving = _moving(scene, timed, drags)
     forced_in_body = any(moving[ACCELERATION_BODY:ACCELERATION_WORLD])
-    turns = any(world) or orbit or springs or forced_in_body or world_sines is not None
+    turns = any(world) or orbit or springs or others or forced_in_body or world_sines is not None
     return Forcing(
         _pairs(_turning(scene, timed)),
         _pairs(damping) if any(damping) else None,
@@ -123,7 +129,8 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
         _pairs(moving),
         _spring_rows(scene, springs) if springs else None,
         _torsion(scene, torsion) if torsion else None,
-        not (forced_in_body or springs or moving[DECAY]),
+        _recorded(scene, others) if others else None,
+        not (forced_in_body or springs or others or moving[DECAY]),
     )
 
 
@@ -217,6 +224,21 @@ def pivot_position(scene: Scene) -> Vector:
 def _torsion(scene: Scene, springs: Iterable[TorsionSpring]) -> Numbers:
     stiffness = pair(sum((Fraction(load.stiffness) for load in springs), Fraction(0)))
     return _columns([stiffness, *unit_quaternion(scene.initial.quaternion)])
+
+
+def _recorded(scene: Scene, loads: Sequence[ContinuousLoad]) -> Array:
+    """Record force and, in body axes, torque; about the pivot, which stays where it is, if there is one."""
+    about = [load if scene.pivot is None else load.about_pivot(scene, scene.pivot) for load in loads]
+
+    def formula(tape: Tape, at: Instants) -> tuple[Array, Array]:
+        at = replace(at, omega=at.rotation @ at.omega)
+        if scene.pivot is not None:
+            origin = [tape.constant(*pair(x)) for x in pivot_position(scene)]
+            at = replace(at, position=np.array(origin, dtype=object), velocity=np.zeros(3))
+        force, torque = total_wrench(about, scene, at)
+        return force, at.rotation.T @ torque
+
+    return recorded(formula)
 
 
 def _pairs(values: Iterable[Fraction]) -> Numbers:

@@ -131,6 +131,7 @@ def _advance(
         None if forcing.on_parabola else numbers.moving,
         numbers.springs,
         numbers.torsion,
+        numbers.recorded,
         rows,
         times,
         *span,
@@ -143,17 +144,22 @@ def _advance(
     return int(steps)
 
 
-def _working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int, int, int], Numbers]:
-    """Return where the rows of the world's sines, the springs and the torsion spring begin; zeroed series."""
+def _working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int, int, int, int], Numbers]:
+    """Return where the rows begin, and zeroed series.
+
+    Those of the world's sines, the springs, the torsion spring and the recorded loads.
+    """
     counts = [
         0 if part is None else len(part)
-        for part in (forcing.body_sines, forcing.world_sines, forcing.springs)
+        for part in (forcing.body_sines, forcing.world_sines, forcing.springs, forcing.recorded)
     ]
-    rows = (SINES + 2 * counts[0], SINES + 2 * (counts[0] + counts[1]))
-    torsion = rows[1] + SPRING_ROWS * counts[2]
-    shape = (torsion + (0 if forcing.torsion is None else TORSION_ROWS), resolution.order + 1)
+    world_sines = SINES + 2 * counts[0]
+    springs = world_sines + 2 * counts[1]
+    torsion = springs + SPRING_ROWS * counts[2]
+    recorded = torsion + (0 if forcing.torsion is None else TORSION_ROWS)
+    shape = (recorded + counts[3], resolution.order + 1)
     series = (np.zeros(shape), np.zeros(shape)) if resolution.paired_orders else np.zeros(shape)
-    return (*rows, torsion), series
+    return (world_sines, springs, torsion, recorded), series
 
 
 def follow_scene(

@@ -31,6 +31,7 @@ from bodycheck.reference_impl.kernels.generic_precision import (
 )
 from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel, long_kernel
 from bodycheck.reference_impl.taylor.forcing import ACCELERATION_WORLD, ORBIT_RATE, RADIUS
+from bodycheck.reference_impl.taylor.recorded_terms import recorded_share, start_time
 from bodycheck.reference_impl.taylor.spring_terms import (
     is_at_anchor,
     passes_anchor,
@@ -81,7 +82,8 @@ def _expand(
     moving: Numbers | None,
     springs: Array | None,
     torsion: Numbers | None,
-    rows: tuple[int, int, int],
+    recorded: Array | None,
+    rows: tuple[int, int, int, int],
     first: int,
     last: int,
 ) -> None:
@@ -105,6 +107,9 @@ def _expand(
             if springs is not None:
                 turn, push = springs_share(series, springs, moving, rows[1], k)
                 torque, rate = added(torque, turn), added(rate, push)
+            if recorded is not None:
+                turn, push = recorded_share(series, recorded, moving, rows[3], k)
+                torque, rate = added(torque, turn), added(rate, push)
             put_rate(series, V, k, rate, share)
             put_rate(series, X, k, vector_terms(series, V, k), share)
         angular_rate(series, turning, torque, k, share)
@@ -124,7 +129,8 @@ def _start(
     body_sines: Array | None,
     world_sines: Array | None,
     orbit: Numbers | None,
-    rows: tuple[int, int, int],
+    recorded: Array | None,
+    rows: tuple[int, int, int, int],
     t: float,
 ) -> None:
     """Set the first coefficients of the state and of the sines at time t."""
@@ -136,6 +142,8 @@ def _start(
         _start_sines(series, world_sines, rows[0], t)
     if orbit is not None:
         start_sine(series, ORBIT, entry(orbit, ORBIT_RATE), 0.0, t)
+    if recorded is not None:
+        start_time(series, rows[3], t)
 
 
 @kernel
@@ -230,7 +238,8 @@ def integrate(
     moving: Numbers | None,
     springs: Array | None,
     torsion: Numbers | None,
-    rows: tuple[int, int, int],
+    recorded: Array | None,
+    rows: tuple[int, int, int, int],
     times: Array,
     begin: float,
     end: float,
@@ -242,9 +251,9 @@ def integrate(
 
     state ((13,), (13,)), high and low parts of q, omega_body, v, x; without `moving`, v and x stay. series
     (n, order + 1) is room to work in, of the precision that is wanted; rows says where the world's sines, the
-    springs and the torsion spring have theirs. Coefficients beyond the paired orders are computed in doubles:
-    they are small. times (n,) in [begin, end], ascending; out ((n, 13), (n, 13)). NaN from where the motion
-    cannot be followed on; a negative number then tells why, where that is known.
+    springs, the torsion spring and the recorded loads have theirs. Coefficients beyond the paired orders are
+    computed in doubles: they are small. times (n,) in [begin, end], ascending; out ((n, 13), (n, 13)). NaN
+    from where the motion cannot be followed on; a negative number then tells why, where that is known.
     """
     high = high_part(series)
     order = high.shape[1] - 1
@@ -256,7 +265,7 @@ def integrate(
         _write(out, due, state)
         due += 1
     while t < end:
-        _start(series, state, body_sines, world_sines, orbit, rows, t)
+        _start(series, state, body_sines, world_sines, orbit, recorded, rows, t)
         _expand(
             series,
             turning,
@@ -268,6 +277,7 @@ def integrate(
             moving,
             springs,
             torsion,
+            recorded,
             rows,
             0,
             full,
@@ -283,6 +293,7 @@ def integrate(
             high_part(moving),
             springs,
             high_part(torsion),
+            recorded,
             rows,
             full,
             order,

@@ -19,7 +19,7 @@ from bodycheck.reference_impl.closed_forms.fixed_axis import FixedAxisRotation
 from bodycheck.reference_impl.closed_forms.fixed_axis_sensitivity import departures
 from bodycheck.reference_impl.dynamics import gyration_radius
 from bodycheck.reference_impl.rotations import exp_quaternion, normalised, quaternion_product
-from bodycheck.reference_impl.scene import CallbackLoad, Scene, Spring, State
+from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.taylor.solution import (
     Course,
     Resolution,
@@ -236,15 +236,14 @@ def _largest(vectors: Array) -> float:
 def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
     """Yield neighbours of the start: turned about, and spun up about, each body axis.
 
-    Where a spring or a function may tie the rotation to the centre of mass, that is shifted and pushed along
-    each axis too.
+    Where a load may tie the rotation to the centre of mass, that is shifted and pushed along each axis too.
     """
     start, omega = _rounded(scene.initial), _NUDGE * _largest(motion.omega_body)
     for axis in np.eye(3):
         turned = quaternion_product(start.quaternion, exp_quaternion(_NUDGE * axis))
         yield replace(start, quaternion=normalised(turned))
         yield replace(start, omega_body=start.omega_body + omega * axis)
-    tied = any(isinstance(load, Spring | CallbackLoad) for load in scene.loads)
+    tied = any(load.couples_translation for load in scene.lasting_loads)
     if tied and scene.pivot is None:
         radius = gyration_radius(scene.body.mass, scene.body.inertia)
         speed = _NUDGE * _largest(motion.velocity_m_s)

@@ -9,24 +9,10 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, gravity_potential, gyration_radius
+from bodycheck.reference_impl.loads.load import checked_continuous
 from bodycheck.reference_impl.pivot import kinetic_energies, turning_inertia
-from bodycheck.reference_impl.rotations import (
-    conjugate,
-    geodesic_angle,
-    log_quaternion,
-    quaternion_product,
-    quaternion_to_matrix,
-)
-from bodycheck.reference_impl.scene import (
-    CallbackLoad,
-    Drag,
-    GravityGradient,
-    Scene,
-    SineTorque,
-    Spring,
-    TorsionSpring,
-    unknown_load,
-)
+from bodycheck.reference_impl.rotations import geodesic_angle, quaternion_to_matrix
+from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
 _SHIFT = 2.0**-24  # large beside the round-off of a double, small beside 1
@@ -37,22 +23,11 @@ _MOST_TURN = 2.0**-12  # of a quaternion: up to which an angle is in proportion 
 
 
 def potential_energy(scene: Scene, motion: Trajectory) -> Array:
-    """U of gravity, zero at the start, and of the springs, zero where they are relaxed: (n,) in J."""
+    """U of gravity, zero at the start, and of the loads that have one: (n,) in J."""
     energy = gravity_potential(scene.body.mass, scene.gravity, motion.position_m - scene.initial.position)
     for load in scene.lasting_loads:
-        match load:
-            case Spring():
-                arm = quaternion_to_matrix(motion.attitude) @ load.at
-                length = np.linalg.norm(motion.position_m + arm - load.anchor, axis=-1)
-                energy = energy + 0.5 * load.stiffness * (length - load.rest_length) ** 2
-            case TorsionSpring():
-                turned = quaternion_product(conjugate(scene.initial.quaternion), motion.attitude)
-                angle = np.linalg.norm(log_quaternion(turned), axis=-1)
-                energy = energy + 0.5 * load.stiffness * angle**2
-            case SineTorque() | Drag() | GravityGradient() | CallbackLoad():
-                pass  # whose work depends on the way
-            case _:
-                raise unknown_load(load, "the potential energy")
+        if checked_continuous(load, "the potential energy").potential_needs:
+            energy = energy + load.potential(scene, motion)
     return energy
 
 

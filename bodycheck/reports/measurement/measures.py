@@ -18,7 +18,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
 from bodycheck.reference_impl.pivot import kinetic_energies, turning_inertia
 from bodycheck.reference_impl.rotations import geodesic_angle
-from bodycheck.reference_impl.scene import Scene, Spring, TorsionSpring
+from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.motion_distance import potential_energy
 from bodycheck.reports.measurement.invariants import Invariant, InvariantDrift, invariant_drifts, worst_drift
@@ -143,9 +143,10 @@ def _needing(*quantities: str) -> Callable[[Scene], frozenset[str]]:
 
 def _needed_by_energy(scene: Scene) -> frozenset[str]:
     """Return the quantities that E depends on: the potential adds the position, the attitude or both."""
-    springs = {type(load) for load in scene.loads} & {Spring, TorsionSpring}
-    place = {"position"} if scene.gravity.any() or Spring in springs else set()
-    return frozenset({"velocity", "omega"} | place | ({"attitude"} if springs else set()))
+    place = {"position"} if scene.gravity.any() else set()
+    return frozenset({"velocity", "omega"} | place).union(
+        *(load.potential_needs for load in scene.lasting_loads)
+    )
 
 
 def _turned_apart(compared: Compared) -> Array:

@@ -9,18 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads.loads_at import Instants, wrench_at
-from bodycheck.reference_impl.scene import (
-    CallbackLoad,
-    Drag,
-    GravityGradient,
-    Load,
-    Scene,
-    SineTorque,
-    Spring,
-    TorsionSpring,
-    unknown_load,
-)
+from bodycheck.reference_impl.loads.load import Instants, Load, checked_continuous
+from bodycheck.reference_impl.loads.loads_at import wrench_at
+from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import held_between
 
@@ -29,15 +20,11 @@ _DEGREES = (7, 5)  # of the splines through the power; their difference estimate
 
 def working_loads(scene: Scene, begin_s: float, end_s: float) -> list[Load]:
     """Return the loads that act within [begin_s, end_s) and have no potential energy."""
-    lasting: list[Load] = []
-    for load in scene.lasting_loads:
-        match load:
-            case SineTorque() | Drag() | GravityGradient() | CallbackLoad():
-                lasting.append(load)
-            case Spring() | TorsionSpring():
-                pass
-            case _:
-                raise unknown_load(load, "the energy balance")
+    lasting = [
+        load
+        for load in scene.lasting_loads
+        if not checked_continuous(load, "the balance of energy").potential_needs
+    ]
     return [*held_between(scene, begin_s, end_s), *lasting]
 
 
