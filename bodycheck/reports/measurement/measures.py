@@ -48,7 +48,7 @@ class Motion:
 
     @classmethod
     def of(cls, scene: Scene, trajectory: Trajectory) -> Motion:
-        """E = K + U, U from gravity (zero at the start) and springs; L about the centre of mass, world axes.
+        """E = K + U, U from gravity (zero at the start) and loads; L about the centre of mass, world axes.
 
         For a body with a pivot, E and L are taken about the pivot.
         """
