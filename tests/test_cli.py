@@ -54,7 +54,7 @@ def test_an_interrupt_while_the_command_is_imported_is_one_line(
     with pytest.raises(SystemExit) as ended:
         bodycheck_main()
     assert ended.value.code == 130
-    assert capsys.readouterr() == ("", "stopped, before anything began\n")
+    assert capsys.readouterr() == ("", "stopped before anything started\n")
 
 
 def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
@@ -137,7 +137,7 @@ WRONG = {
     "time that is none": (["run", "mine.toml", "--timeout-s", "nan"], "positive number of seconds, not nan"),
     "soon": (["run", "mine.toml", "--timeout-s", "soon"], "Invalid value for '--timeout-s'"),
     "nothing to resume": (["run", "--resume", "nothing"], "--resume nothing: no run was stopped there"),
-    "resumed otherwise": (["run", "--resume", "x", "--dt", "0.1"], "give nothing beside it"),
+    "resumed otherwise": (["run", "--resume", "x", "--dt", "0.1"], "cannot be combined with other options"),
     "output in use": (["run", "mine.toml", "--out", "used"], "is already there"),
     "output is a file": (["run", "mine.toml", "--out", "mine.toml"], "is already there"),
     "truth at a negative time": (["truth", "mine.toml", "--at", "0,-1"], "not -1.0"),

@@ -194,7 +194,10 @@ def test_what_cannot_be_gone_on_with_is_refused(command: Command, tmp_path: Path
     """No run, a damaged description, other wishes beside it: one line each, nothing written."""
     assert finished(command("run", "--resume", "out")) == (2, "--resume out: no run was stopped there")
     status, words = finished(command("run", "mine.toml", "--resume", "out"))
-    assert (status, words) == (2, "--resume goes on with a run as it was asked: give nothing beside it")
+    assert status == 2
+    assert words == (
+        "--resume: continues a run with its original settings; cannot be combined with other options"
+    )
     (tmp_path / "out.partial").mkdir()
     (tmp_path / "out.partial/request.json").write_text('{"asked": {')
     status, words = finished(command("run", "--resume", "out"))

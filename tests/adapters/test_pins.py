@@ -331,9 +331,9 @@ def test_the_commands_name_what_they_list_and_remove(tmp_path: Path) -> None:
     lines = [line for line in listed if not line.startswith(" ")]
     assert lines == [f"mujoco==3.{6 + k}.0  0 MB  {place}" for k, place in enumerate(places)]
     for words, told in (
-        ((), "give names like mujoco==3.17.0, or --all"),
-        (("mujoco==3.6.0", "--all"), "give names like mujoco==3.17.0, or --all"),
-        (("mujoco==3.8.0",), "no environment of mujoco==3.8.0 (available: mujoco==3.6.0, mujoco==3.7.0)"),
+        ((), "give either names like mujoco==3.17.0 or --all"),
+        (("mujoco==3.6.0", "--all"), "give either names like mujoco==3.17.0 or --all"),
+        (("mujoco==3.8.0",), "no environment for mujoco==3.8.0 (available: mujoco==3.6.0, mujoco==3.7.0)"),
     ):
         refused = bodycheck_in(tmp_path, "environments", "remove", *words)
         assert refused.returncode == 2

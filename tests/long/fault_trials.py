@@ -103,7 +103,7 @@ class Trial:
 def ended(process: subprocess.Popen[str], statuses: set[int]) -> str:
     """Wait for a command and return what it said on standard error; no traceback is among it."""
     _, said = process.communicate(timeout=PATIENCE_S)
-    if process.returncode not in statuses or "Traceback" in said or "unexpected fault" in said:
+    if process.returncode not in statuses or "Traceback" in said or "unexpected error" in said:
         raise FaultFound(f"ended with status {process.returncode}: {said[-2000:]}")
     if not all_gone(process.pid):
         raise FaultFound(f"left workers behind: {workers_of(process.pid)}")
