@@ -260,9 +260,9 @@ def test_an_adapter_of_the_users_is_known_to_its_test_alone(inner: pytest.Pytest
             assert "my-engine" not in engine_names()
 
         def test_none(bodycheck):
-            with pytest.raises(ValueError, match="is no adapter and no name of an engine"):
+            with pytest.raises(ValueError, match="is neither an adapter nor the name of an engine"):
                 bodycheck.run("mine.toml", engine=len, dt_s=0.05)
-            with pytest.raises(ValueError, match="needs engine=, here or in the marker"):
+            with pytest.raises(ValueError, match="engine= is required, in the call or in the marker"):
                 bodycheck.run("mine.toml", dt_s=0.05)
         """
     )
@@ -329,7 +329,7 @@ def test_a_marked_test_that_names_nothing_does_not_pass(inner: pytest.Pytester) 
     inner.makepyfile(MARKED)
     done = run(inner, "-k", "test_open")
     done.assert_outcomes(failed=1)
-    assert "InputError: bodycheck.run: needs scenario=, here or in the marker" in done.stdout.str()
+    assert "InputError: bodycheck.run: scenario= is required, in the call or in the marker" in done.stdout.str()
 
 
 GATES = """

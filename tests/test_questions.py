@@ -150,7 +150,7 @@ def test_advice_is_that_of_the_run_that_is_named(command: Command) -> None:
     assert "forced" not in out
     status, out, err = command("advise", "--error", "1e-2", "--run", "run", "intermediate-axis")
     assert (status, out) == (2, "")
-    assert err.startswith("run: has no scenario intermediate-axis; it has free, ")
+    assert err.startswith("run: has no scenario intermediate-axis (available: free, ")
 
 
 def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Command) -> None:

@@ -369,7 +369,7 @@ def pivoted(initial: str) -> Scenario:
 @pytest.mark.parametrize(
     ("value", "why"),
     [
-        ("1" * 5000, "file.toml: has a whole number of too many digits"),
+        ("1" * 5000, "file.toml: has an integer with too many digits"),
         ("[" * 5000 + "]" * 5000, "file.toml: is nested too deeply"),
     ],
     ids=["digits", "lists"],
