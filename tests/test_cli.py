@@ -115,9 +115,9 @@ def test_the_reproducing_command_reproduces_the_case(tmp_path: Path) -> None:
 WRONG = {
     "unknown scenario": (["run", "nope"], "nope: is neither"),
     "wrong file": (["run", "bad.toml"], "bad.toml: duration_s: should be greater than 0"),
-    "unknown engine": (["run", "mine.toml", "--engine", "havok"], "no engine is named 'havok'"),
+    "unknown engine": (["run", "mine.toml", "--engine", "havok"], "unknown engine 'havok'"),
     "unknown method": (["run", "mine.toml", "--engine", "reference:rk5"], "reference has no method 'rk5'"),
-    "no engine at all": (["run", "mine.toml", "--engine", ""], "no engine is named ''"),
+    "no engine at all": (["run", "mine.toml", "--engine", ""], "unknown engine ''"),
     "no method at all": (["run", "mine.toml", "--engine", "reference:"], "reference has no method ''"),
     "a step twice": (["run", "mine.toml", "--dt", "0.1,0.05,0.1"], "the step of 0.1 s is given twice"),
     "here": (["run", "mine.toml", "--out", "."], "is already there"),

@@ -124,7 +124,7 @@ def kill_workers(trial: Trial, most_lines: int) -> None:
     trial.wait_for_a_moment(process, most_lines)
     kill_one_worker(trial, process)
     said = ended(process, {0, 2})
-    if process.returncode == 2 and "cannot be started: the worker died of SIGKILL" not in said:
+    if process.returncode == 2 and "cannot be started: the worker was killed by SIGKILL" not in said:
         raise FaultFound(said)
 
 
