@@ -146,22 +146,22 @@ WRONG = {
     "no mesh": (["body", "no.stl", "--density-kg-m3", "1"], "no.stl: "),
     "no solid": (["body", "mine.toml", "--density-kg-m3", "1"], "mine.toml: is neither a mesh file"),
     "no density": (["body", "sphere", "--size-m", "1", "--density-kg-m3", "0"], "density must be positive"),
-    "no sizes": (["body", "sphere", "--density-kg-m3", "1"], "sphere: a shape needs --size-m"),
+    "no sizes": (["body", "sphere", "--density-kg-m3", "1"], "sphere: a shape requires --size-m"),
     "sizes in words": (
         ["body", "sphere", "--size-m", "big", "--density-kg-m3", "1"],
         "'big' is not a number",
     ),
     "code not allowed": (
         ["body", "mine:f", "--box-m", "-1,-1,-1,1,1,1", "--density-kg-m3", "1"],
-        "mine:f: to import it runs its code; add --allow-code if you trust it",
+        "mine:f: importing it runs its code; add --allow-code if you trust it",
     ),
     "family for one scenario": (
         ["truth", "family.toml", "--at", "0"],
-        "family.toml: is a family; name one of it: family.toml/1.0, family.toml/2.0",
+        "family.toml: is a family; name one of its scenarios: family.toml/1.0, family.toml/2.0",
     ),
     "function not allowed": (
         ["run", "called.toml"],
-        "called.toml: forcing[0].function: loads:f: to import it runs its code; add --allow-code",
+        "called.toml: forcing[0].function: loads:f: importing it runs its code; add --allow-code",
     ),
     "function that fails": (
         ["truth", "called.toml", "--at", "0,1", "--allow-code"],
@@ -169,7 +169,7 @@ WRONG = {
     ),
     "function that gives NaN": (
         ["truth", "nan.toml", "--at", "0,1", "--allow-code"],
-        "loads:nan: must give force and torque, three finite numbers each, not ([nan, nan, nan], [0.0, ",
+        "loads:nan: must return force and torque, three finite numbers each, not ([nan, nan, nan], [0.0, ",
     ),
     "judged file that is none": (["judge", "no.csv", "--scenario", "mine.toml"], "no.csv: cannot be read"),
     "unknown list": (["list", "colours"], "'colours' is not one of"),

@@ -212,7 +212,7 @@ def test_a_step_function_is_given_what_it_needs(inner: pytest.Pytester) -> None:
     [
         ("return 1 / 0", "ZeroDivisionError: division by zero"),
         ("return None", "TypeError: step must return a state, as dataclasses.replace does, not NoneType"),
-        ("return replace(state, omega_body=np.zeros(4))", "give omega_body the shape (3,), not (4,)"),
+        ("return replace(state, omega_body=np.zeros(4))", "return omega_body of shape (3,), not (4,)"),
         (
             "return replace(state, quaternion=np.full(4, np.nan))",
             "quaternion is not finite from t = 0.1 s on",
