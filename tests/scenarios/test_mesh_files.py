@@ -269,7 +269,7 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
         "the mesh is open: 3 edges belong to one triangle only",
     ),
     "PLY of nothing": ("a.ply", "", "not a PLY file: 'ply' at its start or the line 'end_header' is missing"),
-    "PLY without end": ("a.ply", ply(end=""), "is no PLY: it lacks 'ply' at its start or the line"),
+    "PLY without end": ("a.ply", ply(end=""), "not a PLY file: 'ply' at its start or the line"),
     "PLY of another format": (
         "a.ply",
         ply(format="format utf8 1.0"),
