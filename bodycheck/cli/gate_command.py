@@ -115,7 +115,7 @@ def _new_run(
 
 
 def _update(file: Path, results: Sequence[GateResult], margin: float | None, loosen: str | None) -> None:
-    """Replace bounds in a file by what a run keeps, and print which; loosen: the reason to loosen some."""
+    """Replace bounds in a file by what a run meets, and print which; loosen: the reason to loosen some."""
     from bodycheck._util.files import write_whole
     from bodycheck.reports.gates.gate_output import print_changes
     from bodycheck.reports.gates.proposal import MARGIN_DECADES, edited, proposals

@@ -23,9 +23,9 @@ Fresh: TypeAlias = Annotated[
     bool | None,
     typer.Option(
         "--fresh/--reuse",
-        help="Run every case again, or reuse results of earlier runs by the same build of an engine. By "
-        "default, gate runs every case again; run and versions reuse results of installed engines only, not "
-        "of plug-ins and editable installs.",
+        help="Run every case again, or reuse results of earlier runs by the same build of an engine.  "
+        "[default: gate runs again; run and versions reuse for installed engines and run plug-ins and "
+        "editable installs again]",
         show_default=False,
     ),
 ]
@@ -42,7 +42,9 @@ Tolerances: TypeAlias = Annotated[
 AllowCode: TypeAlias = Annotated[
     bool,
     typer.Option(
-        "--allow-code", help="Allow scenario files to import functions, which runs their modules' code."
+        "--allow-code",
+        help="Allow scenario files to import functions f(t, position, R, velocity, omega) -> force, torque, "
+        "which runs their modules' code; R is (3, 3), t a number, the others (3,).",
     ),
 ]
 

@@ -380,7 +380,7 @@ WRONG_ANNOUNCEMENTS = {
     ),
     "a name for the terminal": (announcing(version="\x1b[31m"), "version: Value error, should be one line"),
     "no method at all": (announcing(methods=[]), "methods: List should have at least 1 item"),
-    "a method twice": (announcing(methods=[METHOD, METHOD]), "names the method drift twice"),
+    "a method twice": (announcing(methods=[METHOD, METHOD]), "the method drift is named twice"),
     "a tolerance of 2": (announcing(methods=[{**METHOD, "tolerances": [2.0]}]), "methods.0.tolerances.0"),
     "another name": (announcing(engine="other"), "drift announces itself as 'other'"),
     "nothing at all": ("", "the worker exited with status 0"),

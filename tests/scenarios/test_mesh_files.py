@@ -238,7 +238,7 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
     "STL facet of two corners": (
         "a.stl",
         ascii_stl().replace("  vertex 0.0 2.0 0.0\n", "", 1),
-        "line 7: a facet ends that has not",
+        "line 7: a facet does not have",
     ),
     "STL with another line": (
         "a.stl",
@@ -290,7 +290,7 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
     "PLY of broken corners": (
         "a.ply",
         ply(list="property list uchar float vertex_indices"),
-        "line 10: 'list uchar float' is no type of",
+        "line 10: 'list uchar float' is not a valid type of",
     ),
     "PLY of a negative count": ("a.ply", ply(vertices="element vertex -4"), "line 4: a count cannot be -4"),
     "PLY of no count": ("a.ply", ply(vertices="element vertex four"), "line 4: 'four' is not an integer"),

@@ -143,7 +143,7 @@ def test_an_error_that_rests_on_a_few_points_is_not_stated() -> None:
     sign = LevelSet(
         lambda p: np.where(np.asarray(thin.function(p)) <= 0.0, -1.0, 1.0), thin.lower, thin.upper, 16
     )
-    with pytest.raises(ValueError, match=r"only \d+ points met them: too few to state an error"):
+    with pytest.raises(ValueError, match=r"only \d+ points hit them: too few to estimate an error"):
         estimate(sign, columns_log2=10)
 
 

@@ -492,7 +492,7 @@ def test_a_function_is_imported_where_code_is_allowed(
 @pytest.mark.parametrize(
     ("name", "part"),
     [
-        ("torque_only", "user_wrench:torque_only: must give force and torque"),
+        ("torque_only", "user_wrench:torque_only: must return force and torque"),
         ("broken", "user_wrench:broken: failed at t = 0.25 s: ZeroDivisionError"),
     ],
 )
@@ -631,7 +631,7 @@ def test_two_different_scenarios_of_one_name_are_refused(tmp_path: Path) -> None
     """Rows of two scenarios must not be mixed up under one name."""
     path = tmp_path / "mine.toml"
     path.write_text(GOOD.replace("good", "sphere"))
-    with pytest.raises(InputError, match="another scenario of this run is named 'sphere'"):
+    with pytest.raises(InputError, match="another scenario of this run is also named 'sphere'"):
         load_scenarios(["sphere", str(path)])
 
 
