@@ -41,7 +41,8 @@ def compare(
     fail_on: Annotated[
         Literal["worse", "moved", "never"],
         typer.Option(
-            help="When to exit with status 1. worse: anything is worse or missing; moved: also if anything moved."
+            help="When to exit with status 1. worse: if anything is worse or missing; moved: also if "
+            "anything moved."
         ),
     ] = "never",
     threshold: Threshold = THRESHOLD,
