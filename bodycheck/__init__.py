@@ -1,6 +1,6 @@
-"""bodycheck tells whether a rigid-body engine is right, how right at what speed, and whether that changed.
+"""Measure the accuracy and the speed of rigid-body engines, and detect changes in them.
 
-The public names are imported when they are first used: `import bodycheck` costs nothing.
+Public names are imported on first use, so `import bodycheck` is fast.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name from its home (PEP 562)."""
+    """Import a public name from its module on first use (PEP 562)."""
     if name not in _HOMES:
         raise AttributeError(f"module 'bodycheck' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name]), name)

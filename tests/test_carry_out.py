@@ -55,9 +55,9 @@ def test_unexpected_exception_is_one_line_and_status_70(
     (line,) = done.stderr.splitlines()
     assert len(line) <= LONGEST_LINE
     assert line.isprintable()
-    assert line.startswith(f"unexpected fault in bodycheck list suites (reading suites.json): {words}")
+    assert line.startswith(f"unexpected error in bodycheck list suites (reading suites.json): {words}")
     (kept,) = faults.iterdir()
-    assert f"its traceback is kept in {kept}; please report it" in line
+    assert f"its traceback is stored in {kept}; please report it" in line
     assert "Traceback (most recent call last)" in kept.read_text()
     assert "in broken" in kept.read_text()
 

@@ -193,20 +193,20 @@ WRONG = {
     "unknown scenario": (["nope", "--tolerances", "kept.toml"], "nope: is neither"),
     "margin alone": (
         ["--tolerances", "kept.toml", "--margin", "1"],
-        "--margin and --loosen belong to --update",
+        "--margin and --loosen require --update",
     ),
     "reason alone": (
         ["--tolerances", "kept.toml", "--loosen", "x"],
-        "--margin and --loosen belong to --update",
+        "--margin and --loosen require --update",
     ),
-    "no reason": (["--tolerances", "kept.toml", "--update", "--loosen", " "], "must say why"),
+    "no reason": (["--tolerances", "kept.toml", "--update", "--loosen", " "], "must state the reason"),
     "negative margin": (
         ["--tolerances", "kept.toml", "--update", "--margin", "-1"],
-        "must be 0 or more decades",
+        "must be between 0 and 300 decades",
     ),
     "endless margin": (
         ["--tolerances", "kept.toml", "--update", "--margin", "400"],
-        "must be 0 or more decades, and 300 at most",
+        "must be between 0 and 300 decades",
     ),
     "no jobs": (["mine.toml", "--tolerances", "kept.toml", "--jobs", "0"], "jobs must be 1 or more, not 0"),
 }

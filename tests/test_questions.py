@@ -150,7 +150,7 @@ def test_advice_is_that_of_the_run_that_is_named(command: Command) -> None:
     assert "forced" not in out
     status, out, err = command("advise", "--error", "1e-2", "--run", "run", "intermediate-axis")
     assert (status, out) == (2, "")
-    assert err.startswith("run: has no scenario intermediate-axis; it has free, ")
+    assert err.startswith("run: has no scenario intermediate-axis (available: free, ")
 
 
 def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Command) -> None:
@@ -229,16 +229,22 @@ WRONG = {
         ["advise", "--error", "1", "--quantity", "beauty"],
         "--quantity beauty: unknown quantity (available: orientation_error_rad",
     ),
-    "an unknown column": (["table", "run", "--columns", "beauty"], "results has no beauty; it has run_id"),
+    "an unknown column": (
+        ["table", "run", "--columns", "beauty"],
+        "results has no beauty (available: run_id",
+    ),
     "an unknown table": (["table", "run", "beauty"], "'beauty' is not one of"),
-    "parquet as text": (["table", "run", "--format", "parquet"], "is no text; name a file with --out"),
+    "parquet as text": (
+        ["table", "run", "--format", "parquet"],
+        "is a binary format; name a file with --out",
+    ),
     "no scenario": (
         ["plot", "run", "--figure", "order", "--out", "a.svg"],
-        "--scenario is needed; there are free",
+        "--scenario is required (available: free",
     ),
     "another scenario": (
         ["plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "x"],
-        "--scenario x: is none of the run's; there are free",
+        "--scenario x: not in this run (available: free",
     ),
     "a figure without a format": (
         ["plot", "run", "--figure", "order", "--out", "a", "--scenario", "free"],
@@ -250,7 +256,7 @@ WRONG = {
     ),
     "a figure of nothing": (
         [*("plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "free"), "--quantity", "x"],
-        "--quantity x: there are energy_drift",
+        "--quantity x: unknown measure (available: energy_drift",
     ),
 }
 

@@ -148,7 +148,7 @@ def test_a_stopped_run_leaves_no_worker_and_goes_on_to_the_same_tables(
     ended = finished(stopped)
     assert ended[0] == status
     if blow != signal.SIGKILL:
-        assert ended[1] == "stopped; go on with: bodycheck run --resume out"
+        assert ended[1] == "stopped; continue with: bodycheck run --resume out"
     assert not (tmp_path / "out").exists()
     stored = (tmp_path / "out.partial/journal").read_bytes()
     os.link(tmp_path / "out.partial/journal", tmp_path / "kept")
@@ -183,7 +183,7 @@ def test_a_second_process_on_the_same_run_is_told_so(command: Command, tmp_path:
     assert words.startswith("out.partial/journal: another process is using this run")
     status, words = finished(command(*hanging(), "--out", "out"))
     assert status == 2
-    assert words.startswith("out.partial: is of a run that was stopped: go on with --resume out")
+    assert words.startswith("out.partial: holds an interrupted run; continue with --resume out")
     first.send_signal(signal.SIGCONT)
     assert finished(first)[0] == 0
     assert finished(command("run", "--resume", "out")) == (2, "--resume out: that run is complete")
@@ -192,9 +192,12 @@ def test_a_second_process_on_the_same_run_is_told_so(command: Command, tmp_path:
 @pytest.mark.slow
 def test_what_cannot_be_gone_on_with_is_refused(command: Command, tmp_path: Path) -> None:
     """No run, a damaged description, other wishes beside it: one line each, nothing written."""
-    assert finished(command("run", "--resume", "out")) == (2, "--resume out: no run was stopped there")
+    assert finished(command("run", "--resume", "out")) == (2, "--resume out: there is no interrupted run")
     status, words = finished(command("run", "mine.toml", "--resume", "out"))
-    assert (status, words) == (2, "--resume goes on with a run as it was asked: give nothing beside it")
+    assert status == 2
+    assert words == (
+        "--resume: continues a run with its original settings; cannot be combined with other options"
+    )
     (tmp_path / "out.partial").mkdir()
     (tmp_path / "out.partial/request.json").write_text('{"asked": {')
     status, words = finished(command("run", "--resume", "out"))
@@ -214,7 +217,7 @@ def test_a_run_whose_input_is_wrong_leaves_nothing(tmp_path: Path, monkeypatch: 
         done = CliRunner().invoke(commands.app, words)
         assert isinstance(done.exception, InputError)
         assert str(done.exception).startswith("mine.toml: math:hypot: failed at t = 0.0 s: TypeError")
-        assert "go on with" not in str(done.exception)
+        assert "continue with" not in str(done.exception)
         assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 

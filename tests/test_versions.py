@@ -139,9 +139,9 @@ def test_speeds_are_measured_in_its_environment() -> None:
     ("engine", "told"),
     [
         ("toy==0.9", "toy==0.9 cannot be installed: "),
-        ("toy==3.0", "toy==3.0 announces version 2.9: ask for toy==2.9"),
+        ("toy==3.0", "toy==3.0 announces version 2.9; request toy==2.9"),
         (f"toy=={BROKEN}", f"toy=={BROKEN}: toy cannot be imported: RuntimeError: spoilt"),
-        ("toy==1.0:n", "toy==1.0 has no method 'n'; it has m"),
+        ("toy==1.0:n", "toy==1.0 has no method 'n' (available: m"),
     ],
 )
 def test_a_version_that_cannot_be_had_is_refused(
@@ -238,9 +238,9 @@ def test_equal_ends_are_told_for_what_they_are(
         (("--since", "1.0", "--measure", "beauty"), "--measure beauty: unknown measure 'beauty'"),
         (("--since", "1.0", "--measure", "cpu_s"), "cannot search by speed"),
         (("--since", "1.0", "--measure", "steps"), "runs are not compared by it"),
-        (("--since", "1.0", "--until", "1.1", "--method", "n"), "toy has no such method; it has m"),
-        (("--since", "1.x"), "--since 1.x: is no version"),
-        (("--since", "1.0", "--scenario", "smoke"), "--scenario smoke: is 3 scenarios"),
+        (("--since", "1.0", "--until", "1.1", "--method", "n"), "toy has no such method (available: m"),
+        (("--since", "1.x"), "--since 1.x: not a version"),
+        (("--since", "1.0", "--scenario", "smoke"), "--scenario smoke: names 3 scenarios"),
         (("--since", "1.0", "--scenario", "nowhere"), "nowhere"),
         (("--since", "1.0", "--dt", "0.03"), "0.03"),
         (("--since", BROKEN, "--until", BROKEN), "spoilt"),

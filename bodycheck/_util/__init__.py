@@ -1,1 +1,1 @@
-"""Helpers that know nothing of mechanics; every room may import them."""
+"""Helpers without mechanics, which every package may import."""

@@ -1,4 +1,4 @@
-"""Plain data as a line that knows whether it is whole: the hash of its text, a blank, the text as JSON."""
+"""Plain data as a line with a checksum: SHA-256 of the text, a space, the text as JSON."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 
 
 def sealed(message: dict[str, Any]) -> bytes:
-    """Return a message as one line, newline included."""
+    """Return a message as one line with its checksum, newline included."""
     text = json.dumps(message, separators=(",", ":")).encode()
     return sha256(text).hexdigest().encode() + b" " + text + b"\n"
 
 
 def opened(line: bytes) -> dict[str, Any] | None:
-    """Return the message of a line; None where it is cut off or changed."""
+    """Return the message of a line; None if the line is truncated or altered."""
     digest, _, text = line.removesuffix(b"\n").partition(b" ")
     if not line.endswith(b"\n") or sha256(text).hexdigest().encode() != digest:
         return None

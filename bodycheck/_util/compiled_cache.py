@@ -13,9 +13,9 @@ from bodycheck._util.cache_dir import cache_home, folder_for_this_command
 from bodycheck._util.file_digests import digest_of
 from bodycheck._util.platform_identity import compiler
 
-_PROBE = bytes(1 << 16)  # a full disk takes the name of a file, and nothing in it
+_PROBE = bytes(1 << 16)  # on a full disk a file can be created but not written
 KERNELS_FOR_NOW = "BODYCHECK_KERNELS_FOR_NOW"
-"""Tells the processes that this one starts of the folder that it made in place of the user's."""
+"""Passes the temporary folder that replaces the user's to child processes."""
 
 
 @cache
@@ -23,11 +23,11 @@ def cache_directory() -> Path:
     """Return the folder of compiled kernels, named by a hash of reference_impl's sources and the compiler.
 
     numba's own cache keeps using an old callee when only the callee's file has changed, so a change in any
-    file of this room starts an empty folder. It knows numba's version and the processor, but not a patched
-    numba, another llvmlite, or another NUMBA_OPT: these start an empty folder too. ``BODYCHECK_CACHE_DIR``
-    moves it. Where it cannot be written a temporary one takes its place, which ends with this process, and a
-    line says so: numba by itself would write beside the sources, where nothing knows of changed callees, or
-    give up.
+    file of reference_impl starts an empty folder. numba's cache distinguishes numba's version and the
+    processor, but not a patched numba, another llvmlite, or another NUMBA_OPT: these start an empty folder
+    too. ``BODYCHECK_CACHE_DIR`` moves the folder. If it cannot be written, print a warning and return a
+    temporary folder, which is removed when this process ends: numba by itself would write next to the
+    sources, where changed callees go unnoticed, or give up.
     """
     if for_now := os.environ.get(KERNELS_FOR_NOW):
         return Path(for_now)

@@ -1,18 +1,18 @@
-"""The errors that bodycheck raises for misuse; how a case ended is data (its outcome), not an exception."""
+"""The exceptions that bodycheck raises for misuse; the outcome of a case is data, not an exception."""
 
 from __future__ import annotations
 
 
 class BodycheckError(Exception):
-    """Anything that the caller can put right: its message is one clear line, or one line a fault."""
+    """An error that the caller can correct; the message has one line per error."""
 
 
 class InputError(BodycheckError, ValueError):
-    """The input was wrong: a file, a name, a number. The command line ends with status 2."""
+    """Wrong input: a file, a name, a number. The command line exits with status 2."""
 
 
 class UnavailableError(BodycheckError, ImportError):
-    """An engine or library that was asked for cannot be imported here; the message says why."""
+    """A requested engine or library cannot be imported; the message says why."""
 
 
 class InsideWorkerError(BodycheckError):
@@ -20,9 +20,9 @@ class InsideWorkerError(BodycheckError):
 
 
 class WorkerLostError(BodycheckError):
-    """A worker process died, hung, or said what is none of the protocol's; says how, with its last output.
+    """A worker process died, hung or violated the protocol; the message says how, with its last output.
 
-    killed: by SIGKILL, which no engine brings upon itself, but users and a machine out of memory do.
+    killed: by SIGKILL, which users and the out-of-memory killer send, but no engine sends to itself.
     """
 
     def __init__(self, message: str, *, timed_out: bool = False, killed: bool = False) -> None:
@@ -31,14 +31,14 @@ class WorkerLostError(BodycheckError):
 
 
 INPUT = 2
-"""The status of a command whose input was wrong."""
+"""Exit status for wrong input."""
 
 FAULT = 70
-"""The status of a command that met an exception which nobody expected: EX_SOFTWARE of sysexits.h."""
+"""Exit status for an unexpected exception: EX_SOFTWARE of sysexits.h."""
 
 INTERRUPTED = 130
-"""The status that a shell expects of a command that Ctrl-C ended."""
+"""Exit status that shells expect of a command interrupted by Ctrl-C."""
 
 
 class StoppedError(BodycheckError):
-    """The user stopped a run; says how it can go on."""
+    """The user interrupted a run; the message says how to continue it."""

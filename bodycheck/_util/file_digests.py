@@ -1,4 +1,4 @@
-"""Hashes of what files hold, remembered for as long as the files are what they were."""
+"""Hashes of file contents, cached until a file changes."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from bodycheck._util.cache_dir import cache_home
 from bodycheck._util.checksummed_json import opened, sealed
 
 _RACY_NS = 2_000_000_000
-"""A file changed so shortly before it was hashed may change again with the same times: FAT counts 2 s."""
+"""A file modified this recently may change again within one time stamp: FAT has a resolution of 2 s."""
 
 Entry = tuple[str, os.stat_result]
-"""A path, and what the system says of the file."""
+"""A path and its os.stat_result."""
 Wanted = Callable[[str], bool]
 
 
 def files_below(folder: str, wanted: Wanted = lambda name: True) -> dict[str, Entry]:  # noqa: ARG005
-    """Return the files in and below a folder whose names are wanted, by their places in it.
+    """Return relative path -> entry of the files in and below a folder whose names are wanted.
 
-    Without caches of bytecode and hidden folders; what is gone or cannot be read is not part of it.
+    Skips __pycache__, hidden folders, and files that vanish or cannot be read.
     """
-    begin = len(folder) + 1  # os.path.relpath would take half of the time
+    begin = len(folder) + 1  # faster than os.path.relpath, which would take half of the time
     return {path[begin:]: (path, status) for path, status in _walk(folder, wanted)}
 
 
@@ -45,18 +45,18 @@ def _walk(folder: str, wanted: Wanted) -> Iterator[Entry]:
 
 
 def files_at(paths: Iterable[str]) -> Iterator[Entry]:
-    """Yield the files of these paths that are there."""
+    """Yield the entries of those paths that exist."""
     for path in paths:
         with suppress(OSError):
             yield path, Path(path).stat()
 
 
 def content_digest(label: str, files: Mapping[str, Entry]) -> str:
-    """Return a hash of what files hold, and of the names that they go by.
+    """Return a hash of the contents and names of files.
 
-    files: name -> path and its status. It is computed once for each state of the files: path, size, time of
-    modification and of change in ns, inode and device. label: under which the newest state is remembered,
-    in one file of the cache; where that cannot be written, nothing is.
+    files: name -> path and its status. The hash is computed once per state of the files: path, size, times of
+    modification and of change in ns, inode and device. label: key of the cache file that stores the newest
+    state and its hash; if that file cannot be written, nothing is cached.
     """
     named = sorted(files.items())
     state = _state(named)
@@ -108,7 +108,7 @@ def _remembered(memory: Path, state: str) -> str | None:
 
 
 def _remember(memory: Path, state: str, digest: str) -> None:
-    """Write it whole or not at all: other processes may do the same at this moment."""
+    """Write the cache file atomically, because other processes may write it at the same time."""
     with suppress(OSError):
         memory.parent.mkdir(parents=True, exist_ok=True)
         descriptor, unfinished = tempfile.mkstemp(dir=memory.parent, prefix=f".{memory.name}-")

@@ -1,4 +1,4 @@
-"""A file that is written whole or not at all."""
+"""Atomic writing of files, and checks that a file can be written."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from pathlib import Path
 
 from bodycheck._util.errors import InputError
 
-_LONGEST_STEM = 50  # a name may have 255 bytes
+_LONGEST_STEM = 50  # file names are limited to 255 bytes
 
 
 def check_file(option: str, path: Path | None) -> None:
-    """Raise InputError where the file that an option names could not be written; None: it names none.
+    """Raise InputError if the file that an option names cannot be written; accept None.
 
-    Asked before anything long is run: what was measured must not be lost for want of a folder.
+    Call it before a long computation, so that no result is lost for lack of a folder.
     """
     if path is None:
         return
     folder = path.absolute().parent
-    if os.path.isdir(path):  # noqa: PTH112 - no name is too long for it
+    if os.path.isdir(path):  # noqa: PTH112 - accepts names of any length
         raise InputError(f"{option} {path}: is a folder; name a file")
     if not os.path.isdir(folder):  # noqa: PTH112
         raise InputError(f"{option} {path}: cannot be written: there is no folder {folder}")
@@ -29,9 +29,9 @@ def check_file(option: str, path: Path | None) -> None:
 
 
 def check_folder(asked: str, folder: Path) -> None:
-    """Raise InputError, which begins with what was asked, where no file could be made in a folder.
+    """Raise InputError, with the prefix `asked`, if no file can be created in a folder.
 
-    Of a folder that is still to be made, the nearest that is there is tried.
+    If the folder does not exist, test its nearest existing parent.
     """
     try:
         place = next(one for one in (folder.absolute(), *folder.absolute().parents) if one.exists())
@@ -42,7 +42,7 @@ def check_folder(asked: str, folder: Path) -> None:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file whole; raises InputError where it cannot be written."""
+    """Write a file atomically; raises InputError if it cannot be written."""
     try:
         atomic_write(path, content)
     except OSError as error:
@@ -50,10 +50,10 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def atomic_write(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name, beside it, and rename it; raises OSError."""
+    """Write a file under a temporary name in its folder and rename it; raises OSError."""
     unfinished = unfinished_name(path.absolute())
     try:
-        with unfinished.open("xb") as file:  # not mkstemp: the umask says who may read it
+        with unfinished.open("xb") as file:  # not mkstemp, which ignores the umask
             file.write(content)
         unfinished.replace(path)
     except BaseException:
@@ -63,5 +63,5 @@ def atomic_write(path: Path, content: bytes) -> None:
 
 
 def unfinished_name(path: Path) -> Path:
-    """Return a name beside a file or a folder that nothing else has, for the time until it is whole."""
+    """Return a unique temporary name in the folder of a file or folder that is being written."""
     return path.with_name(f".{path.name[:_LONGEST_STEM]}-{secrets.token_hex(8)}")

@@ -1,4 +1,4 @@
-"""What numbers depend on besides our own sources: libraries as they are installed, processor, environment."""
+"""Identity of the platform that affects numerical results: installed libraries, processor, environment."""
 
 from __future__ import annotations
 
@@ -20,55 +20,55 @@ _FOLDERS = {
     "llvmlite": ("llvmlite",),
     "scipy": ("scipy/linalg", "scipy/_lib", "scipy.libs"),
 }
-"""Of each library the folders beside its package that can change a number: numba calls the BLAS of scipy."""
+"""Library -> the folders whose code can change a number; numba calls the BLAS of scipy."""
 _LONGEST = 500
 _CPUINFO = Path("/proc/cpuinfo")
 
 VARIABLES: dict[str, str] = {
-    "OMP_*": "how many threads share a sum, and so its order",
-    "MKL_*": "the same, and MKL_CBWR which code path multiplies",
-    "OPENBLAS_*": "the same, and OPENBLAS_CORETYPE the kernels",
+    "OMP_*": "number of threads that share a sum, and so the order of summation",
+    "MKL_*": "the same; MKL_CBWR selects the code path of multiplication",
+    "OPENBLAS_*": "the same; OPENBLAS_CORETYPE selects the kernels",
     "GOTO_NUM_THREADS": "an older name of OPENBLAS_NUM_THREADS",
     "BLIS_*": "threads and kernels of BLIS",
     "VECLIB_*": "threads of Accelerate",
     "NUMBA_*": "how kernels are compiled: NUMBA_OPT, NUMBA_CPU_NAME, NUMBA_DISABLE_JIT and others",
     "NPY_*": "which of numpy's dispatched loops are used: NPY_DISABLE_CPU_FEATURES",
     "GLIBC_TUNABLES": "which variants of libm's functions are chosen",
-    "LD_PRELOAD": "code that takes the place of other code of the same name",
-    "LD_LIBRARY_PATH": "where libraries of a name are looked for first",
+    "LD_PRELOAD": "code that replaces other code of the same name",
+    "LD_LIBRARY_PATH": "where libraries are searched first",
     "LD_AUDIT": "code that redirects calls",
     "DYLD_*": "the same on macOS",
     "PYTHONOPTIMIZE": "whether assertions are executed",
-    "LC_ALL": "how an engine that heeds the locale reads a decimal point",
+    "LC_ALL": "how a locale-dependent engine reads a decimal point",
     "LC_NUMERIC": "the same",
-    "LANG": "the same where those two are not set",
+    "LANG": "the same if neither LC_ALL nor LC_NUMERIC is set",
     "CUDA_VISIBLE_DEVICES": "which device computes",
-    "NVIDIA_TF32_OVERRIDE": "how many digits a device keeps",
+    "NVIDIA_TF32_OVERRIDE": "precision of a device",
     "XLA_FLAGS": "how kernels of XLA are compiled",
     "JAX_*": "precision and device of JAX",
     "TORCH_*": "kernels and device of PyTorch",
     "WARP_*": "how kernels of Warp are compiled",
 }
-"""Environment variables known to change what is computed, and why.
+"""Environment variables known to change results, and how.
 
-PYTHONHASHSEED is not among them: without it each process already hashes texts in its own way. NUMBA_CACHE_DIR
-is left out: it says where, not what.
+PYTHONHASHSEED is left out because without it each process hashes strings differently anyway, NUMBA_CACHE_DIR
+because it affects no result.
 """
 _IDLE = ("NUMBA_CACHE_DIR",)
 
 
 @cache
 def library_builds() -> dict[str, str]:
-    """Return name -> version and a hash of the code, of each library that is there; none is imported."""
+    """Return name -> version and hash of the code of each installed library, without importing it."""
     found = ((name, _build(name, folders)) for name, folders in _FOLDERS.items())
     return {name: build for name, build in found if build is not None}
 
 
 def library_roots() -> tuple[str, ...]:
-    """Return the folders of these libraries."""
+    """Return the folders of the libraries that affect results."""
     sites = {name: _site(name) for name in _FOLDERS}
     return tuple(
-        os.path.join(site, folder)  # noqa: PTH118 - paths of sys.modules and maps are texts
+        os.path.join(site, folder)  # noqa: PTH118 - paths in sys.modules and /proc/self/maps are strings
         for name, site in sites.items()
         if site is not None
         for folder in (name, f"{name}.libs")
@@ -103,7 +103,7 @@ def _build(name: str, folders: Iterable[str]) -> str | None:
 
 @cache
 def processor() -> str:
-    """Return the processor's name and a hash of its features, which numpy, numba and libm dispatch on."""
+    """Return the processor's name and a hash of its features, by which numpy, numba and libm dispatch."""
     try:
         block = _CPUINFO.read_text(encoding="utf-8").partition("\n\n")[0]
     except OSError:
@@ -116,7 +116,7 @@ def processor() -> str:
 
 
 def environment(patterns: Iterable[str] = VARIABLES) -> str:
-    """Return the variables of these names that are set, with their values; their hash where that is long."""
+    """Return the variables that match the patterns, with their values; a hash if that is long."""
     patterns = tuple(patterns)
     found = [
         f"{name}={value}"
@@ -130,13 +130,13 @@ def environment(patterns: Iterable[str] = VARIABLES) -> str:
 
 
 def compiler() -> str:
-    """Return what kernels are compiled by: builds of numba and llvmlite, and numba's variables."""
+    """Return what determines compiled kernels: builds of numba and llvmlite, and numba's variables."""
     builds = library_builds()
     return f"{builds.get('numba')} {builds.get('llvmlite')} {environment(['NUMBA_*'])}"
 
 
 def numeric_parts() -> dict[str, str]:
-    """Return all of it, with Python: what our own computations depend on besides our sources."""
+    """Return everything besides bodycheck's sources that affects its results: Python, libraries, platform."""
     return {
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         **library_builds(),

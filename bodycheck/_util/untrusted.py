@@ -1,4 +1,4 @@
-"""Input from outside: text for a terminal, JSON and TOML that may hold anything, words of a shell command."""
+"""Handle untrusted input: text for a terminal, JSON and TOML files, words of a shell command."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from typing import Any
 from bodycheck._util.errors import BodycheckError, InputError
 
 LONGEST_LINE = 500
-_TAIL = 200  # what a line ends with says what to do
+_TAIL = 200  # the end of a message says what to do
 _CUT = " ... "
 _SHORT = 200
 
 
 def printable(text: str, longest: int = LONGEST_LINE) -> str:
-    """Return text as one line in which control characters are escaped and the middle may be left out."""
-    if len(text) > 2 * longest:  # escaping only makes it longer
+    """Return text as one line: escape control characters, and leave out the middle of long text."""
+    if len(text) > 2 * longest:  # escaping can only lengthen it
         text = text[:longest] + text[-longest:]
     line = _escaped(text)
     tail = min(_TAIL, longest // 2)
@@ -30,7 +30,7 @@ def printable(text: str, longest: int = LONGEST_LINE) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """Return text of several lines with each of them made printable."""
+    """Return text with each of its lines made printable."""
     return "\n".join(printable(line) for line in text.split("\n"))
 
 
@@ -41,7 +41,7 @@ def _escaped(text: str) -> str:
 
 
 def escaped(value: Any) -> Any:
-    """Return plain data with the control characters of its texts escaped: what is stored may be shown."""
+    """Return plain data with the control characters of its strings escaped, so that it can be printed."""
     match value:
         case str():
             return value if value.isprintable() else "".join(_kept(c) for c in value)
@@ -58,7 +58,7 @@ def _kept(c: str) -> str:
 
 @contextmanager
 def doing(what: str) -> Iterator[None]:
-    """Note what is being done on an unexpected exception: the line that reports it names the file."""
+    """Add a note to an unexpected exception that says what was being done, for the line that reports it."""
     try:
         yield
     except BodycheckError:
@@ -70,7 +70,7 @@ def doing(what: str) -> Iterator[None]:
 
 @contextmanager
 def from_outside(where: Path) -> Iterator[None]:
-    """Turn whatever data from outside brings about into an InputError that names where it is."""
+    """Turn any exception caused by outside data into an InputError that names its file."""
     try:
         yield
     except BodycheckError:
@@ -81,9 +81,9 @@ def from_outside(where: Path) -> Iterator[None]:
 
 
 def read_json(path: Path, *, escape: bool = True) -> Any:
-    """Return the content of a JSON file; escape: the control characters of its texts.
+    """Return the content of a JSON file; escape: whether to escape control characters in its strings.
 
-    Raises FileNotFoundError where there is no file, InputError with one line where it cannot be read.
+    Raises FileNotFoundError if there is no file, InputError with one line if it cannot be read.
     """
     try:
         content = json.loads(path.read_bytes().decode("utf-8"))
@@ -99,15 +99,15 @@ def read_json(path: Path, *, escape: bool = True) -> Any:
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """Return the content of TOML text; InputError with one line, which names `where`, if it is none."""
+    """Return the content of TOML text; raises InputError with one line, which names `where`, if invalid."""
     try:
         return tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{where}: is nested too deeply") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{where}: is not TOML: {error}") from None
-    except ValueError:  # of int(), which reads no number of any length
-        raise InputError(f"{where}: has a whole number of too many digits") from None
+    except ValueError:  # int() limits the number of digits
+        raise InputError(f"{where}: has an integer with too many digits") from None
 
 
 _PLAIN = "A-Za-z0-9_./+@%:,=-"
@@ -117,12 +117,12 @@ _ESCAPE = re.compile(rb"\\x([0-9a-f]{2})")
 
 
 def joined(words: Iterable[str]) -> str:
-    """Return the words as one line that a shell takes apart into them again."""
+    """Return the words as one line that a shell splits into the same words."""
     return " ".join(quoted(word) for word in words)
 
 
 def quoted(word: str) -> str:
-    """Return a word as a shell reads it; one that is not printable text has its bytes escaped for bash."""
+    """Return a word quoted for a shell; escape the bytes of an unprintable word for bash."""
     if word.isprintable():
         return shlex.quote(word)
     return "$'" + re.sub(rb"[^" + _PLAIN.encode() + rb"]", _escape, os.fsencode(word)).decode() + "'"
@@ -133,8 +133,8 @@ def _escape(found: re.Match[bytes]) -> bytes:
 
 
 def parted(line: str) -> list[str]:
-    """Return the words of a line that `joined` made; ValueError where a quotation mark is left open."""
-    if not _SPECIAL.search(line):  # as nearly always: shlex is slow
+    """Return the words of a line made by `joined`; raises ValueError for an unclosed quotation mark."""
+    if not _SPECIAL.search(line):  # the common case; shlex is slow
         return line.split()
     words: list[str] = []
     end = 0

@@ -1,4 +1,4 @@
-"""Driving an engine through one case: once to record it, then lap by lap to time it."""
+"""Run an engine through one case: once to record its trajectory, then repeatedly to time it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import Leg, StepPlan, Wrench, plan_steps
 
-_LAP_S = 2e-3  # a lap is the whole case, or as many of its first steps as take about this long
+_LAP_S = 2e-3  # a lap is the whole case, or its first steps for about this long
 _TRIAL_STEPS = 100
 
 Ending: TypeAlias = Literal["ok", "unsupported", "failed", "timeout"]
@@ -33,7 +33,7 @@ Ending: TypeAlias = Literal["ok", "unsupported", "failed", "timeout"]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene, a method by its name, and how finely that is told to work."""
+    """A scene, the name of a method, and its step size or tolerance."""
 
     scene: Scene
     method: str
@@ -42,10 +42,10 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What came of a case: a trajectory and what the engine was found to hold, or why there is none.
+    """The result of a case: a trajectory and the model read back, or why there is none.
 
-    steps: of a solver, how many it made. build: the identity of what the worker had loaded; reused: whether
-    it answered in an earlier run.
+    steps: number of steps of a solver. build: id of the build that the worker had loaded. reused: whether the
+    answer comes from an earlier run.
     """
 
     outcome: Ending
@@ -59,7 +59,7 @@ class Answer:
 
 
 def record(adapter: Adapter, case: Case) -> Answer:
-    """Build, read back and step one case through its samples; whatever the engine raises, passes."""
+    """Build, read back and step one case through its samples; exceptions of the engine propagate."""
     scene, method, setting = case.scene, case.method, case.setting
     if reason := adapter.unsupported(scene, method):
         return Answer("unsupported", reason)
@@ -82,7 +82,7 @@ def record(adapter: Adapter, case: Case) -> Answer:
 
 
 def readings_along(simulation: Simulation, legs: Iterable[Leg]) -> list[Reading]:
-    """Step a fresh simulation along the legs and return what it held at the start and at the samples."""
+    """Step a fresh simulation along the legs, and return the states at the start and at the samples."""
     readings = [simulation.read()]
     wrench: Wrench | None = None
     for leg in legs:
@@ -98,7 +98,7 @@ def readings_along(simulation: Simulation, legs: Iterable[Leg]) -> list[Reading]
 def trajectory_of(t_s: Array, readings: list[Reading]) -> Trajectory:
     """Return the readings at the times t_s (n,) as one trajectory.
 
-    Raises TypeError where one has no position or no velocity.
+    Raises TypeError if a reading has no position or no velocity.
     """
 
     def column(name: str) -> Array | None:
@@ -120,17 +120,17 @@ def trajectory_of(t_s: Array, readings: list[Reading]) -> Trajectory:
 
 
 class Stopwatch(Protocol):
-    """A case made ready, warmed up, to be timed lap by lap."""
+    """A case that is built, warmed up and ready to be timed."""
 
     def lap(self) -> float:
-        """Return the processor time in s of the whole case."""
+        """Return the CPU time in s of the whole case."""
 
     def close(self) -> None:
-        """Free what the engine holds."""
+        """Free the engine's resources."""
 
 
 def stopwatch(adapter: Adapter, case: Case) -> Stopwatch:
-    """Make a case ready to be timed: built, and gone through once, for the first pass is never timed."""
+    """Build a case and run it once without timing, so that it is ready to be timed."""
     if case.setting.dt_s is None:
         solver = cast(SolvingAdapter, adapter).solver(case.scene, case.method, case.setting.tolerance)
         with _closed_on_failure(solver):
@@ -165,7 +165,7 @@ class _SolverWatch:
 
 
 class _StepWatch:
-    """Times the first steps of a case, stopping at no sample, in proportion to all of them."""
+    """Times the first steps of a case without stopping at samples, and scales to all of its steps."""
 
     def __init__(self, simulation: Simulation, plan: StepPlan) -> None:
         self._simulation = simulation
@@ -187,7 +187,7 @@ class _StepWatch:
 
 
 def _first_steps(plan: StepPlan, steps: int) -> Iterator[Leg]:
-    """Yield the legs of a run that stops at no sample, as far as its first steps reach."""
+    """Yield the legs of the first steps of a run that does not stop at samples."""
     for leg in plan.uninterrupted():
         if steps <= 0:
             return

@@ -1,4 +1,4 @@
-"""The frames in which engines hold a body: R = R_e A^T, and p_link = R_l^T (p - offset)."""
+"""The frames in which engines store a body: R = R_e A^T, and p_link = R_l^T (p - offset)."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from bodycheck.reference_impl.scene import Scene
 
 
 class EngineAxes:
-    """What turns a state from the engine's axes into the body's, and back; nothing where they are the same.
+    """Rotate states between the engine's axes and body axes; skip the rotation where the axes coincide.
 
-    matrix A (3, 3): the engine's axes as columns, in body axes. An engine's states are turned at every
-    sample, so that the many bodies whose axes are the engine's are worth being told apart.
+    matrix A (3, 3): the engine's axes as columns, in body axes. States are rotated at every sample, and for
+    many bodies the axes coincide, so that the shortcut is worthwhile.
     """
 
     def __init__(self, matrix: Array) -> None:
@@ -54,7 +54,7 @@ class EngineAxes:
 
 @dataclass(frozen=True, eq=False)
 class LinkFrame:
-    """Where an engine's own frame of the body lies.
+    """The engine's own frame of the body.
 
     offset (3,) in m: its origin from the centre of mass in body axes; quaternion (4,), rotation (3, 3): link
     axes to body axes.
@@ -65,16 +65,16 @@ class LinkFrame:
     rotation: Array
 
     def point(self, at: Array) -> Array:
-        """Return a point given from the centre of mass in body axes, in the link's frame: (3,), m."""
+        """R_l^T (p - offset): (3,) from the centre of mass in body axes -> (3,) in the link frame, m."""
         return np.asarray((at - self.offset) @ self.rotation)
 
     def turned(self, quaternion: Array) -> Array:
-        """Return a quaternion to body axes as one to link axes: (4,)."""
+        """q_l^-1 q: (4,) quaternion to body axes -> (4,) to link axes."""
         return quaternion_product(conjugate(self.quaternion), quaternion)
 
 
 def link_frame(scene: Scene) -> LinkFrame:
-    """Return the scene's link frame; the centre of mass and the body axes where it has none."""
+    """Return the scene's link frame [default: origin at the centre of mass, body axes]."""
     if scene.link is None:
         return LinkFrame(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.eye(3))
     quaternion = scene.link.quaternion
@@ -82,6 +82,6 @@ def link_frame(scene: Scene) -> LinkFrame:
 
 
 def pivot_place(scene: Scene) -> Array:
-    """x + R pivot: where in the world the pivot stays, (3,), m."""
+    """x + R pivot: the fixed position (3,) of the pivot in the world, m."""
     assert scene.pivot is not None
     return np.asarray(scene.initial.position + scene.initial.rotation @ scene.pivot)

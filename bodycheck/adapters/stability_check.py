@@ -1,4 +1,4 @@
-"""How it shows that a method broke down: states that are no motion, or far more energy than is true."""
+"""Detect that a method broke down: invalid states, or far more energy than the true motion has."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _MOST_ENERGY = 100.0  # times the largest true kinetic energy
 
 
 def invalid_state(trajectory: Trajectory) -> str | None:
-    """Say why a trajectory is no motion: not finite, det R <= 0, or a zero quaternion; None if it is one."""
+    """Return why a trajectory is invalid: not finite, det R <= 0, or a zero quaternion; None if valid."""
     if lost := _first_not_finite(trajectory):
         sample, name = lost
         return f"{name} is not finite from t = {trajectory.t_s[sample]:.6g} s on"
@@ -23,27 +23,27 @@ def invalid_state(trajectory: Trajectory) -> str | None:
 
 
 def kinetic_limit(true_kinetic: Array) -> float:
-    """100 max K*, in J: no case that is stable has more; infinite where nothing ever moves.
+    """100 max K*, in J: the kinetic energy above which a case is unstable; infinite if nothing moves.
 
-    true_kinetic: the kinetic energy along the truth (n,), in J.
+    true_kinetic (n,): kinetic energy of the truth, in J.
     """
     largest = float(true_kinetic.max())
     return _MOST_ENERGY * largest if largest > 0.0 else np.inf
 
 
 def energy_blowup(kinetic: Array, limit: float, t_s: Array) -> str | None:
-    """Say from when on K is above its limit; None where it never is.
+    """Return from which time on K exceeds its limit; None if it never does.
 
     kinetic (n,) and limit in J, at the times t_s (n,).
     """
-    above = ~(kinetic <= limit)  # an energy that overflows into NaN is above it too
+    above = ~(kinetic <= limit)  # also true for NaN, into which an energy may overflow
     if not np.any(above):
         return None
-    return f"kinetic energy above 100 times the truth's largest from t = {t_s[np.argmax(above)]:.6g} s on"
+    return f"kinetic energy above 100 times the true maximum from t = {t_s[np.argmax(above)]:.6g} s on"
 
 
 def _first_not_finite(trajectory: Trajectory) -> tuple[int, str] | None:
-    """Return the first sample that has a NaN or an infinity, and the array that has it."""
+    """Return the first sample with a NaN or an infinity, and the name of its array."""
     found = []
     for name in (
         "omega_body_rad_s",

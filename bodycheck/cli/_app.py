@@ -1,4 +1,4 @@
-"""Carrying a command line out: however it ends, it ends in one place, with a line and a status of its own."""
+"""Run a command line app, and turn every way in which it can end into a message and an exit status."""
 
 from __future__ import annotations
 
@@ -22,16 +22,17 @@ from bodycheck._util.untrusted import printable, printable_lines
 if TYPE_CHECKING:
     import typer
 
-_SIGNALLED = 128  # what a shell adds to the number of the signal that ended a command
-_PART = 140  # characters of what was being done, and of why it failed: the rest of the line says what to do
+_SIGNALLED = 128  # shells report a command killed by a signal as 128 + the signal's number
+_PART = 140  # characters of the command and of the error, so that the line has room for what to do
 _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def carry_out(app: typer.Typer, name: str) -> None:
     """Run an app under a name and exit with its status.
 
-    2 for wrong input, 130 for an interrupt, 143 and 129 for SIGTERM and SIGHUP, each with its message on
-    standard error; 70 for an exception that nobody expected, with one line that says where its traceback is.
+    The status is 2 for wrong input, 130 for an interrupt, 143 and 129 for SIGTERM and SIGHUP, each with a
+    message on standard error. It is 70 for an unexpected exception, with one line that names the file of its
+    traceback.
     """
     received: list[int] = []
     _open_output()
@@ -45,15 +46,15 @@ def carry_out(app: typer.Typer, name: str) -> None:
 
 
 class _Output(io.TextIOWrapper):
-    """Standard output: a path that is not UTF-8 is printed as the bytes that it is, a full disk is named."""
+    """Standard output that prints non-UTF-8 paths as their bytes and reports a full disk as an InputError."""
 
     def write(self, text: str) -> int:
-        """Write as any stream does."""
+        """Write text; raises InputError if the output cannot be written."""
         with _named_output():
             return super().write(text)
 
     def flush(self) -> None:
-        """Flush as any stream does."""
+        """Flush the buffer; raises InputError if the output cannot be written."""
         with _named_output():
             super().flush()
 
@@ -70,9 +71,9 @@ def _named_output() -> Iterator[None]:
 
 
 def _open_output() -> None:
-    """Put an _Output in the place of an ordinary standard output, which may have been closed."""
+    """Replace an ordinary standard output by an _Output, and a closed one by the null device."""
     if sys.stdout is None:
-        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - until the command ends
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - open until the command ends
     elif type(sys.stdout) is io.TextIOWrapper:
         before = sys.stdout
         encoding, buffered = before.encoding, before.line_buffering
@@ -82,7 +83,7 @@ def _open_output() -> None:
 
 @contextmanager
 def _ended_like_an_interrupt(received: list[int]) -> Iterator[None]:
-    """Have SIGTERM and SIGHUP stop a command as Ctrl-C does; a second one kills it."""
+    """Make SIGTERM and SIGHUP stop a command as Ctrl-C does; a second signal kills it."""
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
         received.append(number)
@@ -94,7 +95,7 @@ def _ended_like_an_interrupt(received: list[int]) -> Iterator[None]:
         return
     before = {number: signal.getsignal(number) for number in _ENDING_SIGNALS}
     for number, handler in before.items():
-        if handler is signal.SIG_DFL:  # nohup has it ignored
+        if handler is signal.SIG_DFL:  # nohup ignores SIGHUP, which must stay so
             signal.signal(number, stop)
     try:
         yield
@@ -104,10 +105,10 @@ def _ended_like_an_interrupt(received: list[int]) -> Iterator[None]:
 
 
 def _status_of(app: typer.Typer, name: str) -> int:
-    """Run the app; its status, wrong usage being the input's fault."""
+    """Run the app and return its status; report wrong usage as wrong input."""
     from typer import Abort, BadParameter
 
-    # click's own base class, whether typer has click beside or within it
+    # click's base class, whether typer depends on click or contains a copy of it
     usage_error: Any = next(base for base in BadParameter.__mro__ if base.__name__ == "ClickException")
     try:
         return int(app(prog_name=name, standalone_mode=False) or 0)
@@ -116,7 +117,7 @@ def _status_of(app: typer.Typer, name: str) -> int:
         error.show(file=said)
         _say(said.getvalue().rstrip("\n"))
         return int(error.exit_code)
-    except Abort as error:  # made of an EOFError
+    except Abort as error:  # typer raises it from an EOFError
         raise (error.__cause__ or error) from None
 
 
@@ -126,7 +127,7 @@ def _flushed() -> int:
 
 
 def _ended(command: Callable[[], int], name: str) -> int:
-    """Return the status of a command, and say on standard error what ended it if it did not end by itself."""
+    """Return the status of a command; if an exception ended it, report that on standard error."""
     try:
         status = command()
         if status == INTERRUPTED:
@@ -144,23 +145,23 @@ def _ended(command: Callable[[], int], name: str) -> int:
         raise
     except BrokenPipeError:
         return _reader_left()
-    except Exception as error:  # noqa: BLE001 - whatever nobody expected has a status of its own
+    except Exception as error:  # noqa: BLE001 - unexpected exceptions have their own status
         return report_fault(error, name)
 
 
 def _say(text: str) -> None:
-    with suppress(OSError, ValueError):  # there may be nobody left to hear it
+    with suppress(OSError, ValueError):  # standard error may be closed
         print(printable_lines(text), file=sys.stderr)
 
 
 def _reader_left() -> int:
-    """Drop what nobody reads; the status is that of a program which SIGPIPE ended."""
+    """Discard the remaining output and return the status of a program that SIGPIPE killed."""
     _drop_output()
     return _SIGNALLED + signal.SIGPIPE
 
 
 def _drop_output() -> None:
-    """Let what is still to be written vanish, or the interpreter would try again as it ends."""
+    """Discard the output still to be written, which the interpreter would otherwise flush at exit."""
     stdout: Any = sys.stdout
     with suppress(OSError, ValueError, AttributeError):
         nothing = os.open(os.devnull, os.O_WRONLY)
@@ -169,25 +170,25 @@ def _drop_output() -> None:
 
 
 def report_fault(error: BaseException, name: str) -> int:
-    """Keep the traceback of an unexpected exception in a file, say so in one line, and return the status."""
+    """Store the traceback of an unexpected exception, report it in one line, and return the status."""
     notes = "; ".join(getattr(error, "__notes__", ()))
     doing = " ".join([name, *sys.argv[1:]]) + (f" ({notes})" if notes else "")
     kept = _kept("".join(traceback.format_exception(error)), doing)
-    where = "its traceback could not be kept" if kept is None else f"its traceback is kept in {kept}"
+    where = "its traceback could not be stored" if kept is None else f"its traceback is stored in {kept}"
     what, why = (printable(" ".join(text.split()), _PART) for text in (doing, _words(error)))
-    _say(f"unexpected fault in {what}: {why}; {where}; please report it, with that file, to the developers")
+    _say(f"unexpected error in {what}: {why}; {where}; please report it with that file to the developers")
     return FAULT
 
 
 def _words(error: BaseException) -> str:
     try:
         return f"{type(error).__name__}: {error}"
-    except Exception:  # noqa: BLE001 - not every error can be printed
+    except Exception:  # noqa: BLE001 - __str__ of an exception may raise
         return type(error).__name__
 
 
 def _kept(trace: str, doing: str) -> Path | None:
-    """Return the file that a traceback was written to: beside the caches, else among the temporary files."""
+    """Write a traceback to the cache folder, or else to the temporary folder, and return the file."""
     from bodycheck._util.cache_dir import cache_home
 
     content = f"{doing}\nPython {sys.version}\n\n{trace}".encode(errors="backslashreplace")

@@ -1,4 +1,4 @@
-"""The command line. Heavy imports happen inside the commands, so that --help is instant."""
+"""The command line. Commands import heavy packages themselves, so that --help is instant."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="bodycheck",
-    help="Tells whether a rigid-body engine is right, how right at what speed, and whether that changed.",
+    help="Measure the accuracy and the speed of rigid-body engines, and detect changes in them.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -30,7 +30,7 @@ app = typer.Typer(
 
 
 def main() -> None:
-    """Run the command line; wrong input ends with status 2 and its message on standard error."""
+    """Run the command line; on wrong input, print a message to standard error and exit with status 2."""
     carry_out(app, "bodycheck")
 
 
@@ -50,22 +50,30 @@ def _before_any_command(
 ) -> None: ...
 
 
-@app.command(short_help="Measure scenarios through engines.")
+@app.command(short_help="Run scenarios on engines and measure them.")
 def run(
     scenarios: Scenarios = None,
     engine: Annotated[
         str | None,
-        typer.Option(help="NAME[==VERSION][:METHOD],...; every engine that is installed, unless told."),
+        typer.Option(
+            help="Engines to run, as NAME[==VERSION][:METHOD],...", show_default="every installed engine"
+        ),
     ] = None,
     dt: Annotated[
-        str | None, typer.Option(help="Steps in s, like 1e-2,1e-3; each scenario's own, unless told.")
+        str | None,
+        typer.Option(
+            help="Step sizes in s of the fixed-step methods, like 1e-2,1e-3.", show_default="each scenario's"
+        ),
     ] = None,
     tolerance: Annotated[
         str | None,
-        typer.Option(help="Of the methods that are told one, like 1e-6,1e-9; their own, unless told."),
+        typer.Option(
+            help="Error tolerances of the adaptive methods, like 1e-6,1e-9.", show_default="each method's"
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="A new folder for the results.", show_default="bodycheck-runs/RUN_ID")
+        Path | None,
+        typer.Option(help="New or empty folder for the results.", show_default="bodycheck-runs/RUN_ID"),
     ] = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
@@ -73,10 +81,14 @@ def run(
     fresh: Fresh = None,
     allow_code: AllowCode = False,
     resume: Annotated[
-        Path | None, typer.Option(help="The --out of a run that was stopped: go on with it, as it was asked.")
+        Path | None,
+        typer.Option(
+            help="Continue the interrupted run of this --out folder with its original settings; cannot be "
+            "combined with other options."
+        ),
     ] = None,
 ) -> None:
-    """Measure scenarios through engines: results.csv, methods.csv, trajectories/, report.html."""
+    """Run scenarios on engines, and write results.csv, methods.csv, trajectories/ and report.html."""
     from bodycheck.reports.render.progress import LiveProgress
     from bodycheck.reports.render.terminal import print_summary
     from bodycheck.runs.directory import RunRequest, run_to_folder
@@ -95,7 +107,9 @@ def run(
     )
     if resume is not None:
         if asked != RunRequest() or out is not None:
-            raise InputError("--resume goes on with a run as it was asked: give nothing beside it")
+            raise InputError(
+                "--resume: continues a run with its original settings; cannot be combined with other options"
+            )
         measured, report = go_on(resume, LiveProgress)
     else:
         measured, report = run_to_folder(asked, out, LiveProgress)
@@ -103,13 +117,16 @@ def run(
     print(report)
 
 
-@app.command(short_help="Print the true motion, with its bound.")
+@app.command(short_help="Print the true motion and its error bound.")
 def truth(
-    scenario: Annotated[str, typer.Argument(help="A built-in name or a .toml file.")],
+    scenario: Annotated[str, typer.Argument(help="A built-in scenario or a .toml file.")],
     at: Annotated[str, typer.Option(help="Times in s, like 0,1,10.")],
     allow_code: AllowCode = False,
 ) -> None:
-    """Print the truth at the times given as CSV; the last column bounds the orientation's error."""
+    """Print the true motion at the given times as CSV.
+
+    The last column, bound_rad, bounds the orientation error of the truth.
+    """
     from bodycheck.reports.render.progress import watched
     from bodycheck.reports.run_files.trajectory_files import trajectory_table
     from bodycheck.runs import runner
@@ -121,13 +138,13 @@ def truth(
     _print_csv(table)
 
 
-@app.command(short_help="Measure a trajectory that any program wrote.")
+@app.command(short_help="Measure a trajectory from any program.")
 def judge(
-    trajectory: Annotated[Path, typer.Argument(help="A trajectory that any program wrote: .csv or .npz.")],
-    scenario: Annotated[str, typer.Option(help="A built-in name or a .toml file.")],
+    trajectory: Annotated[Path, typer.Argument(help="A trajectory from any program: .csv or .npz.")],
+    scenario: Annotated[str, typer.Option(help="A built-in scenario or a .toml file.")],
     allow_code: AllowCode = False,
 ) -> None:
-    """Measure a trajectory against the truth of a scenario; prints one measure a line."""
+    """Measure a trajectory against the truth of a scenario, and print one measure per line."""
     from bodycheck.runs import runner
 
     columns = runner.judge(trajectory, scenario, allow_code=allow_code)
@@ -136,38 +153,53 @@ def judge(
         print(f"{name:{width}}  {value}")
 
 
-@app.command(short_help="Print mass, centre and inertia of a solid.")
+@app.command(short_help="Print mass, centre of mass and inertia of a solid.")
 def body(
     solid: Annotated[
         str,
         typer.Argument(
-            help="A closed mesh (.stl, .obj, .ply), a shape (box, torus, ...), "
-            "or package.module:function, f <= 0 inside."
+            help="A closed mesh (.stl, .obj, .ply), a shape (box, torus, ...), or package.module:function, "
+            "called as f(points) -> values with points (n, 3) in m and values (n,); f <= 0 is inside."
         ),
     ],
     density_kg_m3: Annotated[float, typer.Option(help="Density in kg/m^3.")],
-    size_m: Annotated[str | None, typer.Option(help="The sizes of a shape in m, like 1.0,0.3.")] = None,
+    size_m: Annotated[
+        str | None, typer.Option(help="Dimensions of a shape in m, like 1.0,0.3; required for a shape.")
+    ] = None,
     box_m: Annotated[
-        str | None, typer.Option(help="A box around f <= 0: xmin,ymin,zmin,xmax,ymax,zmax in m.")
+        str | None,
+        typer.Option(
+            help="Box that encloses f <= 0: xmin,ymin,zmin,xmax,ymax,zmax in m; required for a function."
+        ),
     ] = None,
     unit: Annotated[
         Literal["mm", "cm", "m", "in"] | None,
-        typer.Option(help="The unit of the lengths in a mesh file.", show_default="m"),
+        typer.Option(help="Length unit of a mesh file.", show_default="m"),
     ] = None,
     overlap: Annotated[
         Literal["refuse", "count-twice"] | None,
         typer.Option(
-            help="Closed parts of a mesh that cross or lie within each other: refuse the mesh, or count the "
-            "matter that they share as often as it is drawn.",
+            help="What to do if closed parts of a mesh intersect or contain each other: refuse the mesh, or "
+            "count the shared volume once per part.",
             show_default="refuse",
         ),
     ] = None,
     monte_carlo: Annotated[
-        bool, typer.Option("--monte-carlo", help="Estimate a torus or an ellipsoid all the same.")
+        bool,
+        typer.Option(
+            "--monte-carlo",
+            help="Estimate a torus or an ellipsoid by randomised quasi-Monte Carlo, as for a function, "
+            "instead of computing it exactly.",
+        ),
     ] = False,
-    allow_code: Annotated[bool, typer.Option("--allow-code", help="Let a function be imported.")] = False,
+    allow_code: Annotated[
+        bool, typer.Option("--allow-code", help="Allow importing the function, which runs its module's code.")
+    ] = False,
 ) -> None:
-    """Print mass, centre and inertia tensor as TOML: exact with principal axes, or with standard errors."""
+    """Print mass, centre of mass and inertia tensor of a solid as TOML.
+
+    Meshes and shapes are exact to round-off and come with principal axes, estimates with standard errors.
+    """
     from bodycheck.scenarios.solids import SolidRequest, as_toml, mass_properties
 
     size, box = numbers(size_m, "--size-m"), numbers(box_m, "--box-m")
@@ -182,7 +214,7 @@ def list_(
         Literal["scenarios", "suites", "engines", "methods", "measures"], typer.Argument(help="What to list.")
     ],
 ) -> None:
-    """List what there is to choose from."""
+    """List the available scenarios, suites, engines, methods or measures."""
     from bodycheck.reports.summary.catalogue import print_catalogue
 
     print_catalogue(what)
@@ -196,7 +228,7 @@ app.add_typer(environment_commands, name="environments")
 
 
 def _print_csv(table: pd.DataFrame) -> None:
-    """Write a table to standard output; a reader that has seen enough may close it."""
+    """Write a table to standard output; tolerate a reader that closes the pipe early."""
     try:
         table.to_csv(sys.stdout, index=False)
     except BrokenPipeError:

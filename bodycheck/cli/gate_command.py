@@ -1,4 +1,4 @@
-"""The command `gate`: bounds from a file, held by a new run or by a stored one."""
+"""The command `gate`: check a new or a stored run against the bounds of a file."""
 
 from __future__ import annotations
 
@@ -22,36 +22,45 @@ if TYPE_CHECKING:
 gating = typer.Typer()
 
 _FAILED = 1
-_MOST_MARGIN = 300.0  # decades: a bound beyond it would be no number
+_MOST_MARGIN = 300.0  # decades; a larger margin would overflow the bound
 
 
-@gating.command(short_help="Hold engines to the bounds of a file.")
+@gating.command(short_help="Check engines against the bounds of a file.")
 def gate(
-    tolerances: Annotated[Path, typer.Option(help="A file of gates, see docs/gates.md.")],
+    tolerances: Annotated[Path, typer.Option(help="TOML file with the gates, see docs/gates.md.")],
     scenarios: Scenarios = None,
     run: Annotated[
-        Path | None, typer.Option(help="The folder of a run to hold to the gates, in place of a new one.")
+        Path | None, typer.Option(help="Check the stored run of this folder.", show_default="a new run")
     ] = None,
-    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file too.")] = None,
-    json: Annotated[Path | None, typer.Option(help="Write JSON to this file too.")] = None,
+    junit: Annotated[Path | None, typer.Option(help="Also write the results as JUnit XML.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Also write the results as JSON.")] = None,
     update: Annotated[
-        bool, typer.Option("--update", help="Replace bounds in the file by tighter ones that the run keeps.")
+        bool, typer.Option("--update", help="Tighten the bounds in the file to what the run meets.")
     ] = False,
     margin: Annotated[
-        float | None, typer.Option(help="Of --update, in decades.", show_default="0.3, a factor of 2")
+        float | None,
+        typer.Option(
+            help="Margin of the bounds that --update writes, in decades.", show_default="0.3, a factor of 2"
+        ),
     ] = None,
     loosen: Annotated[
-        str | None, typer.Option(metavar="REASON", help="With --update: loosen what fails too, and say why.")
+        str | None,
+        typer.Option(metavar="REASON", help="With --update: also loosen failing bounds, for this reason."),
     ] = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     fresh: Fresh = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Hold engines to the bounds of a file; the status is 1 where one fails or measured nothing."""
+    """Check engines against the bounds of a file.
+
+    The exit status is 1 if a gate fails or measured nothing.
+    """
     _check(update=update, margin=margin, loosen=loosen)
     if run is not None and scenarios:
-        raise InputError(f"--run {run}: has its own scenarios; name none beside it")
+        raise InputError(
+            f"--run {run}: a stored run has its own scenarios; give --run or scenarios, not both"
+        )
     from bodycheck._util.files import check_file, write_whole
     from bodycheck.reports.cache.reuse import reuse_of
     from bodycheck.reports.gates.gate import read_gates
@@ -84,13 +93,13 @@ def gate(
 
 
 def _check(*, update: bool, margin: float | None, loosen: str | None) -> None:
-    """Raise InputError where the options of --update are wrong, or stand without it."""
+    """Raise InputError if the options of --update are wrong or given without it."""
     if not update and (margin is not None or loosen is not None):
-        raise InputError("--margin and --loosen belong to --update")
+        raise InputError("--margin and --loosen require --update")
     if margin is not None and not 0.0 <= margin <= _MOST_MARGIN:
-        raise InputError(f"--margin {margin}: must be 0 or more decades, and {_MOST_MARGIN:g} at most")
+        raise InputError(f"--margin {margin}: must be between 0 and {_MOST_MARGIN:g} decades")
     if loosen is not None and not loosen.strip():
-        raise InputError("--loosen: must say why the bounds are loosened")
+        raise InputError("--loosen: must state the reason for loosening the bounds")
 
 
 def _new_run(
@@ -102,11 +111,11 @@ def _new_run(
     try:
         return run_for_gates(gates, scenarios, options, LiveProgress, allow_code=allow_code)
     except KeyboardInterrupt:
-        raise StoppedError("stopped, before any gate was held") from None
+        raise StoppedError("stopped before any gate was checked") from None
 
 
 def _update(file: Path, results: Sequence[GateResult], margin: float | None, loosen: str | None) -> None:
-    """Replace bounds in a file by what a run keeps, and print which; loosen: the reason to loosen some."""
+    """Replace bounds in a file by what a run meets, and print which; loosen: the reason to loosen some."""
     from bodycheck._util.files import write_whole
     from bodycheck.reports.gates.gate_output import print_changes
     from bodycheck.reports.gates.proposal import MARGIN_DECADES, edited, proposals

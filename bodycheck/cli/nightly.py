@@ -1,4 +1,4 @@
-"""The commands `nightly` and `history`: what is measured every night, kept, and compared with its past."""
+"""The commands `nightly` and `history`: store nightly runs and compare each with the earlier ones."""
 
 from __future__ import annotations
 
@@ -24,24 +24,25 @@ from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.runs.run_options import TIMEOUT_S
 
 nightly = typer.Typer()
-history = typer.Typer(help="Ask and prune a history of nights.", no_args_is_help=True)
+history = typer.Typer(help="List, query and prune a history of nightly runs.", no_args_is_help=True)
 nightly.add_typer(history, name="history")
 
 _EXITS = {"no regression": 0, "regression": 1, "nothing measured": 1, "insufficient history": 3}
 
 _LEFT_OUT = 1
 
-_Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="The folder of a history.")]
+_Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="Folder of a history.")]
 
 
-@nightly.command(name="nightly", short_help="Run, keep, and compare with the past.")
+@nightly.command(name="nightly", short_help="Run, store, and compare with earlier runs.")
 def nightly_(
-    history: Annotated[Path, typer.Option(help="The folder of all nights; made if it is not there.")],
+    history: Annotated[Path, typer.Option(help="Folder of the history; created if it does not exist.")],
     scenarios: Scenarios = None,
     engine: Annotated[
-        str | None, typer.Option(help="NAME[:METHOD],...; every engine that is installed, unless told.")
+        str | None,
+        typer.Option(help="Engines to run, as NAME[:METHOD],...", show_default="every installed engine"),
     ] = None,
-    markdown: Annotated[Path | None, typer.Option(help="Write what is told to this file too.")] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Also write the comparison as Markdown.")] = None,
     threshold: Threshold = THRESHOLD,
     tolerances: Tolerances = None,
     jobs: Jobs = None,
@@ -49,9 +50,10 @@ def nightly_(
     no_speed: NoSpeed = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Run, append the night to a history, and compare it with its past.
+    """Run scenarios, append the run to a history, and compare it with the earlier nightly runs.
 
-    The status is 1 on a regression, or where nothing was measured; 3 where there is no past to compare with.
+    The exit status is 1 on a regression or if nothing was measured, and 3 if the history is insufficient to
+    compare with.
     """
     from bodycheck._util.files import check_file, write_whole
     from bodycheck.reports.history.history_output import print_night
@@ -67,7 +69,7 @@ def nightly_(
         speed=not no_speed,
         jobs=jobs,
         timeout_s=timeout_s,
-        fresh=True,  # what an engine answers tonight, not what it answered before
+        fresh=True,  # a stored result would hide a change of the engine
         allow_code=allow_code,
     )
     try:
@@ -81,11 +83,11 @@ def nightly_(
     raise typer.Exit(_EXITS[judged.status])
 
 
-@history.command(name="list", short_help="Print one line a night.")
+@history.command(name="list", short_help="Print one line per nightly run.")
 def list_(folder: _Folder) -> None:
-    """Print one line a night, the oldest first: its status, how much changed, its cases and engines.
+    """Print one line per nightly run, oldest first: status, number of changes, cases and engines.
 
-    The status is 1 where a night is damaged: it is named on standard error, and the others are listed.
+    Damaged runs are reported on standard error and left out; then the exit status is 1.
     """
     from bodycheck.reports.history.archive import History
     from bodycheck.reports.history.baseline import readable_nights
@@ -97,15 +99,18 @@ def list_(folder: _Folder) -> None:
     _tell(left_out)
 
 
-@history.command(short_help="Ask in SQL.")
+@history.command(short_help="Query nightly runs in SQL.")
 def query(
     folder: _Folder,
-    sql: Annotated[str, typer.Argument(help="A SELECT from nights, results, methods, stability, changes.")],
-    as_: Annotated[Literal["csv", "json", "md"], typer.Option("--format", help="Of the answer.")] = "csv",
+    sql: Annotated[
+        str,
+        typer.Argument(help="A SELECT from the tables nights, results, methods, stability and changes."),
+    ],
+    as_: Annotated[Literal["csv", "json", "md"], typer.Option("--format", help="Output format.")] = "csv",
 ) -> None:
-    """Print what a SELECT finds in the tables of all nights together; nights has one row a night.
+    """Print the result of a SELECT on the tables of all nightly runs; nights has one row per nightly run.
 
-    The status is 1 where a night is damaged: it is named on standard error, and the others are asked.
+    Damaged runs are reported on standard error and left out; then the exit status is 1.
     """
     from bodycheck.reports.history.archive import History
     from bodycheck.reports.history.baseline import readable_nights
@@ -118,25 +123,25 @@ def query(
     _tell(left_out)
 
 
-@history.command(short_help="Remove old nights.")
+@history.command(short_help="Remove old nightly runs.")
 def prune(
-    folder: _Folder, keep: Annotated[int, typer.Option(help="How many nights to keep, the newest.")]
+    folder: _Folder, keep: Annotated[int, typer.Option(help="Number of newest nightly runs to keep.")]
 ) -> None:
-    """Remove all nights but the newest, and print the names of those that are gone."""
+    """Remove all but the newest nightly runs, and print the names of the removed ones."""
     from bodycheck.reports.history.archive import History
 
     if keep < 1:
-        raise InputError(f"--keep {keep}: must be 1 or more nights")
+        raise InputError(f"--keep {keep}: must be 1 or more")
     history = History.existing(folder)
     for night in history.dated_in_future():
-        print(f"{night}: is dated in the future: not counted, and not removed", file=sys.stderr)
+        print(f"{night}: is dated in the future; neither counted nor removed", file=sys.stderr)
     for name in history.prune(keep):
         print(name)
 
 
 def _tell(left_out: Sequence[str]) -> None:
-    """Name the nights that an answer is without, and end with the status that says so."""
+    """Report nightly runs that were left out on standard error, and exit with status 1 if there are any."""
     for why in left_out:
-        print(f"{why}; this night is left out", file=sys.stderr)
+        print(f"{why}; this nightly run is left out", file=sys.stderr)
     if left_out:
         raise typer.Exit(_LEFT_OUT)

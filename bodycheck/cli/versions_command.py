@@ -17,24 +17,28 @@ versioning = typer.Typer()
 
 @versioning.command(short_help="Find the release in which a measure changed.")
 def versions(
-    engine: Annotated[str, typer.Argument(help="The name of an engine that a package brings, like mujoco.")],
-    since: Annotated[str, typer.Option(help="The first release that counts, like 3.6.")],
+    engine: Annotated[str, typer.Argument(help="An engine that is installed from a package, like mujoco.")],
+    since: Annotated[str, typer.Option(help="The first release to consider, like 3.6.")],
     until: Annotated[
-        str | None, typer.Option(help="The last release that counts.", show_default="the newest")
+        str | None, typer.Option(help="The last release to consider.", show_default="the newest")
     ] = None,
-    scenario: Annotated[str, typer.Option(help="A built-in name or a .toml file.")] = "intermediate-axis",
+    scenario: Annotated[str, typer.Option(help="A built-in scenario or a .toml file.")] = "intermediate-axis",
     method: Annotated[
-        str | None, typer.Option(help="One method of the engine.", show_default="each of them")
+        str | None, typer.Option(help="A method of the engine.", show_default="every method")
     ] = None,
     measure: Annotated[
-        str, typer.Option(help="As of a gate: energy_drift, order.energy_drift, verdict, ...")
+        str,
+        typer.Option(help="A measure, named as in a gate: energy_drift, order.energy_drift, verdict, ..."),
     ] = "order.orientation_error_rad",
     dt: Annotated[
-        str | None, typer.Option(help="Steps in s, like 1e-2,1e-3; the scenario's own, unless told.")
+        str | None, typer.Option(help="Step sizes in s, like 1e-2,1e-3.", show_default="the scenario's")
     ] = None,
     every: Annotated[
         bool,
-        typer.Option("--every", help="Run every release, so that a change that was undone is found too."),
+        typer.Option(
+            "--every",
+            help="Run every release instead of bisecting, which also finds changes that were later reverted.",
+        ),
     ] = False,
     threshold: Threshold = THRESHOLD,
     jobs: Jobs = None,
@@ -42,9 +46,9 @@ def versions(
     fresh: Fresh = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Run releases of an engine, each in an environment of its own; name those in which a measure changed.
+    """Run releases of an engine and print those in which a measure changed.
 
-    The status is 0 whatever changed: this informs, it does not judge.
+    Each release runs in its own environment. The exit status is 0 whether or not a measure changed.
     """
     from bodycheck.reports.cache.reuse import reuse_of
     from bodycheck.reports.render.answer_text import print_found
@@ -63,13 +67,13 @@ def versions(
 
 
 environment_commands = typer.Typer(
-    help="List and remove the environments of engines in versions of their own.", no_args_is_help=True
+    help="List and remove the environments of pinned engine versions.", no_args_is_help=True
 )
 
 
 @environment_commands.command(name="list", short_help="Print one line per environment.")
 def list_() -> None:
-    """Print one line per environment: what it is for, its size, from where its packages came, its folder."""
+    """Print one line per environment: engine and version, size, folder; then the sources of its packages."""
     from bodycheck.adapters.versions.environments import environments
 
     for found in environments():
@@ -81,20 +85,20 @@ def list_() -> None:
 @environment_commands.command(short_help="Remove environments.")
 def remove(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Like mujoco==3.17.0, as `list` has them.")
+        list[str] | None, typer.Argument(help="Names as printed by `list`, like mujoco==3.17.0.")
     ] = None,
-    every: Annotated[bool, typer.Option("--all", help="Remove all of them.")] = False,
+    every: Annotated[bool, typer.Option("--all", help="Remove every environment.")] = False,
 ) -> None:
-    """Remove environments by name, and print their folders; they are made again when they are needed."""
+    """Remove environments by name and print their folders; they are created again when needed."""
     from bodycheck.adapters.versions import environments
 
     if every == bool(names):
-        raise InputError("environments remove: give names like mujoco==3.17.0, or --all")
+        raise InputError("environments remove: give either names like mujoco==3.17.0 or --all")
     found = environments.environments()
     unknown = set(names or ()) - {one.name for one in found}
     if unknown:
         known = ", ".join(dict.fromkeys(one.name for one in found)) or "none"
-        raise InputError(f"no environment of {', '.join(sorted(unknown))} (available: {known})")
+        raise InputError(f"no environment for {', '.join(sorted(unknown))} (available: {known})")
     for one in found:
         if every or one.name in (names or ()):
             try:

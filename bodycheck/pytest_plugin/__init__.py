@@ -1,4 +1,4 @@
-"""The pytest plugin: fixtures, a marker, options, a summary. It imports nothing heavy until a test asks."""
+"""The pytest plugin: fixtures, a marker, options, a summary. Heavy imports wait until a fixture is used."""
 
 from __future__ import annotations
 
@@ -10,42 +10,46 @@ import pytest
 if TYPE_CHECKING:
     from bodycheck.pytest_plugin.fixtures import Bench, HeldGate
 
-_MARKER = "bodycheck(scenario, engine, method, dt_s): what the fixture `bodycheck` runs unless told otherwise"
+_MARKER = "bodycheck(scenario, engine, method, dt_s): defaults of the fixture `bodycheck` in this test"
 _PROPERTY = "bodycheck"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the options."""
+    """Register the command line options."""
     group = parser.getgroup("bodycheck", "accuracy of rigid-body engines")
     group.addoption(
         "--bodycheck-engines",
         metavar="NAME[:METHOD],...",
-        help="run tests whose bodycheck marker names no engine once for each of these methods",
+        help="engines or methods for tests whose bodycheck marker sets no engine: run each test once per "
+        "method [default: none]",
     )
     group.addoption(
         "--bodycheck-suite",
         metavar="SCENARIO_OR_SUITE,...",
-        help="run tests whose bodycheck marker names no scenario once for each of these; gates run them too",
+        help="scenarios for tests whose bodycheck marker sets no scenario: run each test once per scenario "
+        "[default: none]; also the scenarios for gates [default: standard]",
     )
     group.addoption(
         "--bodycheck-tolerances",
         metavar="FILE",
-        help="run tests that use bodycheck_gate once for each gate of this file",
+        help="TOML file with the gates for tests that use bodycheck_gate: run each test once per gate; "
+        "required by that fixture",
     )
     group.addoption(
         "--bodycheck-reuse",
         action="store_true",
-        help="let gates use answers of earlier runs by the same build of an engine [default: run every case]",
+        help="let gates reuse results of earlier runs by the same build of an engine "
+        "[default: run every case]",
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make the marker known."""
+    """Register the marker."""
     config.addinivalue_line("markers", _MARKER)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run a marked test once for each scenario and method that it leaves open; a gate's test once a gate."""
+    """Parametrize marked tests over the scenarios and methods left open, and gate tests over the gates."""
     marked = "bodycheck" in metafunc.fixturenames and metafunc.definition.get_closest_marker("bodycheck")
     if not marked and "bodycheck_gate" not in metafunc.fixturenames:
         return
@@ -58,7 +62,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test that uses a fixture of ours, so that -m bodycheck selects them."""
+    """Mark every test that uses one of the fixtures, so that -m bodycheck selects them."""
     for item in items:
         if {"bodycheck", "bodycheck_gate"} & set(getattr(item, "fixturenames", ())):
             item.add_marker("bodycheck")
@@ -66,7 +70,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def bodycheck(request: pytest.FixtureRequest) -> Bench:
-    """Run scenarios through engines, adapters or step functions, and check what was measured."""
+    """Run scenarios on engines, adapters or step functions, and check the measures."""
     from bodycheck.pytest_plugin.fixtures import Bench
 
     return Bench.of(request)
@@ -80,7 +84,7 @@ def bodycheck_gate(request: pytest.FixtureRequest) -> HeldGate:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print one line a check, from all workers."""
+    """Print one line per check, from all workers."""
     lines = list(_checks(terminalreporter))
     if lines:
         terminalreporter.section("bodycheck")

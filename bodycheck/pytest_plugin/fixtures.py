@@ -1,4 +1,4 @@
-"""What the pytest fixtures and the marker do: which tests there are, and what each of them runs."""
+"""The pytest fixtures `bodycheck` and `bodycheck_gate`, and the parametrization of their tests."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _KEYS = ("scenario", "engine", "method", "dt_s")
 
 @dataclass(frozen=True)
 class Bench:
-    """The fixture `bodycheck`. What a marker or an option says stands for what a call does not say."""
+    """The fixture `bodycheck`; markers and options are the defaults for arguments left out of a call."""
 
     said: dict[str, Any]
     record: Record
@@ -40,7 +40,7 @@ class Bench:
 
     @classmethod
     def of(cls, request: pytest.FixtureRequest) -> Bench:
-        """Return the bench of one test."""
+        """Return the fixture of one test."""
         marker = request.node.get_closest_marker("bodycheck")
         said = {**(_said(marker) if marker else {}), **getattr(request, "param", {})}
         return cls(said, _recorder(request), request.node.nodeid)
@@ -54,22 +54,24 @@ class Bench:
         dt_s: float | Sequence[float] | None = None,
         tolerance: float | None = None,
     ) -> Measured:
-        """Run a scenario through an engine and return what was measured, processor time excepted.
+        """Run a scenario on an engine and return the measures, without CPU times.
 
-        scenario: a name, a suite or the path of a TOML file. engine: a name, or an adapter of your own.
-        method: one of it, all unless told. dt_s: one step or several, in s; the scenario's own, and more
-        until an order shows, unless told. tolerance: of a method that is told one. Raises InputError for
-        wrong input.
+        scenario: a name, a suite or the path of a TOML file. engine: a name, or an adapter object. method: a
+        method of the engine [default: all]. dt_s: one or several step sizes in s [default: the scenario's,
+        and more until an order can be fitted]. tolerance: the error tolerance of an adaptive method. Raises
+        InputError for wrong input.
         """
         told = {"scenario": scenario, "engine": engine, "method": method, "dt_s": dt_s}
         asked = {**self.said, **{key: value for key, value in told.items() if value is not None}}
         for key in ("scenario", "engine"):
             if asked.get(key) is None:
-                raise InputError(f"bodycheck.run: needs {key}=, here or in the marker")
+                raise InputError(f"bodycheck.run: {key}= is required, in the call or in the marker")
         engine = asked["engine"]
         own = not isinstance(engine, str)
         if own and not hasattr(engine, "name"):
-            raise InputError(f"{engine!r} is no adapter and no name of an engine; a function goes to step()")
+            raise InputError(
+                f"{engine!r} is neither an adapter nor the name of an engine; pass a function to step()"
+            )
         name = engine if isinstance(engine, str) else engine.name
         with _known(engine):
             found = runner.run(
@@ -88,10 +90,10 @@ class Bench:
         *,
         dt_s: float | Sequence[float] | None = None,
     ) -> Measured:
-        """Step a scenario by a function of your own and return what was measured.
+        """Step a scenario by a user's function and return the measures.
 
-        function: is given a StepState and dt in s, and gives back the state dt later. scenario and dt_s as
-        for run. What the function raises is the cause of the check that fails.
+        function: called as function(state, dt) with a StepState and dt in s; returns the state dt later.
+        scenario and dt_s as for run. An exception of the function becomes the cause of the failing check.
         """
         adapter = StepFunction(function)
         found = self.run(scenario, engine=adapter, method=next(iter(adapter.methods)), dt_s=dt_s)
@@ -107,7 +109,7 @@ def _steps(dt_s: float | Sequence[float] | None) -> Sequence[float] | None:
 
 
 def _refuse(why: str) -> NoReturn:
-    """End the collection of a file with this line, without the frames of pytest that led here."""
+    """Fail the collection of a file with this line and without pytest's stack frames."""
     pytest.fail(why, pytrace=False)
 
 
@@ -124,7 +126,7 @@ def _recorder(request: pytest.FixtureRequest) -> Record:
 
 
 def parametrize_cases(metafunc: pytest.Metafunc) -> None:
-    """Run a marked test once for each scenario and method that its marker leaves open and an option names."""
+    """Run a marked test once per scenario and method that an option names and its marker does not set."""
     marker = metafunc.definition.get_closest_marker("bodycheck")
     assert marker is not None
     said = _said(marker)
@@ -154,7 +156,7 @@ def _methods(engines: str) -> list[tuple[str, str]]:
 
 @dataclass(frozen=True, eq=False)
 class HeldGate:
-    """The fixture `bodycheck_gate`: one gate of a file, to be held by a run of the scenarios."""
+    """The fixture `bodycheck_gate`: one gate of a file, to check on a run of the scenarios."""
 
     gate: Gate
     beside: tuple[Gate, ...]
@@ -163,11 +165,11 @@ class HeldGate:
     record: Record | None = None
 
     def within(self, request: pytest.FixtureRequest) -> HeldGate:
-        """Return the same for one test."""
+        """Return a copy that records into one test's report."""
         return replace(self, record=_recorder(request))
 
     def check(self) -> None:
-        """Assert that the gate holds; what matched nothing or measured nothing does not."""
+        """Assert that the gate passes; a gate that matched or measured nothing fails."""
         __tracebackhide__ = True
         assert self.record is not None
         (result,) = held([self.gate], _run_of(self.beside, self.scenarios, self.reuse))
@@ -180,7 +182,7 @@ def _run_of(gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse) -
 
 
 def parametrize_gates(metafunc: pytest.Metafunc) -> None:
-    """Run a test once for each gate of --bodycheck-tolerances."""
+    """Run a test once per gate of --bodycheck-tolerances."""
     file = metafunc.config.getoption("--bodycheck-tolerances")
     if file is None:
         _refuse(f"{metafunc.definition.nodeid}: bodycheck_gate needs --bodycheck-tolerances FILE")
@@ -190,7 +192,7 @@ def parametrize_gates(metafunc: pytest.Metafunc) -> None:
         _refuse(str(error))
     suite = metafunc.config.getoption("--bodycheck-suite") or "standard"
     scenarios = tuple(suite.split(","))
-    # side by side, each process runs what its own gates need; alone, it runs all of it at once
+    # under pytest-xdist each process runs what its own gates need; otherwise one run serves all gates
     shared = hasattr(metafunc.config, "workerinput")
     reuse: Reuse = "everything" if metafunc.config.getoption("--bodycheck-reuse") else "truths"
     params = [HeldGate(gate, (gate,) if shared else gates, scenarios, reuse) for gate in gates]

@@ -1,4 +1,4 @@
-"""What a test measured, by the fixtures: values to be read, bounds to be held, and what failed in words."""
+"""The result of a fixture's run: values to read, bounds to check, and messages for failures."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from bodycheck.reports.run_files.run_tables import Run
 _MOST_ROWS = 20
 
 Record: TypeAlias = Callable[[str], None]
-"""How a line comes into the summary at the end of the session."""
+"""Adds a line to the summary at the end of the session."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What a run measured: one case, or the cases of several steps, methods or scenarios.
+    """The measures of a run: one case, or the cases of several steps, methods or scenarios.
 
-    results: one row a case, the columns of results.csv. methods: orders and verdicts.
+    results: one row per case, with the columns of results.csv. methods: orders and verdicts.
     """
 
     run: Run
@@ -34,19 +34,18 @@ class Measured:
 
     @property
     def results(self) -> Any:
-        """One row a case, as results.csv has them: a pandas table."""
+        """results.csv as a pandas table, one row per case."""
         return self.run.results
 
     @property
     def methods(self) -> Any:
-        """One row a scenario, method and quantity, as methods.csv has them: a pandas table."""
+        """methods.csv as a pandas table, one row per scenario, method and quantity."""
         return self.run.methods
 
     def __getitem__(self, measure: str) -> float | str:
-        """Return the one value of a measure, by the name that a gate has for it.
+        """Return the only value of a measure, named as in a gate.
 
-        Raises AssertionError where it was not measured, InputError where there are several, or where there is
-        no such measure.
+        Raises AssertionError if it was not measured, InputError if it has several values or is unknown.
         """
         __tracebackhide__ = True
         row = self._only_row(measure)
@@ -60,18 +59,20 @@ class Measured:
             measure_of(measure)
         except ValueError as error:
             raise InputError(str(error)) from None
-        rows = rows_of(Gate.model_validate({"measure": measure, "reason": "it is read, not held"}), self.run)
+        rows = rows_of(
+            Gate.model_validate({"measure": measure, "reason": "it is read, not checked"}), self.run
+        )
         if len(rows) != 1:
             raise InputError(
-                f"{measure}: there are {len(rows)} of it; check() holds them all, results has them"
+                f"{measure}: has {len(rows)} values; check() checks all of them, results lists them"
             )
         return rows[0]
 
     def check(self, measure: str, **bound: Any) -> None:
-        """Assert that a measure keeps its bound in every case of the run.
+        """Assert that a measure meets its bound in every case of the run.
 
         measure: a column of results.csv, order.MEASURE, verdict, outcome, ..., as in a gate. bound: upper,
-        lower, near with decades, or equals; floor. What was not measured does not pass.
+        lower, near with decades, or equals; floor. A measure that was not measured fails.
         """
         __tracebackhide__ = True
         told = {**self._same_in_all(), "measure": measure, "reason": "a check", **bound}
@@ -79,7 +80,7 @@ class Measured:
         self._assert(result)
 
     def _same_in_all(self) -> dict[str, str]:
-        """Return the scenario, engine and method where all cases share it, for a gate to name."""
+        """Return the scenario, engine and method that all cases share, for a gate to name."""
         found = {
             key: {case.columns[key] for case in self.run.cases} for key in ("scenario", "engine", "method")
         }
@@ -102,7 +103,7 @@ def _who(row: Row) -> str:
 
 
 def assert_passed(result: GateResult, record: Record, cause: Exception | None = None) -> None:
-    """Raise AssertionError, with one paragraph a row, where a gate does not hold."""
+    """Raise AssertionError, with one paragraph per failing row, if a gate does not pass."""
     __tracebackhide__ = True
     record(f"{result.status} {line_of(result)}")
     if result.status == "passed":

@@ -1,1 +1,1 @@
-"""Runs: what was requested, carried out, stored in a folder, chosen again."""
+"""Runs: options, selection of cases, execution, storage in a folder, and choice of a stored run."""

@@ -1,4 +1,4 @@
-"""Which stored run answers a question: the one that is named, else the newest that can, else a new one."""
+"""Choose a run: the one that is named, else the newest stored one with the scenarios, else a new one."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from bodycheck.scenarios.serialization import written
 def chosen_run(
     folder: Path | None, asked: Sequence[str], *, allow_code: bool
 ) -> tuple[Path, Tables, list[str]]:
-    """Return a run's folder, its tables, and which of its scenarios are asked for: all, where none is named.
+    """Return a run's folder, its tables, and the names of the requested scenarios [default: all of the run].
 
-    Without a folder, the newest run under bodycheck-runs/ that has these very scenarios is taken; where there
-    is none they are run. allow_code: they may name functions, whose code runs. Raises InputError where the
-    folder is none of a run, or has not the scenarios.
+    Without a folder, take the newest run under bodycheck-runs/ that has exactly these scenarios; if there is
+    none, run them. allow_code: scenarios may name functions, whose code runs. Raises InputError if the folder
+    is not that of a run or lacks a scenario.
     """
     if folder is not None:
         return _named(folder, asked, allow_code=allow_code)
     loaded = load_scenarios(asked, allow_code=allow_code)
     wanted = {scenario.name: written(scenario) for _, scenario in loaded}
-    # what a user's function does may have changed under its name: then no stored run is of these scenarios
+    # a user's function may have changed under the same name, so no stored run is known to match
     own_code = any(scenario.scene.has_callback_load for _, scenario in loaded)
     for newest, manifest in [] if own_code else _newest_first():
         if wanted.items() <= manifest["scenarios"].items():
@@ -37,7 +37,7 @@ def chosen_run(
             except InputError as error:
                 _warn_left_out(error)
     scenarios = list(asked) or ["standard"]
-    print(f"no run in {RUNS}/ can tell: running {' '.join(scenarios)}", file=sys.stderr)
+    print(f"no stored run in {RUNS}/ has these scenarios; running {' '.join(scenarios)}", file=sys.stderr)
     _, report = run_to_folder(RunRequest(scenarios=scenarios, allow_code=allow_code), None, LiveProgress)
     return _named(report.parent, asked, allow_code=allow_code)
 
@@ -50,12 +50,12 @@ def _named(folder: Path, asked: Sequence[str], *, allow_code: bool) -> tuple[Pat
         loaded = [] if word in known else load_scenarios([word], allow_code=allow_code)
         names += [scenario.name for _, scenario in loaded] or [word]
     if missing := [name for name in names if name not in known]:
-        raise InputError(f"{folder}: has no scenario {', '.join(missing)}; it has {', '.join(known)}")
+        raise InputError(f"{folder}: has no scenario {', '.join(missing)} (available: {', '.join(known)})")
     return folder, tables, list(dict.fromkeys(names)) or known
 
 
 def _newest_first() -> list[tuple[Path, dict[str, Any]]]:
-    """Return the folders and manifests of complete runs in bodycheck-runs/; warn about damaged ones."""
+    """Return the folders and manifests of complete runs in bodycheck-runs/; warn about damaged runs."""
     found = []
     for path in RUNS.glob("*/manifest.json"):
         try:

@@ -1,4 +1,4 @@
-"""A run that leaves a folder: what it finds is on disk at once, and a run that was stopped can go on."""
+"""Run into a folder: each result is stored as soon as it is known, and an interrupted run can be resumed."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ from bodycheck.runs.selection import Selection, select
 from bodycheck.scenarios.reader import fault_lines
 
 RUNS = Path("bodycheck-runs")
-"""Where runs go for which no other folder is named."""
+"""The default parent folder of runs."""
 
 _REQUEST = "request.json"
 
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What was asked of a run, as plain data: enough to ask it again."""
+    """A run's settings as plain data, sufficient to repeat the run."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
@@ -57,18 +57,18 @@ class RunRequest:
 
     @property
     def selection(self) -> Selection:
-        """The same, resolved and checked; InputError where it is wrong."""
+        """Resolve and check scenarios, engines, steps and tolerances; raises InputError if any is wrong."""
         return select(self.scenarios, self.engines, self.dt_s, self.tolerances, allow_code=self.allow_code)
 
     @property
     def options(self) -> RunOptions:
-        """How the run is made; InputError where that is wrong."""
+        """Return the run's options; raises InputError if any is wrong."""
         reuse = reuse_of(self.fresh, "installed")
         return RunOptions(speed=self.speed, jobs=self.jobs, timeout_s=self.timeout_s, reuse=reuse)
 
 
 class _Description(BaseModel):
-    """What request.json holds; a run's name is part of the names of files."""
+    """The content of request.json; run_id is restricted because it becomes part of file names."""
 
     run_id: Annotated[str, Field(strict=True, pattern=r"^[0-9A-Za-z-]{1,100}$")]
     created: AwareDatetime
@@ -76,10 +76,10 @@ class _Description(BaseModel):
 
 
 def run_to_folder(asked: RunRequest, out: Path | None, watching: ProgressFactory) -> tuple[Run, Path]:
-    """Run what is asked and write it to `out`; return the run and its report's path.
+    """Carry out a request, write the results to `out`, and return the run and its report's path.
 
-    Until all is done the folder is `out` with .partial after its name. Raises InputError where something is
-    wrong or the disk is full, StoppedError where the user stops it: then `resume` goes on.
+    Until the run is complete, the folder is `out` with the suffix .partial. Raises InputError if the input is
+    wrong or the disk is full, StoppedError if the user interrupts the run; `resume` continues it.
     """
     identity = Identity.new()
     out = out or RUNS / identity.run_id
@@ -87,17 +87,17 @@ def run_to_folder(asked: RunRequest, out: Path | None, watching: ProgressFactory
     check_output(out)
     partial = partial_of(out)
     if (partial / _REQUEST).exists():
-        raise InputError(f"{partial}: is of a run that was stopped: go on with --resume {out}, or remove it")
+        raise InputError(f"{partial}: holds an interrupted run; continue with --resume {out}, or remove it")
     try:
         selection = asked.selection
     except KeyboardInterrupt:
-        raise StoppedError("stopped, before anything was measured") from None
+        raise StoppedError("stopped before anything was measured") from None
     _describe(partial, asked, identity, out)
     return _carried_out(selection, options, identity, out, watching)
 
 
 def _describe(partial: Path, asked: RunRequest, identity: Identity, out: Path) -> None:
-    """Write down what was asked, whole or not at all: a folder without it is of no run."""
+    """Write request.json atomically, without which a folder does not count as a run."""
     description = {
         "run_id": identity.run_id,
         "created": identity.created.isoformat(),
@@ -115,19 +115,19 @@ def _describe(partial: Path, asked: RunRequest, identity: Identity, out: Path) -
 
 
 def resume(out: Path, watching: ProgressFactory) -> tuple[Run, Path]:
-    """Go on with a run that was stopped, as it was asked; nothing that it found is asked for again.
+    """Continue an interrupted run with its original settings, without repeating finished cases.
 
-    Raises InputError where there is none, and as run_to_folder does.
+    Raises InputError if there is no interrupted run, and the errors of run_to_folder.
     """
     partial = partial_of(out)
     try:
         asked, identity = _description(partial / _REQUEST)
     except FileNotFoundError:
-        state = "that run is complete" if _run_id(out) else "no run was stopped there"
+        state = "that run is complete" if _run_id(out) else "there is no interrupted run"
         raise InputError(f"--resume {out}: {state}") from None
     except InputError as error:
         raise InputError(f"--resume {out}: {error}") from None
-    if _run_id(out) == identity.run_id:  # stopped between its last two strokes
+    if _run_id(out) == identity.run_id:  # interrupted after renaming the results
         shutil.rmtree(partial, ignore_errors=True)
         raise InputError(f"--resume {out}: that run is complete")
     try:
@@ -138,7 +138,7 @@ def resume(out: Path, watching: ProgressFactory) -> tuple[Run, Path]:
 
 
 def _description(path: Path) -> tuple[RunRequest, Identity]:
-    """Read what was asked of a run; FileNotFoundError where nothing was, InputError where it is damaged."""
+    """Read request.json; raises FileNotFoundError if it does not exist, InputError if it is damaged."""
     try:
         told = _Description.model_validate(read_json(path, escape=False))
     except ValidationError as error:
@@ -147,7 +147,7 @@ def _description(path: Path) -> tuple[RunRequest, Identity]:
 
 
 def _run_id(out: Path) -> str | None:
-    """Return the name of the run whose results are there, if there are any."""
+    """Return the id of the complete run in this folder; None if there is none."""
     try:
         manifest = read_json(out / "manifest.json")
     except (OSError, InputError):
@@ -156,7 +156,7 @@ def _run_id(out: Path) -> str | None:
 
 
 def partial_of(out: Path) -> Path:
-    """Return the folder of a run that is not yet complete."""
+    """Return the folder of a run until it is complete."""
     return out.with_name(f"{out.name}.partial")
 
 
@@ -172,7 +172,7 @@ def _carried_out(
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_go_on(out)}") from None
     except InputError as error:
-        if journal is not None and journal.is_empty:  # there is nothing to go on with
+        if journal is not None and journal.is_empty:  # there is nothing to continue
             shutil.rmtree(partial, ignore_errors=True)
             raise
         raise InputError(f"{error}; {_go_on(out)}") from None
@@ -181,7 +181,7 @@ def _carried_out(
 
 
 def _go_on(out: Path) -> str:
-    return f"go on with: bodycheck run --resume {quoted(str(out))}"
+    return f"continue with: bodycheck run --resume {quoted(str(out))}"
 
 
 def write_run(run: Run, out: str | Path, *, beside: Path | None = None) -> Path:

@@ -1,4 +1,4 @@
-"""The run that gates need: of what was named, only the scenarios and methods that some gate looks at."""
+"""Run only those scenarios and methods that some gate checks."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ def run_for_gates(
     *,
     allow_code: bool = False,
 ) -> Run:
-    """Run what the gates look at, at the scenarios' own steps, and nothing that no gate asks for.
+    """Run what the gates check, at the scenarios' own steps, and nothing else.
 
-    scenarios: names, suites, paths of TOML files. Raises InputError where they are wrong.
+    scenarios: names, suites, paths of TOML files. Raises InputError if they are wrong.
     """
     selection = select(
         scenarios,
         allow_code=allow_code,
         wanted=lambda engine, method: any(
             gate.wants_method(engine.name, method.name)
-            # a method with untouched defaults is run only when its name is asked for, as in a run
+            # as in any run, a variant of a method runs only if a gate names it
             and (not method.on_request or gate.method == method.name)
             for gate in gates
         ),

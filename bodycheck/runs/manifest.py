@@ -1,4 +1,4 @@
-"""What a run says of itself, manifest.json: its name, versions, machine, settings, scenarios."""
+"""manifest.json: a run's id, versions, machine, settings and scenarios."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from bodycheck.scenarios.serialization import written
 
 @dataclass(frozen=True)
 class Identity:
-    """The name of a run and the moment at which it began, which a run that is resumed keeps."""
+    """The id of a run and the time at which it started; a resumed run keeps both."""
 
     run_id: str
     created: datetime
 
     @classmethod
     def new(cls) -> Identity:
-        """Return a name that no other run has."""
+        """Return a unique id with the present time."""
         created = datetime.now(UTC)
         return cls(f"{created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}", created)
 
 
 def _engine(engine: Engine, cases: Sequence[CaseResult]) -> dict[str, Any]:
-    """Return an engine's version and build as announced, and the builds by which its cases were answered."""
+    """Return an engine's version and build as announced, and the builds that computed its cases."""
     columns = (case.columns for case in cases if case.columns["engine"] == engine.name)
     builds = sorted({row["build"] for row in columns if row.get("build")})
     return {"version": engine.version, "build": asdict(engine.build), "builds": builds, "methods": {}}
@@ -50,7 +50,7 @@ def manifest_of(
     seconds: Mapping[str, float],
     quietness: MachineNoise | None,
 ) -> dict[str, Any]:
-    """Return versions, machine and settings, as plain data."""
+    """Return the manifest of a run as plain data."""
     engines: dict[str, Any] = {name: {"unavailable": why} for name, why in selection.unavailable.items()}
     for engine, method in selection.methods:
         entry = engines.setdefault(engine.name, _engine(engine, cases))
@@ -80,7 +80,7 @@ def manifest_of(
 
 
 def cpu_model() -> str:
-    """Return the processor's name as Linux gives it, else as Python does."""
+    """Return the processor's name from /proc/cpuinfo, or from Python where that does not exist."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

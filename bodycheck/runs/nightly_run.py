@@ -1,4 +1,4 @@
-"""One night: a run like any other, stored in a history and judged beside its past."""
+"""A nightly run: an ordinary run, stored in a history and compared with the earlier runs."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from bodycheck.runs.run_options import ProgressFactory
 from bodycheck.runs.runner import run_selection
 
 SPEED_PASSES = 10
-"""How often a night times all cases: what disturbs a shared machine rarely does so in all the passes."""
+"""How often a nightly run times every case; noise of a shared machine rarely disturbs every pass."""
 
 
 def run_night(
     asked: RunRequest, folder: Path, watching: ProgressFactory, thresholds: Thresholds = DEFAULT_THRESHOLDS
 ) -> tuple[Judgement, Path]:
-    """Run what is asked, store it in a history, and return what it is beside the past, and its folder.
+    """Carry out a request, store it in a history, and return its judgement and its folder.
 
-    folder: of the history, made if it is not there. thresholds: from which size on a change matters. Raises
-    InputError where something is wrong or cannot be written: then the history is what it was.
+    folder: that of the history, created if it does not exist. thresholds: the size above which a change
+    counts. Raises InputError if the input is wrong or cannot be written; the history is then unchanged.
     """
     selection, options = asked.selection, replace(asked.options, speed_passes=SPEED_PASSES)
     history = History.at(folder)
@@ -45,9 +45,9 @@ def run_night(
 def store_night(
     run: Run, history: History, thresholds: Thresholds = DEFAULT_THRESHOLDS
 ) -> tuple[Judgement, Path]:
-    """Append a run to a history; it is judged as it is stored, while no other night is.
+    """Judge a run and append it to a history, while no other run is being appended.
 
-    What is wrong with judging it, or with its pages, is raised after it was stored.
+    An error in judging the run or in rendering its pages is raised after the run was stored.
     """
     fault: Exception | None = None
     with history.new_night(run.run_id) as folder:
@@ -56,7 +56,7 @@ def store_night(
             judged = _judged(run, history, folder, thresholds)
         except OSError:
             raise
-        except Exception as error:  # noqa: BLE001 - what was measured is stored, whatever is wrong with the past
+        except Exception as error:  # noqa: BLE001 - store the run even if the history is faulty
             write_unjudged(run, folder)
             fault = error
         seal_night(folder)

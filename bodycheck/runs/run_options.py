@@ -1,4 +1,4 @@
-"""How a run is carried out, whatever it measures, and to whom its progress is reported."""
+"""Options of a run that do not depend on what it measures, and the interface for its progress."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.cache.reuse import Reuse
 
 TIMEOUT_S = 120.0
-"""What one case may take unless told otherwise."""
+"""Default time limit of one case."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """How a run is made, whatever it measures.
+    """Options of a run that do not depend on what it measures.
 
-    speed: whether processor time is measured. jobs: how many cases run side by side, None for as many as
-    there are cores. timeout_s: what one case may take. reuse: what is used of earlier runs.
-    stable_steps: whether the largest stable step of each method is looked for. speed_passes: how often all
-    cases are timed.
+    speed: whether to measure CPU time. jobs: number of cases to run in parallel, None for one per core.
+    timeout_s: time limit of one case in s. reuse: which results of earlier runs to reuse. stable_steps:
+    whether to search the largest stable step of each method. speed_passes: how often to time every case.
     """
 
     speed: bool = True
@@ -40,24 +39,24 @@ class RunOptions:
 
     @property
     def workers(self) -> int:
-        """How many cases run side by side."""
+        """The number of cases to run in parallel."""
         return self.jobs or len(os.sched_getaffinity(0))
 
 
 class Progress(Protocol):
-    """What is told of a run while it goes on."""
+    """Callbacks that report the progress of a run."""
 
     def phase(self, what: str) -> None:
-        """Something has begun: compiling, the truths, the motions, the speeds."""
+        """Report the start of a phase: compilation, truths, motions or speeds."""
 
     def truth_begun(self, scenario: str) -> None:
-        """A truth that is not known yet is solved, which may take long."""
+        """Report that a truth that is not in the cache is being solved, which may take long."""
 
     def case_done(self) -> None:
-        """One more case has ended."""
+        """Report that another case has ended."""
 
     def speed_measured(self) -> None:
-        """One more case was timed."""
+        """Report that another case was timed."""
 
 
 class _NullProgress:
@@ -75,7 +74,7 @@ class _NullProgress:
 
 
 NULL_PROGRESS: Progress = _NullProgress()
-"""For a run of which nothing is told."""
+"""Reports nothing."""
 
 ProgressFactory: TypeAlias = Callable[[int], AbstractContextManager[Progress]]
-"""How a run is watched, given the number of cases that are listed."""
+"""number of listed cases -> context manager that yields the run's Progress."""

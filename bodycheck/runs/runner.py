@@ -1,4 +1,4 @@
-"""Running scenarios through engines: what was asked for, in which order, and under what circumstances."""
+"""Run scenarios on engines: compile, solve the truths, record the motions, measure the speeds."""
 
 from __future__ import annotations
 
@@ -55,17 +55,17 @@ def run(
 ) -> Run:
     """Measure scenarios x methods x steps and return the tables with the motions behind them.
 
-    scenarios: built-in names, suites, paths of TOML files. engines: NAME[==VERSION][:METHOD], all that can
-    be imported by default. dt_s: the steps in s, a list or an array; by default each scenario's own, and more
-    where an order needs them. tolerances: of the methods that are told one, instead of their own. speed:
-    whether processor time is measured. jobs: how many cases run side by side, by default one a core.
-    timeout_s: what one case may take. fresh: True to run every case again, False to use what the same build
-    of an engine answered in earlier runs, None to use it of installed engines, and not of plug-ins and
-    editable ones. allow_code: whether scenarios may name functions, whose code runs. Raises InputError for
-    wrong input.
+    scenarios: built-in names, suites, paths of TOML files. engines: NAME[==VERSION][:METHOD] [default: every
+    engine that can be imported]. dt_s: step sizes in s, a list or an array [default: each scenario's, and
+    more where an order needs them]. tolerances: error tolerances of the adaptive methods [default: each
+    method's]. speed: whether to measure CPU time. jobs: number of cases to run in parallel [default: one per
+    core]. timeout_s: time limit of one case in s. fresh: True runs every case again; False reuses results of
+    earlier runs by the same build of an engine; None reuses those of installed engines only, not of plug-ins
+    and editable installs. allow_code: whether scenarios may name functions, whose code runs. Raises
+    InputError for wrong input.
     """
     if not scenarios:
-        raise InputError("scenarios: name one at least")
+        raise InputError("scenarios: name at least one")
     options = RunOptions(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"))
     selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
     return run_selection(selection, options, Identity.new(), journal=None, progress=NULL_PROGRESS)
@@ -79,12 +79,12 @@ def run_selection(
     journal: Journal | None,
     progress: Progress,
 ) -> Run:
-    """Run what was selected: first the motions, side by side, then the speeds, one case at a time.
+    """Run a selection: first the motions in parallel, then the speeds, one case at a time.
 
-    journal: what this run has found before, and finds; None to keep nothing.
+    journal: stores the results of this run and supplies those of its interrupted part; None to store none.
     """
     begin = time.perf_counter()
-    progress.phase("the reference's kernels: compiled once on a machine")
+    progress.phase("compiling the reference's kernels, once per machine")
     cache = Cache.default()
     cache.prune()
     cache = cache.write_only() if options.reuse == "nothing" else cache
@@ -136,7 +136,7 @@ def run_selection(
 
 
 def _solved(scenario: Scenario, scenario_spec: str, cache: Cache, progress: Progress) -> Problem:
-    """Return a scenario with its truth; name it before, where it is not known yet and may take long."""
+    """Return a scenario with its truth; report first if the truth is not cached and may take long."""
     scene = scenario.scene
     if not is_known(scene, scene.sample_times, cache):
         progress.truth_begun(scenario.name)
@@ -144,9 +144,9 @@ def _solved(scenario: Scenario, scenario_spec: str, cache: Cache, progress: Prog
 
 
 def _compile(selection: Selection, cache: Cache) -> None:
-    """Compile what the truths that are not known yet, and the reference's methods, are to call."""
+    """Compile what the reference's methods and the truths that are not cached will call."""
     scenes = [scenario.scene for _, scenario in selection.scenarios]
-    # a user's function is asked first where its truth is solved: what goes wrong with it is told there
+    # a user's function is first called when its truth is solved, which reports its errors
     scenes = [scene for scene in scenes if not scene.has_callback_load]
     if any((engine.name, method.name) == ("reference", "exact") for engine, method in selection.methods):
         scenes += [load_scenario(name).scene for name in PROBES]
@@ -165,7 +165,7 @@ def _studies_and_probes(
     options: RunOptions,
     progress: Progress,
 ) -> tuple[list[Study], list[dict[str, Any]]]:
-    """Return the studies of every scenario by every method, and every method's probes, made side by side."""
+    """Return the studies of every scenario by every method, and every method's probes, run in parallel."""
     pairs = [
         (problem, engine, method)
         for problem in problems
@@ -197,7 +197,7 @@ def _studies_and_probes(
         def do(engine_pool: EnginePool) -> None:
             probed[place] = probe_rows(engine, method, partial(answers.ask, engine_pool))
 
-        return Task(engine.name, 0.0, do)  # what it costs is little: it is done last
+        return Task(engine.name, 0.0, do)  # probes are cheap, so they run last
 
     tasks = [task(place, *pair) for place, pair in enumerate(pairs)]
     probes = [probe(place, *method) for place, method in enumerate(selection.methods)]
@@ -207,16 +207,16 @@ def _studies_and_probes(
 
 
 _WEIGHTS = {"reference": 0.02}
-"""What a right-hand side costs beside an engine's: only for the order in which things are done."""
+"""Cost of a right-hand side relative to a typical engine's; used only to order the tasks."""
 
 
 def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False) -> Truth:
-    """Return the true motion at the times given, with its bounds at each.
+    """Return the true motion at the given times, with its error bounds.
 
-    scenario: a built-in name or the path of a TOML file. at: n times in s, from 0 on, in any order; the
-    arrays of the truth are (n,), (n, 3) and (n, 4) in the same order. The start is what the numbers in the
-    file are, of which engines are handed a rounding. allow_code: whether the file may name functions. Raises
-    InputError where the scenario is wrong, a time is negative or not finite, or the truth ends before it.
+    scenario: a built-in name or the path of a TOML file. at: n times in s, t >= 0, in any order; the arrays
+    of the truth are (n,), (n, 3) and (n, 4) in the same order. The motion starts from the numbers of the
+    file, whereas engines receive them rounded to doubles. allow_code: whether the file may name functions.
+    Raises InputError if the scenario is wrong, a time is negative or not finite, or the truth ends before it.
     """
     scene = load_scenario(scenario, allow_code=allow_code).scene_as_written
     try:
@@ -234,12 +234,12 @@ def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False
 
 
 def judge(trajectory: str | Path, scenario: str | Path, *, allow_code: bool = False) -> dict[str, Any]:
-    """Return the measures of a trajectory that any program wrote (.csv or .npz), by column name.
+    """Return the measures of a trajectory from any program (.csv or .npz), by column name.
 
     trajectory: t_s (n,) in s, and any of position_m (n, 3), velocity_m_s (n, 3), quaternion (n, 4) scalar
-    first or rotation (n, 3, 3), omega_body_rad_s or omega_world_rad_s (n, 3); docs/questions.md has the
-    columns of a CSV. A measure whose quantities the file has not is left out. allow_code: as for `truth`.
-    Raises InputError for wrong files.
+    first or rotation (n, 3, 3), omega_body_rad_s or omega_world_rad_s (n, 3); docs/questions.md lists the
+    columns of a CSV. Measures of quantities that the file lacks are left out. allow_code: as for `truth`.
+    Raises InputError if a file is wrong.
     """
     loaded = load_scenario(scenario, allow_code=allow_code)
     return judge_file(Path(trajectory), loaded, str(scenario), Cache.default())

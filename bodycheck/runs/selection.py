@@ -1,4 +1,4 @@
-"""What a run is to measure: scenarios, methods, steps and tolerances, checked before anything runs."""
+"""Select what a run measures: scenarios, methods, steps and tolerances, checked before anything runs."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from bodycheck.scenarios.library import load_scenarios
 from bodycheck.scenarios.model import Scenario
 
 Wanted: TypeAlias = Callable[[Engine, Method], bool]
-"""Whether a method of an engine is to be run."""
+"""(engine, method) -> whether to run the method."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """What a run is to measure, checked: nothing in it can be refused any more."""
+    """What a run measures, fully checked."""
 
     scenarios: tuple[tuple[str, Scenario], ...]
     methods: tuple[tuple[Engine, Method], ...]
@@ -33,14 +33,14 @@ class Selection:
     dt_s: tuple[float, ...] | None
     tolerances: tuple[float, ...] | None
     off_centre_only: frozenset[tuple[str, str]] = frozenset()
-    """Engine and name of the methods that nobody requested, to run where a link is off the centre of mass."""
+    """(engine, method) of unrequested methods, which run only where a link is off the centre of mass."""
 
     def runs_on(self, scenario: Scenario, engine: Engine, method: Method) -> bool:
-        """Whether the method is to run on this scenario."""
+        """Return whether the method runs on this scenario."""
         return (engine.name, method.name) not in self.off_centre_only or scenario.scene.is_off_centre
 
     def settings(self, scenario: Scenario, method: Method) -> list[Setting]:
-        """Return how finely a method is to work on a scenario, coarsest first."""
+        """Return the step sizes or tolerances of a method on a scenario, coarsest first."""
         match method.control:
             case "dt":
                 return [Setting(dt_s=dt_s) for dt_s in sorted(self.dt_s or scenario.steps, reverse=True)]
@@ -51,7 +51,7 @@ class Selection:
                 return [Setting()]
 
     def cases_listed(self) -> int:
-        """Return how many cases there are at least; a run adds steps where an order needs them."""
+        """Return the number of cases, to which a run adds steps where an order needs them."""
         return sum(
             len(self.settings(scenario, method))
             for _, scenario in self.scenarios
@@ -71,16 +71,16 @@ def select(
 ) -> Selection:
     """Resolve names, suites and paths; engines as NAME[==VERSION][:METHOD]; steps in s for every scenario.
 
-    allow_code: scenarios may name functions, whose code runs. wanted: chooses among the methods of all
-    engines that are there, in place of `engines`.
+    allow_code: scenarios may name functions, whose code runs. wanted: replaces `engines`; selects among the
+    methods of all available engines.
 
-    Raises InputError with one line an error: unknown names, wrong files, steps that do not fit.
+    Raises InputError with one line per error: unknown names, wrong files, steps that do not fit.
     """
     if os.environ.get(RUN_PID):
         raise InsideWorkerError("a run cannot be started from within a worker of another run")
     for what, listed in (("scenarios", scenarios), ("engines", engines)):
         if isinstance(listed, str):
-            raise InputError(f"{what} must be a list of names, like [{listed!r}], not one text")
+            raise InputError(f"{what} must be a list of names, like [{listed!r}], not a string")
     steps, asked_tolerances = _doubles("dt_s", dt_s), _doubles("tolerances", tolerances)
     names = [_parted(name) for name in engines or engine_names()]
     asked = [name for name in dict.fromkeys(engine for engine, _, _ in names) if not engine_fault(name)]
@@ -111,7 +111,7 @@ def _with_off_centre_methods(selection: Selection, names: Sequence[tuple[str, st
 
 
 def _doubles(what: str, numbers: Iterable[float] | None) -> tuple[float, ...]:
-    """Return numbers, of an array too, as doubles of Python: their repr goes into commands."""
+    """Return numbers, also those of an array, as Python floats, because commands contain their repr."""
     try:
         return () if numbers is None else tuple(float(number) for number in numbers)
     except (TypeError, ValueError):
@@ -125,9 +125,9 @@ def checked_scenarios(
     *,
     allow_code: bool = False,
 ) -> list[tuple[str, Scenario]]:
-    """Return the scenarios of names, suites and paths, each with what names it, to go by these steps.
+    """Return (spec, scenario) for names, suites and paths, after checking that the steps and tolerances fit.
 
-    Raises InputError with one line an error: unknown names, wrong files, steps that do not fit.
+    Raises InputError with one line per error: unknown names, wrong files, steps that do not fit.
     """
     loaded = load_scenarios(scenarios, allow_code=allow_code)
     faults = [*_step_faults(loaded, dt_s or ()), *_tolerance_faults(tolerances or ())]
@@ -147,7 +147,7 @@ def _step_faults(loaded: Sequence[tuple[str, Scenario]], dt_s: Sequence[float]) 
                 faults.append(f"{scenario.name}: {error}")
                 continue
             if stride in seen:
-                faults.append(f"{scenario.name}: the step of {step!r} s is asked for twice")
+                faults.append(f"{scenario.name}: the step of {step!r} s is given twice")
             seen.add(stride)
     return faults
 
@@ -159,7 +159,7 @@ def _tolerance_faults(tolerances: Sequence[float]) -> list[str]:
         if not 0.0 < tolerance < 1.0
     ]
     twice = [tolerance for tolerance, count in Counter(tolerances).items() if count > 1]
-    return faults + [f"the tolerance {tolerance!r} is asked for twice" for tolerance in twice]
+    return faults + [f"the tolerance {tolerance!r} is given twice" for tolerance in twice]
 
 
 def _wanted_methods(
@@ -172,7 +172,7 @@ def _wanted_methods(
 
 
 def _parted(name: str) -> tuple[str, str, str]:
-    """Return NAME[==VERSION][:METHOD] as its engine, the colon if there is one, and the method."""
+    """Split NAME[==VERSION][:METHOD] into engine, colon (or '') and method."""
     engine, colon, method = name.partition(":")
     return "==".join(part.strip() for part in engine.split("==")), colon, method.strip()
 
@@ -180,9 +180,9 @@ def _parted(name: str) -> tuple[str, str, str]:
 def _methods(
     names: Sequence[tuple[str, str, str]], announcement: Announcement, *, by_name: bool
 ) -> tuple[tuple[tuple[Engine, Method], ...], dict[str, str]]:
-    """Return the methods asked for, else all of every engine that is there, with why the others are not.
+    """Return the requested methods, or all methods of all available engines, and why engines are unavailable.
 
-    by_name: whether the engines were asked for, so that one that is not there is a fault.
+    by_name: whether the engines were requested by name, so that an unavailable one is an error.
     """
     asked = dict.fromkeys(engine for engine, _, _ in names)
     faults = [fault for engine in asked if (fault := engine_fault(engine))]
@@ -196,7 +196,7 @@ def _methods(
         if not isinstance(engine, Engine):
             continue
         if colon and method not in engine.methods:
-            faults.append(f"{name} has no method {method!r}; it has {', '.join(engine.methods)}")
+            faults.append(f"{name} has no method {method!r} (available: {', '.join(engine.methods)})")
             continue
         fair = [name for name, facts in engine.methods.items() if not facts.on_request]
         for chosen in [method] if colon else fair:

@@ -1,4 +1,4 @@
-"""Which releases of an engine differ in a measure: each is run in an environment of its own."""
+"""Find the releases of an engine that differ in a measure; each runs in its own environment."""
 
 from __future__ import annotations
 
@@ -27,10 +27,11 @@ _NO_METHOD = "no such method"
 
 @dataclass(frozen=True)
 class Search:
-    """What is looked for: a measure of an engine's methods, all unless one is named, on one scenario.
+    """A search for changes of a measure of an engine's methods on one scenario.
 
-    since, until: the first and the last release that count; until None: the newest. dt_s, allow_code: as of a
-    run. every: run each release, none is skipped. thresholds: from which size on a change counts.
+    since, until: the first and the last release to consider; until None: the newest. method None: all
+    methods. dt_s, allow_code: as in a run. every: run every release and skip none. thresholds: the size above
+    which a change counts.
     """
 
     engine: str
@@ -47,7 +48,7 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class _Release:
-    """A release that was run: what its methods are, and what was found of those that were asked for."""
+    """A release that was run: its engine, the requested methods that it has, and their tables."""
 
     engine: Engine
     methods: Mapping[str, Method]
@@ -55,10 +56,10 @@ class _Release:
 
 
 def search(asked: Search, options: RunOptions, told: Callable[[str], None]) -> Found:
-    """Run every release, or the first, the last and by bisection those between which the measure changed.
+    """Run every release, or bisect between the first and the last release to find where the measure changed.
 
-    told: is given each release that is about to be run. A release that cannot be installed or run is stepped
-    around. Raises InputError where the input is wrong, or no release can be run.
+    told: called with the name of each release before it runs. Releases that cannot be installed or run are
+    skipped. Raises InputError if the input is wrong or no release can be run.
     """
     comparable(asked.measure)
     scenario_spec, scenario = _one_scenario(asked)
@@ -90,15 +91,15 @@ def search(asked: Search, options: RunOptions, told: Callable[[str], None]) -> F
 
 
 def _one_scenario(asked: Search) -> tuple[str, Scenario]:
-    """Return the scenario that is asked for, with what names it; InputError where it is several."""
+    """Return the spec and the requested scenario; raises InputError if the spec names several."""
     first, *others = checked_scenarios([asked.scenario], asked.dt_s, allow_code=asked.allow_code)
     if others:
-        raise InputError(f"--scenario {asked.scenario}: is {len(others) + 1} scenarios; give one of them")
+        raise InputError(f"--scenario {asked.scenario}: names {len(others) + 1} scenarios; give one of them")
     return first
 
 
 def _measure_of(asked: Search, scenario: Scenario, method: Method) -> OneMeasure:
-    """Return the measure of a method, at the finest step or tolerance that is asked for."""
+    """Return the measure of a method at the finest requested step or tolerance."""
     finest = {"dt": min(asked.dt_s or scenario.steps), "tolerance": min(method.tolerances, default=None)}
     fineness = finest.get(method.control)
     who = scenario.name, asked.engine, method.name
@@ -108,7 +109,7 @@ def _measure_of(asked: Search, scenario: Scenario, method: Method) -> OneMeasure
 def _finding(
     run: Callable[[str], _Release | str], one: OneMeasure, findings: dict[str, Finding], version: str
 ) -> Finding | None:
-    """Return what a release says of a measure, and keep it; None where it cannot be run."""
+    """Return and store the value of a measure in a release; None if the release cannot be run."""
     release = run(version)
     if isinstance(release, str):
         return None
@@ -122,7 +123,7 @@ def _finding(
 def _run(
     asked: Search, version: str, scenario_spec: str, scenario: Scenario, options: RunOptions
 ) -> _Release | str:
-    """Run one release; or return why it cannot be."""
+    """Run one release, or return why it cannot be run."""
     name = Pin(asked.engine, version).name
     engine = announced([name])[name]
     if isinstance(engine, str):
@@ -146,9 +147,9 @@ def _run(
 
 
 def _nothing(asked: Search, runs: Mapping[str, _Release | str]) -> str:
-    """Say why nothing was found: every release failed, or none has the method."""
+    """Return why nothing was found: every release failed, or no release has the method."""
     engines = [release.engine for release in runs.values() if isinstance(release, _Release)]
     if not engines:
         return "\n".join(str(why) for why in runs.values())
     has = dict.fromkeys(name for engine in engines for name in engine.methods)
-    return f"--method {asked.method}: {asked.engine} has no such method; it has {', '.join(has)}"
+    return f"--method {asked.method}: {asked.engine} has no such method (available: {', '.join(has)})"

@@ -1,9 +1,9 @@
 """Mass properties of solids f(x) <= 0 by randomised quasi-Monte Carlo, with their standard errors.
 
-Columns stand at scrambled Sobol points of the xy plane and are integrated along z exactly, over the chords
-that the solid says. One more point a column, at random height, is asked whether it is in the solid: what the
-chords say wrongly there is added, at the weight of a point. So the chords are a control variate of plain
-sampling in three dimensions; the estimate is unbiased even where they miss a part, and the error shows it.
+Columns stand at scrambled Sobol points of the xy plane and are integrated exactly along z, over the chords
+given by the solid. One additional point per column, at a random height, tests whether the chords are right
+there; the difference is added with the weight of a point. The chords are thus a control variate of plain
+sampling in three dimensions: the estimate is unbiased even if they miss a part, and the error shows it.
 
 Sources: Owen (1997), Scrambled net variance for integrals of smooth functions, Ann. Stat. 25; L'Ecuyer &
 Lemieux (2002), Recent advances in randomized quasi-Monte Carlo methods, for errors by randomisation.
@@ -26,27 +26,27 @@ from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.scenarios.user_functions import said
 
 _RANDOMISATIONS = 32
-"""Independent scramblings; the standard error is known to 1 / sqrt(2 * 31) = 13 % of itself."""
+"""Independent scramblings; the relative error of the standard error is 1 / sqrt(2 * 31) = 13 %."""
 
 HALF_WIDTH = float(t.ppf(0.975, _RANDOMISATIONS - 1))
-"""In standard errors, of a 95 % interval: Student's t for as many degrees of freedom, 2.04."""
+"""Half width of a 95 % interval in standard errors: Student's t with 31 degrees of freedom, 2.04."""
 
 LEAST_COLUMNS_LOG2 = 10
-"""With fewer columns a scrambling's error is far from normal, and intervals hold too seldom."""
+"""With fewer columns the error of a scrambling is far from normal, and intervals cover too rarely."""
 
 _LEAST_HITS = 200
-"""Points, over all scramblings, from which on their number tells its own spread."""
+"""Points over all scramblings, below which their number does not determine its own spread."""
 
 _AT_ONCE = 4096
-"""Columns handled together, so that a level set's grid fits the cache."""
+"""Columns per batch, so that a level set's grid fits into the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Mass properties at unit density, and the standard error of each number in them, in its unit.
+    """Mass properties at unit density, with the standard error of each number, in its unit.
 
-    Round-off, about 1e-15 of the largest numbers, comes on top: a number that symmetry makes zero in every
-    scrambling has a standard error of nothing.
+    The standard errors exclude round-off, about 1e-15 of the largest numbers: a number that is zero by
+    symmetry in every scrambling has a standard error of zero.
     """
 
     properties: MassProperties
@@ -55,13 +55,13 @@ class Estimate:
     inertia_error: Array
 
     def half_widths(self) -> MassProperties:
-        """Return the half widths of 95 % intervals about the numbers, in their places and units."""
+        """Return the half widths of 95 % intervals, in the fields and units of the numbers."""
         return MassProperties(
             HALF_WIDTH * self.mass_error, HALF_WIDTH * self.centre_error, HALF_WIDTH * self.inertia_error
         )
 
     def at_density(self, density: float) -> Estimate:
-        """m = rho V, I = rho I(1), and their standard errors with them: from unit density to another, kg/m^3.
+        """m = rho V, I = rho I(1): scale from unit density to a density in kg/m^3, with the standard errors.
 
         Raises ValueError as MassProperties.at_density does.
         """
@@ -72,14 +72,14 @@ class Estimate:
 def estimate(solid: ImplicitSolid, *, columns_log2: int = 12, seed: int = 0) -> Estimate:
     """Estimate the mass properties of an implicit solid from 32 scramblings of 2^columns_log2 columns each.
 
-    The error falls about as the number of columns to the power -1 where the chords are right, -2/3 where
-    they miss a part. The same seed gives the same numbers. Raises ValueError for fewer than 2^10 columns, for
-    a box without inside, and where a scrambling meets nothing of the solid, or most of the error comes from
-    parts that the chords miss, met by so few points that it cannot be stated.
+    The error decreases about as the number of columns to the power -1 if the chords are right, -2/3 if they
+    miss a part. The same seed gives the same numbers. Raises ValueError for fewer than 2^10 columns, for an
+    empty box, if a scrambling finds no part of the solid, or if most of the error comes from parts that the
+    chords miss and too few points hit to estimate it.
     """
     if columns_log2 < LEAST_COLUMNS_LOG2:
         raise ValueError(
-            f"2^{columns_log2} columns are too few for an honest error: at least 2^{LEAST_COLUMNS_LOG2}"
+            f"2^{columns_log2} columns are too few for a reliable error: at least 2^{LEAST_COLUMNS_LOG2}"
         )
     _check_box(solid)
     seeds = np.random.SeedSequence(seed).spawn(_RANDOMISATIONS)
@@ -87,8 +87,8 @@ def estimate(solid: ImplicitSolid, *, columns_log2: int = 12, seed: int = 0) -> 
     moments = np.array([sample.chords + sample.overlooked for sample in samples])
     if not (moments[:, 0] > 0.0).all():
         raise ValueError(
-            f"nothing of the solid was met in the box from {solid.lower.tolist()} to {solid.upper.tolist()}; "
-            "draw the box closer or take more columns"
+            f"no part of the solid was found in the box from {solid.lower.tolist()} to "
+            f"{solid.upper.tolist()}; use a tighter box or more columns"
         )
     _check_hits(samples)
     each = [MassProperties.of_moments(sample) for sample in moments]
@@ -101,7 +101,7 @@ def estimate(solid: ImplicitSolid, *, columns_log2: int = 12, seed: int = 0) -> 
 
 
 class _Sample(NamedTuple):
-    """One scrambling's integrals (10,) over the chords, and over what they overlook, with its points."""
+    """One scrambling's integrals (10,) over the chords and over what they miss, with the number of hits."""
 
     chords: Array
     overlooked: Array
@@ -109,25 +109,25 @@ class _Sample(NamedTuple):
 
 
 def _check_hits(samples: Sequence[_Sample]) -> None:
-    """Refuse an error of the mass that rests on a few points."""
+    """Refuse an error of the mass that is determined by a few points."""
     chords, overlooked = (
         np.std([part[0] for part in parts]) for parts in list(zip(*samples, strict=True))[:2]
     )
     hits = sum(sample.hits for sample in samples)
     if overlooked > chords and hits < _LEAST_HITS:
         raise ValueError(
-            f"parts of the solid are thinner than the grid resolves, and only {hits} points met them: too "
-            "few to state an error; draw the box closer, or write f as a distance, not as a sign"
+            f"parts of the solid are thinner than the grid resolves, and only {hits} points hit them: too "
+            "few to estimate an error; use a tighter box, or return a distance from f, not a sign"
         )
 
 
 def _check_box(solid: ImplicitSolid) -> None:
-    """Refuse a box that has no inside."""
+    """Refuse an empty box."""
     lower, upper = np.asarray(solid.lower), np.asarray(solid.upper)
     if lower.shape != (3,) or upper.shape != (3,):
         raise ValueError(f"the corners of the box must be (3,), not {lower.shape} and {upper.shape}")
     if not (np.isfinite([lower, upper]).all() and (lower < upper).all()):
-        raise ValueError(f"the box from {lower.tolist()} to {upper.tolist()} has no finite inside")
+        raise ValueError(f"the box from {lower.tolist()} to {upper.tolist()} is empty or not finite")
 
 
 def _standard_error(samples: Array) -> Array:
@@ -161,9 +161,9 @@ def _along_chords(xy: Array, chords: Chords) -> Array:
 
 
 def _overlooked(solid: ImplicitSolid, points: Array, chords: Chords) -> tuple[Array, int]:
-    """Return 1, x, ..., zx summed over the points in the solid but on no chord, less the reverse: (10,).
+    """Sum 1, x, ..., zx over points in the solid but on no chord, minus those on a chord but outside: (10,).
 
-    And how many points these are.
+    Also return the number of these points.
     """
     z = points[chords.column, 2]
     on_chord = np.zeros(len(points), dtype=np.bool_)
@@ -176,18 +176,20 @@ def _overlooked(solid: ImplicitSolid, points: Array, chords: Chords) -> tuple[Ar
 
 
 _SIDE = 32
-"""Points along either edge of a side of the box, in the middles of cells, when it is asked what it cuts."""
+"""Points along each edge of a side of the box, at cell centres, to test whether it cuts the solid."""
 
 
 def estimate_level_set(name: str, function: Callable[[Array], Any], box: Sequence[float]) -> Estimate:
     """Estimate, at unit density, the solid f <= 0 within the box xmin, ymin, zmin, xmax, ymax, zmax, in m.
 
-    f maps points (n, 3) to values (n,). The notes name the sides of the box that the solid reaches. Raises
-    InputError with one line, which `name` begins, for a box without inside, a function that raises or gives
-    anything else than n numbers, and a box that has nothing of the solid in it.
+    f is called as f(points) -> values with points (n, 3) in m and values (n,). The notes name the sides of
+    the box that the solid reaches. Raises InputError with one line, prefixed with `name`, for an empty box, a
+    function that raises or does not return n numbers, and a box without any part of the solid.
     """
     if len(box) != 6:
-        raise InputError(f"{name}: its box has 6 numbers, xmin,ymin,zmin,xmax,ymax,zmax in m, not {len(box)}")
+        raise InputError(
+            f"{name}: the box needs 6 numbers, xmin,ymin,zmin,xmax,ymax,zmax in m, not {len(box)}"
+        )
     solid = LevelSet(_guarded(name, function), np.array(box[:3]), np.array(box[3:]))
     try:
         found = estimate(solid)
@@ -196,12 +198,12 @@ def estimate_level_set(name: str, function: Callable[[Array], Any], box: Sequenc
         raise
     except ValueError as error:
         raise InputError(f"{name}: {error}") from None
-    notes = (f"the solid reaches the sides {sides} of the box: what lies beyond is cut off",) if sides else ()
+    notes = (f"the solid reaches the sides {sides} of the box and is cut off there",) if sides else ()
     return replace(found, properties=replace(found.properties, notes=notes))
 
 
 def _guarded(name: str, function: Callable[[Array], Any]) -> Callable[[Array], Array]:
-    """Return f as floats of a copy of the points, which it may change; refuse what it raises or returns."""
+    """Return f with float values (n,) and a copy of its points; turn its errors into InputError."""
 
     def values(points: Array) -> Array:
         try:
@@ -210,7 +212,7 @@ def _guarded(name: str, function: Callable[[Array], Any]) -> Callable[[Array], A
             raise InputError(f"{name}: failed for points {points.shape}: {said(error)}") from error
         if found.dtype.kind not in "iuf":
             raise InputError(
-                f"{name}: f of points {points.shape} must be numbers, f <= 0 inside, not {found.dtype}"
+                f"{name}: f(points) for points {points.shape} must return numbers, not {found.dtype}"
             )
         return found.astype(np.float64)
 
@@ -218,7 +220,7 @@ def _guarded(name: str, function: Callable[[Array], Any]) -> Callable[[Array], A
 
 
 def _reached(solid: LevelSet) -> list[str]:
-    """Name the sides of the box, as 'x = 1.0', on which there are points of the solid."""
+    """Return the sides of the box, like 'x = 1.0', on which there are points of the solid."""
     middles = (np.arange(_SIDE) + 0.5) / _SIDE
     u, v = (grid.ravel() for grid in np.meshgrid(middles, middles))
     sides = []

@@ -1,4 +1,4 @@
-"""Scenarios as a run wrote them down: read back to the last digit, without the files that they came from."""
+"""Serialise scenarios for a stored run, and read them back exactly, without their mesh files."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _NUMBERS = ("mass_kg", "inertia_kg_m2", *_LINK)
 
 
 def written(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as plain data, with the numbers that its mesh or shape made."""
+    """Return a scenario as plain data, with the numbers computed from its mesh or shape."""
     return scenario.model_dump(mode="json", exclude_none=True)
 
 
 def as_written(told: Mapping[str, Any], where: str, *, allow_code: bool = False) -> Scenario:
-    """Return the scenario of which `written` made this; `where` names it in messages.
+    """Return the scenario from the output of `written`; `where` names it in messages.
 
-    allow_code: it may name functions, whose code runs. Raises InputError with one line an error, also where
-    it would not be written down like this again.
+    allow_code: it may name functions, whose code runs. Raises InputError with one line per error, also if
+    `written` would not give the same data again.
     """
     try:
         by_numbers = {name: told["body"][name] for name in _NUMBERS if name in told["body"]}
@@ -48,7 +48,7 @@ def as_written(told: Mapping[str, Any], where: str, *, allow_code: bool = False)
 
 
 def _shaped(told: Mapping[str, Any]) -> MeshBody | ShapeBody | None:
-    """Return the body of a mesh or a shape with its numbers as they stand; None of a body by numbers."""
+    """Return the body of a mesh or a shape with its stored numbers; None for a body given by numbers."""
     if "mesh" not in told and "shape" not in told:
         return None
     solid = MassProperties(
@@ -64,5 +64,5 @@ def _shaped(told: Mapping[str, Any]) -> MeshBody | ShapeBody | None:
         facts, light = told["mesh"], solid.at_density(1.0 / density)
         mesh = MeshSolid(facts["file"], facts["sha256"], told.get("mesh_unit"), light)
         body = MeshBody.model_construct(None, mesh=mesh, density_kg_m3=density, **known)
-    vars(body)["solid"] = solid  # what its cached property would work out anew, and from the file
+    vars(body)["solid"] = solid  # fills the cached property, which would read the file
     return body

@@ -48,7 +48,7 @@ def nothing(t, x, r, v, omega):
 def explosive(t, x, r, v, omega):
     return 1e60 * v, 1e60 * omega
 """
-_THREE = "must give force and torque, three finite numbers each, not "
+_THREE = "must return force and torque, three finite numbers each, not "
 FAULTS = {
     "raises": "failed at t = 0.3",
     "ends": "failed at t = 0.0 s: SystemExit: enough",

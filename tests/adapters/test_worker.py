@@ -129,7 +129,7 @@ def test_a_worker_says_why_there_is_no_engine() -> None:
     """An engine that nobody knows is announced as unavailable; a wrong command line is told how it goes."""
     command = [sys.executable, "-m", "bodycheck.adapters.workers.worker"]
     (line,) = said([*command, "havok", "4000000000"], [])
-    assert json.loads(line)["unavailable"].startswith("no engine is named 'havok'; known are mujoco, ")
+    assert json.loads(line)["unavailable"].startswith("unknown engine 'havok' (available: mujoco, ")
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stderr == "usage: python -m bodycheck.adapters.workers.worker ENGINE MEMORY_BYTES\n"
 
@@ -152,7 +152,7 @@ BROKEN = {
     "no search, but a lap": (
         'request["do"] == "lap"',
         "True",
-        "NOT KEPT: a search .* a search that is none: stable_s: Field required",
+        "NOT KEPT: a search .* invalid search result: stable_s: Field required",
     ),
     "anything done": (
         "raise ValueError(",
@@ -263,7 +263,7 @@ NO_ARRAYS: list[Any] = [
 @pytest.mark.parametrize("value", NO_ARRAYS, ids=str)
 def test_what_is_no_array_is_refused(value: Any) -> None:
     """A wrong shape, a cut-off text and what is no text are told from an array."""
-    with pytest.raises(protocol.ProtocolError, match="an array that is none"):
+    with pytest.raises(protocol.ProtocolError, match="invalid array"):
         protocol.unpacked(value)
 
 
@@ -325,7 +325,7 @@ def test_what_is_read_back_in_a_wrong_shape_is_a_mismatch(part: str, shape: tupl
 
 
 @pytest.mark.parametrize(
-    ("kept", "missing"), [("omega_body", "no quaternion and no rotation"), ("quaternion", "no omega")]
+    ("kept", "missing"), [("omega_body", "neither a quaternion nor a rotation"), ("quaternion", "no omega")]
 )
 def test_a_state_that_is_read_back_in_part_is_a_mismatch(kept: str, missing: str) -> None:
     """What an engine does not tell of its start was not compared, and so the case does not count."""
@@ -335,7 +335,7 @@ def test_a_state_that_is_read_back_in_part_is_a_mismatch(kept: str, missing: str
     whole = vars(held.state)
     part = Reading(**{name: whole[name] for name in ("position", "velocity", kept)})
     fault = read_back_mismatch(case.scene, case.setting.dt_s, replace(held, state=part))
-    assert fault == f"the engine gives back {missing}"
+    assert fault == f"the engine returns {missing}"
 
 
 # ---------------------------------------------------------------------------------- workers that do not
@@ -355,17 +355,17 @@ WRONG_ANNOUNCEMENTS = {
     "a build that is no text": (announcing(build=3), "build: should be a valid string"),
     "a kind that is none": (announcing(kind="rare"), "kind: should be 'installed'"),
     "parts that are none": (announcing(loaded="x"), "loaded: should be a valid dictionary"),
-    "another protocol": (announcing(bodycheck=2), "the worker speaks another protocol: 2"),
+    "another protocol": (announcing(bodycheck=2), "the worker uses another protocol version: 2"),
     "no JSON": ("print('hello')", "a line that is not JSON"),
-    "no object": ("print('[1, 2]')", "a line that is no JSON object"),
-    "no methods": (announcing(methods=None), "an announcement that is none: methods: should be a valid list"),
+    "no object": ("print('[1, 2]')", "a line that is not a JSON object"),
+    "no methods": (announcing(methods=None), "invalid announcement: methods: should be a valid list"),
     "a method of another age": (announcing(methods=[{"name": "x"}]), "methods.0.formula: Field required"),
     "a control that is none": (
         announcing(methods=[{**METHOD, "control": "will"}]),
         "methods.0.control: should be 'dt'",
     ),
     "a version that is no text": (announcing(version=3), "version: should be a valid string"),
-    "no limits": (announcing(limits=None), "an announcement that is none: limits: should be"),
+    "no limits": (announcing(limits=None), "invalid announcement: limits: should be"),
     "evaluations that are a text": (
         announcing(methods=[{**METHOD, "evaluations": "x"}]),
         "evaluations: should be",
@@ -380,11 +380,11 @@ WRONG_ANNOUNCEMENTS = {
     ),
     "a name for the terminal": (announcing(version="\x1b[31m"), "version: Value error, should be one line"),
     "no method at all": (announcing(methods=[]), "methods: List should have at least 1 item"),
-    "a method twice": (announcing(methods=[METHOD, METHOD]), "names the method drift twice"),
+    "a method twice": (announcing(methods=[METHOD, METHOD]), "the method drift is named twice"),
     "a tolerance of 2": (announcing(methods=[{**METHOD, "tolerances": [2.0]}]), "methods.0.tolerances.0"),
     "another name": (announcing(engine="other"), "drift announces itself as 'other'"),
-    "nothing at all": ("", "the worker ended itself with status 0"),
-    "a crash": ("import os; os.abort()", "the worker died of SIGABRT"),
+    "nothing at all": ("", "the worker exited with status 0"),
+    "a crash": ("import os; os.abort()", "the worker was killed by SIGABRT"),
     "a reason": ('print(\'{"bodycheck": 1, "unavailable": "no licence"}\')', "no licence"),
 }
 
@@ -462,7 +462,7 @@ def test_a_worker_that_closes_its_output_and_goes_on_is_lost(
         answer = engine_pool.ask("drift", {"do": "lap"}, PATIENCE_S)
     finally:
         engine_pool.close()
-    assert answer == {"outcome": "failed", "message": "the worker closed its output and went on"}
+    assert answer == {"outcome": "failed", "message": "the worker closed its output and kept running"}
 
 
 def test_a_request_that_a_worker_does_not_take_is_not_sent(
@@ -476,7 +476,7 @@ def test_a_request_that_a_worker_does_not_take_is_not_sent(
     finally:
         host.close()
     assert answer["outcome"] == "failed"
-    assert re.fullmatch(r"a request of \d+ bytes; it takes 100", answer["message"])
+    assert re.fullmatch(r"a request of \d+ bytes \(limit: 100\)", answer["message"])
 
 
 def test_a_system_that_starts_no_process_is_the_outcome_of_the_case(
@@ -520,7 +520,7 @@ def test_a_failure_in_a_used_worker_is_asked_once_more_of_a_new_one(
     finally:
         engine_pool.close()
     assert again["outcome"] == "ok"
-    assert again["message"] == "asked twice; first, in a worker that had served others: I forgot"
+    assert again["message"] == "ran twice; failed in a worker that had run other cases: I forgot"
 
 
 def test_a_case_whose_worker_was_killed_is_asked_once_more(
@@ -538,7 +538,7 @@ def test_a_case_whose_worker_was_killed_is_asked_once_more(
     engine_pool = EnginePool()
     answer = engine_pool.ask("drift", {"do": "record"}, 5.0)
     engine_pool.close()
-    assert answer == {"outcome": "failed", "message": "the worker died of SIGKILL"}
+    assert answer == {"outcome": "failed", "message": "the worker was killed by SIGKILL"}
 
 
 def test_hosts_that_were_stopped_answer_nothing_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

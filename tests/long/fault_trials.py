@@ -103,7 +103,7 @@ class Trial:
 def ended(process: subprocess.Popen[str], statuses: set[int]) -> str:
     """Wait for a command and return what it said on standard error; no traceback is among it."""
     _, said = process.communicate(timeout=PATIENCE_S)
-    if process.returncode not in statuses or "Traceback" in said or "unexpected fault" in said:
+    if process.returncode not in statuses or "Traceback" in said or "unexpected error" in said:
         raise FaultFound(f"ended with status {process.returncode}: {said[-2000:]}")
     if not all_gone(process.pid):
         raise FaultFound(f"left workers behind: {workers_of(process.pid)}")
@@ -124,7 +124,7 @@ def kill_workers(trial: Trial, most_lines: int) -> None:
     trial.wait_for_a_moment(process, most_lines)
     kill_one_worker(trial, process)
     said = ended(process, {0, 2})
-    if process.returncode == 2 and "cannot be started: the worker died of SIGKILL" not in said:
+    if process.returncode == 2 and "cannot be started: the worker was killed by SIGKILL" not in said:
         raise FaultFound(said)
 
 

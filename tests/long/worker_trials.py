@@ -39,7 +39,9 @@ class Program:
         self._asked = 0
         message = self._heard()
         if message.get("bodycheck") != protocol.VERSION:
-            raise protocol.ProtocolError(f"the worker speaks another protocol: {message.get('bodycheck')!r}")
+            raise protocol.ProtocolError(
+                f"the worker uses another protocol version: {message.get('bodycheck')!r}"
+            )
         if "unavailable" in message:
             raise protocol.ProtocolError(f"the engine is not available: {message['unavailable']}")
         protocol.request_limit_of(message)

@@ -53,7 +53,7 @@ def test_where_it_cannot_be_written_the_processes_of_a_command_share_another(
     first = cache_directory()
     assert capsys.readouterr().err == (
         f"{tmp_path / 'file'}: cannot be written: Not a directory; "
-        "what is compiled is kept for this command alone\n"
+        "compiled code is cached for this command only\n"
     )
     assert first.parent == tmp_path
     cache_directory.cache_clear()

@@ -87,6 +87,6 @@ def test_full_disk_costs_one_line(
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert said.endswith(
-        "cannot be written: No space left on device; what is compiled is kept for this command alone\n"
+        "cannot be written: No space left on device; compiled code is cached for this command only\n"
     )
     assert str(folder) in said

@@ -69,7 +69,7 @@ def test_tolerances_asked_for_take_the_place_of_its_own() -> None:
         ([0.0], "a tolerance must be a number between 0 and 1, not 0.0"),
         ([float("nan")], "between 0 and 1, not nan"),
         ([1.0], "not 1.0"),
-        ([1e-6, 1e-6], "the tolerance 1e-06 is asked for twice"),
+        ([1e-6, 1e-6], "the tolerance 1e-06 is given twice"),
     ],
 )
 def test_an_impossible_tolerance_is_refused(tolerances: list[float], message: str) -> None:

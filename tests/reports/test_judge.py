@@ -115,7 +115,7 @@ def test_a_trajectory_whose_energy_overflows_is_unstable(tmp_path: Path) -> None
     table.loc[4, "wx_body_rad_s"] = 1e200
     judged = bodycheck.judge(write(table, tmp_path / "wild.csv"), "boxes")
     assert judged["outcome"] == "unstable"
-    assert judged["message"].endswith("the truth's largest from t = 4 s on")
+    assert judged["message"].endswith("the true maximum from t = 4 s on")
 
 
 WRONG = {

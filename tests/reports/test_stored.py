@@ -118,7 +118,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "a key more": (
         _text("manifest.json", lambda text: text.replace('"samples": 11', '"sample": 11')),
-        "sample: is no key of this table",
+        "sample: is not a key of this table",
     ),
     "held by nobody": (
         _text("read_back.json", lambda text: text.replace("mass", "weight")),

@@ -144,7 +144,7 @@ def test_a_solid_that_the_box_cuts_is_noted() -> None:
     """A slab without end fills the box's breadth: the four sides that it reaches are named."""
     found = estimated("slab", (-1.0, -2.0, -1.0, 1.0, 2.0, 1.0)).properties
     sides = "x = -1.0, x = 1.0, y = -2.0, y = 2.0"
-    assert found.notes == (f"the solid reaches the sides {sides} of the box: what lies beyond is cut off",)
+    assert found.notes == (f"the solid reaches the sides {sides} of the box and is cut off there",)
     assert found.mass == pytest.approx(2.0 * 4.0 * 0.5 * 7.0, rel=1e-12, abs=0.0)
 
 
@@ -192,8 +192,8 @@ WRONG = {
         SolidRequest("cone", 1.0),
         "cone: is neither a mesh file (.stl, .obj, .ply), nor a shape (box, ",
     ),
-    "shape without sizes": (SolidRequest("torus", 1.0), "torus: a shape needs --size-m"),
-    "shape in a box": (SolidRequest("torus", 1.0, TORUS, AROUND), "torus: a shape has no --box-m"),
+    "shape without sizes": (SolidRequest("torus", 1.0), "torus: a shape requires --size-m"),
+    "shape in a box": (SolidRequest("torus", 1.0, TORUS, AROUND), "torus: a shape does not take --box-m"),
     "shape of wrong sizes": (
         SolidRequest("torus", 1.0, [1.0]),
         "a torus has 2 sizes (major radius, minor radius), not 1",
@@ -205,13 +205,16 @@ WRONG = {
     "estimate of wrong sizes": (SolidRequest("torus", 1.0, [1.0], monte_carlo=True), "a torus has 2 sizes"),
     "estimate of a box": (
         SolidRequest("box", 1.0, [1.0, 1.0, 1.0], monte_carlo=True),
-        "box: --monte-carlo is for ellipsoid, torus",
+        "box: --monte-carlo is only for ellipsoid, torus",
     ),
-    "mesh with sizes": (SolidRequest("part.stl", 1.0, [1.0]), "part.stl: a mesh file has no --size-m"),
-    "mesh in a box": (SolidRequest("part.stl", 1.0, box=AROUND), "part.stl: a mesh file has no --box-m"),
+    "mesh with sizes": (SolidRequest("part.stl", 1.0, [1.0]), "part.stl: a mesh file does not take --size-m"),
+    "mesh in a box": (
+        SolidRequest("part.stl", 1.0, box=AROUND),
+        "part.stl: a mesh file does not take --box-m",
+    ),
     "mesh by estimate": (
         SolidRequest("part.stl", 1.0, monte_carlo=True),
-        "part.stl: --monte-carlo is for ellipsoid",
+        "part.stl: --monte-carlo is only for ellipsoid",
     ),
     "shape in a unit": (
         SolidRequest("torus", 1.0, TORUS, unit="mm"),
@@ -224,14 +227,20 @@ WRONG = {
     "no such mesh": (SolidRequest("part.stl", 1.0), "part.stl: cannot be read: No such file"),
     "code not allowed": (
         users("ring", allow_code=False),
-        "users_shapes:ring: to import it runs its code; add --allow-code if you trust it",
+        "users_shapes:ring: importing it runs its code; add --allow-code if you trust it",
     ),
-    "function without a box": (users("ring", box=None), "users_shapes:ring: a function needs --box-m"),
-    "function with sizes": (users("ring", size=[1.0]), "users_shapes:ring: a function has no --size-m"),
-    "function by estimate": (users("ring", monte_carlo=True), "users_shapes:ring: --monte-carlo is for "),
+    "function without a box": (users("ring", box=None), "users_shapes:ring: a function requires --box-m"),
+    "function with sizes": (
+        users("ring", size=[1.0]),
+        "users_shapes:ring: a function does not take --size-m",
+    ),
+    "function by estimate": (
+        users("ring", monte_carlo=True),
+        "users_shapes:ring: --monte-carlo is only for ",
+    ),
     "box of five": (
         users("ring", box=AROUND[:5]),
-        "users_shapes:ring: its box has 6 numbers, xmin,ymin,zmin,",
+        "users_shapes:ring: the box needs 6 numbers, xmin,ymin,zmin,",
     ),
     "box inside out": (
         users("ring", box=AROUND[3:] + AROUND[:3]),
@@ -241,11 +250,11 @@ WRONG = {
     "function of no density": (users("ring", density=0.0), "users_shapes:ring: density must be positive"),
     "no name of a function": (
         SolidRequest("users shapes:f", 1.0, box=AROUND),
-        "users shapes:f: is no name of a function",
+        "users shapes:f: not the name of a function",
     ),
     "two colons": (
         SolidRequest("users_shapes::ring", 1.0, box=AROUND),
-        "users_shapes::ring: is no name of a function",
+        "users_shapes::ring: not the name of a function",
     ),
     "no such module": (
         SolidRequest("no_shapes:f", 1.0, box=AROUND, allow_code=True),
@@ -271,23 +280,23 @@ WRONG = {
     ),
     "mask for a level set": (
         users("mask"),
-        "users_shapes:mask: f of points (266240, 3) must be numbers, f <= 0",
+        "users_shapes:mask: f(points) for points (266240, 3) must return numbers",
     ),
     "words": (
         users("words"),
-        "users_shapes:words: f of points (266240, 3) must be numbers, f <= 0 inside, not <U3",
+        "users_shapes:words: f(points) for points (266240, 3) must return numbers, not <U3",
     ),
     "complex numbers": (
         users("waves"),
-        "users_shapes:waves: f of points (266240, 3) must be numbers, f <= 0 inside",
+        "users_shapes:waves: f(points) for points (266240, 3) must return numbers",
     ),
     "None": (
         users("nothing"),
-        "users_shapes:nothing: f of points (266240, 3) must be numbers, f <= 0 inside, not ob",
+        "users_shapes:nothing: f(points) for points (266240, 3) must return numbers, not ob",
     ),
     "one number": (users("one"), "users_shapes:one: f of points (266240, 3) must be (266240,), not ()"),
     "no number": (users("gap"), "users_shapes:gap: f is not a number at ["),
-    "empty box": (users("outside"), "users_shapes:outside: nothing of the solid was met in the box from"),
+    "empty box": (users("outside"), "users_shapes:outside: no part of the solid was found in the box from"),
 }
 
 

@@ -1,9 +1,8 @@
-"""MuJoCo: one body without geometry, free or on its pivot, by every integrator of the installed version.
+"""MuJoCo: one body without geometry, free or on a pivot, by every integrator of the installed version.
 
 qpos is the position of the joint's frame and its quaternion; qvel is the velocity of that frame's origin in
-world axes and omega in the frame's axes. The origin is the centre of mass, but of a link that is not
-aligned. What mj_step leaves in xpos, xmat and the sensors is a step old, so everything is read from qpos and
-qvel.
+world axes and omega in the frame's axes. The origin is the centre of mass, except for a link that is not
+aligned. After mj_step, xpos, xmat and the sensors are one step old, so everything is read from qpos and qvel.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
 
 _KNOWN = methods_of(mujoco.__version__)
 
-# Only what the installed version has: discrete came late in the series.
+# Only those of the installed version: older ones lack discrete.
 _INTEGRATORS = {
     label: value
     for member, value in mujoco.mjtIntegrator.__members__.items()
@@ -58,13 +57,13 @@ _BUILDS: dict[str, Build] = {
 }
 """The variant of a method -> how the body is built."""
 
-# With autoreset off, BADQPOS, BADQVEL and BADQACC only say that a number is large or not finite, and the
-# state tells that itself. After these two the engine went on with other numbers than it was given.
+# With autoreset off, BADQPOS, BADQVEL and BADQACC only mean that a number is large or not finite, which the
+# state shows too. After the following two, the engine continues with other numbers than it was given.
 _ALTERING = (mujoco.mjtWarning.mjWARN_INERTIA, mujoco.mjtWarning.mjWARN_BADCTRL)
 _ALTERING_AT = [int(warning) for warning in _ALTERING]  # a member of the enumeration is slow as an index
 _BAD_SPEED_AT = int(mujoco.mjtWarning.mjWARN_BADQVEL)
 
-# The times of a step's evaluations, in steps.
+# Times of the evaluations within a step, in steps.
 _NODES = {"rk4": (0.0, 0.5, 0.5, 1.0)}
 
 
@@ -79,20 +78,20 @@ class MuJoCo:
     }
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse what is not built, and a mass or a moment below mjMINVAL, as MuJoCo's compiler does."""
+        """Refuse a mass or a principal moment below mjMINVAL, as MuJoCo's compiler does."""
         moments, _ = diagonalised(scene.body.inertia)
         smallest = min(scene.body.mass, float(np.min(moments)))
         if smallest < mujoco.mjMINVAL:
-            return f"MuJoCo takes no mass or inertia below {mujoco.mjMINVAL:g}; here is {smallest:g}"
+            return f"MuJoCo rejects a mass or inertia below {mujoco.mjMINVAL:g}, such as {smallest:g}"
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> MuJoCoSimulation:
-        """Compile a model of one body, with the actuators that the scene's loads need."""
+        """Compile a model of one body with the actuators for the scene's loads."""
         return MuJoCoSimulation(scene, method, dt_s)
 
 
 class MuJoCoSimulation:
-    """One mjModel and its mjData."""
+    """A simulation with one mjModel and its mjData."""
 
     stepping: Stepping
 
@@ -111,7 +110,7 @@ class MuJoCoSimulation:
         nodes = _NODES.get(label, (0.0,))
         self._lasting = self._passive_loads(scene, dt_s, nodes) if scene.lasting_loads else None
         self._data = mujoco.MjData(self._model)
-        # views of the engine's own memory: asking mjData for them again costs more than copying them
+        # views of the engine's memory: getting them from mjData again costs more than copying them
         self._qpos, self._qvel = self._data.qpos, self._data.qvel
         self._warned = self._data.warning.number
         self.reset()
@@ -119,8 +118,8 @@ class MuJoCoSimulation:
     def _passive_loads(
         self, scene: Scene, dt_s: float, nodes: tuple[float, ...]
     ) -> PassiveLoads | CallbackLoads:
-        """Return the lasting loads as what MuJoCo calls: compiled, unless a function is to be asked."""
-        # late: numba is half the start of a worker, and most scenes have no such load
+        """Return the continuous loads as MuJoCo's callback: compiled, unless there is a user's function."""
+        # importing numba takes half of a worker's start, and most scenes have no such load
         from bodycheck.adapters.mujoco.callback_loads import CallbackLoads
         from bodycheck.adapters.mujoco.compiled_loads import PassiveLoads
         from bodycheck.reference_impl.loads.continuous_loads import packed_lasting
@@ -132,7 +131,7 @@ class MuJoCoSimulation:
         return PassiveLoads(packed_lasting(scene), axes, anchor, arm, dt_s, nodes)
 
     def read_back(self) -> ReadBack:
-        """Read mjModel and mjData."""
+        """Return the model as read from mjModel and mjData."""
         model, axes = self._model, self._axes.matrix
         held, self._arm = mass_properties(model), self._arm_of_the_joint()
         return ReadBack(
@@ -144,7 +143,7 @@ class MuJoCoSimulation:
         )
 
     def reset(self) -> None:
-        """mj_resetData, which clears forces and controls too, and the initial state."""
+        """Call mj_resetData, which also clears forces and controls, and restore the initial state."""
         initial = self._initial
         mujoco.mj_resetData(self._model, self._data)
         self._qpos[-4:] = self._axes.engine_quaternion(initial.quaternion)
@@ -157,9 +156,9 @@ class MuJoCoSimulation:
             self._lasting.reset()
 
     def apply(self, wrench: Wrench) -> None:
-        """Write the wrench where the engine turns it into body axes at every stage by itself.
+        """Write the wrench to inputs that the engine itself rotates into body axes at every stage.
 
-        Raises ValueError for a load that the scene of this simulation has not.
+        Raises ValueError for a load at a point where the scene has none.
         """
         data = self._data
         data.xfrc_applied[self._solid, :3] = wrench.force_world
@@ -174,7 +173,7 @@ class MuJoCoSimulation:
             self._push(tuple(at), force)
 
     def advance(self, steps: int) -> None:
-        """One call of mj_step."""
+        """Make the steps in one call of mj_step."""
         lasting = nullcontext() if self._lasting is None else self._lasting.acting_on(self._data, steps)
         with _unheard(), lasting:
             mujoco.mj_step(self._model, self._data, nstep=steps)
@@ -182,7 +181,7 @@ class MuJoCoSimulation:
     def read(self) -> Reading:
         """Copy qpos and qvel; the matrix is mju_quat2Mat of qpos.
 
-        Raises RuntimeError where MuJoCo warned that it went on with other numbers than it was given.
+        Raises RuntimeError if MuJoCo warned that it continued with other numbers than it was given.
         """
         self._raise_altering_warnings()
         qpos, qvel = self._qpos.copy(), self._qvel.copy()
@@ -203,14 +202,14 @@ class MuJoCoSimulation:
         )
 
     def close(self) -> None:
-        """Do nothing: the model and the data go with this object."""
+        """Do nothing; the model and the data are freed with this object."""
 
     def _anchor(self) -> Array:
-        """Return where in the world the ball joint is: the frame of the body was set down unturned."""
+        """Return the position (3,) in m of the ball joint in the world; the body's frame is not rotated."""
         return np.asarray(self._model.body_pos[BODY] + self._model.jnt_pos[0])
 
     def _arm_of_the_joint(self) -> Array:
-        """Return the centre of mass from the joint's origin, in the axes of its frame: (3,), m."""
+        """Return the centre of mass (3,) in m from the joint's origin, in the axes of its frame."""
         centre = mass_properties(self._model).centre
         return centre if self._pivot is None else np.asarray(centre - self._model.jnt_pos[0])
 
@@ -222,7 +221,7 @@ class MuJoCoSimulation:
     def _raise_altering_warnings(self) -> None:
         counts = self._warned
         if counts[_BAD_SPEED_AT]:
-            return  # beyond 1e10 rad/s the body has run away, which the state tells by itself
+            return  # beyond 1e10 rad/s the motion has diverged, which the state shows
         for warning, place in zip(_ALTERING, _ALTERING_AT, strict=True):
             if counts[place]:
                 raise RuntimeError(f"MuJoCo warned of {warning.name} in {counts[place]} evaluations")
@@ -230,7 +229,7 @@ class MuJoCoSimulation:
 
 @contextmanager
 def _unheard() -> Iterator[None]:
-    """Keep MuJoCo's warnings off the terminal and out of MUJOCO_LOG.TXT; mjData counts them all the same."""
+    """Keep MuJoCo's warnings off the terminal and out of MUJOCO_LOG.TXT; mjData still counts them."""
     heard_by = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(_ignore)
     try:
@@ -240,4 +239,4 @@ def _unheard() -> Iterator[None]:
 
 
 def _ignore(message: str) -> None:
-    """Take the message and do nothing with it."""
+    """Ignore the message."""

@@ -1,6 +1,6 @@
 """MuJoCo's integrators by version, and the mjModel of a scene: one body without geometry.
 
-Each change was found by `bodycheck versions mujoco --since 3.6`.
+`bodycheck versions mujoco --since 3.6` found the changes between versions.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _MIDPOINT = "omega += h I^-1 (tau - m x I m), m the mean of omega before and aft
 
 
 def methods_of(version: str) -> dict[str, Method]:
-    """Return what is known of each integrator, by its name, in a version like "3.8.1"."""
+    """Return name -> Method of the integrators of a version like "3.8.1"."""
     numbers = tuple(int(number) for number in re.findall(r"\d+", version)[:3])
     midpoint = numbers >= (3, 7)
     implicit = _MIDPOINT if midpoint and numbers < (3, 8, 1) else _IMPLICIT
@@ -45,7 +45,7 @@ def methods_of(version: str) -> dict[str, Method]:
         "rk4": Method(
             name="rk4",
             formula="classical Runge-Kutta 4 on the rotation group: q = q exp(h sum b_i k_i)",
-            # before, its digits are those of rotation vectors that are summed as if rotations commuted
+            # before 4.0, its digits match a sum of rotation vectors, as if rotations commuted
             order=4 if numbers >= (4,) else 2,
             evaluations=4,
             torque="every stage",
@@ -61,7 +61,7 @@ def methods_of(version: str) -> dict[str, Method]:
 
 
 def variants_of(methods: Iterable[Method]) -> dict[str, Method]:
-    """Return the methods as users have them: with all defaults, unaligned, and with a welded child."""
+    """Return the variants that occur in practice: with all defaults, unaligned, and with a welded child."""
     found: dict[str, Method] = {}
     for method in methods:
         if method.name == "euler":
@@ -89,10 +89,10 @@ def _one_evaluation(name: str, formula: str) -> Method:
 BODY = 1  # body 0 is the world
 
 PASSIVE_OFF = (mujoco.mjtDisableBit.mjDSBL_SPRING, mujoco.mjtDisableBit.mjDSBL_DAMPER)
-"""With both of them off MuJoCo has no passive forces at all, and asks no callback for any."""
+"""With both disabled, MuJoCo has no passive forces and does not call the callback."""
 
 OFF = (
-    mujoco.mjtDisableBit.mjDSBL_AUTORESET,  # it would put a body that grew unstable back to rest, in silence
+    mujoco.mjtDisableBit.mjDSBL_AUTORESET,  # it would silently reset an unstable body to rest
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT,
     mujoco.mjtDisableBit.mjDSBL_CONTACT,
     mujoco.mjtDisableBit.mjDSBL_EULERDAMP,
@@ -107,7 +107,7 @@ Point = tuple[float, ...] | None
 
 
 def loaded_points(scene: Scene) -> tuple[Point, ...]:
-    """Return where site actuators are needed, each once."""
+    """Return the points that need a site actuator, each once."""
     forces = [load for load in scene.loads if isinstance(load, PointForce)]
     points: dict[Point, None] = {}
     for force in forces:
@@ -133,7 +133,7 @@ def compiled(
     off: tuple[mujoco.mjtDisableBit, ...],
     build: Build,
 ) -> mujoco.MjModel:
-    """Compile the model with these features off; the last of its bodies is the one that has the mass."""
+    """Compile the model with these features off; its last body has the mass."""
     spec = mujoco.MjSpec()
     spec.option.integrator = integrator
     spec.option.timestep = dt_s
@@ -150,9 +150,9 @@ def compiled(
         solid = body.add_body(name="welded", pos=centre, quat=turn)
         centre, turn = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     solid.mass = scene.body.mass
-    solid.ipos = centre  # left unset, the compiler drops iquat without a word
+    solid.ipos = centre  # if unset, the compiler silently drops iquat
     solid.iquat = turn
-    # A flat plate's moments may break the triangle inequality by a round-off, which the compiler refuses.
+    # A flat plate's moments may violate the triangle inequality by round-off, which the compiler rejects.
     solid.inertia = np.minimum(moments, np.roll(moments, 1) + np.roll(moments, 2))
 
     if points:
@@ -162,7 +162,7 @@ def compiled(
     model = spec.compile()
     if not np.array_equal(model.body_inertia[-1], moments):
         model.body_inertia[-1] = moments
-        # The mass matrix of a simple body is not computed in a step but copied from dof_M0.
+        # For a simple body, a step copies the mass matrix from dof_M0 instead of computing it.
         mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
@@ -177,7 +177,7 @@ class MassProperties:
 
 
 def mass_properties(model: mujoco.MjModel) -> MassProperties:
-    """Return what the model holds, the body and what is welded to it together, in the frame of the body."""
+    """Return the mass properties of the body with everything welded to it, in the body's frame."""
     masses = model.body_mass[BODY:]
     total = float(np.sum(masses))
     turns, places = [np.eye(3)], [model.body_ipos[BODY]]
@@ -194,7 +194,7 @@ def mass_properties(model: mujoco.MjModel) -> MassProperties:
 
 
 def matrix_of(quaternion: Array) -> Array:
-    """Return mju_quat2Mat of it: (4,) -> (3, 3)."""
+    """mju_quat2Mat(q): (4,) -> (3, 3)."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3)
@@ -212,7 +212,7 @@ def _add_joint(body: mujoco.MjsBody, scene: Scene, link: LinkFrame, build: Build
 
 
 def _add_force(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, point: Point, link: LinkFrame) -> None:
-    """Add an actuator whose gear will be the force: one actuator a point costs less than one a component."""
+    """Add an actuator whose gear is the force; one per point is cheaper than one per component."""
     place = link.point(np.zeros(3) if point is None else np.array(point))
     body.add_site(name=name, pos=place, quat=link.turned(np.array([1.0, 0.0, 0.0, 0.0])))
     axes_of_the_world = "" if point is None else "world"

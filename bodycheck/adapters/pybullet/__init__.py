@@ -1,8 +1,8 @@
 """PyBullet: one body without a shape, as btMultiBody or, in maximal coordinates, as btRigidBody.
 
-The engine's own frame is the body's principal frame at its centre of mass; every state is turned into
-body axes by a constant rotation, the identity where the inertia tensor is diagonal. Bullet clears forces
-after each call of stepSimulation, and turns torques in body axes into world axes once a call.
+The engine's own frame is the body's principal frame at its centre of mass. A constant rotation turns every
+state into body axes; it is the identity for a diagonal inertia tensor. Bullet clears forces after each call
+of stepSimulation, and rotates torques from body axes into world axes once per call.
 """
 
 from __future__ import annotations
@@ -82,24 +82,27 @@ class PyBullet:
     methods: Mapping[str, Method] = {method.name: method for method in (_MULTIBODY, _MAXIMAL, *_VARIANTS)}
 
     def __init__(self) -> None:
-        self._idle_clients: list[int] = []  # connecting costs a hundred times what building a body does
+        self._idle_clients: list[int] = []  # connecting costs a hundred times as much as building a body
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Refuse some pivots. Beyond |omega| h = pi/4 in a step Bullet turns the body by less than that."""
+        """Refuse some pivots.
+
+        Where |omega| h exceeds pi/4 in a step, Bullet rotates the body by less than |omega| h.
+        """
         if scene.pivot is None:
             return None
         if method.startswith(_MAXIMAL.name):
-            return "a pivot of maximal coordinates is a soft constraint, some 1e-5 m wide at 1e-3 s"
+            return "in maximal coordinates a pivot is a soft constraint, about 1e-5 m wide at 1e-3 s"
         if method.endswith(DEFAULTS):
-            return "Bullet's own motor would hold a pivoted body: its defaults cannot be left untouched"
+            return "by default, Bullet's own motor would hold a pivoted body; it has to be disabled"
         if method.endswith(_SUBSTEPPED):
-            return "a pivoted body is measured without substeps only"
+            return "pivoted bodies are only measured without substeps"
         if scene.link is not None:
-            return "Bullet turns a pivoted link in its principal axes at the pivot, and in no other frame"
+            return "Bullet supports a pivoted link only in its principal axes at the pivot"
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> PyBulletSimulation | PivotedPyBulletSimulation:
-        """Build the body in a world of its own."""
+        """Build the body in its own world."""
         client = self._idle_clients.pop() if self._idle_clients else pybullet.connect(pybullet.DIRECT)
         give_back = self._idle_clients.append
         try:
@@ -107,12 +110,12 @@ class PyBullet:
                 return PivotedPyBulletSimulation(scene, dt_s, client, give_back)
             return PyBulletSimulation(scene, method, dt_s, client, give_back)
         except BaseException:
-            pybullet.disconnect(client)  # what was half built stays in its world
+            pybullet.disconnect(client)  # its world may hold a half-built body
             raise
 
 
 class PyBulletSimulation:
-    """One client's world with one body, which on close leaves it; the client goes back to the adapter."""
+    """One client's world with one body; close removes the body and returns the client to the adapter."""
 
     stepping: Stepping
 
@@ -123,7 +126,7 @@ class PyBulletSimulation:
         self.stepping = "python" if turning else "native"
         self._client, self._give_back, self._closed = client, give_back, False
         self._gravity = scene.gravity
-        # the substeps of a step, and how long each is: exact, for they are a power of two
+        # dt_s / substeps is exact, because the number of substeps is a power of two
         self._substeps = _SUBSTEPS if method.endswith(_SUBSTEPPED) else 1
         self._substep_s = dt_s / self._substeps
         moments, axes = diagonalised(scene.body.inertia)
@@ -135,13 +138,13 @@ class PyBulletSimulation:
         self.reset()
 
     def read_back(self) -> ReadBack:
-        """Return what the engine holds, asked from it."""
+        """Return the model as read from the engine."""
         held = read_back(self._client, self._body, -1, self._axes.matrix, self.read())
         assert held.dt_s is not None
         return replace(held, dt_s=held.dt_s * self._substeps)
 
     def reset(self) -> None:
-        """Set the initial state and no wrench, as freshly built."""
+        """Restore the initial state, without a wrench, as freshly built."""
         set_substeps(self._client, self._substep_s, self._substeps)
         if self._is_maximal:
             self._refresh_world_inertia()
@@ -153,8 +156,8 @@ class PyBulletSimulation:
     def _refresh_world_inertia(self) -> None:
         """Make one step at rest in the initial pose.
 
-        A btRigidBody keeps the world inertia of the pose before until it has made one step: its first torque
-        would act on a zero inverse inertia, as it does not on that of a body loaded from a file.
+        A btRigidBody updates its world inertia only in a step. Without this one, its first torque would act
+        on a zero inverse inertia, which does not happen for a body loaded from a file.
         """
         at_rest = np.zeros(3)
         self._set_state(at_rest, at_rest)
@@ -162,7 +165,7 @@ class PyBulletSimulation:
         pybullet.stepSimulation(self._client)
 
     def apply(self, wrench: Wrench) -> None:
-        """Prepare the engine's calls, which advance makes before each step or call of many steps."""
+        """Prepare the engine's calls, which advance makes before each step or group of steps."""
         to_engine = self._axes.engine_vector
         torque_body, force_body = to_engine(wrench.torque_body), to_engine(wrench.force_body)
         force_world, turning = wrench.force_world, np.zeros((3, 9))
@@ -185,7 +188,7 @@ class PyBulletSimulation:
             self._pushes.append(partial(self._push_in_world, tuple(force_world), turning))
 
     def advance(self, steps: int) -> None:
-        """Make many steps in one call, unless the wrench must be turned with the body at each of them."""
+        """Make many steps in one call, unless the wrench rotates with the body and changes at every step."""
         if self._turns_with_body or self._lasting:
             set_substeps(self._client, self._substep_s, self._substeps)
             for _ in range(steps):
@@ -210,7 +213,7 @@ class PyBulletSimulation:
         )
 
     def close(self) -> None:
-        """Take the body out of its world, and give the client back."""
+        """Remove the body from its world and return the client."""
         if not self._closed:
             self._closed = True
             pybullet.removeBody(self._body, self._client)  # resetSimulation takes five times as long
@@ -222,7 +225,7 @@ class PyBulletSimulation:
         pybullet.stepSimulation(self._client)
 
     def _push_lasting(self) -> None:
-        """Apply the lasting loads of the present state, to be held over the step."""
+        """Apply the continuous loads at the present state, constant over the step (zero-order hold)."""
         position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
         velocity, omega = pybullet.getBaseVelocity(self._body, self._client)
         rotation = self._axes.body_rotation(_matrix(quaternion))
@@ -241,7 +244,7 @@ class PyBulletSimulation:
     def _push_in_world(self, force: tuple[float, ...], turning: Array) -> None:
         """Apply a world force at the centre of mass, and the torque sum R at x F = turning vec(R).
 
-        The engine's own call takes absolute points: far from the origin their arms would be rounded.
+        The engine's own call takes absolute points, whose arms would be rounded far from the origin.
         """
         position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
         torque = turning @ pybullet.getMatrixFromQuaternion(quaternion)
@@ -251,7 +254,7 @@ class PyBulletSimulation:
 
 
 def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Array) -> int:
-    """Put one body into an empty world, its inertial frame where it is seen from the link."""
+    """Put one body into an empty world, its inertial frame placed relative to the link."""
     frame = {}
     if scene.link is not None:
         link = link_frame(scene)
@@ -264,7 +267,7 @@ def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Arra
     body: int = pybullet.createMultiBody(
         baseMass=mass, useMaximalCoordinates=maximal, physicsClientId=client, **frame
     )
-    # A body without a shape has no inertia, and setting one without the mass makes a btRigidBody static.
+    # A body without a shape has no inertia; setting it without the mass makes a btRigidBody static.
     give = partial(
         pybullet.changeDynamics, body, -1, mass=mass, localInertiaDiagonal=moments, physicsClientId=client
     )
@@ -274,17 +277,17 @@ def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Arra
         give(
             linearDamping=0.0,
             angularDamping=0.0,
-            maxJointVelocity=math.inf,  # it clamps the components of the base's velocities too
+            maxJointVelocity=math.inf,  # it also clamps the components of the base's velocities
             activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
         )
     return body
 
 
 def _is_uniform(load: Timed) -> bool:
-    """Tell whether the load is constant in world axes, however the body turns."""
+    """Return whether the load is constant in world axes for any rotation of the body."""
     return load.axes == "world" and not (isinstance(load, PointForce) and bool(np.any(load.at)))
 
 
 def _matrix(quaternion: tuple[float, ...]) -> Array:
-    """Return getMatrixFromQuaternion of it: (x, y, z, w) -> (3, 3)."""
+    """getMatrixFromQuaternion(q): (x, y, z, w) -> (3, 3)."""
     return np.array(pybullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)

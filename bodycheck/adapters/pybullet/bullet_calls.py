@@ -1,4 +1,4 @@
-"""Calls that free and pivoted bodies share: parameters read back, many steps in one call."""
+"""Calls shared by free and pivoted bodies: read parameters back, make many steps in one call."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from bodycheck.reference_impl.arrays import Array
 
 
 def read_back(client: int, body: int, link: int, axes: Array, state: Reading) -> ReadBack:
-    """Ask getDynamicsInfo and getPhysicsEngineParameters; I = A diag(moments) A^T.
+    """I = A diag(moments) A^T: read the model from getDynamicsInfo and getPhysicsEngineParameters.
 
-    link: which of the body's links, -1 its base. axes A (3, 3): the engine's axes as columns, in body axes.
+    link: index of the link, -1 for the base. axes A (3, 3): the engine's axes as columns, in body axes.
     """
     mass, _, moments, *_ = pybullet.getDynamicsInfo(body, link, client)
     world = pybullet.getPhysicsEngineParameters(client)
@@ -27,20 +27,20 @@ def read_back(client: int, body: int, link: int, axes: Array, state: Reading) ->
     )
 
 
-_MAX_SUBSTEPS = 2**16  # 50 ms: no longer between two chances of an interrupt
+_MAX_SUBSTEPS = 2**16  # 50 ms, so that an interrupt is handled soon
 
 
 def set_substeps(client: int, dt_s: float, count: int) -> None:
-    """Let one call make this many steps, a power of two.
+    """Make one call perform `count` steps, a power of two.
 
-    Then count dt_s, and count dt_s / count, are exact: Bullet makes int(fixedTimeStep / substep) steps,
-    and would lose one to a round-off.
+    Then count dt_s and count dt_s / count are exact. Bullet makes int(fixedTimeStep / substep) steps, and
+    round-off would cost one of them.
     """
     pybullet.setPhysicsEngineParameter(fixedTimeStep=count * dt_s, numSubSteps=count, physicsClientId=client)
 
 
 def powers_of_two(steps: int) -> Iterator[int]:
-    """Yield powers of two, none above _MAX_SUBSTEPS, that sum up to steps."""
+    """Yield powers of two, at most _MAX_SUBSTEPS, whose sum is `steps`."""
     whole, rest = divmod(steps, _MAX_SUBSTEPS)
     for _ in range(whole):
         yield _MAX_SUBSTEPS

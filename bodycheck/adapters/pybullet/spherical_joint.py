@@ -1,8 +1,8 @@
-"""PyBullet: a pivoted body as the one link of a base without mass, on a spherical joint.
+"""PyBullet: a pivoted body as the only link of a massless base, on a spherical joint.
 
-Built in the body's principal axes: Bullet turns a spherical joint in the axes of the link's inertia. The
-joint's state is the orientation and omega in those axes; getLinkState would be good to 5e-8 only. Loads
-act as a torque of the joint: a torque in the link's frame would be turned by the pose of a step before.
+The body is built in its principal axes, because Bullet rotates a spherical joint in the axes of the link's
+inertia. The joint's state is the orientation and omega in those axes; getLinkState is accurate to 5e-8 only.
+Loads act as a torque of the joint: a torque in the link's frame would be rotated by the previous step's pose.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LINK = 0
 
 
 class PivotedPyBulletSimulation:
-    """One client's world with one pivoted body, which on close leaves it; the client goes back then."""
+    """One client's world with one pivoted body; close removes the body and returns the client."""
 
     stepping: Stepping
 
@@ -43,11 +43,11 @@ class PivotedPyBulletSimulation:
         self.reset()
 
     def read_back(self) -> ReadBack:
-        """Return what the engine holds, asked from it."""
+        """Return the model as read from the engine."""
         return read_back(self._client, self._body, _LINK, self._axes.matrix, self.read())
 
     def reset(self) -> None:
-        """Set the initial state and no wrench."""
+        """Restore the initial state, without a wrench."""
         w, x, y, z = self._axes.engine_quaternion(self._initial.quaternion)
         omega = self._axes.engine_vector(self._initial.omega_body)
         pybullet.resetJointStateMultiDof(
@@ -58,11 +58,11 @@ class PivotedPyBulletSimulation:
         self.apply(NO_WRENCH)
 
     def apply(self, wrench: Wrench) -> None:
-        """Keep the wrench, whose moment about the pivot is handed over before each step."""
+        """Store the wrench, whose moment about the pivot is set before each step."""
         self._wrench = wrench
 
     def advance(self, steps: int) -> None:
-        """Make many steps in one call, unless a load must be turned with the body at each of them."""
+        """Make many steps in one call, unless a load rotates with the body and is set at every step."""
         if self._wrench.is_zero and not self._lasting:
             for substeps in powers_of_two(steps):
                 set_substeps(self._client, self._dt_s, substeps)
@@ -89,14 +89,14 @@ class PivotedPyBulletSimulation:
         )
 
     def close(self) -> None:
-        """Take the body out of its world, and give the client back."""
+        """Remove the body from its world and return the client."""
         if not self._closed:
             self._closed = True
             pybullet.removeBody(self._body, self._client)
             self._give_back(self._client)
 
     def _push(self) -> None:
-        """Set the joint's torque for one step: the moment about the pivot of all that acts, gravity apart."""
+        """Set the joint's torque for one step: the moment about the pivot of all loads except gravity."""
         state = self.read()
         assert state.rotation is not None
         assert state.omega_body is not None
@@ -114,7 +114,7 @@ class PivotedPyBulletSimulation:
         )
 
     def _moment(self, rotation: Array) -> Array:
-        """Return the moment of the wrench about the pivot, in body axes."""
+        """Return the moment (3,) of the wrench about the pivot, in body axes."""
         wrench = self._wrench
         force = wrench.force_body + wrench.force_world @ rotation
         moment = wrench.torque_body + wrench.torque_world @ rotation + np.cross(self._arm, force)
@@ -124,7 +124,7 @@ class PivotedPyBulletSimulation:
 
 
 def _add_body(client: int, scene: Scene, moments: Array, centre: Array) -> int:
-    """Put a base without mass into an empty world, and the body on that."""
+    """Put a massless base into an empty world, and the body on it."""
     unturned = (0.0, 0.0, 0.0, 1.0)
     body: int = pybullet.createMultiBody(
         baseMass=0.0,
@@ -141,8 +141,8 @@ def _add_body(client: int, scene: Scene, moments: Array, centre: Array) -> int:
         linkJointAxis=[(0.0, 0.0, 1.0)],
         physicsClientId=client,
     )
-    # A velocity limit set with the first inertia makes NaN of a link without a shape, and set with the mass
-    # it halves the inertia.
+    # Setting a velocity limit with the first inertia makes a link without a shape NaN; setting it with the
+    # mass halves the inertia.
     pybullet.changeDynamics(body, _LINK, localInertiaDiagonal=moments, physicsClientId=client)
     pybullet.changeDynamics(
         body,

@@ -1,1 +1,1 @@
-"""Engines in versions of their own: pins, environments, releases."""
+"""Pinned versions of engines: pins, environments, releases."""

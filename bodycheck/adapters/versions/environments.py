@@ -1,4 +1,4 @@
-"""Environments for engines in versions of their own: made once by uv, kept beside the other caches."""
+"""Environments for pinned engine versions, made once by uv and stored in the cache folder."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from bodycheck.adapters.versions.pins import Pin
 from bodycheck.adapters.versions.uv import UvError, index_settings, uv
 
 _NEEDED = ("numpy", "numba", "pydantic")
-"""What the worker imports; where the engine allows it, in the versions that are here."""
+"""The worker's imports, installed in the versions of the current environment if the engine allows it."""
 _FACTS = "bodycheck.json"
-"""In an environment: what it was made for, and from where."""
+"""File in an environment: its engine and version, and the sources of its packages."""
 _NEVER = "bodycheck ; python_version < '0'\n"
-"""An adapter's own requirement of bodycheck is not to be met by a registry: the worker has this one."""
+"""Overrides an adapter's requirement of bodycheck, because the worker uses the running bodycheck."""
 
 
 def python_of(pin: Pin) -> Path:
-    """Return the Python of the environment that has the engine in this version; made where it is not there.
+    """Return the Python of the environment with this version of the engine; make it if it does not exist.
 
-    Raises UnavailableError with one line where it cannot be made: no uv, no network, no such version.
+    Raises UnavailableError with one line if it cannot be made: no uv, no network, no such version.
     """
     home = cache_home() / "environments"
     place = home / _name(pin)
@@ -42,8 +42,8 @@ def python_of(pin: Pin) -> Path:
     try:
         home.mkdir(parents=True, exist_ok=True)
         with _locked(home / f"{place.name}.lock"):
-            if not python.exists():  # while this one waited, another may have made it
-                # on standard error, whoever asks: it takes a while to fetch some 100 MB
+            if not python.exists():  # another process may have made it meanwhile
+                # always reported, because downloading about 100 MB takes a while
                 print(f"making an environment for {pin.engine} {pin.version} ...", file=sys.stderr)
                 _make(pin, place)
     except UvError as error:
@@ -56,7 +56,7 @@ def python_of(pin: Pin) -> Path:
 
 
 def _name(pin: Pin) -> str:
-    """Return the folder of an environment: another one for another Python, index, or what else is in it."""
+    """Return the folder name of an environment, which depends on Python, index and the other packages."""
     rest = "\n".join([sys.version, sys.base_prefix, *_as_here(), *index_settings()])
     return f"{pin.engine}-{pin.version}-{sha256(rest.encode()).hexdigest()[:12]}"
 
@@ -67,14 +67,14 @@ def _as_here() -> list[str]:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Wait until no other process makes the same environment; the lock goes with the process that has it."""
+    """Wait until no other process makes the same environment; the lock is released if its process dies."""
     with path.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
 def _make(pin: Pin, place: Path) -> None:
-    """Make the environment under another name, so that half of one never counts."""
+    """Make the environment under a temporary name, so that an incomplete one is never used."""
     unfinished = place.with_name(f"{place.name}.part")
     shutil.rmtree(unfinished, ignore_errors=True)
     try:
@@ -87,7 +87,7 @@ def _make(pin: Pin, place: Path) -> None:
             _install(pin, unfinished, [])
         facts = {"engine": pin.engine, "version": pin.version, "from": _without_passwords(index_settings())}
         (unfinished / _FACTS).write_text(json.dumps(facts), encoding="utf-8")
-        shutil.rmtree(place, ignore_errors=True)  # one whose Python has gone
+        shutil.rmtree(place, ignore_errors=True)  # a remainder whose Python is missing
         unfinished.rename(place)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
@@ -99,7 +99,7 @@ def _without_passwords(settings: Iterable[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Environment:
-    """An environment that was made: its folder, what for, from where its packages came, its size in bytes."""
+    """An existing environment: folder, engine==version, sources of its packages, size in bytes."""
 
     folder: Path
     name: str
@@ -108,7 +108,7 @@ class Environment:
 
 
 def environments() -> list[Environment]:
-    """Return the environments that are there, by name; one that is not whole has the name of its folder."""
+    """Return the existing environments, sorted by name; an incomplete one has the name of its folder."""
     home = cache_home() / "environments"
     folders = [folder for folder in home.iterdir() if folder.is_dir()] if home.is_dir() else []
     return sorted((_environment(folder) for folder in folders), key=lambda found: (found.name, found.folder))
@@ -124,7 +124,7 @@ def _environment(folder: Path) -> Environment:
 
 
 def remove(environment: Environment) -> None:
-    """Remove an environment, once nobody makes it any more; raises OSError."""
+    """Remove an environment, after waiting for a process that is making it; raises OSError."""
     lock = environment.folder.with_name(f"{environment.folder.name}.lock")
     with _locked(lock):
         shutil.rmtree(environment.folder)

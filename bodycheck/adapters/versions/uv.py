@@ -1,4 +1,4 @@
-"""uv, which makes environments and lists the releases of a package registry."""
+"""Calls of uv, which makes environments and finds the releases of a package."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck.adapters.registry import distribution_of
 from bodycheck.adapters.versions.pins import engine_fault, is_version
 
-_REFUSED = (
-    1  # uv's status where it understood and reached everything, and there is no such package or version
-)
+_REFUSED = 1  # uv's status if there is no such package or version, as opposed to wrong usage or no network
 _LONGEST = 400
 
 _PIP_TO_UV = {
@@ -28,14 +26,14 @@ _PIP_TO_UV = {
     "cert": "SSL_CERT_FILE",
 }
 _SEPARATORS = {"find-links": ","}
-_PIP_SECTIONS = ("global", "install", ":env:")  # the last one that says something counts
+_PIP_SECTIONS = ("global", "install", ":env:")  # later sections override earlier ones
 _SYSTEM_FILES = (Path("/etc/xdg/uv/uv.toml"), Path("/etc/uv/uv.toml"))
 _UV_INDEXES = ("UV_DEFAULT_INDEX", "UV_INDEX_URL", "UV_INDEX", "UV_EXTRA_INDEX_URL")
 _SOURCES = (*_UV_INDEXES, "UV_FIND_LINKS", "UV_NO_INDEX", "UV_INDEX_STRATEGY", "UV_CONSTRAINT", "UV_OVERRIDE")
 
 
 class UvError(UnavailableError):
-    """uv failed; refused: because there is no such package or version, and not because of the network."""
+    """uv failed; refused: because there is no such package or version, not because of the network."""
 
     def __init__(self, message: str, *, refused: bool) -> None:
         super().__init__(message)
@@ -43,15 +41,15 @@ class UvError(UnavailableError):
 
 
 def uv(*words: str, given: str = "") -> str:
-    """Run uv with these words and this standard input; return its standard output.
+    """Run uv with these arguments and this standard input; return its standard output.
 
-    Raises UnavailableError where there is no uv, UvError with what it said in one line where it failed.
+    Raises UnavailableError if uv is not installed, UvError with uv's message in one line if it fails.
     """
     environment = {
         **os.environ,
         **pip_settings(),
         **_users_configuration(),
-        "UV_PYTHON_DOWNLOADS": "never",  # an environment is to have this very one
+        "UV_PYTHON_DOWNLOADS": "never",  # an environment must have the current Python
         "NO_COLOR": "1",
     }
     done = subprocess.run(
@@ -68,10 +66,10 @@ def uv(*words: str, given: str = "") -> str:
 
 
 def _users_configuration() -> dict[str, str]:
-    """Have uv read the user's configuration, or the system's, and none of the working directory.
+    """Make uv read the user's or the system's configuration, but not that of the working directory.
 
-    That may be of a project somebody else wrote, and name an index of his. A file that is named takes the
-    place of all that uv would look for.
+    The working directory may belong to someone else's project and name an untrusted index. Naming a file
+    replaces all those that uv would search.
     """
     own = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config", "uv", "uv.toml")
     named = os.environ.get("UV_CONFIG_FILE")
@@ -81,7 +79,7 @@ def _users_configuration() -> dict[str, str]:
 
 
 def index_settings() -> list[str]:
-    """Return where packages come from: the variables that uv reads, and a hash of its configuration."""
+    """Return the sources of packages: the variables that uv reads, and a hash of its configuration."""
     told = {**os.environ, **pip_settings()}
     settings = [f"{name}={told[name]}" for name in _SOURCES if told.get(name)]
     if file := _users_configuration().get("UV_CONFIG_FILE"):
@@ -95,7 +93,7 @@ def _program() -> str:
     except (ImportError, OSError):
         found = shutil.which("uv")
     if found is None:
-        raise UnavailableError("versions of engines need uv: pip install 'bodycheck[versions]'")
+        raise UnavailableError("pinned engine versions require uv: pip install 'bodycheck[versions]'")
     return found
 
 
@@ -106,9 +104,9 @@ def _in_one_line(said: str) -> str:
 
 
 def pip_settings() -> dict[str, str]:
-    """Return what pip is told of indexes and certificates, as uv's variables; nothing where uv is told.
+    """Return pip's settings of indexes and certificates as uv's variables; none if uv has its own indexes.
 
-    uv does not read pip's configuration, and a machine whose packages come from elsewhere often has no other.
+    uv does not read pip's configuration, which is often the only one on a machine with its own package index.
     """
     if any(name in os.environ for name in _UV_INDEXES):
         return {}
@@ -119,21 +117,21 @@ def pip_settings() -> dict[str, str]:
         if said.get(name) and variable not in os.environ
     }
     if "UV_INDEX" in found:
-        found["UV_INDEX_STRATEGY"] = "unsafe-best-match"  # pip takes the best of all indexes, too
+        found["UV_INDEX_STRATEGY"] = "unsafe-best-match"  # as pip does
     return found
 
 
 @cache
 def _pip_config() -> str:
-    """Return what `pip config list` says; nothing where there is no pip."""
-    # -P: the working directory may have a folder of the name pip
+    """Return the output of `pip config list`; empty if there is no pip."""
+    # -P: the working directory may have a folder named pip
     asked = [sys.executable, "-P", "-m", "pip", "config", "list"]
     done = subprocess.run(asked, capture_output=True, text=True, check=False)
     return done.stdout if done.returncode == 0 else ""
 
 
 def _settings(listed: str) -> dict[str, str]:
-    """Return name -> value of the lines of `pip config list`: section.name='value'."""
+    """Return name -> value from the lines of `pip config list`: section.name='value'."""
     found: dict[tuple[str, str], str] = {}
     for line in listed.splitlines():
         key, sign, value = line.partition("=")
@@ -147,14 +145,14 @@ def _settings(listed: str) -> dict[str, str]:
 def releases(engine: str, since: str, until: str | None) -> tuple[str, ...]:
     """Return the releases from `since` to `until`, both included, oldest first; until None: to the newest.
 
-    Only those that have a wheel for this Python; no pre-releases, none that was withdrawn. uv is asked for
-    the newest, then for the newest before that: it has no list, but knows what can be installed.
+    Only releases with a wheel for this Python count, no pre-releases and no yanked ones. uv has no list of
+    releases but resolves what can be installed, so request the newest, then the newest before that.
 
-    Raises InputError where there is none or a version is none, UnavailableError where uv cannot tell.
+    Raises InputError if there is no release or a version is invalid, UnavailableError if uv fails.
     """
     for option, version in (("--since", since), ("--until", until)):
         if version is not None and not is_version(version):
-            raise InputError(f"{option} {version}: is no version; give one like 3.6.0")
+            raise InputError(f"{option} {version}: not a version (expected one like 3.6.0)")
     if fault := engine_fault(f"{engine}=={since}"):
         raise InputError(fault)
     found: list[str] = []

@@ -1,1 +1,1 @@
-"""Worker processes: the protocol, its messages, and both of its sides."""
+"""Worker processes: the protocol, its messages, and both of its ends."""

@@ -1,14 +1,13 @@
-"""Identity of what runs: the code that a worker has loaded, as a hash by which answers are found again.
+"""Identity of the code that a worker has loaded: a hash that is the key of stored answers.
 
-It holds the whole package of the adapter, and of the engine where a distribution of its own brings it; every
-module that is imported and every library that is mapped, by its content; Python, numpy, numba, llvmlite and
-scipy, which are imported late but counted from the start; the processor's features; and the environment
-variables that are known to change numbers. A package is hashed as it lies in its folder, not by its RECORD:
-a library may belong to another distribution, and a file may have been patched.
+The hash covers the whole package of the adapter and that of the engine, if its own distribution provides it;
+the contents of every imported module and every mapped library; Python, numpy, numba, llvmlite and scipy,
+which count from the start although they are imported later; the processor's features; and the environment
+variables known to change results. A package is hashed by the files in its folder, not by its RECORD: a
+library may belong to another distribution, and a file may have been patched.
 
-What is loaded later, while a case runs, changes the identity of that answer, which is then not kept. Only the
-standard library and the system's libraries are taken to be as they are installed; of an engine that is
-installed itself, site-packages too.
+Code that is loaded while a case runs changes the identity of that answer, which is then not stored. Only the
+standard library and the system's libraries are assumed unmodified, and site-packages for an installed engine.
 """
 
 from __future__ import annotations
@@ -35,15 +34,15 @@ from bodycheck.adapters.registry import distribution_of, own_code
 
 _BEGIN_NS = time.time_ns()
 _MAPS = Path("/proc/self/maps")
-_DELETED = " (deleted)"  # what Linux adds to the path of a file that was replaced
+_DELETED = " (deleted)"  # Linux appends it to the path of a replaced file
 _BYSTANDERS = ("charset_normalizer", "coverage", "yaml")
 _SYSTEM = ("/usr/lib/", "/lib/", "/usr/lib64/", "/lib64/")
 
 
 class Loaded:
-    """What this process has loaded of an engine, and whether that is still all.
+    """The build of an engine that this process has loaded; detects code that is loaded later.
 
-    handed_over: whether the adapter came pickled from the run's process, and may hold any state.
+    handed_over: whether the adapter was pickled by the run's process, so that it may hold any state.
     """
 
     def __init__(self, adapter: Adapter, *, handed_over: bool = False) -> None:
@@ -64,7 +63,7 @@ class Loaded:
         self.build = self._with_elsewhere(Build("", kind, parts))
 
     def later(self) -> Build | None:
-        """Return the build that counts now, where more was loaded since that may change an answer."""
+        """Return the new build if code was loaded since that may change an answer; None otherwise."""
         if (count := _loaded_count()) == self._count:
             return None
         self._count, found = count, self._elsewhere()
@@ -76,13 +75,13 @@ class Loaded:
         return self.build
 
     def _is_trusted(self, path: str) -> bool:
-        """Whether a file is taken to be as it was installed."""
-        if path.startswith(_site_packages()):  # which are within the standard library's folder
+        """Return whether a file is assumed to be unmodified since its installation."""
+        if path.startswith(_site_packages()):  # these lie within the standard library's folder
             return path.startswith(self._trusted)
         return path.startswith((*_standard_library(), *_SYSTEM))
 
     def _elsewhere(self) -> dict[str, str]:
-        """Return name -> path of what is loaded from outside the packages that are hashed as a whole."""
+        """Return name -> path of the loaded files outside the packages that are hashed as a whole."""
         found: dict[str, str] = {}
         for name, path in (*_imported(), *_mapped()):
             if not path.startswith(self._roots):
@@ -90,10 +89,10 @@ class Loaded:
         return found
 
     def _with_elsewhere(self, build: Build) -> Build:
-        """Return the build with what is loaded from elsewhere, and its identity.
+        """Return the build with the files loaded from elsewhere, and with its id.
 
-        What is on the disk need not be what was loaded where a file has changed since this process began:
-        then there is none.
+        The id is empty if a file has changed since this process started, because the file on the disk may
+        then differ from the loaded one.
         """
         files = {name: file for name, path in self._files.items() for file in files_at([path])}
         parts = {**build.parts, "loaded": self._content(f"loaded {sys.prefix}", files)}
@@ -102,7 +101,7 @@ class Loaded:
         return Build("" if unknown else hashlib.sha256(told.encode()).hexdigest(), build.kind, parts)
 
     def _content(self, label: str, files: Mapping[str, Entry]) -> str:
-        """Return a hash of files, and note where one of them is younger than this process."""
+        """Return a hash of files, and remember if one of them is newer than this process."""
         times = (max(status.st_mtime_ns, status.st_ctime_ns) for _, status in files.values())
         self._touched |= max(times, default=0) > _BEGIN_NS
         return content_digest(f"{self._engine} {label}", files)[:16]
@@ -116,7 +115,7 @@ def _kind(adapter: Adapter) -> BuildKind:
 
 
 def _is_installed(name: str) -> bool:
-    """Whether a package is imported from where its distribution was installed, not from a source folder."""
+    """Return whether a package is imported from its installed distribution, not from a source folder."""
     found, spec = _distribution(name), find_spec(name)
     if found is None or spec is None or spec.origin is None:
         return False
@@ -128,7 +127,7 @@ def _is_installed(name: str) -> bool:
 
 
 def _is_editable(direct_url: str) -> bool:
-    """Whether pip wrote so; what cannot be read is no release either."""
+    """Return whether pip recorded an editable install; an unreadable record counts as one."""
     try:
         return bool(json.loads(direct_url).get("dir_info", {}).get("editable"))
     except (ValueError, AttributeError):
@@ -149,7 +148,7 @@ def _version(engine: str) -> str | None:
 
 
 def _roots(adapter: Adapter) -> Iterator[tuple[str, str]]:
-    """Yield part -> folder of the packages that are hashed as a whole: the engine's and the adapter's."""
+    """Yield (part, folder) of the packages that are hashed as a whole: the engine's and the adapter's."""
     module = type(adapter).__module__.partition(".")[0]
     if module != "bodycheck" and (folder := _package_folder(module)):
         yield "adapter", folder
@@ -165,7 +164,7 @@ def _roots(adapter: Adapter) -> Iterator[tuple[str, str]]:
 
 
 def _package_folder(name: str) -> str | None:
-    """Return the folder of a package; None of a module of one file, which is hashed as such."""
+    """Return the folder of a package; None for a single-file module, which is hashed as a file."""
     found = sys.modules.get(name)
     places = getattr(found, "__path__", None)
     return next(iter(places), None) if places else None
@@ -176,7 +175,7 @@ def _own_package() -> str:
 
 
 def _variables_of(engine: str) -> tuple[str, ...]:
-    """The variables that begin with the name of the engine, or of its package."""
+    """Return patterns of the variables that start with the name of the engine or of its package."""
     names = {engine, distribution_of(engine) or engine}
     return tuple(f"{name.upper().replace('-', '_')}_*" for name in sorted(names))
 
@@ -194,26 +193,26 @@ def _site_packages() -> tuple[str, ...]:
 
 
 def _bystanders() -> tuple[str, ...]:
-    """Return the folders of packages that numba imports where they are there, and that change no number."""
+    """Return the folders of packages that numba imports if installed, but that change no result."""
     return tuple(f"{site}{name}{os.sep}" for site in _site_packages() for name in _BYSTANDERS)
 
 
 def _loaded_count() -> tuple[int, int]:
-    """Return how many modules are imported and libraries mapped: what changes where more is loaded."""
+    """Return the numbers of imported modules and of mapped libraries, which change if more is loaded."""
     return len(sys.modules), _libraries_ever_loaded()
 
 
 def _imported() -> Iterator[tuple[str, str]]:
-    """Yield the modules that come from files outside the standard library, under their names."""
+    """Yield (name, file) of the modules from files outside the standard library."""
     standard, sites = _standard_library(), _site_packages()
     for name, module in list(sys.modules.items()):
-        file = getattr(module, "__dict__", {}).get("__file__")  # a lazy module would be imported by getattr
+        file = getattr(module, "__dict__", {}).get("__file__")  # getattr would import a lazy module
         if isinstance(file, str) and (not file.startswith(standard) or file.startswith(sites)):
             yield f"module {name}", file
 
 
 def _mapped() -> Iterator[tuple[str, str]]:
-    """Yield the files of which code is mapped, under their names; none where there is no /proc."""
+    """Yield (name, file) of the files with mapped code; none without /proc."""
     with suppress(OSError):
         for line in _MAPS.read_text(encoding="utf-8", errors="surrogateescape").splitlines():
             fields = line.split(None, 5)
@@ -222,7 +221,7 @@ def _mapped() -> Iterator[tuple[str, str]]:
 
 
 class _Object(ctypes.Structure):
-    """The head of glibc's and musl's dl_phdr_info; adds: how many objects were ever loaded."""
+    """The first fields of glibc's and musl's dl_phdr_info; adds: number of objects ever loaded."""
 
     _fields_ = (
         ("address", ctypes.c_void_p),
@@ -237,12 +236,12 @@ _Visit = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(_Object), ctypes.c_size_t
 
 
 def _libraries_ever_loaded() -> int:
-    """Return how many libraries were loaded so far; 0 where the system does not count them."""
+    """Return how many libraries were loaded so far; 0 if the system does not count them."""
     found: list[int] = []
 
     def visit(seen: Any, size: int, data: int | None) -> int:  # noqa: ARG001 - the system's signature
         found.append(seen.contents.adds)
-        return 1  # the first has the count of all
+        return 1  # stop: every object has the total count
 
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).dl_iterate_phdr(_Visit(visit), None)

@@ -1,4 +1,4 @@
-"""Where the engines of a run are: each in a worker process, or, where it cannot leave this one, in it."""
+"""The engines of a run: each in a worker process, or in this process if it cannot be moved to a worker."""
 
 from __future__ import annotations
 
@@ -22,43 +22,43 @@ from bodycheck.adapters.workers.worker_process import WorkerProcess
 
 
 class Host(Protocol):
-    """Where an engine's cases are run."""
+    """Runs the cases of one engine."""
 
     @property
     def engine(self) -> Engine:
-        """What the engine announced; UnavailableError or WorkerLostError where it did not."""
+        """The announced engine; raises UnavailableError or WorkerLostError if there is no announcement."""
 
     @property
     def pid(self) -> int | None:
-        """The worker's process; None where there is none."""
+        """The process id of the worker; None if there is no worker."""
 
     def ask(self, request: Message, timeout_s: float) -> Message:
-        """Return the answer to one request; UnavailableError or WorkerLostError where there is none."""
+        """Return the answer to a request; raises UnavailableError or WorkerLostError if there is none."""
 
     def kill(self) -> None:
-        """End its process, if it has one, from any thread."""
+        """Kill the worker process, if there is one, from any thread."""
 
     def close(self) -> None:
-        """End it; calling it twice does nothing."""
+        """End the host; a second call does nothing."""
 
 
 Announcement: TypeAlias = Callable[[], dict[str, Engine | str]]
-"""Waits for the engines as their workers announce them; or why one does not."""
+"""Waits for the announcements and returns name -> engine, or why it is unavailable."""
 
 
 def announced(engines: Sequence[str]) -> dict[str, Engine | str]:
-    """Return the engines as their workers announce them, started side by side; or why one does not."""
+    """Start the engines' workers in parallel, and return name -> engine, or why it is unavailable."""
     with announcing(engines) as announcement:
         return announcement()
 
 
 @contextmanager
 def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
-    """Start the engines' workers, which import them while other things are done, and end them at the end.
+    """Start the engines' workers, which import them in the background, and end them with the with block.
 
-    One in a version of its own is started when it is waited for: its environment may have to be made first.
+    An engine with a pinned version starts only when waited for, because its environment may have to be made.
     """
-    cache_directory()  # before any worker: where the cache cannot be written, they share what stands for it
+    cache_directory()  # before any worker, so that all share the temporary folder of an unwritable cache
     engine_pool = EnginePool()
 
     def announcement() -> dict[str, Engine | str]:
@@ -78,7 +78,7 @@ def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
         engine = engine_pool.announced(name)
     except UnavailableError as error:
         told = str(error)
-        return told if told.startswith(name) else f"{name}: {told}"  # a worker does not know of its version
+        return told if told.startswith(name) else f"{name}: {told}"  # a worker does not know its pin
     except WorkerLostError as error:
         return f"{name} cannot be started: {error}"
     pin = pin_of(name)
@@ -87,15 +87,15 @@ def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
     if pin is None:
         return engine
     if engine.version != pin.version:
-        return f"{name} announces version {engine.version}: ask for {engine.name}=={engine.version}"
+        return f"{name} announces version {engine.version}; request {engine.name}=={engine.version}"
     return replace(engine, name=name)
 
 
 class EnginePool:
-    """The engines of one strand of a run: each is started when first needed, and again after it failed.
+    """The engines of one thread of a run: each starts when first needed, and again after a failure.
 
-    core: the only one that they may use; None for any. turn: held by the thread that uses the pool, and
-    released while an engine works, so that another thread measures meanwhile.
+    core: the only processor core that they may use; None for any. turn: held by the thread that uses the
+    pool, and released while an engine works, so that another thread can measure.
     """
 
     def __init__(self, core: int | None = None, turn: threading.Lock | None = None) -> None:
@@ -109,8 +109,8 @@ class EnginePool:
     def start(self, engine: str) -> Host:
         """Return the engine's host, without waiting for its announcement.
 
-        Raises WorkerLostError once this was stopped and where no process can be started, UnavailableError
-        where an engine in a version of its own has no environment and none can be made.
+        Raises WorkerLostError if the pool was stopped or no process can be started, UnavailableError if the
+        environment of a pinned engine cannot be made.
         """
         if engine in self._open:
             return self._open[engine]
@@ -123,9 +123,9 @@ class EnginePool:
         return self._kept(engine, InProcess(adapter) if line is None else WorkerProcess(HANDED_OVER, line))
 
     def announced(self, engine: str) -> Engine:
-        """Return what the engine announces; one that a worker cannot import is taken into this process.
+        """Return the announced engine; run a registered one that no worker can import in this process.
 
-        Raises UnavailableError where it cannot be imported at all, WorkerLostError where nothing comes.
+        Raises UnavailableError if the engine cannot be imported, WorkerLostError if nothing is announced.
         """
         try:
             return self.start(engine).engine
@@ -137,11 +137,10 @@ class EnginePool:
             return self._kept(engine, InProcess(adapter)).engine
 
     def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
-        """Return the engine's answer; a lost worker and an engine that does not start are answers too.
+        """Return the engine's answer; a lost worker or an engine that does not start gives a failed answer.
 
-        What fails in a worker that has served other cases may be their doing, and a worker that somebody
-        killed was not at fault: both are asked once more, of a new worker. Raises WorkerLostError only where
-        this was stopped meanwhile.
+        Run a failed case once more in a new worker if the worker had run other cases, which may have caused
+        the failure, or was killed from outside. Raises WorkerLostError only if the pool was stopped.
         """
         with released(self._turn):
             return self._asked_twice(engine, request, timeout_s)
@@ -153,11 +152,11 @@ class EnginePool:
             return answer
         again, _ = self._asked(engine, request, timeout_s)
         if again.get("outcome") == "ok" and not killed:
-            again["message"] = f"asked twice; first, in a worker that had served others: {answer['message']}"
+            again["message"] = f"ran twice; failed in a worker that had run other cases: {answer['message']}"
         return again
 
     def _asked(self, engine: str, request: Message, timeout_s: float) -> tuple[Message, bool]:
-        """Return the answer, and whether the worker was killed; one that failed is not kept."""
+        """Return the answer and whether the worker was killed; dismiss a worker that failed."""
         try:
             self.announced(engine)
             host = self.start(engine)
@@ -191,14 +190,14 @@ class EnginePool:
             host.close()
 
     def stop(self) -> None:
-        """Kill the workers, from any thread: what is being asked of them ends with WorkerLostError."""
+        """Kill the workers, from any thread; pending requests raise WorkerLostError."""
         with self._lock:
             self._closed = True
             for host in self._open.values():
                 host.kill()
 
     def close(self) -> None:
-        """End them all, from the thread that uses them."""
+        """End all hosts, from the thread that uses them."""
         self.stop()
         for host in self._open.values():
             host.close()
@@ -218,7 +217,7 @@ def released(lock: threading.Lock | None) -> Iterator[None]:
 
 
 class InProcess:
-    """An engine that exists in this process alone: the same requests, but nothing shields the run from it."""
+    """An engine that exists in this process only: the same requests, but without isolation from the run."""
 
     pid = None
 
@@ -230,13 +229,13 @@ class InProcess:
         self.engine = Engine(adapter.name, adapter.version, adapter.methods, Build(kind="handed over"))
         self._desk = RequestHandler(adapter, interruptible=True)
 
-    def ask(self, request: Message, timeout_s: float) -> Message:  # noqa: ARG002 - there is no way to stop it
-        """Answer at once."""
+    def ask(self, request: Message, timeout_s: float) -> Message:  # noqa: ARG002 - it cannot be stopped
+        """Return the answer; the time limit has no effect."""
         return self._desk.answer(request)
 
     def kill(self) -> None:
-        """Do nothing: it lives and dies with the run."""
+        """Do nothing: there is no process."""
 
     def close(self) -> None:
-        """Free what was prepared."""
+        """Free the prepared case."""
         self._desk.close()

@@ -1,7 +1,7 @@
-"""The one typed check of what a worker says: built-in engines, other programs, and what of it was stored.
+"""Typed validation of all worker messages: of built-in engines, of other programs, and of stored messages.
 
-Numbers are finite, texts and lists bounded, arrays of a shape that is known before they are decoded. What
-fails becomes the outcome of its case, or makes its engine unavailable.
+Numbers are finite, strings and lists bounded, and the shapes of arrays known before they are decoded. An
+invalid message becomes the outcome of its case, or makes its engine unavailable.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from bodycheck.adapters.contract import BuildKind, Control
 _MOST_METHODS = 1000
 _MOST_PARTS = 10_000  # of a build
 _MOST_FAULTS = 3
-_LONGEST_S = 1e9  # thirty years of processor time, or a step of as many
+_LONGEST_S = 1e9  # thirty years, of CPU time or of one step
 _MOST_STEPS = 10**15
 
 
@@ -42,13 +42,13 @@ class ProtocolError(ValueError):
 
 
 class _Message(BaseModel):
-    """A message may have more keys than its own, which nothing reads."""
+    """A message; additional keys are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
 class MethodMessage(BaseModel):
-    """What an engine says of one method: the fields of contract.Method."""
+    """A method of an announcement: the fields of contract.Method."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -70,7 +70,7 @@ class _Limits(_Message):
 
 
 class AnnouncementMessage(_Message):
-    """A worker's first message; keys of later versions are let pass."""
+    """A worker's first message; keys of later versions are ignored."""
 
     engine: Name
     version: Name
@@ -82,7 +82,7 @@ class AnnouncementMessage(_Message):
 
 
 class ArrayMessage(BaseModel):
-    """An array before it is decoded; its base64 is checked by its length and as it is decoded."""
+    """An encoded array; decoding checks the length and the content of its base64."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -94,7 +94,7 @@ _Arrays: TypeAlias = Annotated[dict[Name, ArrayMessage], Field(max_length=20)]
 
 
 class ReadBackMessage(BaseModel):
-    """What an engine says it was given; a number that is not finite is null."""
+    """The model as read from the engine; a number that is not finite is null."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -106,7 +106,7 @@ class ReadBackMessage(BaseModel):
 
 
 class AnswerMessage(_Message):
-    """The answer to a case that ended well."""
+    """The answer to `record` for a case with the outcome ok."""
 
     trajectory: _Arrays
     read_back: ReadBackMessage
@@ -121,7 +121,7 @@ class LapMessage(_Message):
 
 
 class StableStepMessage(_Message):
-    """The answer to a search that ended well: at least one of the two steps."""
+    """The answer to `stable-step` with the outcome ok: at least one of the two steps."""
 
     stable_s: Step | None
     unstable_s: Step | None
@@ -132,7 +132,7 @@ _Checked = TypeVar("_Checked", bound=BaseModel)
 
 
 def checked(model: type[_Checked], message: Any, what: str) -> _Checked:
-    """Return a message as its model has it; ProtocolError, which says what is wrong with it, else."""
+    """Validate a message; raises ProtocolError, which says what is wrong, if it is invalid."""
     try:
         return model.model_validate(message)
     except ValidationError as error:
@@ -140,7 +140,7 @@ def checked(model: type[_Checked], message: Any, what: str) -> _Checked:
 
 
 def faults(error: ValidationError) -> str:
-    """Return what is wrong, with its path in the message: at most three faults, in one line."""
+    """Return at most three errors with their paths in the message, in one line."""
     lines = []
     for fault in error.errors(include_url=False, include_input=False)[:_MOST_FAULTS]:
         path = ".".join(str(part) for part in fault["loc"]) or "it"
@@ -149,6 +149,6 @@ def faults(error: ValidationError) -> str:
 
 
 def text_of(message: Mapping[str, Any], key: str) -> str:
-    """Return the text under a key of a message that is shown; empty where it is none."""
+    """Return the string under a key of a message; empty if there is none."""
     value = message.get(key)
     return value if isinstance(value, str) else ""

@@ -1,8 +1,8 @@
-"""The worker protocol, version 1: what is said between a run and the process that holds an engine.
+"""The worker protocol, version 1: messages between a run and the worker process of an engine.
 
-One JSON object a line, UTF-8, over the worker's standard input and output: here what a worker says, in
-case_messages.py what it is asked. docs/workers.md has every message. Arrays are {"shape": [n, 3], "base64":
-little-endian doubles}.
+Each message is one JSON object per line, UTF-8, over the worker's standard input and output. This module has
+the worker's messages, case_messages.py the requests; docs/workers.md documents all of them. Arrays are
+{"shape": [n, 3], "base64": little-endian doubles}.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from bodycheck.reference_impl.trajectory import Trajectory
 
 VERSION = 1
 LARGEST_MESSAGE = 1 << 29
-"""Bytes of a line: a million samples of all quantities."""
+"""Maximum bytes of a line: a million samples of all quantities."""
 LONGEST_ANNOUNCEMENT = 1 << 22
-"""Bytes of a line that holds no trajectory."""
-_BYTES_PER_SAMPLE = 512  # of all quantities in base64: 283, and air
+"""Maximum bytes of a line without a trajectory."""
+_BYTES_PER_SAMPLE = 512  # all quantities in base64 take 283; the rest is margin
 _LONGEST_TEXT = 1000
 _STATE_SHAPES: dict[str, tuple[int, ...]] = {
     "position": (3,),
@@ -60,7 +60,7 @@ Message: TypeAlias = dict[str, Any]
 def line_of(message: Mapping[str, Any]) -> bytes:
     """Return a message as its line, newline included.
 
-    Raises ProtocolError where it holds what JSON has not, or is longer than a message may be.
+    Raises ProtocolError if JSON cannot represent it or it exceeds the maximum length.
     """
     try:
         line = json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"
@@ -74,19 +74,19 @@ def line_of(message: Mapping[str, Any]) -> bytes:
 def message_of(line: bytes) -> Message:
     """Return the message of a line.
 
-    Raises ProtocolError where it is no JSON object.
+    Raises ProtocolError if it is not a JSON object.
     """
     try:
         message = json.loads(line)
     except (ValueError, RecursionError) as error:
         raise ProtocolError(f"a line that is not JSON: {error}: {line[:80]!r}") from None
     if not isinstance(message, dict):
-        raise ProtocolError(f"a line that is no JSON object: {line[:80]!r}")
+        raise ProtocolError(f"a line that is not a JSON object: {line[:80]!r}")
     return message
 
 
 def shown(text: str) -> str:
-    """Return a text of an engine as one line that a table can hold: printable, and not without end."""
+    """Return an engine's text as one printable line of bounded length, for tables."""
     begin = text[: 4 * _LONGEST_TEXT]
     line = "".join(c if c.isprintable() else "?" for c in " ".join(begin.split()))
     return line if len(line) <= _LONGEST_TEXT else f"{line[:_LONGEST_TEXT]}..."
@@ -96,9 +96,9 @@ def shown(text: str) -> str:
 
 
 def packed(array: Array) -> Message:
-    """Return an array as its shape and its doubles, little-endian, in base64.
+    """Encode an array (...) as its shape and its little-endian doubles in base64.
 
-    Raises ProtocolError where it does not hold real numbers: a text that reads like one is none.
+    Raises ProtocolError if it does not hold real numbers; strings of digits are not numbers.
     """
     data = np.asarray(array)
     if data.dtype.kind not in "fiu":
@@ -108,32 +108,30 @@ def packed(array: Array) -> Message:
 
 
 def unpacked(value: Message | ArrayMessage) -> Array:
-    """Return the array.
+    """Decode an array (...).
 
-    Raises ProtocolError where shape and data do not agree, before anything is decoded.
+    Raises ProtocolError, before decoding, if shape and data do not agree.
     """
-    told = value if isinstance(value, ArrayMessage) else checked(ArrayMessage, value, "an array that is none")
+    told = value if isinstance(value, ArrayMessage) else checked(ArrayMessage, value, "invalid array")
     size = 8 * math.prod(told.shape)
     if len(told.base64) != 4 * -(-size // 3):
-        raise ProtocolError(
-            f"an array that is none: of the shape {told.shape} with {len(told.base64)} letters of base64"
-        )
+        raise ProtocolError(f"invalid array: shape {told.shape} with {len(told.base64)} characters of base64")
     try:
         data = np.frombuffer(base64.b64decode(told.base64, validate=True), dtype="<f8")
         return data.reshape(told.shape).astype(np.float64)
     except (ValueError, binascii.Error) as error:
-        raise ProtocolError(f"an array that is none: {error}") from None
+        raise ProtocolError(f"invalid array: {error}") from None
 
 
 def _unpacked_as(value: ArrayMessage, name: str, *shape: int) -> Array:
-    """Return an array of this shape; ProtocolError where it has another."""
+    """Decode an array; raises ProtocolError if it does not have this shape."""
     if tuple(value.shape) != shape:
         raise ProtocolError(f"{name} has the shape {value.shape}, not {list(shape)}")
     return unpacked(value)
 
 
 def _number(value: float) -> float | None:
-    """Return a number as JSON has it: one that is not finite as null."""
+    """Return a number, or None (JSON null) if it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
@@ -146,7 +144,7 @@ def _packed_fields(holder: Any) -> Message:
 
 
 def announcement(adapter: Adapter, build: Build) -> Message:
-    """Return a worker's first message: protocol, engine, version, methods, limits, what it has loaded."""
+    """Return a worker's first message: protocol version, engine, version, methods, limits, build."""
     return {
         "bodycheck": VERSION,
         "engine": adapter.name,
@@ -158,7 +156,7 @@ def announcement(adapter: Adapter, build: Build) -> Message:
 
 
 def build_message(build: Build) -> Message:
-    """Return what a worker has loaded as plain data."""
+    """Return a build as plain data."""
     parts = {name: shown(text) for name, text in build.parts.items()}
     return {"build": build.id, "kind": build.kind, "loaded": parts}
 
@@ -166,20 +164,20 @@ def build_message(build: Build) -> Message:
 def engine_of(message: Message) -> Engine:
     """Return the engine of an announcement.
 
-    Raises ProtocolError where it lacks what an announcement has, or has more.
+    Raises ProtocolError if the announcement is invalid.
     """
-    said = checked(AnnouncementMessage, message, "an announcement that is none")
+    said = checked(AnnouncementMessage, message, "invalid announcement")
     if repeated := [
         name for name, times in Counter(method.name for method in said.methods).items() if times > 1
     ]:
-        raise ProtocolError(f"an announcement that names the method {repeated[0]} twice")
+        raise ProtocolError(f"invalid announcement: the method {repeated[0]} is named twice")
     methods = {method.name: _method(method) for method in said.methods}
     build = Build(said.build, said.kind, {name: shown(text) for name, text in said.loaded.items()})
     return Engine(said.engine, said.version, methods, build)
 
 
 def check_engine(adapter: Adapter) -> None:
-    """Raise ProtocolError where an adapter's own facts are none that a worker may announce."""
+    """Raise ProtocolError if an adapter's attributes would make an invalid announcement."""
     try:
         facts = {
             "engine": adapter.name,
@@ -188,21 +186,21 @@ def check_engine(adapter: Adapter) -> None:
             "limits": {"message_bytes": LARGEST_MESSAGE},
         }
     except (TypeError, AttributeError) as error:
-        raise ProtocolError(f"an adapter whose methods are none: {error}") from None
-    checked(AnnouncementMessage, facts, "an adapter that is none")
+        raise ProtocolError(f"invalid methods of an adapter: {error}") from None
+    checked(AnnouncementMessage, facts, "invalid adapter")
 
 
 def request_limit_of(message: Message) -> int:
-    """Return the bytes of the longest request that the worker of an announcement takes.
+    """Return the maximum bytes of a request that the worker of an announcement accepts.
 
-    Raises ProtocolError where it does not say.
+    Raises ProtocolError if the announcement is invalid.
     """
-    most = checked(AnnouncementMessage, message, "an announcement that is none").limits.message_bytes
+    most = checked(AnnouncementMessage, message, "invalid announcement").limits.message_bytes
     return min(most, LARGEST_MESSAGE)
 
 
 def answer_limit_of(request: Message) -> int:
-    """Return the bytes of the longest answer to a request that can be meant."""
+    """Return the maximum bytes of a valid answer to a request."""
     samples = (
         request["case"]["scene"]["samples"] if request.get("do") == "record" and "case" in request else 0
     )
@@ -226,27 +224,27 @@ def answer_message(answer: Answer) -> Message:
 
 
 def answer_of(message: Message, t_s: Array) -> Answer:
-    """Return the answer of a message to a case that is sampled at t_s (n,).
+    """Return the answer to a case that is sampled at t_s (n,).
 
-    Raises ProtocolError or ValueError, which say what is wrong, where it is no answer to that.
+    Raises ProtocolError or ValueError, which say what is wrong, if the message is not an answer to that case.
     """
     outcome, text = message.get("outcome"), shown(text_of(message, "message"))
     if outcome in ("unsupported", "failed", "timeout"):
         return Answer(outcome, text)
     if outcome != "ok":
         raise ProtocolError(f"an answer whose outcome is {outcome!r:.80}")
-    said = checked(AnswerMessage, message, "an answer that is none")
+    said = checked(AnswerMessage, message, "invalid answer")
     try:
         trajectory = Trajectory(**{name: unpacked(array) for name, array in said.trajectory.items()})
     except TypeError as error:
-        raise ProtocolError(f"an answer without its parts: {error}") from None
+        raise ProtocolError(f"incomplete answer: {error}") from None
     if not np.array_equal(trajectory.t_s, t_s):
         raise ProtocolError("a trajectory that is not at the scene's samples")
     return Answer("ok", text, trajectory, _read_back(said.read_back), said.stepping, said.steps)
 
 
 def kept(message: Message, said: Answer | StableStep) -> Message:
-    """Return what of a message is stored: what was checked, and nothing that else stood in it."""
+    """Return the part of a message that is stored: the checked keys, and nothing else."""
     checked_keys = _KEPT if said.outcome == "ok" else ()
     texts = {name: message[name] for name in _KEPT_TEXTS if isinstance(message.get(name), str)}
     found = {name: message[name] for name in checked_keys if name in message}
@@ -254,7 +252,7 @@ def kept(message: Message, said: Answer | StableStep) -> Message:
 
 
 def read_back_message(held: ReadBack) -> Message:
-    """Return what an engine says it was given as plain data."""
+    """Return a model that was read back as plain data."""
     return {
         "mass": _number(held.mass),
         "inertia": packed(held.inertia),
@@ -265,16 +263,16 @@ def read_back_message(held: ReadBack) -> Message:
 
 
 def read_back_of(held: Message) -> ReadBack:
-    """Return what an engine says it was given, of a message of it.
+    """Return the model that was read back.
 
-    Raises ProtocolError where it is none.
+    Raises ProtocolError if the message is invalid.
     """
-    return _read_back(checked(ReadBackMessage, held, "what an engine holds"))
+    return _read_back(checked(ReadBackMessage, held, "invalid read-back"))
 
 
 def _read_back(held: ReadBackMessage) -> ReadBack:
     if unknown := held.state.keys() - _STATE_SHAPES.keys():
-        raise ProtocolError(f"a state with {min(unknown)}; known are {', '.join(_STATE_SHAPES)}")
+        raise ProtocolError(f"unknown quantity {min(unknown)} of a state (known: {', '.join(_STATE_SHAPES)})")
     state: Any = {name: _unpacked_as(array, name, *_STATE_SHAPES[name]) for name, array in held.state.items()}
     if missing := [name for name in ("position", "velocity") if name not in state]:
         raise ProtocolError(f"a state without {missing[0]}")
@@ -288,33 +286,33 @@ def _read_back(held: ReadBackMessage) -> ReadBack:
 
 
 def lap_of(message: Message) -> float:
-    """Return the processor time in s of an answer to `lap`.
+    """Return the CPU time in s of an answer to `lap`.
 
-    Raises ProtocolError where there is none.
+    Raises ProtocolError if there is none.
     """
-    return checked(LapMessage, message, "a lap that is none").cpu_s
+    return checked(LapMessage, message, "invalid lap").cpu_s
 
 
 def stable_step_message(found: StableStep) -> Message:
-    """Return what a search found as plain data."""
+    """Return the result of a search as plain data."""
     told = {**asdict(found), "message": shown(found.message)}
     return {name: value for name, value in told.items() if name not in ("build", "reused")}
 
 
 def stable_step_of(message: Message) -> StableStep:
-    """Return what a search found.
+    """Return the result of a search.
 
-    Raises ProtocolError where the message does not say that.
+    Raises ProtocolError if the message is invalid.
     """
     outcome, text = message.get("outcome"), shown(text_of(message, "message"))
     if outcome in ("unsupported", "failed", "timeout"):
         return StableStep(outcome, text)
     if outcome != "ok":
         raise ProtocolError(f"a search whose outcome is {outcome!r:.80}")
-    said = checked(StableStepMessage, message, "a search that is none")
+    said = checked(StableStepMessage, message, "invalid search result")
     steps = [step for step in (said.stable_s, said.unstable_s) if step is not None]
     if not steps:
-        raise ProtocolError("a search without a stable or an unstable step")
+        raise ProtocolError("a search result with neither a stable nor an unstable step")
     if steps[0] > steps[-1]:
-        raise ProtocolError(f"a stable step of {steps[0]!r} above an unstable one of {steps[-1]!r}")
+        raise ProtocolError(f"a stable step of {steps[0]!r} above the unstable step of {steps[-1]!r}")
     return StableStep("ok", text, said.stable_s, said.unstable_s, shown(said.reason))

@@ -1,8 +1,8 @@
-"""The process that holds one engine: announces it, then answers case after case until its input ends.
+"""The worker process of one engine: announces it, then answers requests until its input ends.
 
-Run as `python -m bodycheck.adapters.workers.worker ENGINE MEMORY_BYTES`. What the engine prints on
-standard output goes to standard error instead: the channel is the worker's alone. For the ENGINE `-` the
-first line of the input holds an adapter that exists in the run's own process, pickled by that process.
+Run as `python -m bodycheck.adapters.workers.worker ENGINE MEMORY_BYTES`. Standard output is reserved for the
+protocol; what the engine prints there goes to standard error instead. For the ENGINE `-`, the first line of
+the input holds an adapter object of the run's process, pickled by that process.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from bodycheck.adapters.workers.protocol import Message
 
 _PR_SET_PDEATHSIG = 1
 HANDED_OVER = "-"
-"""What names an engine that no process but the run's can import by itself."""
+"""The ENGINE argument for an adapter object that only the run's process can import."""
 RUN_PID = "BODYCHECK_RUN_PID"
-"""Set in a worker's environment to the process of its run: no run is started from within a worker."""
+"""Environment variable of a worker: the process id of its run. A worker refuses to start a run."""
 
 
 class RequestHandler:
     """Answers the requests of a run with one engine, one after the other.
 
-    interruptible: whether an interrupt from the keyboard is the user's, and not the engine's.
+    interruptible: whether a KeyboardInterrupt comes from the user and not from the engine.
     """
 
     def __init__(self, adapter: Adapter, *, interruptible: bool = False) -> None:
@@ -47,10 +47,10 @@ class RequestHandler:
         self._watch: Stopwatch | None = None
 
     def answer(self, request: Message) -> Message:
-        """Return the answer; what the engine raises becomes the outcome `failed`."""
+        """Return the answer; an exception of the engine becomes the outcome `failed`."""
         try:
             return {"id": request.get("id"), **self._done(request)}
-        except BaseException as error:  # an engine may raise anything; it costs this case alone
+        except BaseException as error:  # an engine may raise anything; only this case fails
             if self._interruptible and isinstance(error, KeyboardInterrupt):
                 raise
             return _failed(request, error)
@@ -69,10 +69,10 @@ class RequestHandler:
             case "lap" if self._watch is not None:
                 return {"outcome": "ok", "cpu_s": self._watch.lap()}
             case unknown:
-                raise protocol.ProtocolError(f"nothing to do for {unknown!r} here")
+                raise protocol.ProtocolError(f"unexpected request {unknown!r}")
 
     def close(self) -> None:
-        """Free what was prepared."""
+        """Free the prepared case."""
         if self._watch is not None:
             watch, self._watch = self._watch, None
             watch.close()
@@ -85,7 +85,7 @@ def _failed(request: Message, error: BaseException) -> Message:
 def _words(error: BaseException) -> str:
     try:
         return protocol.shown(f"{type(error).__name__}: {error}")
-    except Exception:  # noqa: BLE001 - not every error can be printed
+    except Exception:  # noqa: BLE001 - __str__ of an exception may raise
         return type(error).__name__
 
 
@@ -134,7 +134,7 @@ def _say(answers: BinaryIO, message: Message) -> None:
 
 
 def _private_channel() -> tuple[BinaryIO, BinaryIO]:
-    """Take standard input and output for the protocol; an engine finds nothing to read there."""
+    """Reserve standard input and output for the protocol; the engine's standard input is empty."""
     requests = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDONLY)
@@ -145,7 +145,7 @@ def _private_channel() -> tuple[BinaryIO, BinaryIO]:
 
 
 def handed_over(adapter: Adapter) -> bytes | None:
-    """Return the line that gives a worker this very adapter; None where it cannot leave its process."""
+    """Return the line that passes this adapter to a worker; None if it cannot be pickled."""
     module = type(adapter).__module__
     file = getattr(sys.modules.get(module), "__file__", None)
     if file is None:
@@ -153,7 +153,7 @@ def handed_over(adapter: Adapter) -> bytes | None:
     try:
         encoded = base64.b64encode(pickle.dumps(adapter)).decode("ascii")
         return protocol.line_of({"adapter": encoded, "module": module, "file": str(Path(file).resolve())})
-    except Exception:  # noqa: BLE001 - what is in an adapter may refuse to be pickled in any way
+    except Exception:  # noqa: BLE001 - pickling a user's object may raise anything
         return None
 
 
@@ -172,7 +172,7 @@ def _handed_over(line: bytes) -> Adapter:
 
 
 def _import(module: str, file: Path) -> None:
-    """Import by name, else from the file, under that name: a test's module is on no path."""
+    """Import by name, or else from the file under that name: a test's module is not on the path."""
     try:
         importlib.import_module(module)
     except ImportError:
@@ -185,27 +185,27 @@ def _import(module: str, file: Path) -> None:
 
 
 def _run_script(path: Path) -> None:
-    """Define what the user's script defines, as far as the line in which it starts a run."""
+    """Execute the user's script up to the line in which it starts a run."""
     script = ModuleType("__main__")
     script.__dict__["__file__"] = str(path)
-    script.__dict__["__name__"] = "__mp_main__"  # no `if __name__ == "__main__"` is to run
+    script.__dict__["__name__"] = "__mp_main__"  # skip `if __name__ == "__main__"`
     sys.modules["__main__"] = sys.modules["__mp_main__"] = script
     with suppress(InsideWorkerError, SystemExit):
         exec(compile(path.read_bytes(), str(path), "exec"), script.__dict__)
 
 
 def _die_with_the_run() -> None:
-    """Ask Linux to kill this process when the run dies: a hanging engine would never see its input end."""
+    """Make Linux kill this process when the run dies, because a hanging engine never reads its input."""
     if sys.platform != "linux":
         return
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if RUN_PID in os.environ and not _lives(os.environ[RUN_PID]):  # it died before Linux could be asked
+    if RUN_PID in os.environ and not _lives(os.environ[RUN_PID]):  # the run died before the call
         sys.exit(1)
 
 
 def _lives(pid: str) -> bool:
-    """Whether a process is there, and not only its remains."""
+    """Return whether a process exists and is not a zombie."""
     try:
         return Path("/proc", pid, "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -213,7 +213,7 @@ def _lives(pid: str) -> bool:
 
 
 def _limit_memory(size: int) -> None:
-    """Have allocations beyond the limit fail; should the machine run out of memory, die before the run."""
+    """Make allocations beyond the limit fail, and let the out-of-memory killer choose this process first."""
     _, most = resource.getrlimit(resource.RLIMIT_DATA)
     limit = size if most == resource.RLIM_INFINITY else min(size, most)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))

@@ -1,7 +1,7 @@
-"""The worker in an environment that has its engine but not bodycheck.
+"""Start a worker in an environment that has its engine but not bodycheck.
 
-Run as `python -P THIS_FILE ENGINE MEMORY_BYTES`. bodycheck is imported from where this file is, by itself:
-the folder around it may be a site-packages that has the engine in another version, and stays off the path.
+Run as `python -P THIS_FILE ENGINE MEMORY_BYTES`. bodycheck is imported from this file's location without
+adding its parent folder to the path, which may be a site-packages with another version of the engine.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 
 
 def main() -> None:
-    """Import bodycheck from here, and be its worker."""
+    """Import bodycheck from this file's location and run its worker."""
     package = Path(__file__).resolve().parents[2]
     spec = spec_from_file_location(
         "bodycheck", package / "__init__.py", submodule_search_locations=[str(package)]

@@ -1,4 +1,4 @@
-"""The run's side of a worker process, which may crash, hang, flood or swell."""
+"""The run's end of a worker process, which may crash, hang, flood its output or exhaust memory."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from bodycheck.adapters.workers import protocol, worker_bootstrap
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.adapters.workers.worker import RUN_PID
 
-_START_S = 120.0  # for an engine to be imported and announced
-_LAST_OUTPUT = 4096  # bytes of what the engine printed that are kept
+_START_S = 120.0  # time limit for an engine to be imported and announced
+_LAST_OUTPUT = 4096  # bytes of the engine's last output that are stored
 _SHOWN_OUTPUT = 400  # characters of it in a message
 _PIECE = 1 << 20
 _DYING_S = 5.0
-_LONGEST_WAIT_S = 3600.0  # at once: no selector takes every number of seconds
+_LONGEST_WAIT_S = 3600.0  # per select, because selectors limit their timeout
 _LEAST_MEMORY = 2 << 30
 
 
 class WorkerProcess:
-    """An engine in a process of its own, spawned, with limits on memory and on the time of each request.
+    """An engine in its own process, with limits on memory and on the time of each request.
 
-    python: that of an environment of its own, which need not have bodycheck; None for the one that runs here.
-    Raises WorkerLostError where the system lets no process be started.
+    python: the interpreter of an environment, which need not have bodycheck; None for the current one.
+    Raises WorkerLostError if the system cannot start a process.
     """
 
     def __init__(self, engine: str, first_line: bytes = b"", *, python: Path | None = None) -> None:
         environment = {**os.environ, RUN_PID: str(os.getpid())}
         if python is None:
-            # the worker imports what this process can: an engine may lie beside the user's script
+            # the worker must import what this process can: an engine may lie next to the user's script
             environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
             command = [sys.executable, "-P", "-m", "bodycheck.adapters.workers.worker"]
         else:
-            environment.pop("PYTHONPATH", None)  # it may lead to the engine in another version
+            environment.pop("PYTHONPATH", None)  # it may contain another version of the engine
             command = [str(python), "-P", str(Path(worker_bootstrap.__file__).resolve())]
         try:
             self._process = subprocess.Popen(
@@ -51,14 +51,14 @@ class WorkerProcess:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 env=environment,
-                start_new_session=True,  # a Ctrl-C is for the run alone, which then ends its workers
+                start_new_session=True,  # only the run receives Ctrl-C; it then ends its workers
             )
         except OSError as error:  # no more processes, or no more memory
             raise WorkerLostError(f"no worker can be started: {error.strerror or error}") from None
         self.pid = self._process.pid
-        # its end is watched as such: a process that it left behind may hold its pipes open
+        # watch the process itself, because a process that it left behind may hold its pipes open
         self._ending = os.pidfd_open(self.pid) if hasattr(os, "pidfd_open") else None
-        process: Any = self._process  # which has all three pipes, as it was asked to
+        process: Any = self._process  # has all three pipes, which its type leaves optional
         self._pipes: list[Any] = [process.stdin, process.stdout, process.stderr]
         for pipe in self._pipes:
             os.set_blocking(pipe.fileno(), False)
@@ -67,14 +67,14 @@ class WorkerProcess:
 
     @cached_property
     def engine(self) -> Engine:
-        """What the worker announced, waited for when first asked for.
+        """The announced engine; the first access waits for the announcement.
 
-        Raises UnavailableError where the engine cannot be imported, WorkerLostError where nothing comes.
+        Raises UnavailableError if the engine cannot be imported, WorkerLostError if nothing is announced.
         """
         message = self._exchange(self._first_line, _START_S, protocol.LONGEST_ANNOUNCEMENT)
         if message.get("bodycheck") != protocol.VERSION:
             told = protocol.shown(repr(message.get("bodycheck")))
-            raise WorkerLostError(f"the worker speaks another protocol: {told}")
+            raise WorkerLostError(f"the worker uses another protocol version: {told}")
         if "unavailable" in message:
             raise UnavailableError(protocol.shown(protocol.text_of(message, "unavailable")))
         try:
@@ -84,13 +84,13 @@ class WorkerProcess:
             raise WorkerLostError(str(error)) from None
 
     def ask(self, request: Message, timeout_s: float) -> Message:
-        """Return the answer to one request; UnavailableError or WorkerLostError where there is none."""
-        self.engine  # noqa: B018 - announced before it is asked
+        """Return the answer to a request; raises UnavailableError or WorkerLostError if there is none."""
+        self.engine  # noqa: B018 - wait for the announcement first
         self._asked += 1
         self._last_output = b""
         line = protocol.line_of({"id": self._asked, **request})
         if len(line) > self._takes:
-            return {"outcome": "failed", "message": f"a request of {len(line)} bytes; it takes {self._takes}"}
+            return {"outcome": "failed", "message": f"a request of {len(line)} bytes (limit: {self._takes})"}
         answer = self._exchange(line, timeout_s, protocol.answer_limit_of(request))
         if answer.get("id") != self._asked:
             told = protocol.shown(repr(answer.get("id")))
@@ -101,7 +101,7 @@ class WorkerProcess:
         return answer
 
     def close(self) -> None:
-        """Kill the process and all that it started; calling it twice does nothing."""
+        """Kill the process and all that it started; a second call does nothing."""
         if self._open:
             self.kill()
             self._open = False
@@ -112,16 +112,16 @@ class WorkerProcess:
                 os.close(self._ending)
 
     def kill(self) -> None:
-        """Kill the process, which leads a group of its own, and all that it started, from any thread."""
+        """Kill the process group of the worker, which includes all that it started, from any thread."""
         if not self._open:
-            return  # its number may be another's by now
+            return  # its process id may have been reused
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
 
     def _exchange(self, sent: bytes, timeout_s: float, most: int) -> Message:
-        """Send, and wait for one line of at most so many bytes.
+        """Send a line, and wait for one line of at most `most` bytes.
 
-        Meanwhile what the engine prints is drained, or it would block.
+        Meanwhile read what the engine prints, because a full pipe would block it.
         """
         to_worker, answers, chatter = (pipe.fileno() for pipe in self._pipes)
         end = time.monotonic() + timeout_s
@@ -149,23 +149,23 @@ class WorkerProcess:
                 elif self._ending in ready:
                     raise self._death()
         line, self._unread = bytes(self._unread), bytearray()
-        self._heard()  # what was printed before the answer
+        self._heard()  # output printed before the answer
         try:
             return protocol.message_of(line)
         except protocol.ProtocolError as error:
             raise WorkerLostError(self._with_output(str(error))) from None
 
     def _left_of(self, data: memoryview, fd: int) -> memoryview:
-        """Write what the pipe takes; return what is left, as a view: to copy it each time takes a square."""
+        """Write what the pipe accepts and return the rest as a view; copying would take quadratic time."""
         try:
             return data[os.write(fd, data[:_PIECE]) :]
         except BlockingIOError:
             return data
         except BrokenPipeError:
-            return data[:0]  # the end of its output will tell how it died
+            return data[:0]  # the end of its output will show how it died
 
     def _heard(self) -> bool:
-        """Keep the end of what the engine prints; False at its end."""
+        """Store the end of what the engine prints; return False once its output has ended."""
         try:
             piece = os.read(self._pipes[2].fileno(), _PIECE)
         except BlockingIOError:
@@ -182,17 +182,17 @@ class WorkerProcess:
         self._unread += piece
 
     def _death(self) -> WorkerLostError:
-        """Return how the worker ended."""
+        """Return an error that says how the worker ended."""
         try:
             code = self._process.wait(_DYING_S)
         except subprocess.TimeoutExpired:
-            return WorkerLostError(self._with_output("the worker closed its output and went on"))
-        self.kill()  # what it left behind, which could go on printing
+            return WorkerLostError(self._with_output("the worker closed its output and kept running"))
+        self.kill()  # processes that it left behind, which could keep printing
         self._heard()
         if code < 0:
-            how = f"the worker died of {signal.Signals(-code).name}"
+            how = f"the worker was killed by {signal.Signals(-code).name}"
             return WorkerLostError(self._with_output(how), killed=-code == signal.SIGKILL)
-        return WorkerLostError(self._with_output(f"the worker ended itself with status {code}"))
+        return WorkerLostError(self._with_output(f"the worker exited with status {code}"))
 
     def _with_output(self, message: str) -> str:
         shown = protocol.shown(self._last_output.decode("utf-8", "replace"))[-_SHOWN_OUTPUT:]
@@ -200,6 +200,6 @@ class WorkerProcess:
 
 
 def _memory_bytes() -> int:
-    """What a worker may allocate: as many as there are cores, and half of the machine's memory for all."""
+    """Return the memory limit of a worker: half of the machine's memory over the number of cores."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return max(memory // (2 * (os.cpu_count() or 1)), _LEAST_MEMORY)

@@ -51,7 +51,7 @@ def run_tasks(tasks: Sequence[Task], jobs: int) -> None:
     An exception in one task ends the others and is raised here, and so is a keyboard interrupt.
     """
     board, raised = _TaskQueue(tasks), []
-    # Python runs one thread at a time anyway: two that measure would only take turns within each sample
+    # with the GIL, two threads that measure would only take turns within each sample
     turn = threading.Lock()
     strands = [EnginePool(turn=turn) for _ in range(max(1, min(jobs, len(tasks))))]
     ended = threading.Semaphore(0)

@@ -1,4 +1,4 @@
-"""What the readers of text formats share: lines as words, words as numbers, polygons as triangles."""
+"""Shared by the readers of text formats: split lines, parse numbers, triangulate polygons."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 
 def lines_of_words(lines: Iterable[bytes], first: int = 1) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number of each line that is not blank, counted from `first`, and its words."""
+    """Yield (line number, words) of each line that is not blank, counting from `first`."""
     for number, line in enumerate(lines, first):
         words = line.decode("utf-8", errors="replace").split()
         if words:
@@ -22,37 +22,37 @@ def lines_of_words(lines: Iterable[bytes], first: int = 1) -> Iterator[tuple[int
 
 
 def floats(words: Sequence[str], line: int) -> list[float]:
-    """Return words as floats. Raises ValueError naming the line."""
+    """Return words as floats. Raises ValueError with the line number."""
     try:
         return [float(word) for word in words]
     except ValueError:
-        raise ValueError(f"line {line}: {shown(words)} are not all numbers") from None
+        raise ValueError(f"line {line}: not all of {shown(words)} are numbers") from None
 
 
 def integer(word: str, line: int) -> int:
-    """Return a word as an integer of at most 31 bits. Raises ValueError naming the line."""
+    """Return a word as an integer of at most 31 bits. Raises ValueError with the line number."""
     try:
         value = int(word)
     except ValueError:
-        raise ValueError(f"line {line}: {shown([word])} is not a whole number") from None
+        raise ValueError(f"line {line}: {shown([word])} is not an integer") from None
     if abs(value) >= 1 << 31:
         raise ValueError(f"line {line}: {shown([word])} is out of range")
     return value
 
 
 def shown(words: Iterable[str]) -> str:
-    """Return words as a message shows them: quoted, printable, not too long."""
+    """Return words for a message: quoted, printable, at most 60 characters."""
     text = " ".join(words)
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
 def points(coordinates: array[float]) -> Array:
-    """Return coordinates, three after three, as an array (n, 3), also where there are none."""
+    """Return consecutive coordinates (3 n,) as an array (n, 3); n may be zero."""
     return np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)
 
 
 def fans(lengths: NDArray[np.integer[Any]], corners: NDArray[np.integer[Any]]) -> Triangles:
-    """Cut polygons, of so many (k,) of the corners (l,) each, into triangles (m, 3) about their first."""
+    """Split polygons, of `lengths` (k,) of the `corners` (l,), into triangles (m, 3) about the first."""
     if (lengths == 3).all():
         return np.ascontiguousarray(corners.reshape(-1, 3), dtype=np.int64)
     count = lengths.astype(np.int64) - 2

@@ -21,7 +21,7 @@ WRONG = {
     "one table": ("[gate]\nupper = 1\n", "gate: needs [[gate]] tables, not one [gate]"),
     "gates that are numbers": ("gate = [1]\n", "gate[0]: should be a table (it is 1)"),
     "other tables": (GATE + "[gates]\n", "gates: unknown key"),
-    "unknown key": (GATE + "margin = 1.0\n", "gate[0].margin: is no key of this table"),
+    "unknown key": (GATE + "margin = 1.0\n", "gate[0].margin: is not a key of this table"),
     "no reason": (GATE.replace("reason", "#"), "gate[0].reason: is required"),
     "empty reason": (GATE.replace("because", " "), "gate[0].reason: must give the reason for this bound"),
     "no measure": (GATE.replace("measure", "#"), "gate[0].measure: is required"),
@@ -98,7 +98,7 @@ def test_all_errors_of_a_file_are_told_at_once() -> None:
     with pytest.raises(InputError) as refused:
         parse_gates(text, "t")
     assert str(refused.value).splitlines() == [
-        "t: gate[1].uper: is no key of this table",
+        "t: gate[1].uper: is not a key of this table",
         "t: gate[1]: needs a bound: upper, lower, near with decades, or equals",
         "t: gate[2].upper: should be a finite number (it is inf)",
     ]
