@@ -24,7 +24,7 @@ def cache_home() -> Path:
 
 
 def folder_for_this_command(why: str, variable: str) -> Path:
-    """Return a new folder that ends with this process, which its children find through an environment variable."""
+    """Return a new folder that ends with this process, which children find by an environment variable."""
     made = tempfile.mkdtemp(prefix="bodycheck-")
     atexit.register(shutil.rmtree, made, ignore_errors=True)
     os.environ[variable] = made
