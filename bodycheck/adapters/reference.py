@@ -10,6 +10,7 @@ import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver, Stepping
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
+from bodycheck.reference_impl.continuous_loads import packed_lasting
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.evaluated_loads import (
     advance_asking,
@@ -19,8 +20,7 @@ from bodycheck.reference_impl.integrators.evaluated_loads import (
 )
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
-from bodycheck.reference_impl.loads.continuous_loads import packed_lasting
-from bodycheck.reference_impl.loads.loads_at import lasting_wrench_of
+from bodycheck.reference_impl.loads_at import lasting_wrench_of
 from bodycheck.reference_impl.pivot import about_pivot, load_about
 from bodycheck.reference_impl.scene import ContinuousLoad, Drag, GravityGradient, Scene, Wrenching
 from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion

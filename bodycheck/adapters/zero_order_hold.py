@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads.loads_at import lasting_wrench_of
+from bodycheck.reference_impl.loads_at import lasting_wrench_of
 from bodycheck.reference_impl.scene import Scene
 
 
@@ -43,7 +43,7 @@ def _wrench_at(scene: Scene) -> Callable[[float, Array, Array, Array, Array], Ar
         asked = lasting_wrench_of(scene)
         return lambda *motion: np.concatenate(asked(*motion))
     # late: numba is half the start of a worker, and most scenes have no such load
-    from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench_at, packed_lasting
+    from bodycheck.reference_impl.continuous_loads import lasting_wrench_at, packed_lasting
 
     rows = packed_lasting(scene)
     return lambda *motion: lasting_wrench_at(*motion, rows)

@@ -12,13 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.right_hand_sides import (
-    acceleration,
-    body_torque,
-    matrix_at,
-    store,
-    vector_at,
-)
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
@@ -27,11 +21,14 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     add,
     cross,
     dot,
+    matrix_at,
     matrix_of,
     quaternion_exp,
     quaternion_times,
     scaled_add,
+    store,
     times,
+    vector_at,
 )
 
 CLAMP, ANGLE, ADDITIVE, OLD_VELOCITY, WORLD_OMEGA, SINGLE, DRAG_ENERGY, BODY_VELOCITY, NORMALISED = range(9)

@@ -21,7 +21,7 @@ from series_in_integers import (
 )
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads.loads_at import sum_of_wrenches
+from bodycheck.reference_impl.loads_at import sum_of_wrenches
 from bodycheck.reference_impl.scene import (
     CallbackLoad,
     Drag,

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.integrators.callback_motion import solve_black_box
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.rotations import (
     geodesic_angle,
@@ -19,7 +20,6 @@ from bodycheck.reference_impl.rotations import (
     project_to_so3,
 )
 from bodycheck.reference_impl.scene import RigidBody, State
-from bodycheck.reference_impl.truth.callback_motion import solve_black_box
 from bodycheck.reference_impl.wrench import Wrench
 
 EPS = float(np.finfo(np.float64).eps)

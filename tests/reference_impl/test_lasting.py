@@ -10,9 +10,9 @@ from scipy.integrate import solve_ivp
 from bodycheck.adapters.contract import Reading
 from bodycheck.adapters.reference import FixedStep, Reference
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.continuous_loads import lasting_wrench_at, packed_lasting, rotation_vector
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench_at, packed_lasting, rotation_vector
 from bodycheck.reference_impl.loads.kinds.magnetic_dipole import MagneticDipole
 from bodycheck.reference_impl.rotations import (
     exp_matrix,

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.continuous_loads import lasting_wrench_at, packed_lasting
 from bodycheck.reference_impl.loads import load_kinds
-from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench_at, packed_lasting
 from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants
 from bodycheck.reference_impl.pivot import about_pivot
 from bodycheck.reference_impl.scene import Drag, GravityGradient, RigidBody, Scene, SineTorque, Spring, State

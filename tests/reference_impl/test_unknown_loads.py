@@ -15,8 +15,8 @@ from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.workers.case_messages import scene_message
 from bodycheck.adapters.zero_order_hold import HeldLoads
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
-from bodycheck.reference_impl.loads.continuous_loads import packed_lasting
-from bodycheck.reference_impl.loads.loads_at import lasting_wrench_of, sum_of_wrenches
+from bodycheck.reference_impl.continuous_loads import packed_lasting
+from bodycheck.reference_impl.loads_at import lasting_wrench_of, sum_of_wrenches
 from bodycheck.reference_impl.pivot import about_pivot
 from bodycheck.reference_impl.scene import Load, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.taylor.forcing import forcing_between

@@ -32,7 +32,7 @@ from bodycheck.adapters.mujoco.mj_model import (
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.loads.loads_at import lasting_wrench_of
+from bodycheck.reference_impl.loads_at import lasting_wrench_of
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
 
@@ -122,7 +122,7 @@ class MuJoCoSimulation:
         # importing numba takes half of a worker's start, and most scenes have no such load
         from bodycheck.adapters.mujoco.callback_loads import CallbackLoads
         from bodycheck.adapters.mujoco.compiled_loads import PassiveLoads
-        from bodycheck.reference_impl.loads.continuous_loads import packed_lasting
+        from bodycheck.reference_impl.continuous_loads import packed_lasting
 
         axes, anchor = self._axes.matrix.T, None if scene.pivot is None else self._anchor()
         arm = self._axes.body_vector(self._arm)

@@ -19,17 +19,18 @@ from numba import carray, cfunc, types
 from numba.extending import intrinsic
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.right_hand_sides import matrix_at, vector_at
+from bodycheck.reference_impl.continuous_loads import lasting_wrench
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     add,
     cross,
+    matrix_at,
     matrix_of,
     product,
     times,
     transposed_times,
+    vector_at,
 )
-from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench
 
 # what the callback is told through memory: addresses, and how many loads' numbers there are
 _DATA, _QPOS, _QVEL, _PASSIVE, _CLOCK, _JOINT, _LOADS, _LENGTH = range(8)

@@ -9,10 +9,9 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.elliptic import Quotients
 from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants
 from bodycheck.reference_impl.free_rotation.theta_series import CayleyKlein
-from bodycheck.reference_impl.integrators.right_hand_sides import matrix_at
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel
-from bodycheck.reference_impl.kernels.small_vectors import Mat, Quat, Vec
+from bodycheck.reference_impl.kernels.small_vectors import Mat, Quat, Vec, matrix_at
 
 
 class Steady(NamedTuple):

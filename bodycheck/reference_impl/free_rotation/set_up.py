@@ -19,11 +19,10 @@ from bodycheck.reference_impl.free_rotation.tumbling_constants import (
     numbered,
     tumble,
 )
-from bodycheck.reference_impl.integrators.right_hand_sides import matrix_at, vector_at
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels import small_vectors
 from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.kernels.small_vectors import Quat, Vec
+from bodycheck.reference_impl.kernels.small_vectors import Quat, Vec, matrix_at, vector_at
 
 _NEGLIGIBLE = 2.0**-960  # of omega's largest component: smaller ones would leave the range of doubles
 

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.continuous_loads import lasting_wrench
 from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
-from bodycheck.reference_impl.integrators.right_hand_sides import (
-    acceleration,
-    body_torque,
-    matrix_at,
-    store,
-    vector_at,
-)
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     Quat,
     Vec,
     add,
+    matrix_at,
     matrix_of,
     quaternion_exp,
     quaternion_times,
     scaled_add,
+    store,
     times,
     transposed_times,
+    vector_at,
 )
-from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench
 
 
 @kernel

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.dormand_prince import B_REMAINING, TABLEAU, A, B, Turning, combined
-from bodycheck.reference_impl.integrators.right_hand_sides import (
-    acceleration,
-    body_torque,
-    gyroscopic,
-    matrix_at,
-    store,
-    vector_at,
-)
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
 from bodycheck.reference_impl.integrators.runge_kutta import runge_kutta
 from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel
-from bodycheck.reference_impl.kernels.small_vectors import Vec, matrix_of, quaternion_times, scaled_add, times
+from bodycheck.reference_impl.kernels.small_vectors import (
+    Vec,
+    matrix_at,
+    matrix_of,
+    quaternion_times,
+    scaled_add,
+    store,
+    times,
+    vector_at,
+)
 
 
 @kernel

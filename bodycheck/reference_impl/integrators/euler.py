@@ -7,15 +7,17 @@ import math
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.right_hand_sides import (
-    acceleration,
-    body_torque,
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import (
+    cross,
     matrix_at,
+    scaled_add,
     store,
+    times,
+    transposed_times,
     vector_at,
 )
-from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.kernels.small_vectors import cross, scaled_add, times, transposed_times
 
 
 @kernel

@@ -8,9 +8,8 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.euler import step
 from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.right_hand_sides import matrix_at
 from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.kernels.small_vectors import Mat, Vec, dot
+from bodycheck.reference_impl.kernels.small_vectors import Mat, Vec, dot, matrix_at
 
 _EPS = 2.0**-52
 _MOST_SWEEPS = 30  # three or four are enough; more are made only where the state is not finite

@@ -10,13 +10,22 @@ import numpy as np
 from numba import types
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.continuous_loads import lasting_wrench
+from bodycheck.reference_impl.integrators.callback_motion import stage_by_stage_asking
 from bodycheck.reference_impl.integrators.facts import Advance, AdvanceUnder, Integrator, Spin
-from bodycheck.reference_impl.integrators.right_hand_sides import matrix_at, store, vector_at
 from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.kernels.small_vectors import Mat, Vec, add, matrix_of, times, transposed_times
-from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench
+from bodycheck.reference_impl.kernels.small_vectors import (
+    Mat,
+    Vec,
+    add,
+    matrix_at,
+    matrix_of,
+    store,
+    times,
+    transposed_times,
+    vector_at,
+)
 from bodycheck.reference_impl.scene import Wrenching
-from bodycheck.reference_impl.truth.callback_motion import stage_by_stage_asking
 
 _BODY, _WORLD, _MOMENTUM = range(3)
 _SPINS: dict[Spin, int] = {"omega_body": _BODY, "omega_world": _WORLD, "angular_momentum": _MOMENTUM}

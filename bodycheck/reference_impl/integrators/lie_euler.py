@@ -5,21 +5,18 @@ from __future__ import annotations
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
 from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
-from bodycheck.reference_impl.integrators.right_hand_sides import (
-    acceleration,
-    body_torque,
-    matrix_at,
-    store,
-    vector_at,
-)
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
+    matrix_at,
     matrix_of,
     quaternion_exp,
     quaternion_times,
     scaled_add,
+    store,
     times,
     transposed_times,
+    vector_at,
 )
 
 

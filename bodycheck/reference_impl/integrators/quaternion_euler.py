@@ -7,16 +7,17 @@ import math
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.right_hand_sides import (
-    acceleration,
-    body_torque,
-    gyroscopic,
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import (
     matrix_at,
+    matrix_of,
+    quaternion_times,
+    scaled_add,
     store,
+    times,
     vector_at,
 )
-from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.kernels.small_vectors import matrix_of, quaternion_times, scaled_add, times
 
 
 @kernel

@@ -17,6 +17,7 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     cross,
     times,
     transposed_times,
+    vector_at,
 )
 from bodycheck.reference_impl.scene import RigidBody
 
@@ -24,24 +25,6 @@ from bodycheck.reference_impl.scene import RigidBody
 def packed_body(body: RigidBody) -> Array:
     """(19,): mass, the nine of I, the nine of I^-1."""
     return np.concatenate([[body.mass], body.inertia.ravel(), np.linalg.inv(body.inertia).ravel()])
-
-
-@kernel
-def vector_at(a: Array, i: int) -> Vec:
-    """The three numbers from a[i] on, of an array (n,)."""
-    return a[i], a[i + 1], a[i + 2]
-
-
-@kernel
-def matrix_at(a: Array, i: int) -> Mat:
-    """The nine numbers from a[i] on, of an array (n,): a matrix row by row."""
-    return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4], a[i + 5], a[i + 6], a[i + 7], a[i + 8]
-
-
-@kernel
-def store(a: Array, i: int, v: Vec) -> None:
-    """Write three numbers from a[i] on, into an array (n,)."""
-    a[i], a[i + 1], a[i + 2] = v
 
 
 @kernel

@@ -5,14 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.right_hand_sides import (
-    acceleration,
-    body_torque,
-    gyroscopic,
-    matrix_at,
-    store,
-    vector_at,
-)
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
 from bodycheck.reference_impl.integrators.runge_kutta import runge_kutta
 from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.kernels.jit import kernel
@@ -21,10 +14,13 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     Quat,
     Vec,
     add,
+    matrix_at,
     matrix_of,
     quaternion_times,
     scaled_add,
+    store,
     times,
+    vector_at,
 )
 
 _TABLEAU = Tableau(

@@ -7,26 +7,22 @@ import cmath
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.continuous_loads import lasting_wrench
 from bodycheck.reference_impl.integrators.facts import Advance, Integrator
-from bodycheck.reference_impl.integrators.right_hand_sides import (
-    acceleration,
-    body_torque,
-    gyroscopic,
-    matrix_at,
-    store,
-    vector_at,
-)
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
 from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     add,
+    matrix_at,
     matrix_of,
     quaternion_times,
     scaled_add,
+    store,
     times,
     transposed_times,
+    vector_at,
 )
-from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench
 
 
 def runge_kutta(

@@ -16,28 +16,25 @@ import math
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.continuous_loads import lasting_wrench
 from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
-from bodycheck.reference_impl.integrators.right_hand_sides import (
-    acceleration,
-    body_torque,
-    matrix_at,
-    store,
-    vector_at,
-)
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
     Quat,
     Vec,
+    matrix_at,
     matrix_of,
     principal_frame,
     quaternion_exp,
     quaternion_times,
     scaled_add,
+    store,
     times,
     transposed_times,
+    vector_at,
 )
-from bodycheck.reference_impl.loads.continuous_loads import lasting_wrench
 from bodycheck.reference_impl.scene import Drag
 
 # S10 of order 6, Blanes and Moan (2002), J. Comput. Appl. Math. 142, 313: kicks and drifts in turn

@@ -10,6 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import kernel
 
 Vec: TypeAlias = tuple[float, float, float]
@@ -171,3 +172,21 @@ def principal_frame(inertia: Mat) -> tuple[Vec, Mat]:
         (a[low, low], a[middle, middle], a[high, high]),
         (first[0], second[0], last[0], first[1], second[1], last[1], first[2], second[2], last[2]),
     )
+
+
+@kernel
+def vector_at(a: Array, i: int) -> Vec:
+    """The three numbers from a[i] on, of an array (n,)."""
+    return a[i], a[i + 1], a[i + 2]
+
+
+@kernel
+def matrix_at(a: Array, i: int) -> Mat:
+    """The nine numbers from a[i] on, of an array (n,): a matrix row by row."""
+    return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4], a[i + 5], a[i + 6], a[i + 7], a[i + 8]
+
+
+@kernel
+def store(a: Array, i: int, v: Vec) -> None:
+    """Write three numbers from a[i] on, into an array (n,)."""
+    a[i], a[i + 1], a[i + 2] = v

@@ -10,12 +10,12 @@ from itertools import pairwise
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.loads.loads_at import sum_of_wrenches
+from bodycheck.reference_impl.integrators.callback_motion import solve_black_box
+from bodycheck.reference_impl.loads_at import sum_of_wrenches
 from bodycheck.reference_impl.pivot import turning_inertia
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Timed, Wrenching
 from bodycheck.reference_impl.taylor.forcing import pivot_position
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth.callback_motion import solve_black_box
 from bodycheck.reference_impl.truth.motion_distance import distances, scales
 from bodycheck.reference_impl.wrench import held_between
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.load import Instants, Load, checked_continuous
-from bodycheck.reference_impl.loads.loads_at import wrench_at
+from bodycheck.reference_impl.loads_at import wrench_at
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import held_between

@@ -21,16 +21,17 @@ import math
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.integrators.right_hand_sides import matrix_at, vector_at
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
     Vec,
     add,
     cross,
+    matrix_at,
     scaled_add,
     times,
     transposed_times,
+    vector_at,
 )
 from bodycheck.reference_impl.loads.load import ContinuousLoad, checked_continuous, total_wrench
 from bodycheck.reference_impl.loads.recorded_loads import recorded_wrench

@@ -12,20 +12,20 @@ from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
     gyroscopic,
-    matrix_at,
     packed_body,
-    store,
-    vector_at,
 )
 from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     add,
+    matrix_at,
     matrix_of,
     quaternion_times,
     scaled_add,
+    store,
     times,
     transposed_times,
+    vector_at,
 )
 from bodycheck.reference_impl.scene import RigidBody, State, Wrenching
 from bodycheck.reference_impl.trajectory import Trajectory
