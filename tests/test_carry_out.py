@@ -123,8 +123,8 @@ def test_output_that_nobody_takes_ends_a_command_in_order(shell: str, status: in
 
 WAITING = """
 import time
-from bodycheck import cli
-from bodycheck.reports import catalogue
+from bodycheck.cli import commands as cli
+from bodycheck.reports.summary import catalogue
 
 def wait(_):
     print("waiting", flush=True)

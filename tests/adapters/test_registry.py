@@ -55,7 +55,7 @@ def test_an_engine_is_announced_without_numba(engine: str) -> None:
     """It is half the start of a worker, and only a load that lasts needs it."""
     program = (
         "import sys; from bodycheck._util.errors import UnavailableError\n"
-        "from bodycheck.adapters import protocol\n"
+        "from bodycheck.adapters.workers import protocol\n"
         "from bodycheck.adapters.workers.build_identity import Loaded\n"
         "from bodycheck.adapters.registry import get_adapter\n"
         "try:\n    adapter = get_adapter(sys.argv[1])\n"
