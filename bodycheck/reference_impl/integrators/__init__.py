@@ -1,13 +1,15 @@
 """The fixed-step integrators, one module each.
 
-To add an integrator, add a module to this package that assigns its `Integrator` to METHOD. The registry, the
-adapter, the lists and the tests find it by that name.
+To add an integrator:
 
-An explicit Runge-Kutta method is its tableau and its facts: `midpoint.py` is a whole one. Any other method is
-a kernel and its facts: `explicit_gyro.py` for loads that are held constant over the step (zero-order hold),
-`cf4.py` for loads that are evaluated at every stage. The tests derive from the facts which laws they hold a
-method to; `tests/reference_impl/test_integrators.py` takes the formula of a method without a tableau in
-numpy, which is compared with the kernel step by step. Add a line to `docs/engines/reference.md`.
+1. Add a module to this package that assigns an `Integrator` to METHOD. The registry, the reference engine and
+   `bodycheck list methods` find it there. An explicit Runge-Kutta method is its tableau and its facts, as in
+   `midpoint.py`. Any other needs a kernel: that of `explicit_gyro.py` holds loads constant over the step
+   (zero-order hold), that of `cf4.py` evaluates them at every stage.
+2. Add its line to `docs/engines/reference.md`.
+3. Run `pytest tests/reference_impl tests/adapters -k NAME`. The facts select the laws that the method must
+   obey: order, turn per step, preserved structure. For a method without a tableau, add its formula in numpy
+   to FORMULAS in `tests/reference_impl/test_integrators.py`, which compares one step of the kernel with it.
 """
 
 from __future__ import annotations
