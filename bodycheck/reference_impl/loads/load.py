@@ -110,7 +110,7 @@ class ContinuousLoad(Load):
         raise NotImplementedError(f"{self.kind} has no potential energy")
 
     def about_pivot(self, scene: Scene, pivot: Array) -> Load:
-        """Return force and torque of the motion that the centre of mass makes about the pivot."""
+        """Return the same load at where the centre of mass is while the body turns about a pivot (3,)."""
         return _AboutPivot(self, scene, pivot)
 
 
