@@ -71,10 +71,10 @@ def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
     def nothing(*_: object, **__: object) -> Selection:
         return Selection((), (), {}, None, None)
 
-    for module in ("stored_run", "gate_run", "night", "runner"):
-        monkeypatch.setattr(f"bodycheck.{module}.run_selection", ended)
-    for module in ("stored_run", "gate_run", "runner"):
-        monkeypatch.setattr(f"bodycheck.{module}.select", nothing)  # no worker is started for this
+    for module in ("directory", "gate_run", "nightly_run", "runner"):
+        monkeypatch.setattr(f"bodycheck.runs.{module}.run_selection", ended)
+    for module in ("directory", "gate_run", "runner"):
+        monkeypatch.setattr(f"bodycheck.runs.{module}.select", nothing)  # no worker is started for this
 
 
 @pytest.mark.usefixtures("folder", "_no_run")

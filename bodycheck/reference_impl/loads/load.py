@@ -75,7 +75,7 @@ class Load(ABC):
     def about_pivot(self, scene: Scene, pivot: Array) -> Load:
         """Return what it does to a body that turns about a pivot (3,) in body axes, as a load about that.
 
-        The positions that it is given are those of the pivot; its forces no longer matter.
+        Its wrench is given positions (3,) of the pivot; its forces no longer matter.
         """
 
     @classmethod
