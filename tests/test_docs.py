@@ -31,7 +31,7 @@ NOT_RUN = {
     'python3 -m venv .venv && .venv/bin/pip install -e ".[test]" && .venv/bin/python -m pytest': (
         "is these tests; CI runs it"
     ),
-    "python3 -m venv .venv && .venv/bin/pip install .": "installs; tests/long/wheel_trials.py does that",
+    "python3 -m venv .venv && .venv/bin/pip install .": "installs; tools/wheel_trials.py does that",
     ". .venv/bin/activate": "needs the line before",
     '.venv/bin/pip install -e ".[bench]" && .venv/bin/python -m benchmarks '
     "&& .venv/bin/python -m benchmarks.readme": "installs, and measures speed for a quarter of an hour",
@@ -144,9 +144,9 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "docs").mkdir()
     for name in ("small-body.toml", "report_picture.py"):
         shutil.copy(ROOT / "docs" / name, tmp_path / "docs")
-    (tmp_path / "tests" / "long").mkdir(parents=True)
+    (tmp_path / "tools").mkdir()
     for name in ("overhead.py", "worker_trials.py"):
-        shutil.copy(ROOT / "tests" / "long" / name, tmp_path / "tests" / "long")
+        shutil.copy(ROOT / "tools" / name, tmp_path / "tools")
     programs = tmp_path / "bin"
     programs.mkdir()
     for name, told in PROGRAMS.items():

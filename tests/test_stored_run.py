@@ -286,8 +286,8 @@ def test_engines_of_other_packages_are_asked_once(command: Command, tmp_path: Pa
 
 @pytest.mark.nightly
 def test_the_trials_of_faults_find_none(tmp_path: Path) -> None:
-    """Three of the trials of tests/long, each of another kind, end as they must."""
-    script = Path(__file__).parent / "long/fault_trials.py"
+    """Three of the trials of tools, each of another kind, end as they must."""
+    script = Path(__file__).parents[1] / "tools/fault_trials.py"
     done = subprocess.run(
         [sys.executable, str(script), "--trials", "3", "--seed", "7"],
         cwd=tmp_path,

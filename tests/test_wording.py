@@ -37,7 +37,8 @@ def prose() -> Iterator[tuple[str, str]]:
         for number, line in enumerate(text.splitlines(), 1):
             yield f"{page.relative_to(ROOT)}, line {number} without its code", line
     for template in sorted((ROOT / "bodycheck/reports/templates").glob("*.html")):
-        yield str(template.relative_to(ROOT)), template.read_text(encoding="utf-8")
+        text = re.sub(r"\{[{%].*?[%}]\}", "", template.read_text(encoding="utf-8"), flags=re.DOTALL)
+        yield str(template.relative_to(ROOT)), text
     for module in sorted((ROOT / "bodycheck").rglob("*.py")):
         tree = ast.parse(module.read_text(encoding="utf-8"))
         documentation = {

@@ -136,7 +136,7 @@ def test_a_worker_says_why_there_is_no_engine() -> None:
 
 # ------------------------------------------------------------------- a worker of another language, tried
 
-TRIALS = Path(__file__).parents[1] / "long/worker_trials.py"
+TRIALS = Path(__file__).parents[2] / "tools/worker_trials.py"
 DRIFTING = re.findall(r"```toml\n(.*?)```", PAGE, flags=re.DOTALL)[0]
 BROKEN = {
     "times of another rounding": (

@@ -1,6 +1,6 @@
 """Whether a run accuses any healthy method, over random scenarios with every kind of load.
 
-    python tests/long/healthy_trials.py --scenarios 200 --seed 1
+    python tools/healthy_trials.py --scenarios 200 --seed 1
 
 Runs every method of every installed engine on the scenarios of tests/helpers/random_scenarios.py; where links
 are off the centre of mass also the methods for these, and in turn those that run on request. Prints each
@@ -18,7 +18,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "helpers"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/helpers"))
 
 from fault_reports import results_of
 from random_scenarios import write_scenario

@@ -1,6 +1,6 @@
 """Whatever a file holds, its reader takes it or refuses it: no traceback, no hang, no memory without end.
 
-    python tests/long/reader_trials.py --trials 20000 --seed 1
+    python tools/reader_trials.py --trials 20000 --seed 1
 
 Damages sound files of every kind that bodycheck reads, half of them by their grammar, so that the damage
 passes the first parser, and reads each. Prints the figures by reader; ends with status 1 where a reader
@@ -24,8 +24,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
-sys.path.insert(0, str(Path(__file__).parents[1] / "scenarios"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/scenarios"))
 
 import numpy as np
 from forked import Ended, forked

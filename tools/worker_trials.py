@@ -1,6 +1,6 @@
 """Whether a program of any language is a worker as docs/workers.md has it, and how right its engine is.
 
-    python tests/long/worker_trials.py --scenarios smoke ./my-worker
+    python tools/worker_trials.py --scenarios smoke ./my-worker
 
 starts the program, says to it what a run says, and measures its motions as a run does. Prints a line a case,
 with the error of orientation, then a line a rule of the protocol. The status is 1 where a rule is not kept, a

@@ -1,6 +1,6 @@
 """Which planted faults a run with default options reports, and by what.
 
-    python tests/long/planted_fault_table.py [SUITE_OR_SCENARIO ...]
+    python tools/planted_fault_table.py [SUITE_OR_SCENARIO ...]
 
 Runs each faulty method of tests/helpers/planted_faults.py, smoke by default, and prints one row per fault and
 base: what reports it, quantity and size. Ends with status 1 where a fault that could be seen is not reported,
@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
 
 from fault_reports import results_of
 from planted_faults import BASES, FAULTS, SOUND, Faulty

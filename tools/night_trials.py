@@ -1,6 +1,6 @@
 """Nights that are killed, that change nothing, and whose speeds are what this machine made of them.
 
-    python tests/long/night_trials.py --kills 50 --unchanged 20 --measured 31 --sequences 100 --seed 1
+    python tools/night_trials.py --kills 50 --unchanged 20 --measured 31 --sequences 100 --seed 1
 
 Kills: `bodycheck nightly` is killed with all its workers at random moments; afterwards the history must be
 readable, what was stored before unchanged, and the next night succeed. Unchanged: so many nights of a real
@@ -25,7 +25,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
 
 import numpy as np
 import pandas as pd

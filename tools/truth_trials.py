@@ -1,6 +1,6 @@
 """Whether truths lie within their bounds of fifty digits, over random motions of every kind.
 
-    python tests/long/truth_trials.py --free 400 --forced 300
+    python tools/truth_trials.py --free 400 --forced 300
 
 Free bodies of any shape: three in four over some twenty radians, one in four at a time up to 1e9 s. Forced
 ones under each kind of load, as tests/helpers/random_motions.py makes them. All starts have a quaternion that
@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "helpers"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/helpers"))
 
 from random_motions import FORCED, QUANTITIES, exact_motion, far_scene, free_scene, ratios, truth_scene
 

@@ -1,6 +1,6 @@
 """Runs that are killed, interrupted, out of disk or locked out at random moments, and then go on.
 
-    python tests/long/fault_trials.py --trials 200 --seed 1
+    python tools/fault_trials.py --trials 200 --seed 1
 
 Each trial starts a run, does it some harm, and goes on with what is left, as a user would. Afterwards nothing
 that was on disk may be missing or changed, nothing may have been asked for twice, and the tables must be
@@ -26,7 +26,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
 
 import pandas as pd
 import scenario_file

@@ -1,6 +1,6 @@
 """Whatever the command line says, it is carried out or refused: no traceback, no hang, nothing half-written.
 
-    python tests/long/command_trials.py --trials 1000 --seed 1
+    python tools/command_trials.py --trials 1000 --seed 1
 
 Draws command lines of all commands but those that fetch packages, with sound, odd and damaged files, names
 and numbers, and carries each out in a process of its own. Prints the figures; ends with status 1 where one
@@ -21,7 +21,7 @@ from collections import Counter
 from pathlib import Path
 from subprocess import CompletedProcess
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
 
 from forked import forked
 from front_door import bodycheck_in

@@ -1,6 +1,6 @@
 """What a case costs beside its stepping: asking a worker, building, reading, measuring.
 
-    python tests/long/overhead.py standard
+    python tools/overhead.py standard
 
 Each method's case at its coarsest step goes through a run's own code with a worker, one at a time and
 nothing cached; then the same case is stepped in this process, and that time alone is taken away. Workers are

@@ -1,6 +1,6 @@
 """Every mesh of pybullet_data: each refusal checked by another reader, each solid by rational arithmetic.
 
-    python tests/long/mesh_survey.py --most-triangles 20000 --json survey.json
+    python tools/mesh_survey.py --most-triangles 20000 --json survey.json
 
 Reads all .stl, .obj and .ply files of pybullet_data. What is accepted is integrated again in whole numbers
 (every double is one over a power of two), from the triangles that were accepted: mass, centre and inertia

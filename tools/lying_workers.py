@@ -1,6 +1,6 @@
 """Whatever a worker says costs a case or its engine, and never the run.
 
-    python tests/long/lying_workers.py --trials 200 --seed 1
+    python tools/lying_workers.py --trials 200 --seed 1
 
 Each trial runs a scenario by a worker that says one thing wrong, in one of many ways, and by the reference.
 The run must end with status 0 and the reference's rows as they are without the other engine, or with status
@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
 
 import liar
 import pandas as pd

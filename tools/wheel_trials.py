@@ -1,6 +1,6 @@
 """The distribution built and checked, and its wheel at work in an empty environment of each Python.
 
-    python tests/long/wheel_trials.py python3.11 python3.12 python3.13
+    python tools/wheel_trials.py python3.11 python3.12 python3.13
 
 Builds the sdist, and the wheel from it; each must please `twine check --strict`. For each Python named, the
 wheel alone is installed in a new environment, with a cache of its own; help, completion and the lists must
@@ -20,7 +20,7 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 UNWANTED = shutil.ignore_patterns(
     ".*", "build", "dist", "_build", "*.egg-info", "__pycache__", "bodycheck-runs"
 )

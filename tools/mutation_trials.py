@@ -1,7 +1,7 @@
 """Small faults planted at random in the code that measures and judges: how many of them the tests see.
 
-    python tests/long/mutation_trials.py --mutants 200 --seed 1
-    python tests/long/mutation_trials.py --module reports/gates/verdict.py --mutants 50
+    python tools/mutation_trials.py --mutants 200 --seed 1
+    python tools/mutation_trials.py --module reports/gates/verdict.py --mutants 50
 
 A mutant is a copy of the package with one operator, constant, condition, return value or argument changed. It
 is killed when one of the tests that belong to its module fails, or takes several times its usual time. Prints
@@ -33,7 +33,7 @@ from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 LEAST_KILLED = 0.85
 SLACK = 5.0
 """How many times the usual processor time the tests may take, and 5 s beside."""

@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # The lines of bodycheck/ that tests run, of all its statements: those that worker processes run too, and kernels.
 #
-#     bash tests/long/coverage.sh                   # the tests of a push; or what is told to pytest:
-#     bash tests/long/coverage.sh -m "not slow"
+#     bash tools/coverage.sh                   # the tests of a push; or what is told to pytest:
+#     bash tools/coverage.sh -m "not slow"
 #
 # A compiled kernel cannot be watched: laws of the mathematics that are quick without a compiler run again as plain
 # Python, where numpy warns of a NaN that a kernel makes without a word. Prints the files that are not covered whole;
 # the status is 1 below 95 %.
 set -euo pipefail
-cd "$(dirname "$0")/../.."
+cd "$(dirname "$0")/.."
 
 plain=(double_double dynamics elliptic free_rotation integrators rotations wrench)
 folder=$(mktemp -d)

@@ -1,6 +1,6 @@
 """How often the 95 % intervals of estimated solids hold the exact numbers: they should in 93 to 97 %.
 
-    python tests/long/level_set_coverage.py --seeds 100 --columns 10,12 --jobs 2
+    python tools/level_set_coverage.py --seeds 100 --columns 10,12 --jobs 2
 
 Estimates level sets whose mass properties are known in closed form: a smooth solid (a turned ellipsoid), a
 tilted box, and shells thick and thin, the thinnest a hundredth of a cell of the grid.

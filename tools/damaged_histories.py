@@ -1,6 +1,6 @@
 """A history of nightly runs that is damaged in some place: the next run is stored all the same, and names it.
 
-    python tests/long/damaged_histories.py --nights 30 --trials 300 --seed 1
+    python tools/damaged_histories.py --nights 30 --trials 300 --seed 1
 
 The nights are made from one run that is measured once. Each trial damages one file of one night, byte by byte
 or by its grammar, or takes it away, and stores one night more. Prints the figures; ends with status 1 where
@@ -19,7 +19,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
 
 from forked import forked
 from made_nights import run_of_night, stored, unchanged
