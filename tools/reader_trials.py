@@ -57,7 +57,7 @@ from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.summary.advice import advise
 from bodycheck.runs.directory import _describe, _description
 from bodycheck.scenarios.library import load_scenario
-from bodycheck.scenarios.mesh_files import mesh_bytes, parse_mesh
+from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.reader import read_members
 
 LONGEST_S, MOST_MEGABYTES, BATCH = 10.0, 500.0, 25
@@ -133,7 +133,8 @@ def _inputs(sound: Path) -> list[Reader]:
 
 
 def _mesh(path: Path) -> None:
-    parse_mesh(path, mesh_bytes(path))
+    with open_mesh(path) as file:
+        parse_mesh(path, file)
 
 
 def _trajectories(sound: Path) -> list[Reader]:
