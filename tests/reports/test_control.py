@@ -11,7 +11,7 @@ import pytest
 import bodycheck
 from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.convergence import Judged, Point, tolerance_convergence
-from bodycheck.reports.render.page.facts import scenario_facts
+from bodycheck.reports.render.page.scenario_facts import scenario_facts
 
 CHAOTIC = """
 name = "long torque"

@@ -11,9 +11,9 @@ from urllib.parse import quote
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cheapest, cheapest_cases
-from bodycheck.reports.render.page.facts import Limit, limit_of, read_back_facts, scenario_facts
 from bodycheck.reports.render.page.motion import motion_view
 from bodycheck.reports.render.page.plots import coinciding, growth_words, plot_data
+from bodycheck.reports.render.page.scenario_facts import Limit, limit_of, read_back_facts, scenario_facts
 from bodycheck.reports.render.styles import Style
 from bodycheck.reports.run_files.run_tables import (
     MethodKey,
