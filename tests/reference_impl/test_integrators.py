@@ -198,9 +198,9 @@ def test_every_method_of_the_package_is_found() -> None:
     assert len(INTEGRATORS) == sum(source.count("\nMETHOD = ") for source in sources)
 
 
-@pytest.mark.parametrize("module", ["loads.continuous_loads", "truth.callback_motion", "integrators.cf4"])
-def test_modules_that_share_the_right_hand_sides_can_be_imported_first(module: str) -> None:
-    """Importing a part of the package does not import the methods, which import that part."""
+@pytest.mark.parametrize("module", ["continuous_loads", "integrators.facts", "integrators.callback_motion"])
+def test_a_module_that_the_methods_import_can_be_imported_first(module: str) -> None:
+    """The methods, which the package imports, import nothing that imports the package."""
     code = f"import bodycheck.reference_impl.{module}"
     subprocess.run([sys.executable, "-c", code], check=True)
 

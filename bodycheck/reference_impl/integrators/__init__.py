@@ -15,25 +15,14 @@ To add an integrator:
 from __future__ import annotations
 
 import pkgutil
-from functools import cache
 from importlib import import_module
 
 from bodycheck.reference_impl.integrators.facts import Integrator
 
-INTEGRATORS: dict[str, Integrator]
+_MODULES = [import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
+_METHODS: list[Integrator] = [module.METHOD for module in _MODULES if hasattr(module, "METHOD")]
+
+INTEGRATORS = {
+    method.name: method for method in sorted(_METHODS, key=lambda method: (method.order, method.name))
+}
 """The integrators by name, sorted by order and name."""
-
-
-@cache
-def _discovered() -> dict[str, Integrator]:
-    """Return what the modules of this package assign to METHOD."""
-    modules = [import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
-    methods = [module.METHOD for module in modules if hasattr(module, "METHOD")]
-    return {method.name: method for method in sorted(methods, key=lambda method: (method.order, method.name))}
-
-
-def __getattr__(name: str) -> dict[str, Integrator]:
-    # At the first use, not on import: the modules import loads/, which imports right_hand_sides from here.
-    if name == "INTEGRATORS":
-        return _discovered()
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
