@@ -173,7 +173,7 @@ def slope(steps: tuple[int, ...], found: list[float]) -> float:
 REFINEMENTS: dict[int, tuple[tuple[int, ...], float]] = {
     4: ((80, 113, 160), 0.1),
     5: ((113, 160, 226), 0.6),
-    6: ((24, 34, 48), 0.15),
+    6: ((24, 34, 48), 0.1),
     7: ((28, 40, 56), 0.6),
     8: ((16, 20, 24, 28, 32), 0.4),
 }
