@@ -298,7 +298,7 @@ def test_a_night_keeps_all_that_was_measured_and_told(night_run: Run, one_worse:
         *(1, 0, 0, 0),
     ]
     (change,) = pd.read_csv(night / "changes.csv").to_dict("records")
-    assert (change["what"], change["method"], change["fineness"]) == ("energy_drift", "m1", 0.01)
+    assert (change["quantity"], change["method"], change["fineness"]) == ("energy_drift", "m1", 0.01)
     for page in ("night.html", "report.html", "night.md"):
         assert "m1" in (night / page).read_text()
 
