@@ -107,7 +107,7 @@ def test_a_history_is_listed_asked_and_pruned(folder: Path) -> None:
     """One line a night; CSV of what SQL finds; the names of what was removed."""
     night(), night()
     listed = bodycheck("history", "list", "kept")
-    assert [line.split()[1] for line in listed.stdout.splitlines()] == ["status", "past", "no"]
+    assert [line.split()[1] for line in listed.stdout.splitlines()] == ["status", "insufficient", "no"]
     asked = bodycheck("history", "query", "kept", "SELECT count(*) AS nights FROM nights")
     assert asked.stdout.split() == ["nights", "2"]
     oldest = min(path.name for path in (folder / "kept").glob("2*"))

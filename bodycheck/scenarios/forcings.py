@@ -115,6 +115,7 @@ def _table(kind: str, load_type: type[Load]) -> type[LoadTable]:
         f"{load_type.__name__}Table", __base__=base, __doc__=load_type.__doc__, **own
     )
     made.load_type = load_type
+    globals()[made.__name__] = made  # pickle looks a class up in its module
     return made
 
 
