@@ -199,7 +199,7 @@ def test_a_function_of_ones_own_needs_leave_wherever_it_is_asked_about(command: 
         assert "add --allow-code if you trust it" in err
         status, _, err = command(*words, "--allow-code")
         assert status == 2
-        assert re.match("run: has no scenario called; |reference==1.0: ", err)
+        assert re.match(r"run: has no scenario called \(available: |reference==1\.0: ", err)
 
 
 def test_a_table_is_printed_or_written(command: Command) -> None:

@@ -27,7 +27,7 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
 )
-from bodycheck.reference_impl.truth.certification import certification as truth_module
+from bodycheck.reference_impl.truth import certification as truth_module
 from bodycheck.reference_impl.truth.certification import solve_truth
 
 ALIGNED = np.array([1.0, 0.0, 0.0, 0.0])

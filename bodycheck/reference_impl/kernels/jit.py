@@ -121,7 +121,7 @@ def _content(path: Path) -> Any:
 
 @cache
 def _say_once(why: str) -> None:
-    print(f"{why}; what is compiled is kept for this command alone", file=sys.stderr)
+    print(f"{why}; compiled code is cached for this command only", file=sys.stderr)
 
 
 def check_files_of(dispatcher: Any) -> Any:

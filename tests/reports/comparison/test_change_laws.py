@@ -34,7 +34,7 @@ def run(*cases: dict[str, Any], **parts: Any) -> Tables:
 
 def change(**cells: Any) -> Change:
     """Return a worse error of one case, but for what is told."""
-    usual = {"kind": "accuracy", "scenario": "brick", "engine": "mujoco", "method": "rk4", "what": ERROR}
+    usual = {"kind": "accuracy", "scenario": "brick", "engine": "mujoco", "method": "rk4", "quantity": ERROR}
     told = {"before": 1e-3, "after": 1e-2, "status": "worse", "control": "dt", "fineness": 0.01}
     return Change(**{**usual, **told, "decades": 1.0, **cells})
 
@@ -420,7 +420,7 @@ def test_cases_are_told_apart_by_step_and_tolerance() -> None:
     """A case of another step came, one of a tolerance went; each has its own outcome."""
     tolerance = {"control": "tolerance", "dt_s": None, "tolerance": 1e-6, "outcome": "timeout"}
     found = compare(run({}, tolerance), run({}, {"dt_s": 0.02})).changes
-    cells = {"kind": "case", "what": "case", "decades": None}
+    cells = {"kind": "case", "quantity": "case", "decades": None}
     gone = change(**cells, before="timeout", after=None, status="missing", control="tolerance", fineness=1e-6)
     assert set(found) == {gone, change(**cells, before=None, after="ok", status="new", fineness=0.02)}
 

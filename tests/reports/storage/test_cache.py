@@ -13,7 +13,7 @@ from full_disk import no_file_longer_than
 
 from bodycheck._util.checksummed_json import sealed
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
-from bodycheck.reference_impl.truth.certification import certification as truth
+from bodycheck.reference_impl.truth import certification as truth
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reports.cache import truths
 from bodycheck.reports.cache.disk_cache import Cache
