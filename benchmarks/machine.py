@@ -1,4 +1,4 @@
-"""What the figures were measured on: processor, cores, versions; nothing that tells whose machine it was."""
+"""Describe the machine of a measurement: processor, cores, versions; nothing that identifies its owner."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _LIBRARIES = ("bodycheck", "numpy", "numba", "llvmlite", "scipy", "mujoco", "hey
 
 
 def machine() -> dict[str, object]:
-    """Return plain data; a library that is not installed is left out."""
+    """Return plain data, without libraries that are not installed."""
     return {
         "cpu": cpu_model(),
         "cores": os.cpu_count(),

@@ -3,9 +3,9 @@
 To add an integrator:
 
 1. Add a module to this package that assigns an `Integrator` to METHOD. The registry, the reference engine and
-   `bodycheck list methods` find it there. An explicit Runge-Kutta method is its tableau and its facts, as in
-   `midpoint.py`. Any other needs a kernel: that of `explicit_gyro.py` holds loads constant over the step
-   (zero-order hold), that of `cf4.py` evaluates them at every stage.
+   `bodycheck list methods` find it there. An explicit Runge-Kutta method needs only its tableau and its
+   facts, as in `midpoint.py`. Any other method needs a kernel: the one in `explicit_gyro.py` holds loads
+   constant over the step (zero-order hold), the one in `cf4.py` evaluates them at every stage.
 2. Add its line to `docs/engines/reference.md`.
 3. Run `pytest tests/reference_impl tests/adapters -k NAME`. The facts select the laws that the method must
    obey: order, turn per step, preserved structure. For a method without a tableau, add its formula in numpy

@@ -1,4 +1,4 @@
-"""One body under forces and torques that only a function knows, by the stages of a Runge-Kutta method."""
+"""Integrate one body under a force and torque callback, with a Runge-Kutta method evaluated in Python."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ def solve_black_box(
 ) -> Trajectory:
     """x' = v, v' = F / m, q' = q omega / 2, omega' = I^-1 (R^T tau - omega x I omega), at the times t_s.
 
-    By the stages of Dormand and Prince.
+    Uses the method of order 8 of Dormand and Prince.
 
-    t_s (n,): ascending, from the time of the initial state on. Between two samples all steps are of one
-    length, the longest that divides the interval and is not longer than dt_s, so that every sample is the
-    end of a step. The order is 8 where the wrench is smooth; a switch should lie at a sample. The
-    quaternion is not normalised.
+    t_s (n,): ascending, starting at the time of the initial state. Each sample is the end of a step: between
+    two samples, all steps have the same length, the longest that divides the interval and does not exceed
+    dt_s. The order is 8 if the wrench is smooth; place a sample at each discontinuity. The quaternion is not
+    normalised.
 
-    Raises ValueError, naming the value, for times that do not ascend, dt_s <= 0, and a force, torque or
-    state that is not finite or not (3,).
+    Raises ValueError, which names the value, for times that do not ascend, dt_s <= 0, a force or torque that
+    is not finite or not (3,), and an initial state that is not 13 finite numbers.
     """
     if not 0.0 < dt_s < math.inf:
         raise ValueError(f"dt_s must be a positive number of seconds, got {dt_s!r}")
@@ -79,9 +79,9 @@ def solve_black_box(
 def stage_by_stage_asking(
     tableau: Tableau, packed: Array, load: Array, wrench: Wrenching, t: float, y: Array, h: float
 ) -> Array:
-    """y + h sum b_i k_i (13,), the function asked at each stage.
+    """y + h sum b_i k_i (13,), calling the function at each stage.
 
-    packed (19,) and load (21,), what acts besides the function, as in right_hand_sides.py.
+    packed (19,) and load (21,), which acts in addition to the function, as in right_hand_sides.py.
     y: position, velocity, omega in body axes, quaternion.
     """
     a, b, c = tableau
@@ -95,7 +95,7 @@ def stage_by_stage_asking(
 
 
 def _finite(wrench: Wrenching) -> Wrenching:
-    """Return the same function, which raises ValueError where it gives anything but finite (3,)."""
+    """Return the function wrapped: it raises ValueError unless force and torque are finite and (3,)."""
 
     def checked(
         t: float, position: Array, rotation: Array, velocity: Array, omega: Array
@@ -115,7 +115,7 @@ def _checked(name: str, value: Array, t: float) -> Array:
 
 @kernel
 def _seen(y: Array) -> tuple[Array, Array]:
-    """R (3, 3), and omega in world axes."""
+    """R (3, 3), and omega (3,) in world axes."""
     rotation = matrix_of((y[9], y[10], y[11], y[12]))
     omega = times(rotation, vector_at(y, 6))
     return np.array(rotation).reshape(3, 3), np.array(omega)
@@ -123,7 +123,7 @@ def _seen(y: Array) -> tuple[Array, Array]:
 
 @kernel
 def _rates(y: Array, body: Array, load: Array, force: Array, torque: Array) -> Array:
-    """The rates of x, v, omega and q, by a load and by a force and a torque in world axes."""
+    """The rates of x, v, omega and q under a load, and a force and a torque in world axes."""
     q, omega = (y[9], y[10], y[11], y[12]), vector_at(y, 6)
     rotation = matrix_of(q)
     held = add(body_torque(rotation, load), transposed_times(rotation, vector_at(torque, 0)))

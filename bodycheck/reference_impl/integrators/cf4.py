@@ -1,4 +1,4 @@
-"""q+ = q exp(h (3k1 + 2k2 + 2k3 - k4) / 12) exp(h (-k1 + 2k2 + 2k3 + 3k4) / 12): CF4, free of commutators."""
+"""q+ = q exp(h (3k1 + 2k2 + 2k3 - k4) / 12) exp(h (-k1 + 2k2 + 2k3 + 3k4) / 12): commutator-free CF4."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _rates(q: Quat, momentum: Vec, body: Array, load: Array) -> tuple[Vec, Vec, 
 def _with_lasting(
     constant: tuple[Vec, Vec, Vec], t: float, x: Vec, v: Vec, q: Quat, mass: float, lasting: Array
 ) -> tuple[Vec, Vec, Vec]:
-    """Add the lasting loads at a stage to its rates omega, L', v'."""
+    """Add the continuous loads at a stage to its rates omega, L', v'."""
     omega, torque, linear_acceleration = constant
     rotation = matrix_of(q)
     force, couple = lasting_wrench(t, x, rotation, v, times(rotation, omega), lasting)
@@ -61,10 +61,10 @@ def advance(
     lasting: Array | None = None,
     begin: float = 0.0,
 ) -> None:
-    """Make the steps in place.
+    """Advance the state by the steps, in place.
 
-    The group is SO(3) for the attitude and R^3 for L, x and v, where the method is the classical
-    Runge-Kutta method: L, in world axes, changes by the torque alone.
+    The group is SO(3) for the attitude and R^3 for L, x and v. On R^3 the method is the classical
+    Runge-Kutta method, so that only the torque changes L, which is in world axes.
     """
     x, v, momentum = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     q = (state[9], state[10], state[11], state[12])
@@ -87,7 +87,7 @@ def advance(
             x3, v3 = scaled_add(x, half, v2), scaled_add(v, half, a2)
             k3 = _with_lasting(k3, t + half, x3, v3, q3, body[0], lasting)
         w3, t3, a3 = k3
-        # from the second stage, which has turned by dt/2 k1 already
+        # starts from the second stage, which is already rotated by dt/2 k1
         q4 = _rotated(q2, dt, scaled_add(w3, -0.5, w1))
         k4 = _rates(q4, scaled_add(momentum, dt, t3), body, load)
         if lasting is not None:
@@ -97,7 +97,7 @@ def advance(
         middle = (2.0 * (w2[0] + w3[0]), 2.0 * (w2[1] + w3[1]), 2.0 * (w2[2] + w3[2]))
         q = _rotated(q, twelfth, scaled_add(scaled_add(middle, 3.0, w1), -1.0, w4))
         q = _rotated(q, twelfth, scaled_add(scaled_add(middle, 3.0, w4), -1.0, w1))
-        # the stages' velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3 summed up
+        # the weighted sum of the stage velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3
         x = scaled_add(x, dt, v)
         x = scaled_add(x, dt * sixth, a1)
         x = scaled_add(x, dt * sixth, a2)
@@ -115,7 +115,7 @@ def advance(
 def advance_forced(
     state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
 ) -> None:
-    """Make the steps in place under lasting loads as well."""
+    """Advance the state by the steps, in place, with continuous loads."""
     advance(state, body, load, dt, steps, lasting, begin)
 
 

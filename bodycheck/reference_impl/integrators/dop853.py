@@ -1,4 +1,4 @@
-"""The Runge-Kutta method of order 8 of Dormand and Prince, on the quaternion and on Euler's equations."""
+"""The Runge-Kutta method of order 8 of Dormand and Prince, for the quaternion and Euler's equations."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _weighted(weights: tuple[float, ...], a: tuple[Vec, ...]) -> Vec:
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place, omega in body axes."""
+    """Advance the state by the steps, in place. omega is in body axes."""
     x, v, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     y = (state[9], state[10], state[11], state[12], omega[0], omega[1], omega[2])
     for _ in range(steps):
@@ -57,7 +57,7 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
         k10, a10 = _rates(combined(y, dt, A[10], (k1, k4, k5, k6, k7, k8, k9)), body, load)
         k11, a11 = _rates(combined(y, dt, A[11], (k1, k4, k5, k6, k7, k8, k9, k10)), body, load)
         k12, a12 = _rates(combined(y, dt, A[12], (k1, k4, k5, k6, k7, k8, k9, k10, k11)), body, load)
-        # x'' depends on q alone: x and v need no stages of their own
+        # x'' depends on q alone: x and v need no separate stages
         a = (a1, a6, a7, a8, a9, a10, a11, a12)
         x = scaled_add(scaled_add(x, dt, v), dt * dt, _weighted(B_REMAINING, a))
         v = scaled_add(v, dt, _weighted(B, a))

@@ -1,8 +1,9 @@
 """y+ = y + h sum b_i k_i, k_i = f(t + c_i h, y + h sum a_ij k_j): the twelve stages of Dormand and Prince.
 
-The method of order 8 behind DOP853, without its error estimate; the coefficients are those of the code
-dop853.f, Hairer, Norsett and Wanner (1993), Solving ordinary differential equations I, section II.5. They
-satisfy sum_j b_j a_ji = b_i (1 - c_i): an acceleration at c_i moves the place by what is left of the step.
+This is the order-8 method of DOP853 without its error estimate. The coefficients are from the code dop853.f,
+Hairer, Norsett and Wanner (1993), Solving ordinary differential equations I, section II.5. They satisfy
+sum_j b_j a_ji = b_i (1 - c_i): an acceleration at c_i changes the position in proportion to the rest of the
+step.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.kernels.jit import inlined_kernel
 
 Turning: TypeAlias = tuple[float, float, float, float, float, float, float]
-"""What stages are made of in a kernel: the quaternion and omega in body axes, or the rates of the two."""
+"""A stage in a kernel: the quaternion and omega in body axes, or their rates."""
 
 NODES = (
     0.0,
@@ -31,7 +32,7 @@ NODES = (
     0.8571428571428571,
     1.0,
 )
-"""c_i, in parts of the step."""
+"""c_i, as fractions of the step."""
 
 ROWS: tuple[dict[int, float], ...] = (
     {},
@@ -87,7 +88,7 @@ ROWS: tuple[dict[int, float], ...] = (
         11: 0.6433927460157636,
     },
 )
-"""a_ij of the stages i = 1 to 12, by the earlier stage j that it belongs to; the others are 0."""
+"""a_ij for the stages i = 1 to 12, keyed by the earlier stage j; the others are 0."""
 
 WEIGHTS = {
     1: 0.054293734116568765,
@@ -99,7 +100,7 @@ WEIGHTS = {
     11: 0.20136540080403034,
     12: 0.04471061572777259,
 }
-"""b_i by the stage i; the others are 0."""
+"""b_i keyed by the stage i; the others are 0."""
 
 TABLEAU = Tableau(
     a=np.array([[row.get(j, 0.0) for j in range(1, 13)] for row in ROWS]),
@@ -108,10 +109,10 @@ TABLEAU = Tableau(
 )
 
 A = ((), *(tuple(row.values()) for row in ROWS))
-"""For kernels: A[i] are the coefficients of stage i that are not 0, in order."""
+"""For kernels: A[i] holds the non-zero coefficients of stage i, in order."""
 
 B = tuple(WEIGHTS.values())
-"""For kernels: the weights that are not 0, in order."""
+"""For kernels: the non-zero weights, in order."""
 
 B_REMAINING = tuple(weight * (1.0 - NODES[stage - 1]) for stage, weight in WEIGHTS.items())
 """For kernels: b_i (1 - c_i), in the order of B."""
@@ -133,7 +134,7 @@ def plus(y: Turning, s: float, k: Turning) -> Turning:
 
 @inlined_kernel
 def combined(y: Turning, h: float, coefficients: tuple[float, ...], k: tuple[Turning, ...]) -> Turning:
-    """y + h sum a_j k_j: the loop is over constants, and the compiler unrolls it."""
+    """y + h sum a_j k_j. The number of terms is a constant, so the compiler unrolls the loop."""
     total = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for j in range(len(k)):
         total = plus(total, coefficients[j], k[j])

@@ -1,4 +1,4 @@
-"""Forward Euler on the rotation matrix: R+ = R + dt [omega]x R, which leaves SO(3) at once."""
+"""Forward Euler on the rotation matrix: R+ = R + dt [omega]x R, which leaves SO(3) in the first step."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from bodycheck.reference_impl.kernels.small_vectors import (
 def step(state: Array, body: Array, load: Array, dt: float) -> None:
     """x+ = x + dt v, v+ = v + dt a, L+ = L + dt tau, R+ = R + dt [omega]x R; omega = R I0^-1 R^T L.
 
-    state (18,): x, v, L and R, row by row, in place; body (19,) and load (21,) as in right_hand_sides.py.
+    state (18,): x, v, L and R in row-major order, updated in place; body (19,) and load (21,) as in
+    right_hand_sides.py.
     """
     velocity, momentum, rotation = vector_at(state, 3), vector_at(state, 6), matrix_at(state, 9)
     torque_world = times(rotation, body_torque(rotation, load))
@@ -40,7 +41,7 @@ def step(state: Array, body: Array, load: Array, dt: float) -> None:
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place: state (18,), body (19,), load (21,), as for `step`."""
+    """Advance the state by the steps, in place: state (18,), body (19,), load (21,), as for `step`."""
     for _ in range(steps):
         step(state, body, load, dt)
 

@@ -1,4 +1,4 @@
-"""Forward Euler on the rotation matrix, taken back to SO(3) by the SVD after every step."""
+"""Forward Euler on the rotation matrix, projected onto SO(3) by an SVD after every step."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import Mat, Vec, dot, matrix_at
 
 _EPS = 2.0**-52
-_MOST_SWEEPS = 30  # three or four are enough; more are made only where the state is not finite
+_MOST_SWEEPS = 30  # three or four suffice; more are needed only if the state is not finite
 
 
 @kernel
@@ -26,7 +26,7 @@ def _rotated(a: Vec, b: Vec, c: float, s: float) -> tuple[Vec, Vec]:
 
 @kernel
 def _made_orthogonal(a: Vec, b: Vec, v: Vec, w: Vec) -> tuple[Vec, Vec, Vec, Vec, bool]:
-    """Turn the columns a, b, and v, w with them, so that a . b = 0; True if they were so already."""
+    """Rotate the columns a, b, and v, w with them, so that a . b = 0; True if that already holds."""
     aa, bb, ab = dot(a, a), dot(b, b), dot(a, b)
     if abs(ab) <= _EPS * math.sqrt(aa * bb):
         return a, b, v, w, True
@@ -65,9 +65,9 @@ def nearest_rotation(m: Mat) -> Mat:
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place; each ends with R = U V^T of the SVD U S V^T.
+    """Advance the state by the steps, in place; each ends with R = U V^T of the SVD U S V^T.
 
-    state (18,), body (19,) and load (21,) as for euler.step. det U V^T = +1 needs no repair here:
+    state (18,), body (19,) and load (21,) as for euler.step. det U V^T = +1 needs no correction:
     det (I + dt [omega]x) = 1 + dt^2 omega^2 > 0.
     """
     for _ in range(steps):

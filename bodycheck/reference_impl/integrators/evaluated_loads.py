@@ -1,4 +1,4 @@
-"""Continuous loads in fixed steps: at every stage of a tableau, or at a step's start (zero-order hold)."""
+"""Evaluate continuous loads in fixed steps: at every stage, or at the start of a step (zero-order hold)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SPINS: dict[Spin, int] = {"omega_body": _BODY, "omega_world": _WORLD, "angular_
 
 
 def held_over_steps(advance: Advance, spin: Spin) -> AdvanceUnder:
-    """Return how a method steps under lasting loads that it holds over each step."""
+    """Return the stepper of a method that holds continuous loads constant over the step (zero-order hold)."""
 
     def advance_forced(
         state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
@@ -44,7 +44,7 @@ def held_over_steps(advance: Advance, spin: Spin) -> AdvanceUnder:
 
 @kernel
 def _omega_world(spin: Vec, kind: int, rotation: Mat, body: Array) -> Vec:
-    """omega in world axes of omega in body axes, in world axes, or of L in world axes."""
+    """omega in world axes, from omega in body axes, omega in world axes, or L in world axes."""
     if kind == _BODY:
         return times(rotation, spin)
     if kind == _WORLD:
@@ -63,7 +63,7 @@ def _advance_held(
     dt: float,
     steps: int,
 ) -> None:
-    """Make the steps in place, each under load and what the lasting loads are at its start."""
+    """Advance the state by the steps, in place, with continuous loads held constant over each."""
     held = load.copy()
     for step in range(steps):
         if len(state) == 13:
@@ -80,7 +80,7 @@ def _advance_held(
 
 @cache
 def _compiled() -> Any:
-    """Compile once for all methods: the method is called by its address."""
+    """Compile once for all methods: the method is passed as a function pointer."""
     array = types.float64[::1]
     method = types.FunctionType(types.void(array, array, array, types.float64, types.int64))
     compiled = kernel(_advance_held)
@@ -105,7 +105,7 @@ _FORCE_WORLD, _TORQUE_WORLD = slice(3, 6), slice(9, 12)
 
 
 def supports_callbacks(method: Integrator) -> bool:
-    """Whether its loads are needed where Python can be asked: at a step's start, or at a tableau's stages."""
+    """Whether Python can call the load: the method needs it at the start of a step, or has a tableau."""
     return method.lasting == "held over the step" or method.tableau is not None
 
 
@@ -119,9 +119,10 @@ def advance_asking(
     dt: float,
     steps: int,
 ) -> None:
-    """Make the steps in place under a constant load and the function's; the method `supports_callbacks`.
+    """Advance the state by the steps, in place, under a constant load and a function.
 
-    state, body and load as of Integrator.advance; begin: the time in s at which the first step begins.
+    method: one for which `supports_callbacks` is true. state, body and load: as for Integrator.advance.
+    begin: the time in s at the start of the first step.
     """
     for step in range(steps):
         t = begin + step * dt
@@ -138,7 +139,7 @@ def advance_asking(
 
 
 def rotation_held(method: Integrator, state: Array) -> Array:
-    """R (3, 3) of a state; of a method that carries a matrix that matrix itself, whatever became of it."""
+    """R (3, 3) of a state. If the state holds a matrix, it is returned unchanged, orthogonal or not."""
     numbers = state[9:]
     if method.attitude == "quaternion":
         numbers = np.array(matrix_of(tuple(numbers.tolist())))
@@ -146,7 +147,7 @@ def rotation_held(method: Integrator, state: Array) -> Array:
 
 
 def omega_world(method: Integrator, state: Array, body: Array, rotation: Array) -> Array:
-    """omega (3,) in world axes of a state: as it is, R omega, or R I^-1 R^T L, by the method's own R."""
+    """omega (3,) in world axes of a state: omega, R omega, or R I^-1 R^T L, with the R of the method."""
     spin = state[6:9]
     match method.spin:
         case "omega_world":

@@ -1,4 +1,4 @@
-"""Map M1: the explicit gyroscopic term first, then the pose by the new velocity; what most engines do."""
+"""Map M1, used by most engines: the explicit gyroscopic term, then the pose from the new velocity."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bodycheck.reference_impl.kernels.small_vectors import (
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place, omega in body axes."""
+    """Advance the state by the steps, in place. omega is in body axes."""
     inertia, inertia_inverse = matrix_at(body, 1), matrix_at(body, 10)
     position, velocity, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     q = (state[9], state[10], state[11], state[12])

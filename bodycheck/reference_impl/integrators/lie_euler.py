@@ -1,4 +1,4 @@
-"""The update that moves R first: R+ = exp(dt [omega]x) R, then omega+ = I(R+)^-1 (I(R) omega + dt tau)."""
+"""Update R first: R+ = exp(dt [omega]x) R, then omega+ = I(R+)^-1 (I(R) omega + dt tau)."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from bodycheck.reference_impl.kernels.small_vectors import (
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place.
+    """Advance the state by the steps, in place.
 
-    The momentum I(R) omega is carried itself, so that solving for omega and multiplying back rounds
-    nothing; R is held as a unit quaternion, whose products leave SO(3) the slowest.
+    The state holds the momentum I(R) omega, which avoids the rounding of solving for omega and multiplying
+    back. It holds R as a unit quaternion, whose products drift from SO(3) most slowly.
     """
     inertia_inverse = matrix_at(body, 10)
     position, velocity, momentum = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)

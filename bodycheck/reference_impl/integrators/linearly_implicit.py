@@ -44,7 +44,10 @@ def _newton_matrix(inertia: Mat, omega: Vec, dt: float) -> Mat:
 def advance_linearised(
     state: Array, body: Array, load: Array, dt: float, steps: int, torque_inside: bool
 ) -> None:
-    """Make the steps in place, omega in body axes; the torque inside the linear solve (M2) or not (M3)."""
+    """Advance the state by the steps, in place, with the torque inside the linear solve (M2) or not (M3).
+
+    omega is in body axes.
+    """
     inertia, inertia_inverse = matrix_at(body, 1), matrix_at(body, 10)
     position, velocity, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     q = (state[9], state[10], state[11], state[12])
@@ -68,7 +71,7 @@ def advance_linearised(
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place, omega in body axes."""
+    """Advance the state by the steps, in place. omega is in body axes."""
     advance_linearised(state, body, load, dt, steps, True)
 
 

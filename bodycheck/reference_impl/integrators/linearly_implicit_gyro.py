@@ -1,4 +1,4 @@
-"""Map M3: the gyroscopic term by a linearised implicit solve, the torque explicit beside it."""
+"""Map M3: the gyroscopic term by a linearised implicit solve, the torque explicit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bodycheck.reference_impl.kernels.jit import kernel
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place, omega in body axes."""
+    """Advance the state by the steps, in place. omega is in body axes."""
     advance_linearised(state, body, load, dt, steps, False)
 
 

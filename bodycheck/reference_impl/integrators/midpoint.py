@@ -1,4 +1,4 @@
-"""The explicit midpoint rule on the quaternion and on Euler's equations, not normalised."""
+"""The explicit midpoint rule for the quaternion, not normalised, and Euler's equations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forward Euler on the quaternion and on Euler's equations: q+ = q + dt/2 q omega, not normalised."""
+"""Forward Euler for the quaternion, not normalised, and Euler's equations: q+ = q + dt/2 q omega."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from bodycheck.reference_impl.kernels.small_vectors import (
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place: state (13,): x, v, omega in body axes, q; body (19,), load (21,)."""
+    """Advance the state by the steps, in place.
+
+    state (13,): x, v, omega in body axes, q; body (19,) and load (21,) as in right_hand_sides.py.
+    """
     inertia, inertia_inverse = matrix_at(body, 1), matrix_at(body, 10)
     position, velocity, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     q = (state[9], state[10], state[11], state[12])

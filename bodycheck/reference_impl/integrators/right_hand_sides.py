@@ -1,7 +1,7 @@
-"""The right-hand sides that the fixed-step kernels share, and how their arguments are packed.
+"""The right-hand sides that the fixed-step kernels share, and the layout of their arguments.
 
-load (21,): force_body, force_world with the weight, torque_body, torque_world, moment (3, 3), as
-Wrench.packed makes it. body (19,): mass, inertia, inverse inertia, as `packed_body` makes it.
+load (21,): force_body, force_world including the weight, torque_body, torque_world, moment (3, 3), as
+Wrench.packed returns it. body (19,): mass, inertia, inverse inertia, as `packed_body` returns it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from bodycheck.reference_impl.scene import RigidBody
 
 
 def packed_body(body: RigidBody) -> Array:
-    """(19,): mass, the nine of I, the nine of I^-1."""
+    """(19,): mass, the nine elements of I, the nine elements of I^-1."""
     return np.concatenate([[body.mass], body.inertia.ravel(), np.linalg.inv(body.inertia).ravel()])
 
 
@@ -31,7 +31,7 @@ def packed_body(body: RigidBody) -> Array:
 def body_torque(rotation: Mat, load: Array) -> Vec:
     """tau = tau_b + R^T tau_w + sum a x R^T F, in body axes, N m; load (21,) as above."""
     held = add(vector_at(load, 6), transposed_times(rotation, vector_at(load, 9)))
-    # (moment R)_bc; each world force F at a gives tau_a = eps_abc a_b (R^T F)_c
+    # (moment R)_bc; each world force F at the point a gives tau_a = eps_abc a_b (R^T F)_c
     row0 = transposed_times(rotation, vector_at(load, 12))
     row1 = transposed_times(rotation, vector_at(load, 15))
     row2 = transposed_times(rotation, vector_at(load, 18))

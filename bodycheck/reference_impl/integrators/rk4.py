@@ -1,4 +1,4 @@
-"""The classical Runge-Kutta method on the quaternion and on Euler's equations, not normalised."""
+"""The classical Runge-Kutta method for the quaternion, not normalised, and Euler's equations."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _advanced(q: Quat, s: float, rate: Quat) -> Quat:
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place, omega in body axes."""
+    """Advance the state by the steps, in place. omega is in body axes."""
     position, velocity, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     q = (state[9], state[10], state[11], state[12])
     half, sixth = 0.5 * dt, dt / 6.0
@@ -60,9 +60,9 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
         q2, w2, a2 = _rates(_advanced(q, half, q1), scaled_add(omega, half, w1), body, load)
         q3, w3, a3 = _rates(_advanced(q, half, q2), scaled_add(omega, half, w2), body, load)
         q4, w4, a4 = _rates(_advanced(q, dt, q3), scaled_add(omega, dt, w3), body, load)
-        # increments are summed before they are added: a large state rounds once a step, not four times
+        # sum the increments before adding them: a large state rounds once per step, not four times
         middle = add(a2, a3)
-        # x'' depends on q alone: the stages' velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3 summed up
+        # x'' depends on q alone: sum the stage velocities v, v + dt/2 a1, v + dt/2 a2, v + dt a3
         position = scaled_add(position, dt, scaled_add(velocity, sixth, add(a1, middle)))
         velocity = scaled_add(velocity, sixth, scaled_add(add(a1, a4), 2.0, middle))
         omega = scaled_add(omega, sixth, scaled_add(add(w1, w4), 2.0, add(w2, w3)))

@@ -1,4 +1,4 @@
-"""The explicit Runge-Kutta methods on y = (x, v, omega, q), by their tableaus."""
+"""Explicit Runge-Kutta methods on y = (x, v, omega, q), defined by their tableaus."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def runge_kutta(
     source: str,
     advance: Advance | None = None,
 ) -> Integrator:
-    """Return the method of a tableau on Euler's equations and on the quaternion, which is not normalised.
+    """Return the method of a tableau for Euler's equations and the quaternion, which is not normalised.
 
-    advance: a kernel for constant loads with this tableau written out. The kernel of all tableaus, which else
-    makes the steps, takes twice as long.
+    advance: a kernel for constant loads specialised to this tableau. [default: the generic kernel, which
+    takes twice as long]
     """
 
     def advance_constant(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
@@ -103,7 +103,7 @@ def _advance(
     b: Array,
     c: Array,
 ) -> None:
-    """Make the steps in place, omega in body axes."""
+    """Advance the state by the steps, in place. omega is in body axes."""
     stages, point = np.zeros((len(b), 13)), np.empty(13)
     for step in range(steps):
         t = begin + step * dt

@@ -13,11 +13,11 @@ class Tableau(NamedTuple):
     """k_i = f(t + c_i dt, y + dt sum a_ij k_j), y+ = y + dt sum b_i k_i."""
 
     a: Array
-    """(s, s), strictly lower."""
+    """(s, s), strictly lower triangular."""
     b: Array
     """(s,)."""
     c: Array
-    """(s,), the sums of the rows of a."""
+    """(s,), the row sums of a."""
 
     def stability_function(self, z: complex) -> complex:
         """R(z) = 1 + z b (1 - z a)^-1 (1, ..., 1): a step of y' = lambda y with z = lambda dt is y+ = R(z) y.

@@ -1,8 +1,8 @@
-"""Double-double arithmetic: a number is the exact sum (high, low) of two doubles, 106 bits in all.
+"""Double-double arithmetic: a number is the exact sum of two doubles (high, low), 106 bits in total.
 
-Errors are relative, for operands and results whose parts stay normal (roughly 1e-290 to 1e290 for the
-sum; splitting overflows above 2^996). Every kernel is compiled without fusing products and sums, and
-none relies on a fused multiply-add, so that the plain Python run gives the same bits.
+Error bounds are relative. They hold while both parts of operands and results are normal doubles (roughly
+1e-290 to 1e290 for the sum; splitting overflows above 2^996). Kernels are compiled without contracting
+products and sums, and do not use fused multiply-add: plain Python gives the same bits.
 
 Sources: Dekker 1971, A floating-point technique for extending the available precision; Knuth, TAOCP 2,
 4.2.2; Hida, Li & Bailey 2001, Algorithms for quad-double precision floating point arithmetic; bounds in
@@ -60,7 +60,7 @@ def two_product(a: float, b: float) -> DoubleDouble:
 
 @exact_kernel
 def add(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
-    """Return x + y to 3 * 2^-106, also where the high parts cancel."""
+    """Return x + y to 3 * 2^-106, even if the high parts cancel."""
     s, e = two_sum(x[0], y[0])
     t, f = two_sum(x[1], y[1])
     s, e = quick_two_sum(s, e + t)
@@ -69,7 +69,7 @@ def add(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
 
 @exact_kernel
 def subtract(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
-    """Return x - y to 3 * 2^-106, also where the high parts cancel."""
+    """Return x - y to 3 * 2^-106, even if the high parts cancel."""
     return add(x, (-y[0], -y[1]))
 
 
@@ -82,13 +82,13 @@ def multiply(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
 
 @exact_kernel
 def scale(x: DoubleDouble, factor: float) -> DoubleDouble:
-    """Return x times a power of two, exactly unless it leaves the range of doubles."""
+    """Return x times a power of two; exact unless it overflows or underflows."""
     return x[0] * factor, x[1] * factor
 
 
 @exact_kernel
 def divide(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
-    """Return x / y to 10 * 2^-106, y not zero (Joldes et al., algorithm 17)."""
+    """Return x / y to 10 * 2^-106, for y != 0 (Joldes et al., algorithm 17)."""
     quotient = x[0] / y[0]
     product, low = two_product(quotient, y[0])
     rest = ((x[0] - product) - low) + (x[1] - quotient * y[1])
@@ -97,7 +97,7 @@ def divide(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
 
 @exact_kernel
 def square_root(x: DoubleDouble) -> DoubleDouble:
-    """Return the root of x >= 0 to 4 * 2^-106: one Newton step from the root of its high part."""
+    """Return sqrt(x), x >= 0, to 4 * 2^-106: one Newton step from the square root of the high part."""
     if x[0] <= 0.0:
         return 0.0, 0.0
     root = math.sqrt(x[0])
@@ -111,10 +111,11 @@ _TERMS = 15  # (pi/4)^31 / 31! < 2^-119
 
 @exact_kernel
 def add_product(total: DoubleDouble, x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
-    """Return total + x y, for a sum that `settled` ends: the low part just gathers what is lost.
+    """Return total + x y without normalising; call `settled` on the final sum.
 
-    n products are summed to about n 2^-105 of the largest partial sum (the Dot2 of Ogita, Rump & Oishi 2005,
-    Accurate sum and dot product, with operands of two parts), at two thirds of the cost of `add`.
+    The low part accumulates the rounding errors. The sum of n products has an error of about n 2^-105 times
+    the largest partial sum, at two thirds of the cost of `add`. Source: Dot2 of Ogita, Rump & Oishi 2005,
+    Accurate sum and dot product, with double-double operands.
     """
     p, e = two_product(x[0], y[0])
     s, f = two_sum(total[0], p)
@@ -123,13 +124,13 @@ def add_product(total: DoubleDouble, x: DoubleDouble, y: DoubleDouble) -> Double
 
 @exact_kernel
 def subtract_product(total: DoubleDouble, x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
-    """Return total - x y, like `add_product`."""
+    """Return total - x y without normalising, as `add_product` does."""
     return add_product(total, (-x[0], -x[1]), y)
 
 
 @exact_kernel
 def settled(total: DoubleDouble) -> DoubleDouble:
-    """Return the sum with its low part below half an ulp of its high part."""
+    """Return the sum normalised: the low part is at most half an ulp of the high part."""
     return two_sum(total[0], total[1])
 
 
@@ -155,9 +156,9 @@ def _sine_and_cosine_series(x: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble
 
 @exact_kernel
 def sine_and_cosine(x: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble]:
-    """Return sin x and cos x to (1 + |x|) 2^-103, absolute, for |x| up to 2^50."""
+    """Return sin x and cos x to an absolute error of (1 + |x|) 2^-103, for |x| <= 2^50."""
     quarters = math.floor(x[0] / _HALF_PI_HIGH + 0.5)
-    # the constant's own error, times the quarters taken, is that of x itself
+    # the error of pi / 2, times the number of quarters, is at the level of the rounding of x
     high, low = two_product(quarters, _HALF_PI_HIGH)
     rest = subtract(x, (high, low))
     rest = subtract(rest, two_product(quarters, _HALF_PI_LOW))

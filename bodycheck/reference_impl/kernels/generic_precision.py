@@ -1,8 +1,8 @@
-"""One notation for two precisions: kernels written with these words run on doubles or on double-doubles.
+"""Operations on doubles or double-doubles: kernels written with them run in either precision.
 
-A number is a float or a DoubleDouble. Numbers lie in an ndarray, or in a pair of ndarrays of one shape, high
-and low parts. The compiler picks the precision by type, the plain Python run by isinstance; on doubles each
-word is one machine operation.
+A number is a float or a DoubleDouble. Numbers are stored in an ndarray, or in two ndarrays of the same shape
+for the high and low parts. The compiler selects the precision by type, plain Python by isinstance. On doubles
+each operation compiles to one machine operation.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _Form: TypeAlias = Callable[..., Any]
 
 
 def _word(python: _Form, on_doubles: _Form, on_pairs: _Form) -> None:
-    """Give the compiler both forms of a word, chosen by the type of its first argument."""
+    """Register both forms of an operation with numba, which selects by the type of the first argument."""
 
     def choose(*arguments: Any) -> _Form:
         return on_pairs if isinstance(arguments[0], types.BaseTuple) else on_doubles
@@ -36,7 +36,7 @@ def _word(python: _Form, on_doubles: _Form, on_pairs: _Form) -> None:
     overload(python, jit_options=_OPTIONS, strict=False)(choose)
 
 
-# ------------------------------------------------------------------------------------ where numbers lie
+# --------------------------------------------------------------------------------------- access to arrays
 
 
 def entry(numbers: Numbers, i: int) -> Any:
@@ -58,7 +58,7 @@ def put(numbers: Numbers, i: int, k: int, x: Any) -> None:
 
 
 def high_part(numbers: Any) -> Any:
-    """Return the numbers rounded to doubles; None for None."""
+    """Return the numbers rounded to doubles, or None for None."""
     return numbers[0] if isinstance(numbers, tuple) else numbers
 
 
@@ -68,7 +68,7 @@ def is_paired(numbers: Numbers) -> bool:
 
 
 def nothing(numbers: Numbers) -> Any:
-    """0, in the precision of the numbers."""
+    """Return 0 in the precision of the numbers."""
     return dd.ZERO if isinstance(numbers, tuple) else 0.0
 
 
@@ -86,7 +86,7 @@ def _put_double(numbers: Any, i: int, k: int, x: Any) -> None:
     numbers[uintp(i), uintp(k)] = x
 
 
-# an index without a sign is spared the question whether it counts from the end
+# an unsigned index saves the check for negative indices
 _word(
     entry,
     lambda numbers, i: numbers[uintp(i)],
@@ -103,7 +103,7 @@ _word(is_paired, lambda numbers: False, lambda numbers: True)  # noqa: ARG005 - 
 _word(nothing, lambda numbers: 0.0, lambda numbers: (0.0, 0.0))  # noqa: ARG005 - called by type
 _word(exactly, lambda numbers, x: x, lambda numbers, x: (x, 0.0))  # noqa: ARG005 - called by type
 
-# --------------------------------------------------------------------------------------- what they become
+# --------------------------------------------------------------------------------------------- arithmetic
 
 
 def plus(x: Any, y: Any) -> Any:
@@ -142,17 +142,17 @@ def root(x: Any) -> Any:
 
 
 def add_product(total: Any, x: Any, y: Any) -> Any:
-    """Return total + x y, a sum that `settled` has to end."""
+    """Return total + x y; call `settled` on the final sum."""
     return double_double.add_product(total, x, y) if isinstance(total, tuple) else total + x * y
 
 
 def subtract_product(total: Any, x: Any, y: Any) -> Any:
-    """Return total - x y, a sum that `settled` has to end."""
+    """Return total - x y; call `settled` on the final sum."""
     return double_double.subtract_product(total, x, y) if isinstance(total, tuple) else total - x * y
 
 
 def settled(total: Any) -> Any:
-    """Return a sum of products as a number."""
+    """Return a sum of products, normalised."""
     return double_double.settled(total) if isinstance(total, tuple) else total
 
 

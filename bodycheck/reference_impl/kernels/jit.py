@@ -1,4 +1,4 @@
-"""How the kernels of reference_impl are compiled, and numba's cache with a digest per file."""
+"""Compile the kernels of reference_impl, and verify numba's cache files by a digest."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from bodycheck._util.compiled_cache import cache_directory
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
-    # numba chooses the place of its cache while it decorates; its configuration belongs to the
-    # whole process, so it is handed back as it was.
+    # numba reads CACHE_DIR when it decorates a function. The setting is global to the process, so it is
+    # restored.
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_directory())
     try:
@@ -28,42 +28,42 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function for speed: products and sums may be fused, nothing is reordered."""
+    """Compile a function for speed: products and sums may be fused, but not reordered."""
     return _compile(function, fastmath={"contract"})
 
 
 def long_kernel(function: Callable[..., Any]) -> Any:
-    """Compile as `kernel` does; while it runs, other threads do: those that tell how long it has taken."""
+    """Compile as `kernel` does, and release the GIL, so that threads that report progress can run."""
     return _compile(function, fastmath={"contract"}, nogil=True)
 
 
 def parallel_kernel(function: Callable[..., Any]) -> Any:
-    """Compile as `kernel` does, with prange shared by numba's threads."""
+    """Compile as `kernel` does, with prange loops distributed over numba's threads."""
     return _compile(function, fastmath={"contract"}, parallel=True)
 
 
 def borrowing_kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function that makes no array, so that those it is given need no counting of references.
+    """Compile a function that allocates no array, without reference counting of its arguments.
 
-    The counts are atomic, and stand wherever an inlined function takes an array: within the innermost loops.
-    numba lets them be left out by an option that it does not document.
+    The reference counts are atomic. They are updated wherever an inlined function takes an array, even in the
+    innermost loops. An undocumented option of numba leaves them out.
     """
     return _compile(function, fastmath={"contract"}, _nrt=False)
 
 
 def borrowing_inline(function: Callable[..., Any]) -> Any:
-    """The same for a part of a loop, to vanish in its callers: typed once, however often it is used."""
+    """Compile as `borrowing_kernel` does, force-inlined into the callers; numba types it only once."""
     return _compile(function, fastmath={"contract"}, _nrt=False, forceinline=True)
 
 
 def inlined_kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function of a few lines into each of its callers: a compilation of its own costs 50 ms."""
+    """Inline a function of a few lines into its callers: compiling it separately costs 50 ms."""
     return _compile(function, fastmath={"contract"}, inline="always")
 
 
 def exact_kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function as written, rounding by rounding: for error-free arithmetic."""
-    # said aloud: what is left open here is inherited from the kernel that calls it first
+    """Compile a function exactly as written, each operation rounded: for error-free arithmetic."""
+    # explicit, because a function without the flag inherits it from the first kernel that calls it
     return _compile(function, fastmath=False)
 
 
@@ -71,21 +71,21 @@ _DIGEST_BYTES = 32
 
 
 class _DamagedError(ValueError):
-    """A file that is not what was written."""
+    """The content of a cache file does not match its digest."""
 
 
 class CheckedCacheFile(IndexDataCacheFile):  # type: ignore[misc]
-    """The index and the data files of one kernel, each with its SHA-256 before its content."""
+    """The index and data files of one kernel, each preceded by the SHA-256 of its content."""
 
     def load(self, key: Any) -> Any:
-        """Return what is stored under a key; None where it is absent, damaged or unreadable."""
+        """Return the code stored under a key, or None if it is absent, damaged or unreadable."""
         try:
             return super().load(key)
         except (OSError, _DamagedError):
             return None
 
     def save(self, key: Any, data: Any) -> None:
-        """Store compiled code, or say once that it cannot be stored."""
+        """Store compiled code, or report once that it cannot be stored."""
         try:
             super().save(key, data)
         except OSError as error:
@@ -111,7 +111,7 @@ class CheckedCacheFile(IndexDataCacheFile):  # type: ignore[misc]
 
 
 def _content(path: Path) -> Any:
-    """Return what a file holds; OSError or _DamagedError where it is not what was written."""
+    """Return the content of a file. Raise OSError, or _DamagedError if it does not match its digest."""
     data = path.read_bytes()
     digest, content = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
@@ -125,9 +125,9 @@ def _say_once(why: str) -> None:
 
 
 def check_files_of(dispatcher: Any) -> Any:
-    """Have a dispatcher of numba keep its compiled code in files that are checked; return it."""
+    """Store the compiled code of a numba dispatcher in checksummed files, and return the dispatcher."""
     kept = getattr(dispatcher, "_cache", None)
-    if kept is not None:  # no dispatcher: NUMBA_DISABLE_JIT
+    if kept is not None:  # None if NUMBA_DISABLE_JIT is set
         kept._cache_file = CheckedCacheFile(
             cache_path=kept._cache_path,
             filename_base=kept._impl.filename_base,

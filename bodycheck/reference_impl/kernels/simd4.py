@@ -1,7 +1,7 @@
-"""Four doubles side by side, in one wide register: words for kernels that move quaternions and vectors.
+"""SIMD operations on four doubles, for kernels that process quaternions and vectors.
 
-Compiled, Lanes are a machine vector, whatever the compiler's own vectoriser makes of the loops around it; in
-plain Python they are a tuple of four floats, by the formulas below. They lie in arrays (rows, terms, 4).
+In compiled code, Lanes are a machine vector, independent of the auto-vectoriser. In plain Python they are a
+tuple of four floats. Arrays of Lanes have the shape (rows, terms, 4).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numba
 from numba import types
-from numba.core.cgutils import ir  # of llvmlite, which numba brings along
+from numba.core.cgutils import ir  # llvmlite, a dependency of numba
 from numba.extending import intrinsic, models, register_model
 
 from bodycheck.reference_impl.arrays import Array
@@ -23,7 +23,7 @@ Lanes: TypeAlias = tuple[float, float, float, float]
 
 _VECTOR = ir.VectorType(ir.DoubleType(), 4)
 _MASK = ir.VectorType(ir.IntType(32), 4)
-_UNALIGNED = 8  # bytes: numpy promises no more
+_UNALIGNED = 8  # bytes: numpy guarantees no larger alignment
 
 
 class _LanesType(types.Type):  # type: ignore[misc]
@@ -42,7 +42,7 @@ _Emitter: TypeAlias = Callable[..., Any]
 
 
 def _compiled_to(emit: _Emitter, result: types.Type = _LANES) -> Callable[[_Emitter], Any]:
-    """Have the compiler emit this code for a word: emit(builder, values)."""
+    """Compile calls of the decorated function to the code that emit(builder, *values) builds."""
 
     def decorate(python: _Emitter) -> Any:
         if numba.config.DISABLE_JIT:
@@ -56,7 +56,7 @@ def _compiled_to(emit: _Emitter, result: types.Type = _LANES) -> Callable[[_Emit
         def typed(_context: Any, *arguments: Any) -> Any:
             return result(*arguments), generate
 
-        # the compiler matches arguments by the names that a signature gives
+        # numba matches arguments by the parameter names of the signature
         context, named = Parameter("context", Parameter.POSITIONAL_OR_KEYWORD), signature_of(python)
         vars(typed)["__signature__"] = named.replace(parameters=[context, *named.parameters.values()])
         return intrinsic(typed)
@@ -65,7 +65,7 @@ def _compiled_to(emit: _Emitter, result: types.Type = _LANES) -> Callable[[_Emit
 
 
 def _as_emitted(context: Any, builder: Any, kind: types.Type, value: Any) -> Any:
-    """Return an array's fields, an index in the width of addresses, anything else as it is."""
+    """Return the fields of an array, an integer cast to intp, any other value unchanged."""
     if isinstance(kind, types.Array):
         return context.make_array(kind)(context, builder, value)
     if isinstance(kind, types.Integer):
@@ -73,7 +73,7 @@ def _as_emitted(context: Any, builder: Any, kind: types.Type, value: Any) -> Any
     return value
 
 
-# --------------------------------------------------------------------------------------- to and from memory
+# ---------------------------------------------------------------------------------------- load and store
 
 
 def _address(builder: Any, array: Any, i: Any, k: Any) -> Any:
@@ -90,7 +90,7 @@ def _emit_load(builder: Any, array: Any, i: Any, k: Any) -> Any:
 
 @_compiled_to(_emit_load)
 def load(array: Array, i: int, k: int) -> Lanes:
-    """array[i, k], of an array (rows, terms, 4) without gaps."""
+    """array[i, k], of a contiguous array (rows, terms, 4)."""
     a, b, c, d = array[i, k].tolist()
     return a, b, c, d
 
@@ -130,7 +130,7 @@ def lanes(a: float, b: float, c: float, d: float) -> Lanes:
     return a, b, c, d
 
 
-@_compiled_to(lambda builder: ir.Constant(_VECTOR, [0.0] * 4))  # noqa: ARG005 - there is nothing to build
+@_compiled_to(lambda builder: ir.Constant(_VECTOR, [0.0] * 4))  # noqa: ARG005 - a constant
 def nothing() -> Lanes:
     """(0, 0, 0, 0)."""
     return 0.0, 0.0, 0.0, 0.0
@@ -206,7 +206,7 @@ def _emit_shuffle(*order: int) -> _Emitter:
 
 @_compiled_to(_emit_shuffle(1, 2, 0, 3))
 def rotated(x: Lanes) -> Lanes:
-    """(x_1, x_2, x_0, x_3): the components of a vector, one further."""
+    """(x_1, x_2, x_0, x_3): the first three lanes rotated by one."""
     return x[1], x[2], x[0], x[3]
 
 

@@ -1,6 +1,6 @@
-"""Vectors, matrices and quaternions as tuples of floats, which a kernel keeps in registers.
+"""Vectors, matrices and quaternions as tuples of floats, so that kernels keep them in registers.
 
-Vectors are (x, y, z), matrices nine numbers row by row, quaternions (w, x, y, z).
+Vectors are (x, y, z), matrices nine numbers in row-major order, quaternions (w, x, y, z).
 """
 
 from __future__ import annotations
@@ -129,15 +129,15 @@ def quaternion_exp(v: Vec) -> Quat:
     return math.cos(half), s * v[0], s * v[1], s * v[2]
 
 
-_SWEEPS = 12  # convergence is quadratic: six are enough for any 3 x 3 matrix
-_NEGLIGIBLE = 2.0**-54  # beside the geometric mean of the two diagonal elements
+_SWEEPS = 12  # convergence is quadratic: six suffice for any 3 x 3 matrix
+_NEGLIGIBLE = 2.0**-54  # relative to the geometric mean of the two diagonal elements
 
 
 @kernel
 def principal_frame(inertia: Mat) -> tuple[Vec, Mat]:
-    """J1 <= J2 <= J3 and the axes as A's columns, det A = +1.
+    """J1 <= J2 <= J3, and the principal axes as the columns of A, det A = +1.
 
-    inertia: symmetric and positive definite. A diagonal one gives moments and axes without rounding.
+    inertia: symmetric and positive definite. For a diagonal one, moments and axes are exact.
     Source: Jacobi (1846); Golub and Van Loan (2013), Matrix computations, section 8.5.
     """
     a, v = np.empty((3, 3)), np.eye(3)
@@ -176,17 +176,17 @@ def principal_frame(inertia: Mat) -> tuple[Vec, Mat]:
 
 @kernel
 def vector_at(a: Array, i: int) -> Vec:
-    """The three numbers from a[i] on, of an array (n,)."""
+    """Three numbers starting at a[i], of an array (n,)."""
     return a[i], a[i + 1], a[i + 2]
 
 
 @kernel
 def matrix_at(a: Array, i: int) -> Mat:
-    """The nine numbers from a[i] on, of an array (n,): a matrix row by row."""
+    """Nine numbers starting at a[i], of an array (n,): a matrix in row-major order."""
     return a[i], a[i + 1], a[i + 2], a[i + 3], a[i + 4], a[i + 5], a[i + 6], a[i + 7], a[i + 8]
 
 
 @kernel
 def store(a: Array, i: int, v: Vec) -> None:
-    """Write three numbers from a[i] on, into an array (n,)."""
+    """Write three numbers into an array (n,), starting at a[i]."""
     a[i], a[i + 1], a[i + 2] = v

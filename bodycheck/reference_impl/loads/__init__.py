@@ -1,25 +1,25 @@
-"""The kinds of loads: one module each in `kinds/`, found by `load_kinds`.
+"""The kinds of loads: one module each in `kinds/`, discovered by `load_kinds`.
 
-How to add a load. Write one module in `kinds/`, after `magnetic_dipole.py`: a frozen dataclass that
-derives from `ContinuousLoad`, with
+To add a load, write one module in `kinds/`, modelled on `magnetic_dipole.py`. It defines a frozen dataclass
+derived from `ContinuousLoad`, with
 
 * `kind`, its name in scenario files;
 * a field for each constant, in SI units, annotated with the `Key` of its table in a scenario file: the name
-  with its unit, what it may be, and its value where it is left out;
-* `wrench`, force and torque about the centre of mass in world axes, as one formula of the motion in the words
-  of numpy that `tape.py` names;
-* for a conservative load, `potential` and `potential_needs`, of which energy and work follow;
-* `depends_on_velocity` and `couples_translation`, set to False where that is so, which spares it
-  restrictions and time.
+  with its unit, the form of the value, and the default;
+* `wrench`, force and torque about the centre of mass in world axes, as one formula of the motion that uses
+  the numpy operations listed in `tape.py`;
+* for a conservative load, `potential` and `potential_needs`, from which energy and work are derived;
+* `depends_on_velocity` and `couples_translation`, set to False where the load does not, which lifts
+  restrictions and saves time.
 
-The reader of scenario files, the messages to workers, all engines, the integrators of the reference, the
-Taylor series and the certified truth, the balance of energy and motions about a pivot know it by that. Add
-its table to docs/scenarios.md, and a test of its motion against a solution found otherwise, as in
+Scenario files, messages to workers, all engines, the integrators of the reference, the Taylor series, the
+certified truth, the energy balance and motions about a pivot then support it. Add its table to
+docs/scenarios.md, and a test of its motion against an independent solution, as in
 tests/reference_impl/test_magnetic_dipole.py.
 
-Loads that come and go are torques and forces alone. A load whose formula branches cannot be recorded; it
-needs kernels of its own, as the springs have (`continuous_loads.py`, `taylor/spring_terms.py`), or is left
-to a function of the user's.
+Only torques and forces can switch on and off. A load whose formula branches cannot be recorded: it needs its
+own kernels, as the springs do (`continuous_loads.py`, `taylor/spring_terms.py`), or must be supplied as a
+user function.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from bodycheck.reference_impl.loads.load import Load
 
 @cache
 def load_kinds() -> Mapping[str, type[Load]]:
-    """Return all kinds of loads by their names: what the modules of `kinds` define."""
+    """Return all kinds of loads by name, as the modules of `kinds` define them."""
     found: dict[str, type[Load]] = {}
     for module in pkgutil.iter_modules(kinds.__path__, f"{kinds.__name__}."):
         for value in vars(import_module(module.name)).values():

@@ -1,4 +1,4 @@
-"""What every kind of load defines: its table in a scenario file, force and torque, potential energy."""
+"""The interface of a load: its table in a scenario file, force and torque, potential energy."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Axes: TypeAlias = Literal["body", "world"]
 Wrenching: TypeAlias = Callable[[float, Array, Array, Array, Array], tuple[Array, Array]]
 """f(t, position, R, velocity, omega) -> force in N, torque about the centre of mass in N m.
 
-position, velocity, omega, force and torque are (3,), all in world axes; R (3, 3) takes body axes to world
-axes. A function compiled by numba serves as well as a plain one.
+position, velocity, omega, force and torque are (3,), all in world axes; R (3, 3) maps body axes to world
+axes. The function may be plain Python or compiled by numba.
 """
 
 KeyForm: TypeAlias = Literal["number", "positive", "not negative", "vector", "damping matrix", "axes"]
@@ -29,10 +29,10 @@ REQUIRED = object()
 
 
 class Key(NamedTuple):
-    """One key of a load's table, as an annotation of the field that it fills.
+    """One key of a load's table, as an annotation of the field that it sets.
 
-    name: with its unit at the end. form: what it may be; a damping matrix is 3x3, or a number times the
-    identity, and takes energy away. omitted: its value where the table leaves it out.
+    name: ends with the unit. form: the allowed values; a damping matrix is 3x3, or a number times the
+    identity, and dissipates energy. omitted: the default value.
     """
 
     name: str
@@ -55,12 +55,12 @@ class Instants:
         return self.rotation @ vector
 
     def in_world(self, axes: Axes, value: Array) -> Array:
-        """Return a vector (3,) of these axes in world axes: (..., 3)."""
+        """Return a vector (3,), given in these axes, in world axes: (..., 3)."""
         return self.turned(value) if axes == "body" else np.broadcast_to(value, self.omega.shape)
 
 
 class Load(ABC):
-    """One kind of load; an instance is a frozen dataclass of its constants, in SI units.
+    """One kind of load; an instance is a frozen dataclass that holds its constants in SI units.
 
     kind: its name in scenario files and messages.
     """
@@ -73,14 +73,14 @@ class Load(ABC):
 
     @abstractmethod
     def about_pivot(self, scene: Scene, pivot: Array) -> Load:
-        """Return what it does to a body that turns about a pivot (3,) in body axes, as a load about that.
+        """Return the equivalent load on a body that rotates about a pivot (3,) in body axes.
 
-        Its wrench is given positions (3,) of the pivot; its forces no longer matter.
+        The wrench of the result takes the position (3,) of the pivot. Its forces have no effect.
         """
 
     @classmethod
     def keys(cls) -> dict[str, Key]:
-        """Return the keys of the table by the names of the fields that they fill."""
+        """Return the keys of the table, by the names of the fields that they set."""
         hints = get_type_hints(cls, include_extras=True)
         return {
             name: note
@@ -92,13 +92,13 @@ class Load(ABC):
 
 @dataclass(frozen=True, eq=False)
 class ContinuousLoad(Load):
-    """A load that acts throughout, and varies with the time or the motion.
+    """A load that acts throughout, and varies with time or with the motion.
 
-    potential_needs: which of position and attitude its potential energy is a function of; nothing for a
-    load without one, whose work depends on the way. depends_on_velocity: whether its force or torque is a
-    function of the velocity or of omega. couples_translation: whether it lets the position or velocity of
-    the centre of mass act on the rotation. A load that leaves the last two as they are is only treated
-    with more care than it may need.
+    potential_needs: the arguments of its potential energy, of position and attitude; empty for a load
+    without potential energy, whose work depends on the path. depends_on_velocity: whether its force or
+    torque depends on the velocity or on omega. couples_translation: whether the position or velocity of
+    the centre of mass affects the rotation. The defaults of the last two are always safe, but may impose
+    unnecessary restrictions.
     """
 
     potential_needs: ClassVar[frozenset[str]] = frozenset()
@@ -106,11 +106,11 @@ class ContinuousLoad(Load):
     couples_translation: ClassVar[bool] = True
 
     def potential(self, scene: Scene, motion: Trajectory) -> Array:
-        """Return the potential energy (n,) in J of a load that has one."""
+        """Return the potential energy (n,) in J. Raise NotImplementedError for a load without one."""
         raise NotImplementedError(f"{self.kind} has no potential energy")
 
     def about_pivot(self, scene: Scene, pivot: Array) -> Load:
-        """Return the same load at where the centre of mass is while the body turns about a pivot (3,)."""
+        """Return the same load, evaluated at the centre of mass of a body that rotates about a pivot (3,)."""
         return _AboutPivot(self, scene, pivot)
 
 
@@ -123,7 +123,7 @@ class _AboutPivot(ContinuousLoad):
     pivot: Array
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
-        """Return no force, which the pivot takes up, and the torque about the pivot."""
+        """Return zero force, because the pivot reacts it, and the torque about the pivot."""
         arm = -at.turned(self.pivot)
         centre = replace(at, position=at.position + arm, velocity=np.cross(at.omega, arm))
         force, torque = self.load.wrench(self.scene, centre)
@@ -140,19 +140,19 @@ def total_wrench(loads: Iterable[Load], scene: Scene, at: Instants) -> tuple[Arr
 
 
 def checked(load: object, what: str) -> Load:
-    """Return a load; raises ValueError where it is of no kind that is known. what: as `unknown_load`."""
+    """Return the load. Raise ValueError if its kind is unknown. what: as for `unknown_load`."""
     if not isinstance(load, Load):
         raise unknown_load(load, what)
     return load
 
 
 def checked_continuous(load: object, what: str) -> ContinuousLoad:
-    """Return a continuous load; raises ValueError as `checked` does."""
+    """Return the continuous load. Raise ValueError as `checked` does."""
     if not isinstance(load, ContinuousLoad):
         raise unknown_load(load, what)
     return load
 
 
 def unknown_load(load: object, what: str) -> ValueError:
-    """Return what to raise where a load is of no kind that is known; what: that which knows it not."""
+    """Return the error for a load of an unknown kind. what: the component that does not support it."""
     return ValueError(f"{what} does not know loads of the kind {type(load).__name__}")

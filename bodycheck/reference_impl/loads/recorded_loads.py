@@ -1,4 +1,4 @@
-"""Loads that are recorded as operations, evaluated in doubles."""
+"""Evaluate recorded loads in double precision."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from bodycheck.reference_impl.loads.tape import (
 def recorded_wrench(
     t: float, position: Vec, rotation: Mat, velocity: Vec, omega_world: Vec, loads: Array, first: int
 ) -> tuple[Vec, Vec]:
-    """Force in N and torque about the centre of mass in N m, by the operations from loads[first] on."""
+    """Force in N and torque about the centre of mass in N m, by the operations from loads[first]."""
     count = (len(loads) - first) // OPERATION
     values = np.empty(OPERATIONS + count)
     for i in range(3):
@@ -53,7 +53,7 @@ def recorded_wrench(
 
 @kernel
 def _value(t: float, values: Array, loads: Array, row: int) -> float:
-    """What one operation makes; its constant is a double."""
+    """The result of one operation, whose constant is rounded to a double."""
     code, a, b, c = int(loads[row]), values[int(loads[row + 1])], values[int(loads[row + 2])], loads[row + 3]
     if code == TIME:
         value = t
@@ -77,6 +77,6 @@ def _value(t: float, values: Array, loads: Array, row: int) -> float:
         value = math.sin(a)
     elif code == COSINE:
         value = math.cos(a)
-    else:  # which a tape never holds
+    else:  # never recorded
         value = math.nan
     return value

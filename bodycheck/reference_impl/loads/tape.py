@@ -1,11 +1,11 @@
-"""The formula of a load as a list of elementary operations, recorded while it is evaluated on symbols.
+"""Record the formula of a load as a list of elementary operations.
 
-What numpy computes on arrays of doubles it computes on arrays of symbols too, each of which writes down what
-is done with it. Kernels go through the list: in doubles for engines, in Taylor coefficients of either
-precision for the truth. Source: Griewank and Walther (2008), Evaluating derivatives, sections 2.2 and 13.2.
+The formula is evaluated on numpy arrays of symbols, each of which records the operations applied to it.
+Kernels execute the list: in doubles for engines, in Taylor coefficients of either precision for the truth.
+Source: Griewank and Walther (2008), Evaluating derivatives, sections 2.2 and 13.2.
 
-A formula may use +, -, *, /, **2, @, np.cross, np.sum, np.sin, np.cos and np.sqrt; one that branches on what
-the motion is cannot be recorded.
+A formula may use +, -, *, /, **2, @, np.cross, np.sum, np.sin, np.cos and np.sqrt. One that branches on the
+motion cannot be recorded.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.load import Instants
 
 TIME, CONSTANT, SUM, DIFFERENCE, PRODUCT, QUOTIENT, SCALED, SHIFTED, ROOT, SINE, COSINE = range(11)
-"""t, c, a + b, a - b, a b, a / b, c a, a + c, sqrt a, sin a, cos a; b of a sine is its cosine, and back."""
+"""t, c, a + b, a - b, a b, a / b, c a, a + c, sqrt a, sin a, cos a; b of a sine is its cosine, and v.v."""
 OPERATION = 5
-"""Numbers of an operation: its code, the operands a and b, and the constant c, its high and low part."""
+"""Numbers per operation: its code, the operands a and b, and the high and low part of the constant c."""
 POSITION, ROTATION, VELOCITY, OMEGA, OPERATIONS = 0, 3, 12, 15, 18
-"""What operands count: x, R row by row, v, omega, then the operations, the first of which is the time."""
+"""Indices of the operands: x, R in row-major order, v, omega, then the operations, starting with the time."""
 RESULTS = 6
-"""The last operations: three components of force, three of torque."""
+"""The number of final operations: three components of force, then three of torque."""
 
 _REAL = (int, float, np.floating, np.integer)
 _Scalar: TypeAlias = "Symbol | float"
@@ -42,7 +42,7 @@ class _Step(NamedTuple):
 
 
 class Symbol:
-    """A number of the motion, or what was computed of some."""
+    """A component of the motion, or a number computed from such components."""
 
     __slots__ = ("operand", "tape")
 
@@ -53,7 +53,7 @@ class Symbol:
         if isinstance(other, Symbol):
             return self._with(SUM, other)
         if not isinstance(other, _REAL):
-            return NotImplemented  # numpy goes through its arrays itself
+            return NotImplemented  # numpy applies the operation to each element
         return self if other == 0.0 else self._by(SHIFTED, float(other))
 
     __radd__ = __add__
@@ -100,15 +100,15 @@ class Symbol:
     __lt__ = __le__ = __gt__ = __ge__ = _ordered
 
     def sqrt(self) -> Symbol:
-        """Return the square root: what numpy calls for np.sqrt."""
+        """Return the square root; np.sqrt calls this."""
         return self.tape.record(_Step(ROOT, self.operand))
 
     def sin(self) -> Symbol:
-        """Return the sine, as for np.sin."""
+        """Return the sine; np.sin calls this."""
         return self.tape.sine_and_cosine(self)[0]
 
     def cos(self) -> Symbol:
-        """Return the cosine, as for np.cos."""
+        """Return the cosine; np.cos calls this."""
         return self.tape.sine_and_cosine(self)[1]
 
     def _with(self, code: int, other: Symbol) -> Symbol:
@@ -119,7 +119,7 @@ class Symbol:
 
 
 class Tape:
-    """The operations recorded so far, each of them once."""
+    """The operations recorded so far, without duplicates."""
 
     def __init__(self) -> None:
         self._steps: list[_Step] = []
@@ -127,7 +127,7 @@ class Tape:
         self.record(_Step(TIME))
 
     def motion(self) -> Instants:
-        """Return the numbers of a motion at an instant, as symbols."""
+        """Return a motion at one instant, as symbols."""
         x, r, v, omega = (
             np.array([Symbol(self, i) for i in range(*span)], dtype=object)
             for span in ((POSITION, ROTATION), (ROTATION, VELOCITY), (VELOCITY, OMEGA), (OMEGA, OPERATIONS))
@@ -135,25 +135,25 @@ class Tape:
         return Instants(np.array(Symbol(self, OPERATIONS), dtype=object), x, r.reshape(3, 3), v, omega)
 
     def constant(self, high: float, low: float = 0.0) -> Symbol:
-        """Return the number high + low."""
+        """Return the constant high + low."""
         return self.record(_Step(CONSTANT, high=high, low=low))
 
     def record(self, step: _Step) -> Symbol:
-        """Return what an operation makes; one that was recorded before is not repeated."""
+        """Return the result of an operation, and record it unless it is already on the tape."""
         if step not in self._operands:
             self._operands[step] = OPERATIONS + len(self._steps)
             self._steps.append(step)
         return Symbol(self, self._operands[step])
 
     def sine_and_cosine(self, x: Symbol) -> tuple[Symbol, Symbol]:
-        """Return sin x and cos x, whose Taylor coefficients need each other's."""
+        """Return sin x and cos x, whose Taylor recurrences need each other."""
         after = OPERATIONS + len(self._steps)
         known = next((s for s in self._steps if s.code == SINE and s.a == x.operand), None)
         sine = self.record(known or _Step(SINE, x.operand, after + 1))
         return sine, self.record(_Step(COSINE, x.operand, sine.operand))
 
     def ending_in(self, results: Sequence[_Scalar]) -> Array:
-        """Return the operations (n, 5) that the results need, which are the last of them."""
+        """Return the operations (n, 5) that the results depend on; the last ones are the results."""
         last = [
             _Step(SCALED, x.operand, high=1.0) if isinstance(x, Symbol) else _Step(CONSTANT, high=float(x))
             for x in results
@@ -165,7 +165,7 @@ class Tape:
                          for step in steps], dtype=np.float64)  # fmt: skip
 
     def _needed_by(self, steps: Sequence[_Step]) -> set[int]:
-        """Return the places of all operations that these depend on."""
+        """Return the indices of all operations that these depend on."""
         needed: set[int] = set()
         open_steps = list(steps)
         while open_steps:
@@ -179,7 +179,7 @@ class Tape:
 
 
 def recorded(formula: Callable[[Tape, Instants], tuple[Array, Array]]) -> Array:
-    """Return the operations (n, 5) of force and torque, as a function of the motion."""
+    """Return the operations (n, 5) that compute force and torque from the motion."""
     tape = Tape()
     force, torque = formula(tape, tape.motion())
     return tape.ending_in([*force, *torque])

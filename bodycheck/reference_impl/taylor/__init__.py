@@ -1,1 +1,1 @@
-"""The Taylor integrators, in doubles and in double-doubles."""
+"""Taylor integrators in double and double-double precision."""

@@ -1,9 +1,9 @@
-"""The Taylor integrator of a rotation in doubles, along the principal axes: the fast one.
+"""The fast Taylor integrator: the rotation along the principal axes, in doubles.
 
-The state is carried in two parts, so that adding the steps up loses nothing, and steps end on a coarse binary
-grid. Good to a few eps times the motion's sensitivity; over a million steps energy, momentum and |q| wander
-by some 1e-13. Springs, drag of the centre of mass and double-doubles are for taylor_steps.py, by the general
-recurrences. Sources: as there.
+The state is stored in two parts, so that summing the steps loses no precision, and steps end on a coarse
+binary grid. The error is a few eps times the sensitivity of the motion; over a million steps energy, momentum
+and |q| drift by about 1e-13. Springs, drag of the centre of mass and double-doubles need the general
+recurrences of taylor_steps.py, which lists the sources.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from bodycheck.reference_impl.taylor.principal_terms import (
 )
 from bodycheck.reference_impl.taylor.taylor_steps import next_time
 
-_LINE = 64  # bytes
+_LINE = 64  # bytes in a cache line
 
 
 @borrowing_kernel
@@ -61,7 +61,7 @@ def _in_axes(to_world: Mat, x: Lanes) -> Lanes:
 
 @borrowing_kernel
 def _start_load(series: Array, loads: Array, j: int, to_world: Mat, t: float) -> None:
-    """Set a load's first coefficients at time t."""
+    """Set the zeroth coefficients of a load at time t."""
     row = LOADS + LOAD_ROWS * j
     y, z = simd4.load(loads, j, COSINE), simd4.load(loads, j, SINE)
     turns = simd4.lane_of(loads, j, PHASES, TURNS) != 0.0
@@ -76,7 +76,7 @@ def _start_load(series: Array, loads: Array, j: int, to_world: Mat, t: float) ->
 
 @borrowing_kernel
 def _start_forcing(series: Array, body: Array, loads: Array, q: Lanes, t: float) -> None:
-    """Set the first coefficients of all that the forcing depends on at time t."""
+    """Set the zeroth coefficients of all quantities that the forcing depends on, at time t."""
     to_world = matrix_of(simd4.unpacked(q))
     if simd4.lane_of(body, 0, FACTS, IS_HELD) != 0.0:
         put_vector(series, HELD, 0, _in_axes(to_world, simd4.load(body, 0, HELD_TORQUE)))
@@ -91,7 +91,7 @@ def _start_forcing(series: Array, body: Array, loads: Array, q: Lanes, t: float)
 
 @borrowing_kernel
 def _largest(series: Array, row: int, k: int) -> float:
-    """max |c_k| of a row; infinite where one is NaN."""
+    """max |c_k| of a row; infinite if one is NaN."""
     a, b, c, d = simd4.unpacked(simd4.load(series, row, k))
     size = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
     return size if not math.isnan(a + b + c + d) else math.inf
@@ -99,14 +99,14 @@ def _largest(series: Array, row: int, k: int) -> float:
 
 @borrowing_kernel
 def _log2(x: float) -> float:
-    """log2 x to 0.09: between powers of two the mantissa stands for it; a step is its power 1 / order."""
+    """log2 x to 0.09, linear between powers of two: a step takes only the 1 / order-th power."""
     mantissa, exponent = math.frexp(x)
     return exponent + 2.0 * mantissa - 2.0
 
 
 @borrowing_kernel
 def _step_size(series: Array, tolerance: float) -> float:
-    """The step at which the last two terms of q and omega reach the tolerance: the rule of taylor_steps."""
+    """The step at which the last two terms of q and omega reach the tolerance, as in taylor_steps."""
     order = series.shape[1] - 1
     allowed, spin = _log2(tolerance), _largest(series, OMEGA, 0)
     step = math.inf
@@ -137,7 +137,7 @@ def _change(series: Array, row: int, h: float) -> Lanes:
 
 @exact_kernel
 def _added(high: Lanes, low: Lanes, change: Lanes) -> tuple[Lanes, Lanes]:
-    """high + low + change, in two parts (Knuth's and Dekker's sums)."""
+    """high + low + change, in two parts (sums of Knuth and Dekker)."""
     total = simd4.plus(high, change)
     seen = simd4.minus(total, high)
     lost = simd4.plus(simd4.minus(high, simd4.minus(total, seen)), simd4.minus(change, seen))
@@ -148,7 +148,7 @@ def _added(high: Lanes, low: Lanes, change: Lanes) -> tuple[Lanes, Lanes]:
 
 @borrowing_kernel
 def _write(out: Array, row: int, body: Array, q: Lanes, omega: Lanes) -> None:
-    """Store q and omega along the body axes."""
+    """Write q and omega in body axes."""
     from_body: Quat = simd4.unpacked(simd4.load(body, 0, FRAME))
     a, b, c, _ = simd4.unpacked(omega)
     out[row, 0], out[row, 1], out[row, 2], out[row, 3] = quaternion_times(simd4.unpacked(q), from_body)
@@ -168,11 +168,11 @@ def follow(
     tolerance: float,
     out: Array,
 ) -> tuple[int, int]:
-    """Move the state from time begin to end; return how many times are written now, and the steps made.
+    """Advance the state from time begin to end; return the number of times written so far, and of steps.
 
-    state (2, 2, 4): high parts of q and of omega along the principal axes, low parts. times (n,), ascending,
-    those before index `due` written; q and omega_body go into out (n, 7 at least), for times up to the end.
-    NaN from where the motion cannot be followed on.
+    state (2, 2, 4): the high parts of q and omega along the principal axes, then the low parts. times (n,):
+    ascending; those before index `due` are already written. q and omega_body are written to out, (n, 7) or
+    wider, for times up to the end. The values are NaN from the point where the integration fails.
     """
     q, omega = simd4.load(state, 0, 0), simd4.load(state, 0, 1)
     q_low, omega_low = simd4.load(state, 1, 0), simd4.load(state, 1, 1)
@@ -215,7 +215,7 @@ def follow(
 
 
 def working_space(loads: Array | None, order: int) -> Array:
-    """Return zeroed series for the loads, on the boundary of a cache line: what straddles one is slow."""
+    """Return zeroed series for the loads, aligned to a cache line, because unaligned access is slow."""
     rows = HELD if loads is None else LOADS + LOAD_ROWS * len(loads)
     size = rows * (order + 1) * 4
     room = np.zeros(size + _LINE // 8)

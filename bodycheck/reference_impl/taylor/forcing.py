@@ -1,7 +1,7 @@
-"""What acts on a body between two switches, as the numbers that the Taylor kernels are given.
+"""Pack the loads on a body between two switches as the numbers that the Taylor kernels take.
 
-Sums of loads are formed in rational arithmetic and rounded once, to double-doubles: the truth must not start
-from rounded sums. What a scene does not have is None, and is compiled out of the kernels.
+Sums of loads are computed in rational arithmetic and rounded once, to double-doubles, because the truth must
+not start from rounded sums. Terms that a scene does not have are None, and are compiled out of the kernels.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from bodycheck.reference_impl.scene import (
 )
 from bodycheck.reference_impl.wrench import held_between
 
-# where things lie among the numbers of Forcing.turning ...
+# offsets into Forcing.turning ...
 INERTIA, INERTIA_INVERSE, TORQUE_BODY = 0, 9, 18
 # ... of Forcing.world ...
 TORQUE_WORLD, MOMENT = 0, 3
@@ -43,25 +43,25 @@ TORQUE_WORLD, MOMENT = 0, 3
 GRADIENT, ORBIT_RATE = 0, 1
 # ... of Forcing.moving ...
 ACCELERATION_BODY, ACCELERATION_WORLD, DECAY, MASS_INVERSE, RADIUS = 0, 3, 6, 7, 8
-# ... and of each row of Forcing.springs, the low parts of anchor and at behind their high parts
+# ... and each row of Forcing.springs; the low parts of anchor and at are LOW after their high parts
 ANCHOR, AT, STIFFNESS, REST_LENGTH, LOW = 0, 3, 6, 7, 8
 
 
 @dataclass(frozen=True, eq=False)
 class Forcing:
-    """The constants of the equations of motion, as numbers in one precision.
+    """The constants of the equations of motion, in one precision.
 
-    Of a body with a pivot all is taken about that: I, the points, and the anchors, which are counted from it;
-    it has no acceleration, and its position stays 0.
+    For a body with a pivot, I, the points and the anchors are relative to the pivot, which has no
+    acceleration and stays at position 0.
 
-    turning (21,): I, I^-1, the torque held in body axes. damping (9,): the angular drag C. body_sines and
-    world_sines (n, 5): amplitude, rate, phase of each sine torque, doubles. world (12,): the torque held in
-    world axes; moment = sum of at F^T over the world forces. orbit (2,): 3 n^2 and n of the gravity gradient.
-    moving (9,): acceleration held in body axes and in world axes, drag over mass, 1 / mass, gyration radius.
-    springs (n, 14): anchor, at, stiffness, rest length, then what anchor and at are beyond doubles.
-    torsion (5,): stiffness and q(0). recorded (n, 5): the operations of tape.py that sum up all other loads,
-    the torque in body axes. on_parabola: the centre of mass moves under a constant acceleration, apart from
-    the rotation.
+    turning (21,): I, I^-1, the constant torque in body axes. damping (9,): the angular drag C. body_sines and
+    world_sines (n, 5): amplitude, rate, phase of each sine torque, doubles. world (12,): the constant torque
+    in world axes; moment = sum of at F^T over the world forces. orbit (2,): 3 n^2 and n of the gravity
+    gradient. moving (9,): constant acceleration in body axes and in world axes, drag over mass, 1 / mass,
+    radius of gyration. springs (n, 14): anchor, at, stiffness, rest length, then the low parts of anchor and
+    at. torsion (5,): stiffness and q(0). recorded (n, 5): the operations of tape.py that sum all other loads,
+    with the torque in body axes. on_parabola: the centre of mass moves under a constant acceleration,
+    independent of the rotation.
     """
 
     turning: Numbers
@@ -77,7 +77,7 @@ class Forcing:
     on_parabola: bool
 
     def rounded(self) -> Forcing:
-        """Return the same in doubles."""
+        """Return the same constants rounded to doubles."""
         return Forcing(
             _high(self.turning),
             _high(self.damping),
@@ -94,9 +94,9 @@ class Forcing:
 
 
 def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
-    """Return what acts within [begin_s, end_s), through which nothing switches, in double-doubles.
+    """Return the forcing within [begin_s, end_s), which contains no switch, in double-doubles.
 
-    Raises ValueError for loads that no equations can be written down for.
+    Raises ValueError for unsupported loads.
     """
     if scene.has_callback_load:
         raise ValueError("a load that only a function knows has no Taylor series")
@@ -147,7 +147,7 @@ def _turning(scene: Scene, timed: Iterable[Timed]) -> Vector:
 
 
 def _arm(scene: Scene, at: Array) -> Vector:
-    """Return a body-fixed point counted from the pivot, where there is one."""
+    """Return a body-fixed point relative to the pivot, if there is one."""
     point = fractions(at)
     if scene.pivot is None:
         return point
@@ -158,7 +158,7 @@ def _damping(scene: Scene, drags: Iterable[Drag]) -> Vector:
     damping = [Fraction(0)] * 9
     for drag in drags:
         damping = added(damping, fractions(drag.angular))
-        if scene.pivot is not None:  # -c v at the centre of mass, of which v is omega x (x - pivot)
+        if scene.pivot is not None:  # -c v at the centre of mass, v = omega x (x - pivot)
             damping = inertia_about(damping, Fraction(drag.linear), fractions(scene.pivot))
     return damping
 
@@ -215,7 +215,7 @@ def _spring_rows(scene: Scene, springs: Iterable[Spring]) -> Array:
 
 
 def pivot_position(scene: Scene) -> Vector:
-    """x(0) + R(0) pivot, without rounding: where the pivot stays, in world axes."""
+    """x(0) + R(0) pivot, exactly: the fixed position of the pivot in world axes."""
     assert scene.pivot is not None
     turned = times(rotation_of(fractions(scene.initial.quaternion)), fractions(scene.pivot))
     return added(fractions(scene.initial.position), turned)
@@ -227,7 +227,7 @@ def _torsion(scene: Scene, springs: Iterable[TorsionSpring]) -> Numbers:
 
 
 def _recorded(scene: Scene, loads: Sequence[ContinuousLoad]) -> Array:
-    """Record force and, in body axes, torque; about the pivot, which stays where it is, if there is one."""
+    """Record force and, in body axes, torque; about the fixed pivot if there is one."""
     about = [load if scene.pivot is None else load.about_pivot(scene, scene.pivot) for load in loads]
 
     def formula(tape: Tape, at: Instants) -> tuple[Array, Array]:

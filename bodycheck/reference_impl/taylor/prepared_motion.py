@@ -1,8 +1,8 @@
-"""A scene prepared once for the Taylor integrator in doubles, and solved as often as wanted.
+"""Prepare a scene once for the Taylor integrator in doubles, and solve it repeatedly.
 
-All that follows from the scene and the tolerance is packed when the motion is made; solving is compiled code.
-A scene without springs or a pivot, whose centre of mass moves on a parabola, is followed along its principal
-axes (taylor_rotation.py), any other by the general recurrences (taylor_steps.py).
+The constants that depend only on the scene and the tolerance are packed in advance; solving is compiled code.
+A scene without springs or a pivot, whose centre of mass moves on a parabola, is integrated along its
+principal axes (fast_rotation.py), any other by the general recurrences (taylor_steps.py).
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from bodycheck.reference_impl.trajectory import Trajectory
 
 
 class TaylorSolution(NamedTuple):
-    """What a solve returned: states (n, 13), namely q, omega_body, v, x at t_s (n,), and the steps made.
+    """The states (n, 13), q, omega_body, v, x at t_s (n,), and the number of steps.
 
-    The states are NaN from where the motion leaves the range of doubles.
+    The states are NaN from the time at which the motion leaves the range of doubles.
     """
 
     t_s: Array
@@ -45,7 +45,7 @@ class TaylorSolution(NamedTuple):
 
     @property
     def trajectory(self) -> Trajectory:
-        """The same as a trajectory."""
+        """Return the solution as a trajectory."""
         return Trajectory(
             t_s=self.t_s,
             position_m=self.states[:, 10:13],
@@ -57,21 +57,21 @@ class TaylorSolution(NamedTuple):
 
 class _Solver(Protocol):
     def solve(self, t_s: Array) -> tuple[Array, int]:
-        """Return the states (n, 13) at times that are in order, and the steps made."""
+        """Return the states (n, 13) at ascending times, and the number of steps."""
 
 
 @dataclass(frozen=True, eq=False)
 class TaylorMotion:
-    """The motion of a scene, each of whose steps errs by about the tolerance.
+    """The motion of a scene. Each step has an error of about the tolerance.
 
-    It has its own room to work in: one solve at a time.
+    Not thread-safe: all solves share one workspace.
     """
 
     _solver: _Solver
 
     @classmethod
     def of(cls, scene: Scene, tolerance: float) -> TaylorMotion:
-        """Pack a scene. Raises ValueError that names a tolerance outside [1e-17, 1)."""
+        """Pack a scene. Raise ValueError, which names the tolerance, if it is outside [1e-17, 1)."""
         resolution, course = resolution_for(tolerance), course_of(scene, math.inf)
         simple = scene.pivot is None and all(
             forcing.on_parabola and forcing.springs is None and forcing.torsion is None
@@ -82,11 +82,11 @@ class TaylorMotion:
         )
 
     def solve(self, t_s: Array) -> TaylorSolution:
-        """Return the states at ascending times (n,), at no more cost for many than their evaluation.
+        """Return the states at ascending times (n,). More times cost only the evaluation of the series.
 
-        Raises ValueError that names the first time which is negative, not finite or before its predecessor.
+        Raises ValueError, which names the first time that is negative, not finite or before its predecessor.
         """
-        t_s = np.array(t_s, dtype=np.float64)  # of the one type that the kernels are compiled for
+        t_s = np.array(t_s, dtype=np.float64)  # the only type that the kernels are compiled for
         misplaced = _first_misplaced(t_s)
         if misplaced < len(t_s):
             t = float(t_s[misplaced])
@@ -96,7 +96,7 @@ class TaylorMotion:
 
 @borrowing_kernel
 def _first_misplaced(t_s: Array) -> int:
-    """Return the index of the first time out of order, or their number."""
+    """Return the index of the first time out of order, or the number of times if there is none."""
     before = 0.0
     for i in range(len(t_s)):
         if not before <= t_s[i] < math.inf:
@@ -126,9 +126,9 @@ class _General:
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """What turns the body between two switches, room for its series, and its centre of mass at the beginning.
+    """The rotational forcing between two switches, its workspace, and the centre of mass at the beginning.
 
-    parabola (3, 3): the acceleration, v and x.
+    parabola (3, 3): acceleration, v and x.
     """
 
     begin_s: float
@@ -141,14 +141,14 @@ class _Stretch:
 
 @dataclass(frozen=True, eq=False)
 class _Principal:
-    """The rotation along the principal axes and, apart from it, the centre of mass."""
+    """The rotation along the principal axes, and the centre of mass independent of it."""
 
     start: Array
     stretches: tuple[_Stretch, ...]
     tolerance: float
     is_moving: bool
     resting: Array
-    """v and x at the start, (6,): always, unless it is moving."""
+    """v and x at the start, (6,), which stay constant unless is_moving."""
 
     @classmethod
     def of(cls, scene: Scene, course: Course, resolution: Resolution) -> _Principal:
@@ -184,7 +184,7 @@ class _Principal:
 
 
 def _parabolas(start: State, course: Course) -> list[Array]:
-    """(3, 3) for each part of a course: a, v and x where it begins, in rational arithmetic, rounded once."""
+    """(3, 3) for each part of a course: a, v and x at its start, in rational arithmetic, rounded once."""
     v, x = fractions(start.velocity), fractions(start.position)
     found = []
     for begin_s, end_s, forcing in course:

@@ -1,4 +1,4 @@
-"""I = A diag(J) A^T to some 2^-110, and the body and its torques along these axes."""
+"""I = A diag(J) A^T to about 2^-110, and the body and its torques along these axes."""
 
 from __future__ import annotations
 
@@ -48,17 +48,17 @@ from bodycheck.reference_impl.wrench import held_between
 
 IntegerQuaternion: TypeAlias = tuple[int, int, int, int]
 
-_SWEEPS = 12  # convergence is quadratic, from the third sweep on at the latest
-_NEGLIGIBLE = Fraction(1, 2**220)  # squared, beside the product of the two diagonal elements
+_SWEEPS = 12  # convergence is quadratic from the third sweep at the latest
+_NEGLIGIBLE = Fraction(1, 2**220)  # squared, relative to the product of the two diagonal elements
 _KEPT_BITS = 256
 
 
 def principal_quaternion(inertia: Vector) -> tuple[IntegerQuaternion, Vector]:
     """Return a quaternion of any length from principal to body axes, and the moments J.
 
-    inertia: nine numbers, symmetric and positive definite. Jacobi's method: angles are rounded, but any
-    quaternion of integers is a rotation exactly, and J is what the tensor is along its axes. A diagonal
-    tensor keeps its axes. Source: Golub and Van Loan (2013), Matrix computations, section 8.5.
+    inertia: nine numbers, symmetric and positive definite. Uses Jacobi's method. The angles are rounded, but
+    every integer quaternion is an exact rotation, and J is the tensor along its axes. A diagonal tensor keeps
+    its axes. Source: Golub and Van Loan (2013), Matrix computations, section 8.5.
     """
     p: IntegerQuaternion = (1, 0, 0, 0)
     turned = inertia
@@ -78,7 +78,7 @@ def principal_quaternion(inertia: Vector) -> tuple[IntegerQuaternion, Vector]:
 
 
 def _turned_about(p: IntegerQuaternion, axis: int, tangent: float) -> IntegerQuaternion:
-    """p (1, tangent e), of the length that its kept bits give it."""
+    """p (1, tangent e) up to length, shifted to at most _KEPT_BITS bits."""
     above, below = tangent.as_integer_ratio()
     w, v = p[0], p[1:]
     e = [above if i == axis else 0 for i in range(3)]
@@ -92,7 +92,7 @@ def _turned_about(p: IntegerQuaternion, axis: int, tangent: float) -> IntegerQua
 
 
 def axes_of(p: IntegerQuaternion) -> Vector:
-    """R(p) row by row, exactly: its columns are the principal axes in body axes."""
+    """R(p), exact and in row-major order; its columns are the principal axes in body axes."""
     w, x, y, z = p
     square = w * w + x * x + y * y + z * z
     rows = [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)]
@@ -102,7 +102,7 @@ def axes_of(p: IntegerQuaternion) -> Vector:
 
 
 def in_axes_of(p: IntegerQuaternion, m: Vector) -> Vector:
-    """R(p)^T m R(p), of the nine numbers of a matrix."""
+    """R(p)^T m R(p), for a matrix m of nine numbers."""
     r = axes_of(p)
     right = [
         sum((m[3 * i + k] * r[3 * k + j] for k in range(3)), Fraction(0)) for i in range(3) for j in range(3)
@@ -119,7 +119,7 @@ _TURNS, _STAYS, _SWINGS = 1.0, 0.0, 1.0
 
 @dataclass(frozen=True, eq=False)
 class PrincipalFrame:
-    """The quaternion from principal to body axes, of any length, its R row by row, and the moments."""
+    """The quaternion from principal to body axes, of any length, its row-major R, and the moments."""
 
     quaternion: IntegerQuaternion
     axes: Vector
@@ -132,7 +132,7 @@ class PrincipalFrame:
         return cls(quaternion, axes_of(quaternion), moments)
 
     def components(self, v: Vector) -> Vector:
-        """A^T v, of v in body axes."""
+        """A^T v, for v in body axes."""
         return times(transposed(self.axes), v)
 
     def accelerations(self, torque: Vector) -> Vector:
@@ -158,8 +158,8 @@ def packed_rotation(
 ) -> tuple[Array, Array | None]:
     """Return the constants of the body (k,) and of its loads (m,) within [begin_s, end_s).
 
-    Nothing switches there. None for the loads where nothing at all turns the body. Springs are not known:
-    raises ValueError for them, and for any other kind.
+    The interval must contain no switch. The loads are None if no torque acts on the body. Raises ValueError
+    for springs and any other unsupported kind.
     """
     for load in scene.lasting_loads:
         if not isinstance(load, Drag | GravityGradient | SineTorque):
@@ -203,7 +203,7 @@ def _packed_body(frame: PrincipalFrame, held: Iterable[Timed]) -> Array:
 
 
 def _held_in_world(frame: PrincipalFrame, held: Iterable[Timed]) -> list[Array]:
-    """Pack I^-1 (at x y), y a force seen from the body; torques are among the body's constants."""
+    """Pack I^-1 (at x y), y a force in body axes; torques are among the constants of the body."""
     units = [[Fraction(int(i == j)) for j in range(3)] for i in range(3)]
     rows = []
     for load in held:

@@ -1,13 +1,14 @@
 """The Taylor coefficients of a rotation along the principal axes, four doubles at a time.
 
-There Euler's equations need three products of series instead of nine; a world vector seen from the body obeys
-y' = y x omega, three rows instead of a rotation matrix's nine; and a row of four doubles fills a register.
+In principal axes, Euler's equations need three products of series instead of nine. A world vector in these
+axes obeys y' = y x omega, which needs three rows instead of the nine of a rotation matrix. A row of four
+doubles fills a register.
 
-series (rows, order + 1, 4) has a row for q, and three for each vector: itself, its components shifted by one
-place and by two; a vector that swings is followed by its partner, a quarter period ahead. body (1, BODY, 4)
-and loads (m, LOAD, 4) are packed by principal_forcing.py; loads is None where nothing turns the body. The
-constant torques of the world are one vector, whose products are summed in the loop of omega's: a loop of its
-own would be left at another count each time, which no processor foresees. Source: Jorba and Zou (2005),
+series (rows, order + 1, 4) has one row for q and three for each vector: the vector, and its components
+shifted by one and by two. An oscillating vector is followed by its partner, a quarter period ahead.
+body (1, BODY, 4) and loads (m, LOAD, 4) are packed by principal_frame.py; loads is None if no torque acts.
+The constant torques in world axes are one vector. Its products are summed in the loop over those of omega,
+because the changing trip count of a separate loop defeats branch prediction. Source: Jorba and Zou (2005),
 Experimental Mathematics 14, 99, section 2.
 """
 
@@ -21,18 +22,18 @@ from bodycheck.reference_impl.kernels.jit import borrowing_inline, borrowing_ker
 from bodycheck.reference_impl.kernels.simd4 import Lanes
 
 Q, OMEGA, HELD, U, LOADS = 0, 1, 4, 7, 13
-"""Rows: q, omega, the torque that the world holds, the way down to the orbit's centre and its partner, where
-those of the loads begin."""
+"""First rows: q, omega, the constant torque in world axes, the direction down to the centre of the orbit with
+its partner, the loads."""
 _TURNED_ONCE, _TURNED_TWICE, PARTNER, LOAD_ROWS = 1, 2, 3, 6
-"""Rows of a vector, counted from its first: (y1, y2, y0), (y2, y0, y1), the partner; those of a load."""
+"""Rows relative to the first of a vector: (y1, y2, y0), (y2, y0, y1), the partner; rows per load."""
 
-# what lies in a body's constants: (I2 - I3) / I1 .., I^-1 tau, -3 n^2 (I2 - I3) / I1 .., the columns of
-# -I^-1 C, the quaternion from body to principal axes, (is there drag, n, is there a torque that the world
-# holds), that torque in world axes, 1 / I
+# layout of the constants of a body: (I2 - I3) / I1 .., I^-1 tau, -3 n^2 (I2 - I3) / I1 .., the columns of
+# -I^-1 C, the quaternion from body to principal axes, (has drag, n, has a constant torque in world axes),
+# that torque in world axes, 1 / I
 EULER, TORQUE, GRADIENT, DAMPING, FRAME, FACTS, HELD_TORQUE, INVERSE, BODY = 0, 1, 2, 3, 6, 7, 8, 9, 10
 DAMPED, ORBIT_RATE, IS_HELD = 0, 1, 2
-# and in a load's: y = SINE sin(rate t + phase) + COSINE cos(rate t + phase), in world axes if it turns and in
-# principal ones if not; the columns of I^-1 tau / y; (rate, phase, does it turn, does it swing)
+# layout of the constants of a load: y = SINE sin(rate t + phase) + COSINE cos(rate t + phase), in world axes
+# if TURNS, else in principal axes; the columns of I^-1 tau / y; (rate, phase, TURNS, SWINGS: oscillates)
 SINE, COSINE, ANGULAR, PHASES, LOAD = 0, 1, 2, 5, 6
 RATE, PHASE, TURNS, SWINGS = 0, 1, 2, 3
 
@@ -42,7 +43,7 @@ _Parts: TypeAlias = tuple[Lanes, Lanes, Lanes]
 
 # ------------------------------------------------------------------------------------- products of series
 #
-# The newest coefficients are added last: what does not wait for them is worked out ahead.
+# The newest coefficients are added last, so that the other terms can be computed in advance.
 
 
 @borrowing_inline
@@ -55,7 +56,7 @@ def put_vector(series: Array, row: int, k: int, x: Lanes) -> None:
 
 @borrowing_inline
 def _add_square(total: Lanes, series: Array, row: int, n: int, m: int) -> Lanes:
-    """(y2 z3, y3 z1, y1 z2) of y_n and z = y_m, added."""
+    """Total + (y2 z3, y3 z1, y1 z2), y = y_n and z = y_m."""
     return simd4.add_product(
         total, simd4.load(series, row + _TURNED_ONCE, n), simd4.load(series, row + _TURNED_TWICE, m)
     )
@@ -63,7 +64,7 @@ def _add_square(total: Lanes, series: Array, row: int, n: int, m: int) -> Lanes:
 
 @borrowing_inline
 def _add_turned(halves: tuple[Lanes, Lanes], series: Array, row: int, n: int, m: int) -> tuple[Lanes, Lanes]:
-    """The two halves of y_n x omega_m, added."""
+    """Halves + the two halves of y_n x omega_m."""
     ahead, behind = simd4.load(series, row + _TURNED_ONCE, n), simd4.load(series, row + _TURNED_TWICE, n)
     return (
         simd4.add_product(halves[0], ahead, simd4.load(series, OMEGA + _TURNED_TWICE, m)),
@@ -83,7 +84,7 @@ def _rotated(series: Array, row: int, k: int) -> Lanes:
 
 @borrowing_inline
 def _add_times_omega(parts: _Parts, series: Array, n: int, m: int) -> _Parts:
-    """q_n times each component of omega_m, added."""
+    """Parts + q_n times each component of omega_m."""
     q = simd4.load(series, Q, n)
     return (
         simd4.add_scaled(parts[0], q, simd4.lane_of(series, OMEGA, m, 0)),
@@ -94,7 +95,7 @@ def _add_times_omega(parts: _Parts, series: Array, n: int, m: int) -> _Parts:
 
 @borrowing_inline
 def _quaternion_product(parts: _Parts, factor: float) -> Lanes:
-    """Factor q (0, a, b, c), of the parts q a, q b, q c."""
+    """Factor q (0, a, b, c), from the parts q a, q b, q c."""
     s = factor
     total = simd4.times(simd4.neighbours_swapped(parts[0]), simd4.lanes(-s, s, s, -s))
     total = simd4.add_product(total, simd4.halves_swapped(parts[1]), simd4.lanes(-s, -s, s, s))
@@ -105,7 +106,7 @@ def _quaternion_product(parts: _Parts, factor: float) -> Lanes:
 def _add_columns(
     total: Lanes, constants: Array, i: int, first: int, series: Array, row: int, k: int
 ) -> Lanes:
-    """Total + M y_k, M's columns the constants from first on."""
+    """Total + M y_k; the columns of M are the constants starting at first."""
     for column in range(3):
         y = simd4.lane_of(series, row, k, column)
         total = simd4.add_scaled(total, simd4.load(constants, i, first + column), y)
@@ -126,7 +127,7 @@ def _put_swing(series: Array, row: int, k: int, rate: float, share: float, y: La
 
 @borrowing_inline
 def _gradient(series: Array, rate: float, k: int, share: float) -> Lanes:
-    """(u2 u3, u3 u1, u1 u2)_k; moves u to k + 1: u' = u x omega + n z."""
+    """(u2 u3, u3 u1, u1 u2)_k; extends u to k + 1: u' = u x omega + n z."""
     products = simd4.nothing()
     y = z = (products, products)
     for n in range(1, k + 1):
@@ -142,7 +143,7 @@ def _gradient(series: Array, rate: float, k: int, share: float) -> Lanes:
 
 @borrowing_inline
 def _add_load(total: Lanes, series: Array, loads: Array, j: int, k: int, share: float) -> Lanes:
-    """Total + I^-1 tau_k of a load; moves its vectors to k + 1."""
+    """Total + I^-1 tau_k of a load; extends its vectors to k + 1."""
     row = LOADS + LOAD_ROWS * j
     total = _add_columns(total, loads, j, ANGULAR, series, row, k)
     y = z = simd4.nothing()
@@ -160,7 +161,7 @@ def _add_load(total: Lanes, series: Array, loads: Array, j: int, k: int, share: 
 
 @borrowing_inline
 def _add_forcing(total: Lanes, series: Array, body: Array, loads: Array, k: int, share: float) -> Lanes:
-    """Total + I^-1 torque_k; moves the vectors that it depends on to k + 1."""
+    """Total + I^-1 torque_k; extends the vectors that it depends on to k + 1."""
     if k == 0:
         total = simd4.plus(total, simd4.load(body, 0, TORQUE))
     if simd4.lane_of(body, 0, FACTS, DAMPED) != 0.0:
@@ -176,9 +177,9 @@ def _add_forcing(total: Lanes, series: Array, body: Array, loads: Array, k: int,
 
 @borrowing_kernel
 def expand(series: Array, body: Array, loads: Array | None) -> None:
-    """Fill the coefficients 1 .. order of all rows, the first being there.
+    """Fill the coefficients 1 .. order of all rows, given the coefficients 0.
 
-    I1 omega1' = (I2 - I3) omega2 omega3 + torque1, and so on in turn; q' = q omega / 2.
+    I1 omega1' = (I2 - I3) omega2 omega3 + torque1, and cyclic permutations; q' = q omega / 2.
     """
     none, is_held = simd4.nothing(), False
     if loads is not None:

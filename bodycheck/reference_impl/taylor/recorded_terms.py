@@ -1,4 +1,4 @@
-"""The Taylor coefficients of loads that are recorded as operations, whatever their formula.
+"""The Taylor coefficients of loads that are recorded as operations.
 
 Source: Griewank and Walther (2008), Evaluating derivatives, table 13.2.
 """
@@ -55,7 +55,7 @@ from bodycheck.reference_impl.taylor.taylor_terms import R, V, X, cauchy, vector
 
 @inlined_kernel
 def start_time(series: Numbers, row: int, t: float) -> None:
-    """t: the first coefficient of the first operation."""
+    """Set the zeroth coefficient of the first operation to t."""
     put(series, row, 0, exactly(series, t))
 
 
@@ -75,7 +75,7 @@ def recorded_share(
 
 @kernel
 def _series_row(operand: float, first: int) -> int:
-    """Return where the series of an operand lies; the operations have theirs from the row first on."""
+    """Return the row of the series of an operand; those of the operations start at row first."""
     i = int(operand)
     if i >= OPERATIONS:
         return first + i - OPERATIONS
@@ -88,7 +88,7 @@ def _series_row(operand: float, first: int) -> int:
 
 @kernel
 def _operate(series: Numbers, operation: Array, first: int, row: int, k: int) -> None:
-    """Put the k-th coefficient of what one operation makes into its row."""
+    """Write the k-th coefficient of the result of one operation into its row."""
     code = int(operation[0])
     a, b = _series_row(operation[1], first), _series_row(operation[2], first)
     constant = like(nothing(series), (operation[3], operation[4]))
@@ -142,7 +142,7 @@ def _root(series: Numbers, a: int, row: int, k: int) -> Any:
 
 @kernel
 def _swing(series: Numbers, a: int, partner: int, k: int) -> Any:
-    """f' = a' g: f_k = (sum over n >= 1 of n a_n g_(k-n)) / k, of the sine and, but for its sign, cosine."""
+    """f' = a' g: f_k = (sum over n >= 1 of n a_n g_(k-n)) / k, of sine and, except for the sign, cosine."""
     total = nothing(series)
     for n in range(1, k + 1):
         total = add_product(total, by_double(term(series, a, n), float(n)), term(series, partner, k - n))

@@ -1,4 +1,4 @@
-"""A scene followed by its Taylor series from switch to switch, free to move or about a pivot."""
+"""Integrate a scene by Taylor series from switch to switch, for a free body or about a pivot."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from bodycheck.reference_impl.taylor.taylor_terms import OMEGA, SINES, STATE, V,
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely a motion is followed.
+    """The order, tolerance and precision of an integration.
 
-    order: of the series. tolerance: the size of their last terms. paired_orders: how many of the orders are
-    in double-doubles. None at all is the fastest; a few keep the round-off of many steps down; with some
-    three fifths the rest is so small that doubles hold it, for tolerances down to 1e-33.
+    order: of the series. tolerance: the size of the last terms. paired_orders: the number of orders in
+    double-doubles. 0 is the fastest; a few reduce the round-off of many steps; with about three fifths of the
+    orders, doubles are precise enough for the remaining terms, for tolerances down to 1e-33.
     """
 
     order: int
@@ -42,7 +42,7 @@ class Resolution:
 
 
 def resolution_for(tolerance: float) -> Resolution:
-    """Return the fastest resolution whose steps each err by about the tolerance, 1e-17 at the least."""
+    """Return the fastest resolution with an error per step of about the tolerance, which is 1e-17 or more."""
     if not 1e-17 <= tolerance < 1.0:
         raise ValueError(f"a tolerance of doubles lies between 1e-17 and 1, not at {tolerance!r}")
     digits = -math.log10(tolerance)
@@ -51,9 +51,9 @@ def resolution_for(tolerance: float) -> Resolution:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """States (n, 13): q, omega_body, v, x, each the sum of a high and a low part; and the steps made.
+    """States (n, 13): q, omega_body, v, x, as sums of a high and a low part; and the number of steps.
 
-    lost: why the states are NaN from some time on, where that is known.
+    lost: the reason for NaN states from some time on, if it is known.
     """
 
     high: Array
@@ -68,22 +68,22 @@ _LOST = {
 }
 
 Course: TypeAlias = tuple[tuple[float, float, Forcing], ...]
-"""What acts from when until when, without a gap."""
+"""Consecutive intervals (begin in s, end in s, forcing) without gaps."""
 
 
 def course_of(scene: Scene, until_s: float) -> Course:
-    """Return what acts in the scene from switch to switch."""
+    """Return the forcing of the scene from switch to switch."""
     edges = [0.0, *scene.switches_before(until_s), until_s]
     return tuple((begin, end, forcing_between(scene, begin, end)) for begin, end in pairwise(edges))
 
 
 def solve(course: Course, start: State, t_s: Array, resolution: Resolution) -> Solution:
-    """Follow a course from a start through ascending times (n,) within it."""
+    """Integrate a course from a start state; return the states at ascending times (n,) within it."""
     return solve_packed(course, packed_state(start), t_s, resolution)
 
 
 def solve_packed(course: Course, state: tuple[Array, Array], t_s: Array, resolution: Resolution) -> Solution:
-    """As `solve`, from the high and low parts of a state ((13,), (13,)), which end where the course does."""
+    """Integrate as `solve` does, from a state ((13,), (13,)), high and low parts, updated to the end."""
     steps, lost = 0, ""
     high, low = np.empty((len(t_s), STATE)), np.empty((len(t_s), STATE))
     for begin, end, forcing in course:
@@ -97,7 +97,7 @@ def solve_packed(course: Course, state: tuple[Array, Array], t_s: Array, resolut
 
 
 def packed_state(start: State) -> tuple[Array, Array]:
-    """((13,), (13,)): q / |q|, omega_body, v, x, high and low parts."""
+    """((13,), (13,)): the high and low parts of q / |q|, omega_body, v, x."""
     state = np.concatenate([start.quaternion, start.omega_body, start.velocity, start.position])
     rest = np.zeros(STATE)
     state[:4], rest[:4] = np.array(unit_quaternion(start.quaternion)).T
@@ -115,7 +115,8 @@ def _advance(
 ) -> int:
     """Run the kernels that the forcing needs over the span (begin, end) in s; return the number of steps.
 
-    As `integrate`: state ((13,), (13,)) is moved in place, out ((n, 13), (n, 13)) filled at times (n,).
+    As for `integrate`, state ((13,), (13,)) is updated in place, and out ((n, 13), (n, 13)) is filled at
+    times (n,).
     """
     numbers = forcing if resolution.paired_orders else forcing.rounded()
     rows, series = _working_space(forcing, resolution)
@@ -145,9 +146,9 @@ def _advance(
 
 
 def _working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int, int, int, int], Numbers]:
-    """Return where the rows begin, and zeroed series.
+    """Return the first rows, and zeroed series.
 
-    Those of the world's sines, the springs, the torsion spring and the recorded loads.
+    The rows are those of the sines in world axes, the springs, the torsion spring and the recorded loads.
     """
     counts = [
         0 if part is None else len(part)
@@ -165,10 +166,10 @@ def _working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int,
 def follow_scene(
     scene: Scene, course: Course, state: tuple[Array, Array], t_s: Array, resolution: Resolution
 ) -> Solution:
-    """Follow a scene's course from a packed state through ascending times (n,); x and v are the centre's.
+    """Integrate a course of a scene from a packed state; return the states at ascending times (n,).
 
-    The state ((13,), (13,)) ends where the course does. About a pivot its position and velocity are not
-    looked at: they follow from its attitude.
+    x and v are those of the centre of mass. The state ((13,), (13,)) is updated to the end of the course.
+    About a pivot its position and velocity are ignored, because they follow from attitude and omega.
     """
     if scene.pivot is None:
         return solve_packed(course, state, t_s, resolution)
@@ -182,7 +183,7 @@ def follow_scene(
 
 @kernel
 def _put_centre(high: Array, low: Array, pivot: Array, origin: Array) -> None:
-    """x = pivot's place - R r, v = -R (omega x r), r the pivot in body axes, into the states (n, 13)."""
+    """Write x = origin - R r and v = -R (omega x r), r the pivot in body axes, into the states (n, 13)."""
     for k in range(len(high)):
         q = high[k, :OMEGA], low[k, :OMEGA]
         for a in range(3):
@@ -206,7 +207,7 @@ def _put_centre(high: Array, low: Array, pivot: Array, origin: Array) -> None:
 def _rotated(
     q: tuple[Array, Array], x: DoubleDouble, y: DoubleDouble, z: DoubleDouble
 ) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble]:
-    """R(q) v = v + w t + u x t, t = 2 u x v, of q = (w, u)."""
+    """R(q) v = v + w t + u x t, t = 2 u x v, for q = (w, u)."""
     u = (q[0][1], q[1][1]), (q[0][2], q[1][2]), (q[0][3], q[1][3])
     v = (x, y, z)
     t = (

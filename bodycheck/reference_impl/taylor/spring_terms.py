@@ -1,4 +1,4 @@
-"""The Taylor coefficients of what springs do: forces along a line, and torques along a rotation vector."""
+"""The Taylor coefficients of springs: forces along a line, and torques along a rotation vector."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ from bodycheck.reference_impl.taylor.taylor_terms import (
 _D, _SQUARE, _INVERSE, _FORCE, SPRING_ROWS = 0, 3, 4, 5, 8
 """Rows of one spring: d = x + R at - anchor, |d|^2, 1 / |d|, the force."""
 
-_PLACES, _NEWTONS = 8, 4  # within a step, where a spring is looked at
+_PLACES, _NEWTONS = 8, 4  # samples of a spring within a step, then Newton iterations
 _NEAR = 1e-6
 
-_HALVINGS = 4  # of the half angle a, below pi / 2 at first and below pi / 32 then
-_NESTED = 13  # factors of the series in sin^2(a/32) < 0.0025: what is left out is below 2^-112
+_HALVINGS = 4  # of the half angle a: from below pi / 2 to below pi / 32
+_NESTED = 13  # factors of the series in sin^2(a/32) < 0.0025: the truncation error is below 2^-112
 _P, _COSINE, _SMALL, _NEST = 0, 4, 8, 9
 _PRODUCT = _NEST + _NESTED
 _FACTOR = _PRODUCT + _HALVINGS - 1
@@ -74,7 +74,7 @@ def _reciprocal_root(series: Numbers, square: int, row: int, k: int) -> None:
 
 @inlined_kernel
 def _place(series: Numbers, spring: Array, i: int) -> Any:
-    """Return one number of anchor or at, in the precision of the series."""
+    """Return one component of anchor or at, in the precision of the series."""
     return like(nothing(series), (spring[i], spring[LOW + i]))
 
 
@@ -94,7 +94,7 @@ def _stretch(series: Numbers, spring: Array, row: int, k: int) -> None:
 
 @kernel
 def _spring_force(series: Numbers, spring: Array, row: int, k: int) -> Three:
-    """(-stiffness (d - rest_length d / |d|))_k in world axes; 0 while d = 0, NaN where it leaves 0."""
+    """(-stiffness (d - rest_length d / |d|))_k in world axes; 0 while d = 0, NaN when d leaves 0."""
     _stretch(series, spring, row, k)
     d = vector_terms(series, row + _D, k)
     high = high_part(series)
@@ -127,11 +127,11 @@ def _spring_torque(series: Numbers, spring: Array, row: int, k: int) -> Three:
 
 @kernel
 def _least_along(high: Array, first: int, rows: int, h: float) -> float:
-    """The least of d(0) . d(s) over s in [0, h], d in the rows from first on: where it is not at an end.
+    """The minimum of d(0) . d(s) over s in [0, h], for d in the rows starting at first.
 
-    By Newton's method for its derivative, from the least of a few places between.
+    Newton's method on the derivative, started from the least of a few samples, finds an interior minimum.
     """
-    order = high.shape[1] - 2  # the last coefficient of d is not needed for the motion, and not there
+    order = high.shape[1] - 2  # the motion does not need the last coefficient of d, which is not computed
     place, least = h, math.inf
     for i in range(1, _PLACES + 1):
         value = _along(high, first, rows, order, h * i / _PLACES)[0]
@@ -162,10 +162,11 @@ def _along(high: Array, first: int, rows: int, order: int, s: float) -> tuple[fl
 
 @kernel
 def passes_anchor(high: Array, springs: Array, row: int, h: float) -> bool:
-    """Whether a spring that has a rest length is turned by a right angle within the step h.
+    """Whether a spring that has a rest length turns by a right angle within the step h.
 
-    Steps are short beside the distance of a way that leads past the anchor: only one through it, where the
-    force jumps, is seen from the other side after a step. high: the series, of which doubles are enough.
+    On a path that passes the anchor at a distance, steps are short relative to that distance. Only a path
+    through the anchor, where the force jumps, reverses the direction within a step. high: the series; doubles
+    suffice.
     """
     for i in range(len(springs)):
         first = row + SPRING_ROWS * i + _D
@@ -177,13 +178,13 @@ def passes_anchor(high: Array, springs: Array, row: int, h: float) -> bool:
 
 @kernel
 def passes_half_turn(high: Array, row: int, h: float) -> bool:
-    """Whether the cosine of half a torsion spring's angle, positive before, vanishes within the step h."""
+    """Whether the cosine of half the torsion angle, positive at first, vanishes within the step h."""
     return not _least_along(high, row + _P, 1, h) > 0.0
 
 
 @kernel
 def is_at_anchor(high: Array, springs: Array, row: int) -> bool:
-    """Whether the length of a spring is next to nothing beside its rest length."""
+    """Whether the length of a spring is negligible relative to its rest length."""
     for i in range(len(springs)):
         if math.sqrt(high[row + SPRING_ROWS * i + _SQUARE, 0]) < _NEAR * springs[i, REST_LENGTH]:
             return True
@@ -249,7 +250,7 @@ def _quotient(series: Numbers, above: int, below: int, row: int, k: int) -> None
 def _nested_series(series: Numbers, row: int, k: int) -> None:
     """(b / sin b)_k = 1 + 2/3 x (1 + 4/5 x (1 + 6/7 x ..)), x = sin^2(b/2) = (1 - cos b) / 2, b = a/16.
 
-    The inner brackets come first; source: Abramowitz & Stegun (1964), 15.1.6.
+    The inner brackets are computed first. Source: Abramowitz & Stegun (1964), 15.1.6.
     """
     one = exactly(series, 1.0 if k == 0 else 0.0)
     put(series, row + _SMALL, k, by_double(minus(one, term(series, row + _COSINE + _HALVINGS - 1, k)), 0.5))
@@ -275,7 +276,7 @@ def _angle_over_sine(series: Numbers, row: int, k: int) -> None:
 
 @kernel
 def torsion_torque(series: Numbers, torsion: Numbers, row: int, k: int) -> Three:
-    """(-stiffness 2 a / sin a p)_k in body axes, p the vector part of q(0)^-1 q; NaN from pi on."""
+    """(-stiffness 2 a / sin a p)_k in body axes, p the vector part of q(0)^-1 q; NaN from an angle of pi."""
     _relative_quaternion(series, torsion, row + _P, k)
     high = high_part(series)
     if high[row, 0] <= 0.0:

@@ -1,8 +1,8 @@
 """The steps of the Taylor integrator of one rigid body, in doubles or double-doubles, with dense output.
 
-The step follows from the last two coefficients, and every step ends on a coarse binary grid, so that time is
-exact and rounding has no preferred sign; the state is carried as a double-double, so that adding the steps up
-loses nothing. Sources: Jorba and Zou (2005), Experimental Mathematics 14, 99, sections 3.2 and 3.3; Biscani
+The step size follows from the last two coefficients. Every step ends on a coarse binary grid, so that time is
+exact and rounding is unbiased. The state is a double-double, so that summing the steps loses no precision.
+Sources: Jorba and Zou (2005), Experimental Mathematics 14, 99, sections 3.2 and 3.3; Biscani
 and Izzo (2021), MNRAS 504, 2614.
 """
 
@@ -62,12 +62,12 @@ from bodycheck.reference_impl.taylor.taylor_terms import (
 )
 
 LOST_AT_ANCHOR, LOST_AT_HALF_TURN = -1, -2
-"""Instead of a number of steps: a load is not smooth there."""
+"""Returned instead of the number of steps: a load is not smooth there."""
 
-_HALF_TURN = 1e-3  # the cosine of half an angle that is nearly pi
+_HALF_TURN = 1e-3  # the cosine of half the angle, below which the angle counts as pi
 _EPS = 2.0**-52
-_GRID_BITS = 6  # a step ends on a multiple of some 2^-6 of its length
-_SMALLER = 1e14  # times the tolerance: where terms are below this, 2^-53 of them is far below the tolerance
+_GRID_BITS = 6  # a step ends on a multiple of about 2^-6 of its length
+_SMALLER = 1e14  # times the tolerance: for terms below this, rounding to doubles is far below the tolerance
 
 
 @kernel
@@ -87,7 +87,7 @@ def _expand(
     first: int,
     last: int,
 ) -> None:
-    """Fill the coefficients first + 1 .. last of the state's rows, those before being there."""
+    """Fill the coefficients first + 1 .. last of the rows of the state, given the earlier ones."""
     for k in range(first, last):
         share = over_double(exactly(series, 1.0), k + 1.0)
         torque = own_torque(series, turning, damping, body_sines, k, share)
@@ -117,7 +117,7 @@ def _expand(
 
 @inlined_kernel
 def _start_sines(series: Numbers, sines: Array, row: int, t: float) -> None:
-    """Set the first coefficients of the sines at time t."""
+    """Set the zeroth coefficients of the sines at time t."""
     for i in range(len(sines)):
         start_sine(series, row + 2 * i, exactly(series, sines[i, 3]), sines[i, 4], t)
 
@@ -133,7 +133,7 @@ def _start(
     rows: tuple[int, int, int, int],
     t: float,
 ) -> None:
-    """Set the first coefficients of the state and of the sines at time t."""
+    """Set the zeroth coefficients of the state and of the time-dependent loads at time t."""
     for i in range(STATE):
         put(series, i, 0, like(nothing(series), (state[0][i], state[1][i])))
     if body_sines is not None:
@@ -148,7 +148,7 @@ def _start(
 
 @kernel
 def _largest(high: Array, first: int, last: int, k: int) -> float:
-    """max |c_k| over the rows first .. last - 1; infinite where one is NaN."""
+    """max |c_k| over the rows first .. last - 1; infinite if one is NaN."""
     largest = 0.0
     for i in range(first, last):
         size = abs(high[i, k])
@@ -160,10 +160,10 @@ def _largest(high: Array, first: int, last: int, k: int) -> float:
 
 @inlined_kernel
 def _reach(rate: float, start: float, k: int, tolerance: float) -> float:
-    """The longer of the steps at which a rate's k-th term is small beside its start, or by its integral.
+    """The longer of the steps h at which |c_k| h^k = tolerance start, or |c_k| h^(k+1) = tolerance.
 
-    |c_k| h^k = tolerance start, or |c_k| h^(k+1) = tolerance: a rate may pass through 0. The first is the
-    longer one where h start >= 1.
+    At the first, the k-th term of a rate is small relative to its start value; at the second, its integral is
+    small, because a rate may pass through 0. The first is longer if h start >= 1.
     """
     if rate == 0.0:
         return math.inf
@@ -175,7 +175,7 @@ def _reach(rate: float, start: float, k: int, tolerance: float) -> float:
 
 @kernel
 def _step_size(high: Array, order: int, tolerance: float, length: float) -> float:
-    """The step at which the last two terms of q, omega and, over a length > 0, v reach the tolerance."""
+    """The step at which the last two terms of q, omega and, if length > 0, v / length reach the tolerance."""
     step = math.inf
     spin, speed = _largest(high, OMEGA, V, 0), _largest(high, V, X, 0)
     for k in (order - 1, order):
@@ -199,7 +199,7 @@ def next_time(t: float, step: float, end: float) -> float:
 
 @kernel
 def _halved(t: float, after: float, end: float) -> float:
-    """The time halfway to after, or t itself where no double lies between."""
+    """The time halfway to after, or t if no double lies between."""
     shorter = next_time(t, 0.5 * (after - t), end)
     return shorter if shorter < after else t
 
@@ -247,13 +247,14 @@ def integrate(
     paired_orders: int,
     out: tuple[Array, Array],
 ) -> int:
-    """Move the state from time begin to end, write it at the times into out; return the number of steps.
+    """Advance the state from time begin to end, write it at the times into out; return the number of steps.
 
-    state ((13,), (13,)), high and low parts of q, omega_body, v, x; without `moving`, v and x stay. series
-    (n, order + 1) is room to work in, of the precision that is wanted; rows says where the world's sines, the
-    springs, the torsion spring and the recorded loads have theirs. Coefficients beyond the paired orders are
-    computed in doubles: they are small. times (n,) in [begin, end], ascending; out ((n, 13), (n, 13)). NaN
-    from where the motion cannot be followed on; a negative number then tells why, where that is known.
+    state ((13,), (13,)): the high and low parts of q, omega_body, v, x; without `moving`, v and x are left
+    unchanged. series (n, order + 1): workspace in the desired precision; rows: the first rows of the sines in
+    world axes, the springs, the torsion spring and the recorded loads. Coefficients beyond the paired orders
+    are computed in doubles, because they are small. times (n,): ascending, in [begin, end].
+    out ((n, 13), (n, 13)): NaN from the point where the integration fails. The result is then negative if the
+    reason is known (LOST_AT_ANCHOR, LOST_AT_HALF_TURN).
     """
     high = high_part(series)
     order = high.shape[1] - 1
@@ -309,7 +310,7 @@ def integrate(
             while after > t and passes_half_turn(high, rows[2], after - t):
                 after = _halved(t, after, end)
         if not after > t:
-            for i in range(last):  # beyond it, the centre of mass is followed apart
+            for i in range(last):  # beyond last, the centre of mass is integrated separately
                 state[0][i] = math.nan
             for lost in range(due, len(times)):
                 _write(out, lost, state)
@@ -343,7 +344,7 @@ def follow_parabola(
     end: float,
     out: tuple[Array, Array],
 ) -> None:
-    """v = v0 + a t, x = x0 + t (v0 + a t / 2): what `integrate` does, for the centre of mass alone.
+    """v = v0 + a t, x = x0 + t (v0 + a t / 2): as `integrate`, for the centre of mass only.
 
     state and out are ((13,), (13,)) and ((n, 13), (n, 13)); times (n,) in s, ascending within (begin, end).
     """

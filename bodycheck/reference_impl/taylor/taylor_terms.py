@@ -1,8 +1,8 @@
-"""The Taylor coefficients of the motion, order by order: the recurrences of the equations of motion.
+"""The Taylor coefficients of the motion, by the recurrences of the equations of motion.
 
 series[i, k] is the k-th coefficient of the i-th quantity. Every product of two quantities is a sum over
 n = 0..k of the n-th coefficient of one and the (k - n)-th of the other; a derivative is a factor k + 1.
-Written in the words of arithmetic.py for doubles and double-doubles alike. Source: Jorba and Zou (2005),
+The operations of generic_precision.py serve both doubles and double-doubles. Source: Jorba and Zou (2005),
 A software package for the numerical integration of ODEs by means of high-order Taylor methods,
 Experimental Mathematics 14, 99, section 2.
 """
@@ -48,7 +48,7 @@ from bodycheck.reference_impl.taylor.forcing import (
 Q, OMEGA, V, X, STATE = 0, 4, 7, 10, 13
 """Rows of the state: q, omega in body axes, v and x in world axes."""
 L, R, T, U, IU, ORBIT, SINES = 13, 16, 25, 28, 31, 34, 36
-"""Rows beside it: I omega, R, the world torque, u and I u in body axes, sin and cos of n t, of each sine."""
+"""Further rows: I omega, R, world torque, u and I u in body axes, sin and cos of n t, of each sine."""
 
 # ----------------------------------------------------------------------------------- products of series
 
@@ -64,7 +64,7 @@ def cauchy(series: Numbers, i: int, j: int, k: int) -> Any:
 
 @kernel
 def _cross_product(series: Numbers, i: int, j: int, k: int) -> Three:
-    """(a x b)_k, a and b in the rows from i and from j on."""
+    """(a x b)_k, a and b in the rows starting at i and j."""
     x = y = z = nothing(series)
     for n in range(k + 1):
         a0, a1, a2 = term(series, i, n), term(series, i + 1, n), term(series, i + 2, n)
@@ -77,7 +77,7 @@ def _cross_product(series: Numbers, i: int, j: int, k: int) -> Three:
 
 @kernel
 def turned_back(series: Numbers, j: int, k: int) -> Three:
-    """(R^T a)_k, a in the rows from j on."""
+    """(R^T a)_k, a in the rows starting at j."""
     x = y = z = nothing(series)
     for n in range(k + 1):
         for row in range(3):
@@ -90,7 +90,7 @@ def turned_back(series: Numbers, j: int, k: int) -> Three:
 
 @inlined_kernel
 def _row_times(numbers: Numbers, i: int, v: Three) -> Any:
-    """m . v, m the three numbers from i on."""
+    """m . v, m the three numbers starting at i."""
     total = add_product(nothing(numbers), entry(numbers, i), v[0])
     total = add_product(total, entry(numbers, i + 1), v[1])
     return settled(add_product(total, entry(numbers, i + 2), v[2]))
@@ -98,7 +98,7 @@ def _row_times(numbers: Numbers, i: int, v: Three) -> Any:
 
 @inlined_kernel
 def _matrix_times(numbers: Numbers, i: int, v: Three) -> Three:
-    """M v, M the nine numbers from i on."""
+    """M v, M the nine numbers starting at i."""
     return _row_times(numbers, i, v), _row_times(numbers, i + 3, v), _row_times(numbers, i + 6, v)
 
 
@@ -141,9 +141,9 @@ def put_rate(series: Numbers, i: int, k: int, v: Three, share: Any) -> None:
 
 @kernel
 def _spin(series: Numbers, k: int, share: Any) -> Three:
-    """q' = q omega / 2, the coefficient k + 1 = 1 / share; and (I omega x omega)_k, returned.
+    """q' = q omega / 2, the coefficient k + 1 = 1 / share; return (I omega x omega)_k.
 
-    The two sums share omega's coefficients, and one loop, which is most of what a free rotation costs.
+    Both sums use the coefficients of omega, in one loop, which is most of the cost of a free rotation.
     """
     w = x = y = z = tx = ty = tz = nothing(series)
     for n in range(k + 1):
@@ -167,7 +167,7 @@ def _spin(series: Numbers, k: int, share: Any) -> Three:
 def own_torque(
     series: Numbers, turning: Numbers, damping: Numbers | None, sines: Array | None, k: int, share: Any
 ) -> Three:
-    """(tau - C omega + I omega x omega)_k, tau what is given in body axes; moves q and the sines to k + 1."""
+    """(tau - C omega + I omega x omega)_k, tau given in body axes; extends q and the sines to k + 1."""
     omega = vector_terms(series, OMEGA, k)
     put_vector(series, L, k, _matrix_times(turning, INERTIA, omega))
     torque = _spin(series, k, share)
@@ -208,7 +208,7 @@ def rotation_matrix(series: Numbers, k: int) -> None:
     put(series, R + 7, k, by_double(plus(yz, wx), 2.0))
 
 
-# ------------------------------------------------------------------------------------ torques of the world
+# ----------------------------------------------------------------------------------- torques in world axes
 
 
 @kernel
@@ -226,7 +226,7 @@ def moment_torque(series: Numbers, world: Numbers, k: int) -> Three:
 
 @inlined_kernel
 def held_torque(series: Numbers, world: Numbers, k: int) -> Three:
-    """(R^T tau)_k, tau held in world axes."""
+    """(R^T tau)_k, tau constant in world axes."""
     x = y = z = nothing(series)
     for d in range(3):
         r0, r1, r2 = vector_terms(series, R + 3 * d, k)
@@ -271,7 +271,7 @@ def gradient_torque(series: Numbers, turning: Numbers, orbit: Numbers, k: int) -
 
 @inlined_kernel
 def start_sine(series: Numbers, row: int, rate: Any, offset: float, t: float) -> None:
-    """sin and cos of rate t + offset: the first coefficients of row and row + 1."""
+    """sin and cos of rate t + offset: the zeroth coefficients of row and row + 1."""
     sine, cosine = sine_and_cosine(phase(rate, t, offset))
     put(series, row, 0, sine)
     put(series, row + 1, 0, cosine)
@@ -287,7 +287,7 @@ def _move_sine(series: Numbers, row: int, rate: Any, k: int) -> None:
 
 @kernel
 def _added_sines(series: Numbers, torque: Three, sines: Array, first_row: int, k: int) -> Three:
-    """torque + the sum of amplitude s_k; moves the sines to k + 1."""
+    """torque + the sum of amplitude s_k; extends the sines to k + 1."""
     for i in range(len(sines)):
         row, rate = first_row + 2 * i, exactly(series, sines[i, 3])
         s = term(series, row, k)

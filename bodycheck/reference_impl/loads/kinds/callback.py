@@ -1,4 +1,4 @@
-"""A force and a torque that only a function knows."""
+"""A force and a torque given by a user function."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CallbackLoad(ContinuousLoad):
-    """A force and a torque that only a function knows; name: its package.module:function.
+    """A force and a torque given by a user function; name: its package.module:function.
 
-    Its table, whose reading runs code, and its message, which holds the name alone, are not among the keys.
+    It has no keys: reading its table runs code, and its message contains only the name.
     """
 
     kind: ClassVar[str] = "callable"
@@ -27,7 +27,7 @@ class CallbackLoad(ContinuousLoad):
     function: Wrenching
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
-        """Return what the function returns, instant by instant."""
+        """Return the values of the function, called once per instant."""
         parts = (at.position, at.rotation, at.velocity, at.omega)
         if at.omega.ndim == 1:
             force, torque = self.function(float(at.t), *parts)
@@ -37,5 +37,5 @@ class CallbackLoad(ContinuousLoad):
         return force, torque
 
     def about_pivot(self, scene: Scene, pivot: Array) -> CallbackLoad:
-        """Return the same: what calls the function sees to the pivot."""
+        """Return the load unchanged: the caller of the function accounts for the pivot."""
         return self

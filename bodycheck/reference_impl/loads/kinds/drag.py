@@ -1,4 +1,4 @@
-"""Linear drag, of the centre of mass and of the rotation."""
+"""Linear drag on the centre of mass and on the rotation."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Drag(ContinuousLoad):
         return -self.linear * at.velocity, -np.asarray((turned @ at.omega[..., None])[..., 0])
 
     def about_pivot(self, scene: Scene, pivot: Array) -> Drag:
-        """Return the drag of the centre's way, v = omega x c, as one of turning: c x (omega x c) linear."""
+        """Return the drag of the centre of mass, v = omega x c, as angular drag: c x (omega x c) linear."""
         c = pivot
         across = np.asarray(float(c @ c) * np.eye(3) - np.outer(c, c))
         return Drag(0.0, self.angular + self.linear * across)

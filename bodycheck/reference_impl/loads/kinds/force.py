@@ -1,4 +1,4 @@
-"""A force at a point of the body that comes and goes."""
+"""A force at a point of the body, within an interval of time."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class PointForce(Load):
     until_s: Annotated[float, Key("until_s", "number", math.inf)] = math.inf
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
-        """Return what it does while it acts."""
+        """Return force and torque within the interval."""
         force = at.in_world(self.axes, self.value)
         return force, np.cross(at.turned(self.at), force)
 
     def about_pivot(self, scene: Scene, pivot: Array) -> PointForce:
-        """Return the force with its point counted from the pivot."""
+        """Return the force with its point relative to the pivot."""
         return replace(self, at=self.at - pivot)

@@ -28,7 +28,7 @@ class GravityGradient(ContinuousLoad):
     rate: Annotated[float, Key("orbit_rate_rad_s", "positive")]
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
-        """Return no force, and the formula above."""
+        """Return zero force, and the torque above."""
         angle = self.rate * at.t[..., None]
         u = np.concatenate([-np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
         inertia = at.rotation @ scene.body.inertia @ np.swapaxes(at.rotation, -1, -2)
@@ -36,5 +36,5 @@ class GravityGradient(ContinuousLoad):
         return np.zeros_like(at.omega), 3.0 * self.rate**2 * np.cross(u, np.asarray(inertial))
 
     def about_pivot(self, scene: Scene, pivot: Array) -> NoReturn:
-        """Refuse, by ValueError: the formula is one about the centre of mass."""
+        """Raise ValueError: the formula holds about the centre of mass only."""
         raise ValueError("a gravity gradient turns a body about its centre of mass, not about a pivot")

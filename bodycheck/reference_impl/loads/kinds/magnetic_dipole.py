@@ -32,9 +32,9 @@ class MagneticDipole(ContinuousLoad):
     field: Annotated[Array, Key("field_t", "vector")]
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
-        """Return no force, and the torque above."""
+        """Return zero force, and the torque above."""
         return np.zeros_like(at.omega), np.cross(at.turned(self.moment), self.field)
 
     def potential(self, scene: Scene, motion: Trajectory) -> Array:
-        """Return U, zero where the dipole is across the field."""
+        """Return U (n,) in J, zero if the dipole is perpendicular to the field."""
         return np.asarray(-(motion.rotation_matrices @ self.moment) @ self.field)

@@ -1,4 +1,4 @@
-"""A torque that swings as a sine of the time."""
+"""A torque that varies sinusoidally with time."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class SineTorque(ContinuousLoad):
     phase: Annotated[float, Key("phase_rad", "number", 0.0)]
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
-        """Return no force, and the formula above."""
+        """Return zero force, and the torque above."""
         swing = np.sin(self.rate * at.t[..., None] + self.phase)
         return np.zeros_like(at.omega), swing * at.in_world(self.axes, self.amplitude)
 
     def about_pivot(self, scene: Scene, pivot: Array) -> SineTorque:
-        """Return the same: a torque is one about any point."""
+        """Return the load unchanged: a torque is the same about any point."""
         return self

@@ -1,4 +1,4 @@
-"""A spring from a point of the world to a point of the body."""
+"""A spring between a point of the world and a point of the body."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class Spring(ContinuousLoad):
         return force, np.cross(arm, force)
 
     def potential(self, scene: Scene, motion: Trajectory) -> Array:
-        """Return U, zero where the spring is relaxed."""
+        """Return U (n,) in J, zero if the spring is relaxed."""
         arm = quaternion_to_matrix(motion.attitude) @ self.at
         length = np.linalg.norm(motion.position_m + arm - self.anchor, axis=-1)
         return np.asarray(0.5 * self.stiffness * (length - self.rest_length) ** 2)
 
     def about_pivot(self, scene: Scene, pivot: Array) -> Spring:
-        """Return the spring with its point counted from the pivot."""
+        """Return the spring with its point relative to the pivot."""
         return replace(self, at=self.at - pivot)

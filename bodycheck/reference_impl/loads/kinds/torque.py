@@ -1,4 +1,4 @@
-"""A torque that comes and goes."""
+"""A torque within an interval of time."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Torque(Load):
     until_s: Annotated[float, Key("until_s", "number", math.inf)] = math.inf
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
-        """Return what it does while it acts."""
+        """Return zero force and the torque within the interval."""
         return np.zeros_like(at.omega), at.in_world(self.axes, self.value)
 
     def about_pivot(self, scene: Scene, pivot: Array) -> Torque:
-        """Return the same: a torque is one about any point."""
+        """Return the load unchanged: a torque is the same about any point."""
         return self

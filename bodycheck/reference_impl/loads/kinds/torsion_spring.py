@@ -1,4 +1,4 @@
-"""A spring that turns the body back to where it started, by the shortest way."""
+"""A torsion spring that rotates the body back to its initial attitude by the shortest rotation."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class TorsionSpring(ContinuousLoad):
     stiffness: Annotated[float, Key("stiffness_n_m", "positive")]
 
     def wrench(self, scene: Scene, at: Instants) -> tuple[Array, Array]:
-        """Return no force, and the formula above."""
+        """Return zero force, and the torque above."""
         turned = at.rotation @ scene.initial.rotation.T
         return np.zeros_like(at.omega), -self.stiffness * log_matrix(turned)
 
     def potential(self, scene: Scene, motion: Trajectory) -> Array:
-        """Return U, zero at the start."""
+        """Return U (n,) in J, zero at the start."""
         turned = quaternion_product(conjugate(scene.initial.quaternion), motion.attitude)
         angle = np.linalg.norm(log_quaternion(turned), axis=-1)
         return np.asarray(0.5 * self.stiffness * angle**2)
 
     def about_pivot(self, scene: Scene, pivot: Array) -> TorsionSpring:
-        """Return the same: a torque is one about any point."""
+        """Return the load unchanged: a torque is the same about any point."""
         return self
