@@ -182,7 +182,7 @@ class LevelSet:
         return column, z, inside
 
     def _below_zero(self, xy: Array, low: Array, high: Array, sign: float) -> Array:
-        """Return heights (k,) between low (k,) and high (k,), on columns xy (k, 2), with sign f < 0, or NaN."""
+        """Return heights (k,) with sign f < 0 between low (k,) and high (k,) on columns (k, 2), or NaN."""
         found = np.full(len(xy), np.nan)
         open_ = np.arange(len(xy))
         left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
