@@ -1,7 +1,7 @@
-"""F, tau = sum of the lasting loads at (t, x, R, v, omega): what varies with the time and the motion.
+"""F, tau = sum of the continuous loads at (t, x, R, v, omega): the loads that vary with time and motion.
 
-Force and torque about the centre of mass, both in world axes. The loads that have a kernel here are rows of
-eleven numbers, a kind and its constants, one after another in one array:
+Force and torque about the centre of mass, both in world axes. Each load that has a kernel here is a row of
+eleven numbers, its kind and its constants. The rows follow one another in one array:
 
     sine torque        0, axes (0 body, 1 world), amplitude (3,), rate, phase
     drag               1, linear, angular (9,)
@@ -9,9 +9,9 @@ eleven numbers, a kind and its constants, one after another in one array:
     torsion spring     3, stiffness, R(0) (9,)
     gravity gradient   4, orbit rate, inertia (9,)
 
-All other loads are one last row, of any length:
+All other loads share one last row of any length:
 
-    recorded loads     5, the operations of tape.py that sum them up, of five numbers each
+    recorded loads     5, the operations of tape.py that sum them, five numbers each
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _UNKNOWN = (math.nan, math.nan, math.nan)
 
 
 def packed_lasting(scene: Scene) -> Array:
-    """Return the scene's lasting loads as rows, one after another, (11 n,), and what has no row, recorded."""
+    """Return the rows of the scene's continuous loads (11 n,), then the record of those without a row."""
     rows: list[float] = []
     others: list[ContinuousLoad] = []
     for load in scene.lasting_loads:
@@ -68,7 +68,7 @@ def packed_lasting(scene: Scene) -> Array:
 
 
 def _constants(load: object, scene: Scene) -> list[float] | None:
-    """Return the row of a load; None for a kind that has no row."""
+    """Return the row of a load, or None for a kind without a row."""
     match load:
         case SineTorque():
             return [_SINE, 0.0 if load.axes == "body" else 1.0, *load.amplitude, load.rate, load.phase]
@@ -90,9 +90,9 @@ def _constants(load: object, scene: Scene) -> list[float] | None:
 def lasting_wrench(
     t: float, position: Vec, rotation: Mat, velocity: Vec, omega_world: Vec, loads: Array
 ) -> tuple[Vec, Vec]:
-    """Force in N and torque about the centre of mass in N m, world axes.
+    """Return force (3,) in N and torque (3,) about the centre of mass in N m, world axes.
 
-    position (3,), velocity (3,) and omega_world (3,) in world axes, rotation body to world.
+    position (3,), velocity (3,) and omega_world (3,) in world axes; rotation (9,), body to world.
     """
     force, torque = _ZERO, _ZERO
     for row in range(0, len(loads), _ROW):
@@ -115,14 +115,14 @@ def lasting_wrench(
         elif kind == _RECORDED:  # the last row, of any length
             push, turn = recorded_wrench(t, position, rotation, velocity, omega_world, loads, row + 1)
             return add(force, push), add(torque, turn)
-        else:  # which packed_lasting never writes
+        else:  # a kind that packed_lasting never writes
             return _UNKNOWN, _UNKNOWN
     return force, torque
 
 
 @kernel
 def _sine(t: float, rotation: Mat, loads: Array, row: int) -> Vec:
-    """amplitude sin(rate t + phase), turned into world axes."""
+    """amplitude sin(rate t + phase), in world axes."""
     amplitude = vector_at(loads, row + 2)
     if loads[row + 1] == 0.0:
         amplitude = times(rotation, amplitude)
@@ -150,7 +150,7 @@ def _gravity_gradient(t: float, rotation: Mat, loads: Array, row: int) -> Vec:
 
 @kernel
 def _product_with_transposed(a: Mat, b: Mat) -> Mat:
-    """a b^T, row by row."""
+    """a b^T, in row-major order."""
     rows = (
         times(b, (a[0], a[1], a[2])),
         times(b, (a[3], a[4], a[5])),
@@ -161,7 +161,7 @@ def _product_with_transposed(a: Mat, b: Mat) -> Mat:
 
 @kernel
 def rotation_vector(r: Mat) -> Vec:
-    """2 atan2(|v|, w) v / |v| of the quaternion (w, v) of R, by its largest component (Shepperd 1978)."""
+    """2 atan2(|v|, w) v / |v| with (w, v) the quaternion of R, from its largest component (Shepperd 1978)."""
     trace = r[0] + r[4] + r[8]
     x, y, z = r[7] - r[5], r[2] - r[6], r[3] - r[1]
     w = 1.0 + trace
@@ -174,7 +174,7 @@ def rotation_vector(r: Mat) -> Vec:
     length = math.sqrt(x * x + y * y + z * z)
     if length == 0.0:
         return _ZERO
-    # q and -q are one rotation: of the two angles, the one up to pi
+    # q and -q are the same rotation; take the angle of at most pi
     scale = math.copysign(2.0 * math.atan2(length, abs(w)) / length, w)
     return scale * x, scale * y, scale * z
 
@@ -183,7 +183,7 @@ def rotation_vector(r: Mat) -> Vec:
 def lasting_wrench_at(
     t: float, position: Array, rotation: Array, velocity: Array, omega_world: Array, loads: Array
 ) -> Array:
-    """(6,): the same force and torque of arrays, rotation (3, 3) contiguous, for callers outside kernels."""
+    """Return force and torque (6,) as `lasting_wrench`, from arrays; rotation (3, 3) must be contiguous."""
     force, torque = lasting_wrench(
         t,
         vector_at(position, 0),

@@ -1,7 +1,7 @@
-"""Elliptic integrals in the complementary modulus, Jacobi's elliptic functions in m1 = 1 - m.
+"""Elliptic integrals in the complementary modulus kc and Jacobi's elliptic functions in m1 = 1 - m.
 
-Near the separatrix of the free body kc^2 = 1 - m is the small quantity that matters, and m has lost it: no
-integral here subtracts one from the other.
+Near the separatrix of the free body, kc^2 = 1 - m is the small quantity that matters, and a rounded m has
+lost its digits. No integral here computes one from the other by subtraction.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel, kernel
 
 _RF_SPREAD = 2.5e-3  # series error spread^6 / 4, below 1e-16
-_RF_SPREAD_DD = 4e-6  # the same, below 1e-32
-_AGM_GAP_DD = 1e-16  # the mean is then off by gap^2
+_RF_SPREAD_DD = 4e-6  # as above, error below 1e-32
+_AGM_GAP_DD = 1e-16  # the error of the mean is gap^2
 
 
 @kernel
@@ -47,8 +47,8 @@ def carlson_rf(x: float, y: float, z: float) -> float:
 def carlson_rf_of_squares(x: DoubleDouble, y: DoubleDouble, z: DoubleDouble) -> DoubleDouble:
     """R_F(x^2, y^2, z^2) in double-double, for x, y >= 0, z > 0; infinite if x = y = 0.
 
-    The roots are asked for because their squares may underflow. Relative error below 1e-30.
-    Source: as :func:`carlson_rf`; the first duplication needs the roots only.
+    Takes the roots because their squares may underflow. Relative error below 1e-30.
+    Source: as :func:`carlson_rf`; the first duplication step needs only the roots.
     """
     if x[0] == 0.0 and y[0] == 0.0:
         return math.inf, 0.0
@@ -90,8 +90,8 @@ def complete_k(kc: DoubleDouble) -> DoubleDouble:
 def complete_integral(kc: DoubleDouble, p: DoubleDouble, a: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
     """cel = int_0^(pi/2) (a c^2 + b s^2) / (c^2 + p s^2) dphi / sqrt(c^2 + kc^2 s^2).
 
-    c = cos phi, s = sin phi. For kc, p > 0 and a, b >= 0, where every operation is on numbers of one sign.
-    Relative error below 1e-29.
+    c = cos phi, s = sin phi. For kc, p > 0 and a, b >= 0: no operation then cancels, because all operands
+    have the same sign. Relative error below 1e-29.
     Source: Bulirsch 1969, Numerical calculation of elliptic integrals and elliptic functions III, cel.
     """
     e, mean, k = kc, dd.ONE, kc
@@ -114,10 +114,10 @@ def complete_integral(kc: DoubleDouble, p: DoubleDouble, a: DoubleDouble, b: Dou
 
 
 class Quotients(NamedTuple):
-    """What sn, cn, dn need to be theta quotients, each of which keeps its relative accuracy at its zeros.
+    """Constants of sn, cn and dn as theta quotients, which stay accurate relative to their size at zeros.
 
-    The theta series are taken in the nome q = exp(-pi K'/K), as trigonometric series in pi u / 2K, while
-    K <= 2 K', else, by Jacobi's imaginary transformation, in q' = exp(-pi K/K') as exponential ones.
+    For K <= 2 K' the theta series are trigonometric series in pi u / 2K with the nome q = exp(-pi K'/K).
+    Otherwise Jacobi's imaginary transformation makes them exponential series with q' = exp(-pi K/K').
     """
 
     trigonometric: bool
@@ -159,9 +159,9 @@ def _trigonometric(nome: float, sin_x: float, cos_x: float) -> tuple[float, floa
 def _exponential(
     nome: float, decay: float, one_minus_decay2: float, rise: float, one_minus_rise2: float
 ) -> tuple[float, float, float]:
-    """(theta1, e^-y theta4, e^-y theta3) / theta2 at i y, y >= 0, e^-y factors apart, for q' <= exp(-2 pi).
+    """(theta1, e^-y theta4, e^-y theta3) / theta2 at i y, y >= 0, up to factors e^-y, q' <= exp(-2 pi).
 
-    decay = e^-y and rise = sqrt(q') e^y, both at most 1. Taken as products (DLMF 20.5), whose factors
+    decay = e^-y and rise = sqrt(q') e^y, both at most 1. Evaluated as products (DLMF 20.5), whose factors
     1 - decay^2 and 1 - rise^2 carry the zeros of sn and cn.
     """
     q2 = nome * nome
@@ -187,7 +187,7 @@ def _exponential(
 
 @exact_kernel
 def quotients(kc: DoubleDouble, k: DoubleDouble) -> Quotients:
-    """Set up sn, cn, dn for the moduli kc = sqrt(m1) and k = sqrt(m), either of which may be zero."""
+    """Set up sn, cn, dn for the moduli kc = sqrt(m1) and k = sqrt(m); either may be zero."""
     quarter, other = complete_k(kc), complete_k(k)
     if quarter[0] <= 2.0 * other[0]:
         nome = math.exp(-dd.PI[0] * (other[0] / quarter[0]))
@@ -220,7 +220,7 @@ def reduce_by_half_periods(u: DoubleDouble, quarter_period: DoubleDouble) -> tup
 
 @exact_kernel
 def circular_argument(v: DoubleDouble, rate: DoubleDouble) -> tuple[float, float]:
-    """(sin x, cos x) of x = rate v, to relative accuracy also at the zeros."""
+    """(sin x, cos x) of x = rate v, accurate relative to their size, including at their zeros."""
     x, x_low = dd.multiply(v, rate)
     s, c = math.sin(x), math.cos(x)
     return s + x_low * c, c - x_low * s
@@ -228,7 +228,7 @@ def circular_argument(v: DoubleDouble, rate: DoubleDouble) -> tuple[float, float
 
 @kernel
 def _exponential_pair(y: float) -> tuple[float, float]:
-    """(e^-y, 1 - e^-2y), to relative accuracy for either size of y >= 0."""
+    """(e^-y, 1 - e^-2y), both accurate relative to their size for small and large y >= 0."""
     if y < 0.5:
         less = math.expm1(-y)
         return 1.0 + less, -less * (2.0 + less)
@@ -259,7 +259,7 @@ def circular_functions(q: Quotients, sin_x: float, cos_x: float) -> tuple[float,
 def exponential_functions(
     q: Quotients, sign: float, argument: tuple[float, float, float, float]
 ) -> tuple[float, float, float]:
-    """(sn, cn, dn) from the sign of u and what :func:`exponential_argument` returns."""
+    """(sn, cn, dn) from the sign of u and the result of :func:`exponential_argument`."""
     decay, one_minus_decay2, rise, one_minus_rise2 = argument
     sn, cn, dn = _exponential(q.nome, decay, one_minus_decay2, rise, one_minus_rise2)
     return sign * q.sn * sn, q.cn * cn, q.dn * dn
@@ -269,8 +269,8 @@ def exponential_functions(
 def jacobi(u: float, m1: float) -> tuple[float, float, float]:
     """Return (sn, cn, dn)(u | m), m = 1 - m1, for any real u and 0 <= m1 <= 1.
 
-    Error below 2e-15, and below 4e-15 of the function itself near its zeros and in its tails, while
-    |u| < 1e15: u is reduced by a period of 106 bits. ValueError for m1 outside [0, 1].
+    For |u| < 1e15 the error is below 2e-15, and below 4e-15 of the function itself near its zeros and in
+    its tails, because u is reduced by a period of 106 bits. Raises ValueError for m1 outside [0, 1].
     Source: theta quotients, DLMF 22.2.4-6, 20.7.30-33.
     """
     if not 0.0 <= m1 <= 1.0:

@@ -1,4 +1,4 @@
-"""What a load does at one moment: its force and its torque about the centre of mass, in world axes."""
+"""Force and torque of loads at given instants, about the centre of mass, in world axes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from bodycheck.reference_impl.scene import Scene
 def wrench_at(load: Load, scene: Scene, moment: Instants) -> tuple[Array, Array]:
     """Return force and torque (..., 3) about the centre of mass, in N and N m, world axes.
 
-    A load that comes and goes is taken as acting. The formulas are those of the loads' docstrings.
+    A load with a limited duration is treated as acting. The docstrings of the loads give the formulas.
     """
     return checked(load, "the sum of forces and torques").wrench(scene, moment)
 
 
 def sum_of_wrenches(loads: Sequence[Load], scene: Scene) -> Wrenching:
-    """Return the sum of these loads and the weight as one function of the motion."""
+    """Return one function of the motion that sums these loads and the weight."""
 
     def wrench(
         t: float, position: Array, rotation: Array, velocity: Array, omega: Array
@@ -37,9 +37,9 @@ def sum_of_wrenches(loads: Sequence[Load], scene: Scene) -> Wrenching:
 
 
 def lasting_wrench_of(scene: Scene) -> Wrenching:
-    """Return the sum of the scene's lasting loads as one function of the motion, those of functions too.
+    """Return one function of the motion that sums the scene's continuous loads, including callback loads.
 
-    Force and torque are NaN where the motion is not finite: no function is asked about that.
+    Force and torque are NaN where the motion is not finite; no callback is called there.
     """
     wrench = sum_of_wrenches(scene.lasting_loads, replace(scene, gravity=np.zeros(3)))
 

@@ -1,6 +1,6 @@
-"""Compiling kernels ahead of use, so that no measurement and no user waits for a compiler midway.
+"""Compile kernels ahead of use, so that neither a measurement nor a user waits for a compiler midway.
 
-What compiles is imported late: to begin with numba takes a second, and where nothing is missing needs none.
+Modules with kernels are imported late: importing numba takes a second, which is saved if nothing is missing.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ _CLOSED_FORMS = "closed-forms"
 def compile_kernels(
     scenes: Iterable[Scene],
     integrators: Sequence[str] = (),
-    is_solved: Callable[[Scene], bool] = lambda scene: False,  # noqa: ARG005 - asked of each scene
+    is_solved: Callable[[Scene], bool] = lambda scene: False,  # noqa: ARG005 - called with each scene
 ) -> None:
-    """Call the kernels of these scenes' truths, and those of the integrators named, once.
+    """Call the kernels of these scenes' truths and of the named integrators once.
 
-    Another process compiles half of them meanwhile. What was compiled before costs next to nothing; not even
-    that where nothing is missing and is_solved says that the scene's truth was solved before.
+    Another process compiles half of them in parallel. Kernels compiled before cost next to nothing, and
+    nothing at all if none is missing and is_solved reports that the scene's truth was solved before.
     """
     scenes = list(scenes)
     names = [*[_CLOSED_FORMS] * any(scene.is_free_rotation for scene in scenes), *integrators]
@@ -38,7 +38,7 @@ def compile_kernels(
     marks = [_mark(name) for name in names]
     missing = [name for name, mark in zip(names, marks, strict=True) if not mark.exists()]
     words = [sys.executable, "-m", __name__, *missing]
-    # in a session of its own: an interrupt from the keyboard is for this process, which then ends the other
+    # in a session of its own: a keyboard interrupt reaches this process only, which then ends the other
     other = subprocess.Popen(words, start_new_session=True) if missing else None
     try:
         closed_last = sorted(scenes, key=lambda scene: scene.is_free_rotation)
@@ -50,7 +50,7 @@ def compile_kernels(
             if other is None and is_solved(scene):
                 continue
             if other is not None and scene.is_free_rotation:
-                _wait_for(marks[0], other)  # the mark of the closed forms
+                _wait_for(marks[0], other)  # the closed forms
             _solve_shortly(scene)
         if other is not None:
             other.wait()
@@ -67,7 +67,7 @@ def _solve_shortly(scene: Scene) -> None:
 
 
 def closed_forms_compiled() -> bool:
-    """Whether the closed forms of a free body, the dearest to compile, were compiled here before."""
+    """Whether the closed forms of a free body, the most expensive kernels to compile, are compiled here."""
     return _mark(_CLOSED_FORMS).exists()
 
 
@@ -76,13 +76,13 @@ def _mark(name: str) -> Path:
 
 
 def _wait_for(mark: Path, other: subprocess.Popen[bytes]) -> None:
-    """Wait until the other process has left the mark, or has ended without."""
+    """Wait until the other process has written the marker file or has ended without writing it."""
     while not mark.exists() and other.poll() is None:
         time.sleep(0.05)
 
 
 def _compile_here(names: Iterable[str]) -> None:
-    """Compile what is named, one after the other, and leave a mark for each."""
+    """Compile the named kernels one after the other and write a marker file for each."""
     for name in names:
         if name == _CLOSED_FORMS:
             from bodycheck.reference_impl.free_rotation.precompilation import compile_frame_and_evaluation
@@ -92,7 +92,7 @@ def _compile_here(names: Iterable[str]) -> None:
         else:
             _compile_integrator(name)
         mark = _mark(name)
-        with suppress(OSError):  # a folder that cannot be written keeps nothing
+        with suppress(OSError):  # the cache folder may be read-only
             mark.parent.mkdir(parents=True, exist_ok=True)
             mark.touch()
 
@@ -110,7 +110,7 @@ def _compile_flight() -> None:
 
 
 def _compile_integrator(name: str) -> None:
-    """Make one step; under lasting loads where the name ends so."""
+    """Make one step, under continuous loads if the name says so."""
     from bodycheck.reference_impl.integrators import INTEGRATORS
     from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 

@@ -14,7 +14,7 @@ Vector: TypeAlias = list[Fraction]
 
 
 def fractions(values: Array) -> Vector:
-    """Return doubles as the rational numbers that they are, row by row."""
+    """Return doubles as exact rational numbers, in row-major order."""
     return [Fraction(float(x)) for x in np.ravel(values)]
 
 
@@ -51,7 +51,7 @@ def inverse(m: Vector) -> Vector:
 
 
 def rotation_of(q: Vector) -> Vector:
-    """R(q / |q|): the norm enters by its square alone."""
+    """R(q / |q|), which depends on the norm only through its square."""
     w, x, y, z = q
     s = 2 / (w * w + x * x + y * y + z * z)
     return [

@@ -20,12 +20,12 @@ def pair(x: Fraction) -> DoubleDouble:
 
 
 def unit_quaternion(q: Array) -> list[DoubleDouble]:
-    """q / |q| of a quaternion of doubles (4,)."""
+    """q / |q| for a quaternion of doubles (4,)."""
     return unit(fractions(q))
 
 
 def start_omega(start: State) -> Vector:
-    """Return omega in body axes without rounding: as it is given, or R^T of what is given in world axes."""
+    """Return omega in body axes without rounding: omega_body, or R^T exact_omega_world if given."""
     if start.exact_omega_world is None:
         return fractions(start.omega_body)
     to_body = transposed(rotation_of(fractions(start.quaternion)))
@@ -33,12 +33,12 @@ def start_omega(start: State) -> Vector:
 
 
 def paired_omega(start: State) -> tuple[Array, Array]:
-    """Return the same in two parts, (3,) and (3,)."""
+    """Return `start_omega` as high and low parts, (3,) and (3,)."""
     high, low = np.array([pair(x) for x in start_omega(start)], dtype=np.float64).T
     return np.ascontiguousarray(high), np.ascontiguousarray(low)
 
 
 def unit(exact: Vector) -> list[DoubleDouble]:
-    """v / |v|, of any number of components."""
+    """v / |v| for any number of components."""
     norm = dd.square_root(pair(dot(exact, exact)))
     return [dd.divide(pair(x), norm) for x in exact]

@@ -1,4 +1,4 @@
-"""What is to be simulated, as plain arrays: a body, its initial state, what acts on it, for how long."""
+"""The problem to simulate, as plain arrays: a body, its initial state, its loads and the duration."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class RigidBody:
-    """Mass in kg and the inertia tensor (3, 3) in kg m^2 about the centre of mass, body axes."""
+    """Mass in kg and inertia tensor (3, 3) in kg m^2 about the centre of mass, in body axes."""
 
     mass: float
     inertia: Array
@@ -52,12 +52,12 @@ class RigidBody:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where the body is and how it moves.
+    """Pose and velocity of the body.
 
     position (3,) and velocity (3,) of the centre of mass, world axes, m and m/s; quaternion (4,)
-    (w, x, y, z), body to world, of any norm but zero: the attitude is that of q / |q|; omega_body (3,) in
-    body axes, rad/s. exact_omega_world (3,): where the start is given in world axes, of which omega_body is
-    then a rounding; a truth begins from this one.
+    (w, x, y, z), body to world, of any non-zero norm: the attitude is that of q / |q|; omega_body (3,) in
+    body axes, rad/s. exact_omega_world (3,): the angular velocity of a start given in world axes, rad/s;
+    omega_body is then rounded from it, and a truth starts from the exact value.
     """
 
     position: Array
@@ -78,14 +78,14 @@ class State:
 
 
 Timed: TypeAlias = Torque | PointForce
-"""What comes and goes: constant in its axes between from_s and until_s."""
+"""A load that acts from from_s to until_s and is constant in its axes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """An engine's frame of the body: how it is built, never how it moves.
+    """An engine's own frame of the body; it affects how the body is built, not how it moves.
 
-    offset (3,) in m: its origin from the centre of mass, body axes; quaternion (4,): link axes to body axes.
+    offset (3,) in m: from the centre of mass to its origin, body axes; quaternion (4,): link to body axes.
     """
 
     offset: Array
@@ -96,9 +96,9 @@ class Link:
 class Scene:
     """One body from one initial state under its loads, sampled evenly from 0 to duration_s.
 
-    gravity (3,) in m/s^2, world axes. pivot (3,) in m: the body-fixed point, from the centre of mass in body
-    axes, that stays where it is at the start; None for a body that is free to move. link: where an engine is
-    to have its own frame of the body; None for the centre of mass and the body axes.
+    gravity (3,) in m/s^2, world axes. pivot (3,) in m: the body-fixed point that stays at its initial place,
+    from the centre of mass in body axes; None for a free body. link: the engine's own frame of the body;
+    None for a frame at the centre of mass along the body axes.
     """
 
     body: RigidBody
@@ -112,17 +112,17 @@ class Scene:
 
     @property
     def sample_interval_s(self) -> float:
-        """The time between two samples."""
+        """The time between two samples, s."""
         return self.duration_s / (self.samples - 1)
 
     @property
     def sample_times(self) -> Array:
-        """t_k = k T / (n - 1), computed and never accumulated: (samples,) in s."""
+        """t_k = k T / (n - 1), computed directly rather than accumulated: (samples,) in s."""
         return np.arange(self.samples) * self.duration_s / (self.samples - 1)
 
     @property
     def piecewise_constant_loads(self) -> tuple[Timed, ...]:
-        """The loads that come and go."""
+        """The loads that switch on and off."""
         return tuple(load for load in self.loads if isinstance(load, Torque | PointForce))
 
     @property
@@ -132,21 +132,21 @@ class Scene:
         return cast("tuple[ContinuousLoad, ...]", tuple(lasting))
 
     def switches_before(self, end_s: float) -> tuple[float, ...]:
-        """Return the times inside (0, end_s) at which a load comes or goes, ascending."""
+        """Return the ascending times inside (0, end_s) at which a load switches on or off."""
         ends = {end for load in self.piecewise_constant_loads for end in (load.from_s, load.until_s)}
         return tuple(sorted(end for end in ends if 0.0 < end < end_s))
 
     @property
     def is_free_rotation(self) -> bool:
-        """Whether nothing turns the body: no load at all; uniform gravity has no torque about the centre."""
+        """Whether no torque acts: no loads, and no gravity on a pivoted body (none about the centre)."""
         return not self.loads and (self.pivot is None or not self.gravity.any())
 
     @property
     def is_off_centre(self) -> bool:
-        """Whether the body is free and an engine's own frame of it lies off its centre of mass."""
+        """Whether the body is free and the engine's own frame lies off its centre of mass."""
         return self.pivot is None and self.link is not None and bool(self.link.offset.any())
 
     @property
     def has_callback_load(self) -> bool:
-        """Whether some load is known to a function alone."""
+        """Whether a load is given by a function."""
         return any(isinstance(load, CallbackLoad) for load in self.loads)

@@ -27,7 +27,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 
 @exact_kernel
 def _stretch(decay: DoubleDouble, t_s: Array, high: Array, low: Array, decayed: Array) -> None:
-    """Fill s (n,), high and low parts, and e^-kt (n,)."""
+    """Fill the high and low parts of s (n,), and e^-kt (n,)."""
     for i in range(len(t_s)):
         t = (t_s[i], 0.0)
         rest, mean, _ = decay_means(dd.multiply(decay, t))
@@ -36,7 +36,7 @@ def _stretch(decay: DoubleDouble, t_s: Array, high: Array, low: Array, decayed: 
 
 
 def decay_rate(inertia: Array, drag: Vector) -> Fraction | None:
-    """k with drag = k inertia (9,), exactly in the doubles given; None where there is none."""
+    """k with drag = k inertia, exactly for the given doubles, or None; inertia (3, 3), drag (9,)."""
     tensor = fractions(inertia)
     k = drag[0] / tensor[0]
     return k if drag == [k * element for element in tensor] else None
@@ -51,7 +51,7 @@ class StretchedRotation:
 
     @classmethod
     def of(cls, scene: Scene, decay: Fraction) -> StretchedRotation:
-        """Set up for a drag torque -k L, k in 1/s."""
+        """Set up the motion for a drag torque -k L; decay is k in 1/s."""
         omega = paired_omega(scene.initial)
         free = FreeRotation.from_pairs(scene.body.inertia, scene.initial.quaternion, *omega)
         return cls(free, pair(decay))
@@ -64,7 +64,7 @@ class StretchedRotation:
         return quaternion, decayed[:, None] * omega
 
 
-_OMEGA_ERROR = 4e-15  # of the largest until then
+_OMEGA_ERROR = 4e-15  # relative to the largest omega up to then
 
 
 class Rotation(Protocol):
@@ -76,19 +76,19 @@ class Rotation(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ExactMotion:
-    """A rotation and a flight that do not know of each other."""
+    """A rotation and a flight that are independent of each other."""
 
     rotation: Rotation
     flight: Flight
 
     def at(self, t_s: Array) -> Trajectory:
-        """Return the motion at any times (n,), each at the same cost.
+        """Return the motion at any times (n,), at the same cost for each.
 
-        The attitude is within 4e-15 rad, omega within 4e-15 of its size or of its largest until then,
-        position and velocity within half an ulp and some 1e-30 of their largest terms.
+        The errors are at most 4e-15 rad for the attitude; for omega 4e-15 of its size or of its largest size
+        up to then; for position and velocity half an ulp and some 1e-30 of their largest terms.
 
-        Raises ValueError that names the first time that is negative, not finite, or so far that 106 bits
-        would no longer hold the angle.
+        Raises ValueError, naming the first invalid time, for times that are negative, not finite, or so late
+        that 106 bits no longer resolve the angle.
         """
         for t in t_s[~(np.isfinite(t_s) & (t_s >= 0.0))]:
             raise ValueError(f"a motion is known at times that are finite and not negative, not {float(t)!r}")
@@ -103,9 +103,9 @@ class ExactMotion:
         )
 
     def errors(self, motion: Trajectory) -> Array:
-        """(3, n): what omega in rad/s, position in m and velocity in m/s are off by before they are rounded.
+        """Return the errors (3, n) of omega in rad/s, position in m and velocity in m/s before rounding.
 
-        motion: what `at` returned.
+        motion: the result of `at`.
         """
         sizes = np.linalg.norm(motion.omega_body, axis=-1)
         if isinstance(self.rotation, FixedAxisRotation):
@@ -114,12 +114,11 @@ class ExactMotion:
 
 
 def closed_form_of(scene: Scene) -> ExactMotion | None:
-    """Return the scene's motion in closed form, or None where there is none, or none as good as a truth.
+    """Return the scene's motion in closed form, or None if there is none as accurate as a truth must be.
 
-    The flight of a body without a pivot has one under forces that are constant in world axes, gravity and
-    linear drag. The rotation has one where no torque acts; where the only one is a drag -k L; and about a
-    principal axis that neither the spin nor any torque leaves. Which of these a scene is, is decided exactly,
-    for the doubles it is given by.
+    The flight of a body without a pivot has a closed form under forces constant in world axes, gravity and
+    linear drag. The rotation has one where no torque acts, where the only torque is a drag -k L, and where
+    omega and all torques stay along one principal axis. The classification is exact for the given doubles.
     """
     loads = loads_of(scene)
     rotation = None if loads is None else _rotation_of(scene, loads)

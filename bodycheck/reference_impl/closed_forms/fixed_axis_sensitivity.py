@@ -1,4 +1,4 @@
-"""How the neighbours of a rotation about a fixed axis depart from it, at the same cost at any time.
+"""Departures of neighbouring motions from a rotation about a fixed axis, at the same cost for any time.
 
 With w' = J^-1 (tau - d w) about the axis e, and body axes throughout, small departures obey
 
@@ -6,9 +6,9 @@ With w' = J^-1 (tau - d w) about the axis e, and body axes throughout, small dep
     K delta omega = I^-1 (I delta omega x e + I e x delta omega),
     delta theta' = delta omega - w e x delta theta,
 
-tau_w the torque held in world axes. What w multiplies is solved exactly, by the angle that the closed form
-knows, and the rest exactly too, in turns (Strang 1968): few nodes do for many revolutions, over which what
-is left out averages away.
+tau_w the torque constant in world axes. The terms in w are solved exactly, with the angle from the closed
+form; so are the remaining terms; the two parts alternate (Strang splitting, 1968). Few nodes suffice for
+many revolutions, because the splitting error averages out over them.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import Loads
 from bodycheck.reference_impl.rotations import hat
 from bodycheck.reference_impl.scene import Scene
 
-_NODES = 1024  # evenly spaced, and as many again that crowd at the start
-_MOST_TIMES = 4096  # of a truth, that are nodes themselves
-_SHORTEST = 1e-9  # of the whole: the first of the nodes that crowd
+_NODES = 1024  # evenly spaced, and as many again clustered at the start
+_MOST_TIMES = 4096  # times of a truth that are themselves nodes
+_SHORTEST = 1e-9  # of the whole: the first of the clustered nodes
 _TERMS = 12  # of the exponential series, for norms up to 1/4
-_LARGEST = 1e100  # of a departure: beyond, all is lost anyway
+_LARGEST = 1e100  # limit of a departure: beyond it no digit is meaningful
 
 
 def departures(scene: Scene, rotation: FixedAxisRotation, t_s: Array) -> Array:
-    """Return what takes (delta omega, delta theta) at t = 0 to that at ascending times (n,): (n, 6, 6)."""
+    """Return the matrices (n, 6, 6) from (delta omega, delta theta) at t = 0 to ascending times t_s (n,)."""
     loads = loads_of(scene)
     assert loads is not None
     nodes = _nodes(scene, t_s)
@@ -42,7 +42,7 @@ def departures(scene: Scene, rotation: FixedAxisRotation, t_s: Array) -> Array:
 
 
 def _nodes(scene: Scene, t_s: Array) -> Array:
-    """Return ascending times from 0 to the last of t_s, the switches among them."""
+    """Return ascending times from 0 to the last of t_s (n,), including the switches."""
     end = float(t_s[-1]) if len(t_s) else 0.0
     crowding = np.geomspace(_SHORTEST, 1.0, _NODES)
     own = t_s if len(t_s) <= _MOST_TIMES else t_s[-1:]
@@ -52,7 +52,7 @@ def _nodes(scene: Scene, t_s: Array) -> Array:
 
 
 def _steps(scene: Scene, loads: Loads, rotation: FixedAxisRotation, nodes: Array) -> Array:
-    """(n - 1, 6, 6): from each node to the next."""
+    """Return the matrices (n - 1, 6, 6) from each node (n,) to the next."""
     axis, inertia = rotation.axis, scene.body.inertia
     inverse = np.linalg.inv(inertia)
     half = 0.5 * np.diff(rotation.angle(nodes))
@@ -69,7 +69,7 @@ def _steps(scene: Scene, loads: Loads, rotation: FixedAxisRotation, nodes: Array
 
 
 def _world_torques(scene: Scene, loads: Loads, axis: Array, nodes: Array) -> Array:
-    """(n - 1,): the mean torque about the axis between the nodes, of what is held in world axes, N m."""
+    """Return the mean torque about the axis between nodes (n - 1,), of loads in world axes, N m."""
     in_world = scene.initial.rotation @ axis
     begins = np.array([piece.begin_s for piece in loads.pieces])
     held = np.array([piece.torque_world for piece in loads.pieces], dtype=np.float64) @ in_world
@@ -83,7 +83,7 @@ def _world_torques(scene: Scene, loads: Loads, axis: Array, nodes: Array) -> Arr
 
 
 def _swept(matrix: Array, angle: Array) -> Array:
-    """exp(angle M) of M (3, 3) with M^3 = mu M: 1 + M sin(r a) / r + M^2 (1 - cos(r a)) / r^2, r^2 = -mu."""
+    """exp(a M) = 1 + M sin(r a) / r + M^2 (1 - cos(r a)) / r^2, M^3 = -r^2 M: (3, 3), (n,) -> (n, 3, 3)."""
     square = matrix @ matrix
     mu = 0.5 * float(np.trace(square))
     root = np.sqrt(abs(mu))
@@ -93,13 +93,13 @@ def _swept(matrix: Array, angle: Array) -> Array:
     elif mu < 0.0:
         first, second = np.sin(x) / root, 2.0 * (np.sin(0.5 * x) / root) ** 2
     else:
-        x = np.clip(x, -200.0, 200.0)  # e^200 is beyond all that is not lost
+        x = np.clip(x, -200.0, 200.0)  # e^200 exceeds every meaningful departure
         first, second = np.sinh(x) / root, 2.0 * (np.sinh(0.5 * x) / root) ** 2
     return np.asarray(np.eye(3) + first[:, None, None] * matrix + second[:, None, None] * square)
 
 
 def _exponential(exponents: Array) -> Array:
-    """e^X of each X (n, 6, 6), by its series of X / 2^k, squared k times."""
+    """e^X for each X (n, 6, 6): the series of X / 2^k, squared k times."""
     size = float(np.max(np.abs(exponents).sum(axis=-1), initial=0.0))
     squarings = max(int(np.ceil(np.log2(size))) + 2, 0) if size > 0.0 else 0
     small = exponents / 2.0**squarings

@@ -1,4 +1,4 @@
-"""m v' = F + m g - c v, F constant in world axes between switches: in closed form, double-double."""
+"""m v' = F + m g - c v with F constant in world axes between switches, in closed form in double-double."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bodycheck.reference_impl.rational_rounding import pair
 from bodycheck.reference_impl.scene import Scene
 
 _LN2: DoubleDouble = (0.6931471805599453, 2.3190468138462996e-17)
-_LARGEST, _SMALLEST = 709.0, -745.0  # beyond which e^x leaves the range of doubles
+_LARGEST, _SMALLEST = 709.0, -745.0  # outside, e^x leaves the range of doubles
 _SERIES_BELOW = 0.5
 _TERMS = 26  # 0.5^26 / 26! < 2^-114
 _RECIPROCAL_FACTORIALS = tuple(pair(Fraction(1, math.factorial(j))) for j in range(_TERMS + 1))
@@ -26,7 +26,7 @@ _RECIPROCAL_FACTORIALS = tuple(pair(Fraction(1, math.factorial(j))) for j in ran
 
 @exact_kernel
 def exponential(x: DoubleDouble) -> DoubleDouble:
-    """Return e^x to (1 + |x|) 2^-102 of itself; infinite above 709, zero below -745."""
+    """Return e^x with relative error (1 + |x|) 2^-102; infinite above 709, zero below -745."""
     if x[0] > _LARGEST:
         return math.inf, 0.0
     if x[0] < _SMALLEST:
@@ -42,9 +42,9 @@ def exponential(x: DoubleDouble) -> DoubleDouble:
 
 @exact_kernel
 def decay_means(z: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble]:
-    """Return e^-z, (1 - e^-z) / z and (z - 1 + e^-z) / z^2, each to some 2^-100 of itself, for any z.
+    """Return e^-z, (1 - e^-z) / z and (z - 1 + e^-z) / z^2, for any z, each to a relative 2^-100 or so.
 
-    The second is the mean of e^-s over s in [0, z], the third that of the second, weighted by s.
+    The second, m1(z), is the mean of e^-s over s in [0, z]; the third is int_0^z s m1(s) ds / z^2.
     """
     if z[0] == 0.0:
         return dd.ONE, dd.ONE, (0.5, 0.0)
@@ -67,7 +67,7 @@ def _advanced(
     t: DoubleDouble,
     means: tuple[DoubleDouble, DoubleDouble, DoubleDouble],
 ) -> tuple[DoubleDouble, DoubleDouble]:
-    """x + t (v m1 + a t m2) and v e^-ct + a t m1, with the means of the decay e^-ct."""
+    """x + t (v m1 + a t m2) and v e^-ct + a t m1, with the means m1, m2 of the decay e^-ct."""
     decayed, mean1, mean2 = means
     gained = dd.multiply(a, t)
     way = dd.multiply(t, dd.add(dd.multiply(v, mean1), dd.multiply(gained, mean2)))
@@ -78,7 +78,7 @@ def _advanced(
 def _move(
     state: Array, acceleration: Array, decay: DoubleDouble, begin: float, end: float, goal: Array
 ) -> None:
-    """Fill goal (2, k, 2), x and v and their high and low parts, from a state alike, accelerations (k, 2)."""
+    """Advance a state (2, k, 2), high and low parts of x and v, under acceleration (k, 2) into goal."""
     t = dd.two_sum(end, -begin)
     means = decay_means(dd.multiply(decay, t))
     for j in range(len(acceleration)):
@@ -91,7 +91,7 @@ def _move(
 
 @exact_kernel
 def _follow_switches(begins: Array, accelerations: Array, decay: DoubleDouble, states: Array) -> None:
-    """Fill the states (p, 2, k, 2) at the begins of the pieces (p,), given the first."""
+    """Fill the states (p, 2, k, 2) at the beginnings of the pieces (p,), given the first state."""
     for i in range(len(begins) - 1):
         _move(states[i], accelerations[i], decay, begins[i], begins[i + 1], states[i + 1])
 
@@ -100,7 +100,7 @@ def _follow_switches(begins: Array, accelerations: Array, decay: DoubleDouble, s
 def _follow(
     begins: Array, accelerations: Array, decay: DoubleDouble, states: Array, t_s: Array, out: Array
 ) -> None:
-    """Fill out (n, 2, k, 2) at the times t_s (n,) >= 0."""
+    """Fill out (n, 2, k, 2) with the states at the times t_s (n,) >= 0."""
     for i in range(len(t_s)):
         piece = np.searchsorted(begins, t_s[i], side="right") - 1
         _move(states[piece], accelerations[piece], decay, begins[piece], t_s[i], out[i])
@@ -110,7 +110,7 @@ def _follow(
 class DecayingMotion:
     """x(t) and v(t), k components each, of v' = a(t) - c v.
 
-    Errors are some 2^-100 of the largest terms, so that rounding the results is what is left to a double.
+    Errors are some 2^-100 of the largest terms: for doubles, only the rounding of the results remains.
     """
 
     _begins: Array
@@ -126,7 +126,7 @@ class DecayingMotion:
         pieces: Sequence[tuple[float, Sequence[DoubleDouble]]],
         decay: DoubleDouble,
     ) -> DecayingMotion:
-        """Set up from x and v at t = 0 and (begin, acceleration) of each piece, the first from 0 on."""
+        """Set up from x and v at t = 0 and (begin, acceleration) of each piece; the first begins at 0."""
         begins = np.array([begin for begin, _ in pieces])
         accelerations = np.array([acceleration for _, acceleration in pieces], dtype=np.float64)
         states = np.empty((len(pieces), 2, len(x), 2))
@@ -136,13 +136,14 @@ class DecayingMotion:
 
     @property
     def largest_rate(self) -> float:
-        """The largest |v| where a piece begins; within one it lies between that of its ends."""
+        """The largest |v| at the beginning of a piece; within a piece v lies between its end values."""
         return float(np.abs(self._states[:, 1, :, 0]).max())
 
     def errors(self, t_s: Array, rates: Array) -> tuple[Array, Array]:
-        """What x and v are off by before they are rounded, (n,) and (n,): 2^-96 of the terms of each piece.
+        """Return the errors (n,) of x and (n,) of v before rounding: 2^-96 of the terms of each piece.
 
-        rates: |v| at t_s (n,). No term of v exceeds twice the largest |v| until then, none of x its way.
+        rates: |v| at t_s (n,). No term of v exceeds twice the largest |v| up to then, and no term of x the
+        distance that v covers.
         """
         largest = 4.0 * self._share * np.maximum(rates, self.largest_rate)
         return self._share * float(np.abs(self._states[0, 0, :, 0]).max()) + largest * t_s, largest
@@ -152,7 +153,7 @@ class DecayingMotion:
         return len(self._begins) * 2.0**-96
 
     def at(self, t_s: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Return x and v, each (n, k), high parts and low parts, at times t_s >= 0 (n,)."""
+        """Return x and v, each as high (n, k) and low (n, k) parts, at times t_s >= 0 (n,)."""
         out = np.empty((len(t_s), *self._states.shape[1:]))
         _follow(self._begins, self._accelerations, self._decay, self._states, t_s, out)
         return (out[:, 0, :, 0], out[:, 0, :, 1]), (out[:, 1, :, 0], out[:, 1, :, 1])
@@ -160,13 +161,13 @@ class DecayingMotion:
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """x(t) and v(t), correctly rounded but for some 2^-100 of their largest terms."""
+    """x(t) and v(t), correctly rounded up to some 2^-100 of their largest terms."""
 
     _motion: DecayingMotion
 
     @classmethod
     def of(cls, scene: Scene, loads: Loads) -> Flight | None:
-        """Set up; None where a force fixed in the body turns with it."""
+        """Set up the flight, or return None where a body-fixed force turns with the body."""
         if any(any(piece.force_body) for piece in loads.pieces):
             return None
         mass, initial = Fraction(scene.body.mass), scene.initial
@@ -175,11 +176,11 @@ class Flight:
         return cls(DecayingMotion.of(x, v, pieces, pair(loads.linear_drag / mass)))
 
     def at(self, t_s: Array) -> tuple[Array, Array]:
-        """Return position and velocity (n, 3), world axes, at times t_s >= 0 (n,)."""
+        """Return position (n, 3) in m and velocity (n, 3) in m/s, world axes, at times t_s >= 0 (n,)."""
         (position, _), (velocity, _) = self._motion.at(t_s)
         return position, velocity
 
     def errors(self, t_s: Array, velocity: Array) -> tuple[Array, Array]:
-        """What position and velocity are off by before they are rounded, (n,) and (n,): the velocities'."""
+        """Return the errors (n,) of position and (n,) of velocity before rounding; velocity (n, 3)."""
         speeds = np.abs(velocity).max(axis=-1, initial=0.0)
         return self._motion.errors(t_s, speeds)

@@ -1,6 +1,6 @@
-"""What acts on a scene's body, summed in rational arithmetic, from switch to switch.
+"""Sum the loads on a scene's body in rational arithmetic, from switch to switch.
 
-Whether a motion has a closed form is decided on these sums: exactly, for the doubles that were given.
+These sums decide whether a motion has a closed form, exactly for the given doubles.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from bodycheck.reference_impl.wrench import held_between
 
 @dataclass(frozen=True)
 class Piece:
-    """Constant from begin_s to the next piece: torques and forces (3,), each in its own axes, and more.
+    """Torques (3,) and forces (3,) that are constant in their axes from begin_s to the next piece.
 
-    force_world includes the weight; arms (9,): the sum of at F^T over the forces constant in world axes,
-    which turn the body in a way that depends on its attitude.
+    force_world includes the weight. arms (9,): the sum of at F^T over the forces constant in world axes,
+    whose torque depends on the attitude.
     """
 
     begin_s: float
@@ -34,7 +34,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Loads:
-    """All that acts: the pieces, linear drag in N s/m, angular drag (9,) in N m s, sines."""
+    """All loads: the pieces, linear drag in N s/m, angular drag (9,) in N m s, and sine torques."""
 
     pieces: list[Piece]
     linear_drag: Fraction
@@ -43,14 +43,14 @@ class Loads:
 
     @property
     def is_torque_free(self) -> bool:
-        """Whether nothing but drag turns the body."""
+        """Whether no torque but drag acts."""
         return not self.sines and not any(
             any(piece.torque_body) or any(piece.torque_world) or any(piece.arms) for piece in self.pieces
         )
 
 
 def loads_of(scene: Scene) -> Loads | None:
-    """Sum what acts; None where some of it has no closed form: a pivot, springs, the gravity gradient."""
+    """Sum the loads, or return None where one has no closed form: a pivot, springs, the gravity gradient."""
     if scene.pivot is not None or not all(
         isinstance(load, SineTorque | Drag) for load in scene.lasting_loads
     ):

@@ -1,4 +1,4 @@
-"""The kind of motion that a state begins: by floating point with error bounds, else by exact integers."""
+"""Classify the motion from a state: in floating point with error bounds, else in exact integers."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel
 
-_NEGLIGIBLE_BITS = 960  # as in the set-up
-_KEPT_BITS = 120  # of an integer on its way to a double-double
+_NEGLIGIBLE_BITS = 960  # as in set_up.py
+_KEPT_BITS = 120  # of an integer before it is rounded to a double-double
 
 
 class ExactState(NamedTuple):
@@ -34,13 +34,13 @@ class ExactState(NamedTuple):
 
     @property
     def is_positive_definite(self) -> bool:
-        """Whether all the leading minors of the inertia are positive (Sylvester)."""
+        """Whether all leading principal minors of the inertia are positive (Sylvester)."""
         a, b, _, d, _, _ = self.inertia
         return a > 0 and a * d > b * b and _determinant(self.inertia) > 0
 
     @property
     def is_steady(self) -> bool:
-        """Whether omega is along a principal axis, or zero: L x omega = 0."""
+        """Whether L x omega = 0: omega is along a principal axis, or zero."""
         (x, y, z), (lx, ly, lz) = self.omega, self.momentum
         return ly * z == lz * y and lz * x == lx * z and lx * y == ly * x
 
@@ -63,7 +63,7 @@ class ExactState(NamedTuple):
 
     @classmethod
     def of(cls, inertia: Array, omega: Array, rest: Array) -> ExactState:
-        """Take over inertia (9,), symmetric, and omega + rest, (3,) each."""
+        """Convert a symmetric inertia (9,) and omega + rest, (3,) each."""
         xx, xy, xz, _, yy, yz, _, _, zz = inertia.tolist()
         components, bits = _integers([Fraction(x) + Fraction(y) for x, y in zip(omega, rest, strict=True)])
         kept = [n if n.bit_length() > bits - _NEGLIGIBLE_BITS else 0 for n in components]
@@ -71,7 +71,7 @@ class ExactState(NamedTuple):
 
 
 def _integers(values: Sequence[float | Fraction]) -> tuple[list[int], int]:
-    """(n, bits) with values proportional to n 2^-bits, the largest |n| in [2^bits, 2^(bits + 1))."""
+    """Return (n, bits) with values proportional to n 2^-bits, the largest |n| in [2^bits, 2^(bits + 1))."""
     ratios = [value.as_integer_ratio() for value in values]
     common = max(denominator for _, denominator in ratios)
     integers = [numerator * (common // denominator) for numerator, denominator in ratios]
@@ -79,13 +79,13 @@ def _integers(values: Sequence[float | Fraction]) -> tuple[list[int], int]:
 
 
 def _determinant(m: list[int]) -> int:
-    """Determinant of the symmetric matrix (xx, xy, xz, yy, yz, zz)."""
+    """Return the determinant of the symmetric matrix (xx, xy, xz, yy, yz, zz)."""
     a, b, c, d, e, f = m
     return a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
 
 
 def _double_double(n: int, exponent: int) -> DoubleDouble:
-    """Round n 2^exponent to 2^-106."""
+    """Round n 2^exponent to a relative 2^-106."""
     shift = n.bit_length() - _KEPT_BITS
     if shift > 0:
         n, exponent = n >> shift, exponent + shift
@@ -94,27 +94,27 @@ def _double_double(n: int, exponent: int) -> DoubleDouble:
 
 
 def _even_exponent(n: int, exponent: int) -> tuple[DoubleDouble, int]:
-    """(x, e), e even, with n 2^exponent = x 2^e to 2^-106 and x, unless zero, in [1/4, 1)."""
+    """Return (x, e), e even, with n 2^exponent = x 2^e to 2^-106 and x zero or in [1/4, 1)."""
     bits = n.bit_length()
     bits += (bits + exponent) % 2
     return _double_double(n, -bits), exponent + bits
 
 
-# Moments, gaps and omega, all of ordinary size, err by less than 2^-125.
+# Moments, gaps and omega are scaled to about 1; their errors are below 2^-125.
 _CERTAINLY_NOT_ZERO = 2.0**-100
-_LEAST_SHARE = 0.25  # what is left of a difference, at the least, for its error to stay some 2^-100 of it
-_LEAST_PRODUCT = 2.0**-900  # above which the low parts of products keep their bits
+_LEAST_SHARE = 0.25  # of its terms: the least difference whose relative error stays some 2^-100
+_LEAST_PRODUCT = 2.0**-900  # above it, the low parts of products keep their bits
 
 
 @exact_kernel
 def is_certainly_tumbling(ascending: NumberedAxes) -> bool:
-    """Whether the inertia is surely positive definite, and L x omega surely not zero."""
+    """Return whether the inertia is certainly positive definite and L x omega certainly not zero."""
     (i1, _, i3), (l1, l2, l3) = ascending.moments, ascending.momentum
     if not (i1[0] > _CERTAINLY_NOT_ZERO and i3[0] > 0.0):
         return False
     gap21, gap31, gap32 = ascending.gaps
     off = max(abs(gap21[0] * l1[0] * l2[0]), abs(gap31[0] * l1[0] * l3[0]), abs(gap32[0] * l2[0] * l3[0]))
-    # |L| may be as small as I1, and twice it enters
+    # |L| may be as small as I1 and enters twice
     return off > _CERTAINLY_NOT_ZERO * i1[0] * i1[0]
 
 
@@ -126,9 +126,9 @@ def _weighted_square(momentum: DoubleDouble, gap: DoubleDouble, moment: DoubleDo
 
 @exact_kernel
 def separation_of(ascending: NumberedAxes) -> tuple[bool, Separation]:
-    """Whether d1 D2 d3 is surely as accurate as it has to be, and what it is.
+    """Return whether d1 D2 d3 is certainly accurate enough, and its value.
 
-    D2 = L3^2 (I3-I2)/I3 - L1^2 (I2-I1)/I1, which cancels beside the separatrix only.
+    D2 = L3^2 (I3-I2)/I3 - L1^2 (I2-I1)/I1 cancels only near the separatrix.
     """
     (i1, i2, i3), (l1, l2, l3) = ascending.moments, ascending.momentum
     gap21, gap31, gap32 = ascending.gaps

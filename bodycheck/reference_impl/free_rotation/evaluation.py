@@ -1,4 +1,4 @@
-"""Attitude and angular velocity of many bodies at many times, in one loop."""
+"""Evaluate the attitude and angular velocity of many bodies at many times, in one loop."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _steady_at(motion: Steady, high: Array, low: Array, quaternion: Array, omega
 
 @kernel
 def evaluate(rows: Array, high: Array, low: Array, quaternion: Array, omega: Array) -> None:
-    """Fill quaternion (m, n, 4) and omega (m, n, 3) of m bodies at the times high + low (n,), in s."""
+    """Fill quaternion (m, n, 4) and omega (m, n, 3) of m bodies at times high + low, (n,) each, in s."""
     for k in range(len(rows)):
         if is_steady(rows[k]):
             _steady_at(steady_in(rows[k]), high, low, quaternion[k], omega[k])

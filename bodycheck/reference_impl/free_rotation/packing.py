@@ -1,4 +1,4 @@
-"""A motion's constants as one row of an array, so that one compiled loop can take many bodies."""
+"""Pack a motion's constants into one row of an array, so that one compiled loop handles many bodies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Steady(NamedTuple):
     """A constant angular velocity: q(t) = q(0) exp(axis |omega| t / 2)."""
 
     frequency: float
-    """The power of two, in 1/s, that makes the time unit: then all that is squared is of ordinary size."""
+    """The power of two, in 1/s, that sets the time unit, so that squares neither overflow nor underflow."""
     turn_rate: DoubleDouble
     """|omega| / 4 pi: turns of the half angle per time unit."""
     axis: Vec
@@ -31,7 +31,7 @@ class Tumbling(NamedTuple):
 
     motion: TumblingConstants
     frequency: float
-    """As for a steady motion."""
+    """As in `Steady`."""
     left: Quat
     right: Quat
     axes: Mat
@@ -42,7 +42,7 @@ WIDTH = 56
 QUARTER_PERIOD = 1
 """K / lambda in s; infinite if steady or on the separatrix."""
 HORIZON = 2
-"""Time in s in which the common phase or the momentum in the body makes 2^50 turns or half periods."""
+"""Time in s in which the common phase makes 2^50 turns or the body-frame momentum 2^50 half periods."""
 _KIND, _FREQUENCY, _TURN_RATE = 0, 3, 4
 _STEADY, _TUMBLING = 1.0, 2.0
 _MOST_TURNS = 2.0**50
@@ -75,7 +75,7 @@ def _put_four(row: Array, i: int, x: Quat) -> None:
 
 @kernel
 def put_steady(row: Array, motion: Steady) -> None:
-    """Write a steady motion."""
+    """Write a steady motion into a row."""
     turn_rate = motion.turn_rate[0]
     row[_KIND], row[_FREQUENCY], row[QUARTER_PERIOD] = _STEADY, motion.frequency, math.inf
     row[HORIZON] = _MOST_TURNS / turn_rate / motion.frequency if turn_rate > 0.0 else math.inf
@@ -87,13 +87,13 @@ def put_steady(row: Array, motion: Steady) -> None:
 
 @kernel
 def is_steady(row: Array) -> bool:
-    """Whether a steady motion stands there."""
+    """Return whether the row holds a steady motion."""
     return bool(row[_KIND] == _STEADY)
 
 
 @kernel
 def steady_in(row: Array) -> Steady:
-    """Read a steady motion."""
+    """Read a steady motion from a row."""
     return Steady(
         row[_FREQUENCY],
         _pair(row, _TURN_RATE),
@@ -105,7 +105,7 @@ def steady_in(row: Array) -> Steady:
 
 @kernel
 def put_tumbling(row: Array, tumbling: Tumbling) -> None:
-    """Write a tumbling motion."""
+    """Write a tumbling motion into a row."""
     motion, f, series = tumbling.motion, tumbling.motion.functions, tumbling.motion.series
     half_period_rate = 0.5 * motion.rate[0] / f.quarter_period[0]
     row[_KIND], row[_FREQUENCY] = _TUMBLING, tumbling.frequency
@@ -132,7 +132,7 @@ def put_tumbling(row: Array, tumbling: Tumbling) -> None:
 
 @kernel
 def tumbling_in(row: Array) -> Tumbling:
-    """Read a tumbling motion."""
+    """Read a tumbling motion from a row."""
     functions = Quotients(row[14] == 1.0, _pair(row, 10), _pair(row, 12), row[15], row[16], row[17], row[18])
     series = CayleyKlein(_four(row, 20), _four(row, 24), _four(row, 28), _four(row, 32), row[19])
     motion = TumblingConstants(

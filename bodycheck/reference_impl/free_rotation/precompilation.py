@@ -1,4 +1,4 @@
-"""The set-up's kernels in two halves that need nothing of each other: two processes compile them at once."""
+"""Compile the set-up kernels in two independent halves, so that two processes can work in parallel."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _INERTIA, _OMEGA, _QUATERNION = (
 
 
 def compile_frame_and_evaluation() -> None:
-    """From a tensor to its principal frame, and from a row to the motion at times."""
+    """Compile the kernels from a tensor to its principal frame, and from a row to the motion at times."""
     frame_of(_INERTIA, _OMEGA, np.zeros(3))
     nothing = np.zeros(0)
     evaluate(np.zeros((0, WIDTH)), nothing, nothing, np.zeros((0, 0, 4)), np.zeros((0, 0, 3)))
 
 
 def compile_tumbling() -> None:
-    """From the frame to a row."""
+    """Compile the kernels from the principal frame to a row."""
     frame = Frame(
         moments=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0)),
         gaps=((1.0, 0.0), (2.0, 0.0), (1.0, 0.0)),

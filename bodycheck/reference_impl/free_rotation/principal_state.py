@@ -1,4 +1,4 @@
-"""The motion seen from the numbered principal axes: its constants, and its state at a time."""
+"""The motion relative to the numbered principal axes: its constants, and its state at a given time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TWO_PI: DoubleDouble = (2.0 * dd.PI[0], 2.0 * dd.PI[1])
 
 
 class TumblingConstants(NamedTuple):
-    """The motion seen from the principal axes, numbered as the module says, to the momentum's frame."""
+    """Constants of the motion of the numbered principal axes relative to the frame of the momentum L."""
 
     functions: elliptic.Quotients
     start: DoubleDouble
@@ -38,7 +38,7 @@ class TumblingConstants(NamedTuple):
 
 @exact_kernel
 def turned(rate: DoubleDouble, t: DoubleDouble, extra: float) -> tuple[float, float]:
-    """(sin, cos) of 2 pi (rate t + extra), whole turns taken off before rounding."""
+    """(sin, cos) of 2 pi (rate t + extra), with whole turns removed before rounding."""
     turns, rest = dd.two_product(rate[0], t[0])
     fraction, low = dd.two_sum(turns - np.rint(turns), rest + (rate[1] * t[0] + rate[0] * t[1]))
     fraction, lower = dd.two_sum(fraction - np.rint(fraction), extra)
@@ -47,7 +47,7 @@ def turned(rate: DoubleDouble, t: DoubleDouble, extra: float) -> tuple[float, fl
 
 @exact_kernel
 def state_at(motion: TumblingConstants, t: DoubleDouble) -> tuple[Quat, Vec]:
-    """Quaternion (of any norm) to the momentum's frame, and omega, both from and along the numbered axes."""
+    """Return the quaternion (4,), of any norm, from the axes to the L frame, and omega (3,) along them."""
     f = motion.functions
     u = dd.add(dd.multiply(motion.rate, t), motion.start)
     u, sign = elliptic.reduce_by_half_periods(u, f.quarter_period)

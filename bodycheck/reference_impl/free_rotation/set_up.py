@@ -1,4 +1,4 @@
-"""From a state at t = 0 to the constants of its motion, as one row."""
+"""Compute the constants of the motion from a state at t = 0, as one row."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _NEGLIGIBLE = 2.0**-960  # of omega's largest component: smaller ones would leav
 
 @kernel
 def unit(q: Quat) -> Quat:
-    """q / |q|, |q| > 0 and of ordinary size."""
+    """q / |q| for |q| > 0 whose square neither overflows nor underflows."""
     shrink = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * shrink, q[1] * shrink, q[2] * shrink, q[3] * shrink
 
 
 @kernel
 def _exponent(values: Array) -> int:
-    """e with the largest |value| in [2^e, 2^(e + 1)); 0 where all are zero."""
+    """Return e with the largest |value| in [2^e, 2^(e + 1)), or 0 where all are zero."""
     largest = 0.0
     for value in values:
         largest = max(largest, abs(value))
@@ -45,7 +45,7 @@ def _exponent(values: Array) -> int:
 
 @kernel
 def _scaled(values: Array) -> Array:
-    """Return the values over a power of two, the largest in [1, 2)."""
+    """Return the values divided by a power of two, the largest in [1, 2)."""
     exponent = _exponent(values)
     scaled = np.empty(len(values))
     for i in range(len(values)):
@@ -55,7 +55,7 @@ def _scaled(values: Array) -> Array:
 
 @kernel
 def _frequency(omega: Array) -> float:
-    """What omega is divided by."""
+    """Return the power of two that divides omega."""
     return math.ldexp(1.0, _exponent(omega))
 
 
@@ -71,14 +71,14 @@ def _without_negligible(omega: Vec) -> Vec:
 
 @kernel
 def _scaled_rest(omega: Array, rest: Array) -> Vec:
-    """What omega is beyond doubles, over what that is divided by."""
+    """Return the low part of omega, divided by the same power of two."""
     back = -_exponent(omega)
     return math.ldexp(rest[0], back), math.ldexp(rest[1], back), math.ldexp(rest[2], back)
 
 
 @kernel
 def frame_of(inertia: Array, omega: Array, rest: Array) -> Frame:
-    """The principal frame of the scaled state."""
+    """Return the principal frame of the scaled state: inertia (9,), omega (3,), rest (3,)."""
     spin = _without_negligible(vector_at(_scaled(omega), 0))
     return principal(matrix_at(_scaled(inertia), 0), spin, _scaled_rest(omega, rest))
 
@@ -96,7 +96,7 @@ def _conjugate(q: Quat) -> Quat:
 
 @kernel
 def placed(motion: TumblingConstants, axes: NumberedAxes, omega: Array, quaternion: Array) -> Tumbling:
-    """Let the motion start from the quaternion."""
+    """Return the motion that starts from the quaternion (4,); omega (3,) sets the time unit."""
     principal_axes = unit(quaternion_of(axes.columns))
     relative = unit(state_at(motion, dd.ZERO)[0])
     left = small_vectors.quaternion_times(
@@ -115,11 +115,11 @@ def begin(
     rows: Array,
     doubtful: Array,
 ) -> None:
-    """Fill the rows (m, WIDTH) of the bodies that surely tumble, and tell which are doubtful (m,).
+    """Fill the rows (m, WIDTH) of the bodies that certainly tumble, and mark doubtful ones in doubtful (m,).
 
-    inertia (m, 9), symmetric; quaternion (m, 4), not zero; omega (m, 3), body axes; rest
-    (m, 3): what it is beyond doubles. separations (m, 4): side,
-    size, its low part, exponent; a side of 0 leaves it to floating point to find out.
+    inertia (m, 9), symmetric; quaternion (m, 4), not zero; omega (m, 3), body axes; rest (m, 3): the low part
+    of omega. separations (m, 4): side, size, low part of the size, exponent; for a side of 0, floating point
+    determines the separation.
     """
     for k in range(len(rows)):
         frame = frame_of(inertia[k], omega[k], rest[k])
@@ -142,7 +142,7 @@ def begin(
 
 @kernel
 def begin_steady(quaternion: Array, omega: Array, rest: Array, row: Array) -> None:
-    """Fill one row with a rotation about a fixed axis, or none for omega = 0; omega + rest, (3,) each."""
+    """Fill one row with a rotation about a fixed axis, or with rest if omega = 0; omega + rest, (3,) each."""
     x, y, z = vector_at(_scaled(omega), 0)
     a, b, c = _scaled_rest(omega, rest)
     norm = hypotenuse(hypotenuse((x, a), (y, b)), (z, c))

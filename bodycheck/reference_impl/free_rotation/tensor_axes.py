@@ -1,4 +1,4 @@
-"""Principal moments, their gaps and principal axes of a tensor of doubles, beyond double-double.
+"""Principal moments, their gaps and principal axes of a tensor, more accurate than double-double.
 
 Source: Ogita, Rump & Oishi 2005, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 1955.
 """
@@ -17,14 +17,14 @@ from bodycheck.reference_impl.kernels.jit import exact_kernel, inlined_kernel, k
 from bodycheck.reference_impl.kernels.small_vectors import Mat, Quat, Vec, principal_frame
 
 Split: TypeAlias = tuple[float, DoubleDouble]
-"""A number as a double and a small rest: of two that are nearly equal, the difference is not lost."""
+"""A number as a double and a small rest, so that differences of nearly equal numbers stay accurate."""
 
 
 @exact_kernel
 def summed(terms: Array) -> Split:
     """Return the sum of terms (n,) to some 2^-155 of the sum of their magnitudes.
 
-    What each addition loses is itself a double, and the losses are added in double-double arithmetic.
+    The rounding error of each addition is itself a double; these errors are added in double-double.
     """
     total, rest = 0.0, dd.ZERO
     for term in terms:
@@ -36,7 +36,7 @@ def summed(terms: Array) -> Split:
 
 @exact_kernel
 def divided(x: Split, divisor: float) -> Split:
-    """Return x over a double, its rest to 2^-104."""
+    """Return x divided by a double, its rest to 2^-104."""
     base = x[0] / divisor
     product, low = dd.two_product(base, divisor)
     missing = dd.add(dd.two_sum(x[0] - product, -low), x[1])
@@ -45,7 +45,7 @@ def divided(x: Split, divisor: float) -> Split:
 
 @exact_kernel
 def difference(x: Split, y: Split) -> DoubleDouble:
-    """x - y, the rests apart."""
+    """x - y, with the rests subtracted separately."""
     return dd.add(dd.two_sum(x[0], -y[0]), dd.subtract(x[1], y[1]))
 
 
@@ -57,14 +57,14 @@ def rounded(x: Split) -> DoubleDouble:
 
 @exact_kernel
 def put_product(terms: Array, i: int, a: float, b: float) -> None:
-    """Write a b, exactly, into terms[i] and terms[i + 1]."""
+    """Write the exact product a b into terms[i] and terms[i + 1]."""
     terms[i], terms[i + 1] = dd.two_product(a, b)
 
 
 Triple: TypeAlias = tuple[DoubleDouble, DoubleDouble, DoubleDouble]
 
 _TURN_BITS = 25  # of the turn's quaternion: the elements of its matrix are sums of products, of 52 bits
-_SETTLED = 2.0**-158  # off-diagonal elements below this of the largest moment are none
+_SETTLED = 2.0**-158  # of the largest moment: smaller off-diagonal elements count as zero
 _SWEEPS = 6  # from 2^-25: 2^-50, 2^-100, and one more; equal moments take another
 
 
@@ -82,7 +82,7 @@ class Frame(NamedTuple):
 
 @kernel
 def quaternion_of(m: Mat) -> Quat:
-    """q with R(q) = m, a rotation matrix, up to a factor, through its largest component (Shepperd 1978)."""
+    """Return q with R(q) = m, up to a factor, from its largest component (Shepperd 1978)."""
     w, x = 1.0 + m[0] + m[4] + m[8], 1.0 + m[0] - m[4] - m[8]
     y, z = 1.0 - m[0] + m[4] - m[8], 1.0 - m[0] - m[4] + m[8]
     largest = max(w, x, y, z)
@@ -97,7 +97,7 @@ def quaternion_of(m: Mat) -> Quat:
 
 @exact_kernel
 def _short_turn(inertia: Mat) -> tuple[Mat, float]:
-    """(|q|^2 R(q), |q|^2), without rounding, of a turn q to within 2^-25 of the principal axes."""
+    """Return (|q|^2 R(q), |q|^2), without rounding, for a rotation q within 2^-25 of the principal axes."""
     if inertia[1] == 0.0 and inertia[2] == 0.0 and inertia[5] == 0.0:
         return (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 1.0
     q = quaternion_of(principal_frame(inertia)[1])
@@ -151,7 +151,7 @@ def _turned(turn: Mat, omega: Vec, rest: Vec, i: int) -> DoubleDouble:
 
 @exact_kernel
 def _tangent(off: DoubleDouble, gap: DoubleDouble) -> DoubleDouble:
-    """tan of the smaller angle that makes a 2 x 2 matrix diagonal: 2 off / (gap +- sqrt(gap^2 + 4 off^2))."""
+    """2 off / (gap +- sqrt(gap^2 + 4 off^2)): tan of the smaller angle that diagonalises a 2 x 2 matrix."""
     twice = dd.scale(off, 2.0)
     root = dd.square_root(dd.add(dd.multiply(gap, gap), dd.multiply(twice, twice)))
     return dd.divide(twice, dd.add(gap, root) if gap[0] >= 0.0 else dd.subtract(gap, root))
@@ -190,7 +190,7 @@ def _rotate_pairs(c: DoubleDouble, s: DoubleDouble, x: Array, y: Array) -> None:
 def _nearly_diagonal(
     inertia: Mat, omega: Vec, rest: Vec, bases: Array, rests: Array, offs: Array, spin: Array, axes: Array
 ) -> None:
-    """Fill what `principal` works on with what the short turn leaves."""
+    """Fill the work arrays of `principal` with the state after the short turn."""
     turn, norm = _short_turn(inertia)
     for i in range(3):
         bases[i], remainder = divided(divided(_congruence(inertia, turn, i, i), norm), norm)
@@ -204,7 +204,7 @@ def _nearly_diagonal(
 
 @exact_kernel
 def _rotate_away(r: int, bases: Array, rests: Array, offs: Array, spin: Array, axes: Array) -> None:
-    """Turn about the axis r, so that the other two are no longer coupled."""
+    """Rotate about the axis r so that the other two axes are no longer coupled."""
     p, q = (r + 1) % 3, (r + 2) % 3
     off, rest_p, rest_q = _pair(offs[r]), _pair(rests[p]), _pair(rests[q])
     tangent = _tangent(off, difference((bases[q], rest_q), (bases[p], rest_p)))
@@ -224,9 +224,9 @@ def _rotate_away(r: int, bases: Array, rests: Array, offs: Array, spin: Array, a
 def principal(inertia: Mat, omega: Vec, rest: Vec) -> Frame:
     """Diagonalise a symmetric tensor whose largest element is of ordinary size, by cyclic Jacobi rotations.
 
-    The rests of the moments err by some 2^-150 of the largest moment, omega by 2^-128 of itself. A diagonal
-    tensor is its own answer, exactly. rest: what omega is beyond doubles. Source: Golub & Van Loan 2013,
-    Matrix computations, 8.5.
+    The error of the moments' rests is some 2^-150 of the largest moment, that of omega 2^-128 of itself. A
+    diagonal tensor is returned exactly. rest: the low part of omega. Source: Golub & Van Loan 2013, Matrix
+    computations, 8.5.
     """
     # a moment is a base and a rest; offs[r] couples the two axes other than r; an axis is a row
     bases, rests, offs = np.empty(3), np.empty((3, 2)), np.empty((3, 2))

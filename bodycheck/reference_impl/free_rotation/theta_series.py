@@ -1,7 +1,7 @@
-"""The theta series of the attitude's Cayley-Klein parameters: their coefficients, and their sums.
+"""Coefficients and sums of the theta series of the attitude's Cayley-Klein parameters.
 
-Both are in the doubled nome: trigonometric series in x = pi u / 2K, or, where the nome is large, by Jacobi's
-imaginary transformation, exponential ones in y = pi u / 4K'.
+Both use the doubled nome. The series are trigonometric in x = pi u / 2K or, where the nome is large,
+exponential in y = pi u / 4K' by Jacobi's imaginary transformation.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ _TWO_PI = 2.0 * dd.PI[0]
 
 
 class CayleyKlein(NamedTuple):
-    """Coefficients of the theta series of (alpha, beta), real and imaginary parts, term by term."""
+    """Coefficients of the theta series of (alpha, beta), separately for real and imaginary parts."""
 
     alpha_real: Coefficients
     alpha_imag: Coefficients
     beta_real: Coefficients
     beta_imag: Coefficients
     twist: float
-    """Turns that the common phase gains per unit of the reduced u; zero for trigonometric series."""
+    """Turns of the common phase per unit of the reduced u; zero for trigonometric series."""
 
 
 @kernel
@@ -39,7 +39,7 @@ def _trigonometric_coefficients(nome: float, a: float, tilt: float, side: float)
     decay = math.exp(-2.0 * a)
     g = nome / decay if decay > 0.0 else 0.0
     q3, q6 = nome**3, nome**6
-    # e^-2na - 1, the exponent of the sines and cosines apart
+    # e^-2na - 1; the exponents of the sines and cosines are kept separate
     e1, e2, e3, e4 = math.expm1(-2.0 * a), math.expm1(-4.0 * a), math.expm1(-6.0 * a), math.expm1(-8.0 * a)
     e5, e6, e7 = math.expm1(-10.0 * a), math.expm1(-12.0 * a), math.expm1(-14.0 * a)
     even1, even2, even3 = -nome * g, q6 * g * g, -q6 * q6 * q3 * g**3
@@ -78,7 +78,7 @@ def _exponential_coefficients(
 
 @kernel
 def coefficients(functions: elliptic.Quotients, a: float, tilt: float, side: float) -> CayleyKlein:
-    """Coefficients of (alpha, beta), whose beta has its zero at u = i s a and is tilt |alpha| at u = 0.
+    """Return the coefficients of (alpha, beta): beta = 0 at u = i s a, |beta| = tilt |alpha| at u = 0.
 
     Jacobi's imaginary transformation makes theta4(x - i s pi a / 2K | q^2), up to a real factor, into
     exp(i s gamma u / K) theta2(gamma + i s y | sqrt(q')), with y = pi u / 4K' and gamma = pi a / 4K', and

@@ -1,4 +1,4 @@
-"""The principal axes numbered by the momentum, and the constants of the motion along them."""
+"""Number the principal axes by the momentum, and compute the constants of the motion along them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bodycheck.reference_impl.kernels.small_vectors import Mat
 class Separation(NamedTuple):
     """d1 D2 d3 = +-size 2^exponent, exponent even; D2 = G^2 - 2E I2 is 0 on the separatrix.
 
-    size is known to 2^-100 of itself, and exactly zero where that is true.
+    size has a relative error of 2^-100, and is exactly zero on the separatrix.
     """
 
     descending: bool
@@ -28,15 +28,15 @@ class Separation(NamedTuple):
 
 
 class NumberedAxes(NamedTuple):
-    """The principal axes, and what is known along them."""
+    """The numbered principal axes, with the moments and the momentum along them."""
 
     moments: Triple
     gaps: Triple
     """|I2 - I1|, |I3 - I1|, |I3 - I2|."""
     momentum: Triple
-    """L along them; the first not negative, the third positive."""
+    """L along the axes; the first component not negative, the third positive."""
     columns: Mat
-    """Their directions in body axes, as columns of a proper matrix."""
+    """The axes' directions in body axes, as columns of a proper rotation matrix."""
     side: float
     """s: +1 where the moments ascend, -1 where they descend."""
 
@@ -50,7 +50,7 @@ def _gap(frame: Frame, i: int, j: int) -> DoubleDouble:
 
 @exact_kernel
 def _order(frame: Frame, descending: bool) -> tuple[int, int, int]:
-    """The axes by their moments, equal ones as they are."""
+    """Return the axes sorted by their moments; axes of equal moments keep their order."""
     sign = -1.0 if descending else 1.0
     a, b, c = 0, 1, 2
     if sign * _gap(frame, a, b)[0] < 0.0:
@@ -69,7 +69,7 @@ def _signed(x: DoubleDouble, sign: float) -> DoubleDouble:
 
 @exact_kernel
 def numbered(frame: Frame, descending: bool) -> NumberedAxes:
-    """Number the axes by ascending or descending moments, and turn them by half turns."""
+    """Number the axes by ascending or descending moments, and orient them by half turns."""
     a, b, c = _order(frame, descending)
     l1 = dd.multiply(frame.moments[a], frame.omega[a])
     l2 = dd.multiply(frame.moments[b], frame.omega[b])
@@ -107,7 +107,7 @@ FOUR_PI: DoubleDouble = (4.0 * dd.PI[0], 4.0 * dd.PI[1])
 
 @exact_kernel
 def hypotenuse(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
-    """sqrt(x^2 + y^2), also where the squares leave the range of doubles."""
+    """sqrt(x^2 + y^2), even where the squares leave the range of doubles."""
     exponent = math.frexp(max(abs(x[0]), abs(y[0])))[1]
     down = math.ldexp(1.0, -exponent)
     x, y = dd.scale(x, down), dd.scale(y, down)
@@ -124,7 +124,7 @@ def _root_of_ratio(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
 def _complementary_modulus(
     root1: DoubleDouble, root3: DoubleDouble, shape: DoubleDouble, separation: Separation
 ) -> DoubleDouble:
-    """k' = sqrt(|d1 D2 d3|) shape / (root1^2 root3), no step of which may underflow."""
+    """k' = sqrt(|d1 D2 d3|) shape / (root1^2 root3), scaled so that no step underflows."""
     exponent1, exponent3 = math.frexp(root1[0])[1], math.frexp(root3[0])[1]
     root1 = dd.scale(root1, math.ldexp(1.0, -exponent1))
     root3 = dd.scale(root3, math.ldexp(1.0, -exponent3))
@@ -146,7 +146,7 @@ def _mean_turn_rate(
     """Omega / 4 pi, Omega = <precession> - turning / K.
 
     The precession, (fast A1^2 cn^2 + slow A2^2 sn^2) / (A1^2 cn^2 + A2^2 sn^2) with fast = G/I1, slow = G/I2
-    and weight = (A2/A1)^2, is averaged over a half period; on the separatrix it is slow for ever.
+    and weight = (A2/A1)^2, is averaged over a half period; on the separatrix its mean is `slow`.
     """
     if kc[0] == 0.0:
         return dd.divide(slow, FOUR_PI)
@@ -156,7 +156,7 @@ def _mean_turn_rate(
 
 @exact_kernel
 def tumble(axes: NumberedAxes, separation: Separation) -> TumblingConstants:
-    """Set up the motion along the numbered axes. Every step multiplies, divides or adds numbers of one sign.
+    """Set up the motion along the numbered axes by products, quotients and sums of numbers of one sign.
 
     With d1 = G^2 - 2E I1 = L2^2 (I2-I1)/I2 + L3^2 (I3-I1)/I3 and d3 = 2E I3 - G^2 likewise, up to sign:
     lambda^2 = d1 (I3-I2) / I1 I2 I3, m = d3 (I2-I1) / d1 (I3-I2), m1 = D2 (I3-I1) / d1 (I3-I2),

@@ -1,4 +1,4 @@
-"""Which closed surface lies within which: by winding numbers, the solid angles of all its triangles summed.
+"""Determine which closed surface lies within which, by winding numbers: sums of the triangles' solid angles.
 
 Source: van Oosterom & Strackee (1983), The solid angle of a plane triangle, IEEE Trans. Biomed. Eng. 30.
 """
@@ -22,20 +22,20 @@ from bodycheck.reference_impl.mass_properties.message_locations import place
 from bodycheck.reference_impl.mass_properties.solid import Overlap, Triangles
 
 _PROBED = 64
-"""How many triangles of a surface at most are asked where their corners and middles lie."""
+"""The maximum number of triangles of a surface whose corners and centroids serve as probes."""
 
 _ANSWERS = 64
-"""How many of these points must answer the same; one on the other surface gives no answer."""
+"""How many probes must agree; a probe on the other surface gives no answer."""
 
 _ON_FACE = 1e-9
-"""How near to a triangle, over its size, a point lies on it."""
+"""The distance to a triangle, relative to its size, within which a point counts as lying on it."""
 
 
 class Nesting(NamedTuple):
-    """How closed surfaces (k,) lie to each other.
+    """How k closed surfaces are nested.
 
-    depth (k,): how many others each lies within. winding (k,): how often these wind around it, as they face.
-    crossing (k,): whether it crosses another. pairs: how many cross.
+    depth (k,): how many others contain each surface. winding (k,): their total winding number around it,
+    signed by their orientation. crossing (k,): whether it crosses another. pairs: how many pairs cross.
     """
 
     depth: NDArray[np.int64]
@@ -45,7 +45,7 @@ class Nesting(NamedTuple):
 
 
 class _Relation(Enum):
-    """How one closed surface lies to another."""
+    """How one closed surface lies relative to another."""
 
     OUTSIDE = "outside"
     WITHIN = "within"
@@ -56,10 +56,10 @@ class _Relation(Enum):
 def nesting(
     vertices: Array, surfaces: Sequence[Triangles], outward: NDArray[np.bool_], overlap: Overlap
 ) -> Nesting:
-    """Return how closed surfaces, of which (k,) face outward, lie to each other.
+    """Return how k closed surfaces are nested; outward (k,) tells which of them face outward.
 
-    Raises ValueError where two of them cross, unless the overlap is "count-twice", and where they lie upon
-    each other so that neither is inside or outside.
+    Raises ValueError where two of them cross, unless the overlap is "count-twice", and where they coincide,
+    so that neither is inside or outside the other.
     """
     lower, upper = (np.array(corners) for corners in zip(*(box(vertices, s) for s in surfaces), strict=True))
     depth, winding = np.zeros((2, len(surfaces)), dtype=np.int64)
@@ -83,16 +83,16 @@ def nesting(
 
 
 def _relations(vertices: Array, one: Triangles, other: Triangles) -> tuple[_Relation, _Relation]:
-    """Return how one surface lies to another, and the other to the one."""
+    """Return how `one` lies relative to `other`, and `other` relative to `one`."""
     if crosses(vertices, one, other) or crosses(vertices, other, one):
         return _Relation.CROSSING, _Relation.CROSSING
     return _by_points(vertices, one, other), _by_points(vertices, other, one)
 
 
 def _by_points(vertices: Array, triangles: Triangles, other: Triangles) -> _Relation:
-    """Say where points of a surface lie to another.
+    """Return how a surface lies relative to another, by probing points of it.
 
-    They also find crossings where edge meets edge, as with boxes shifted along a diagonal.
+    The probes also detect crossings where edge meets edge, as with boxes shifted along a diagonal.
     """
     corners = vertices[triangles[:: max(1, len(triangles) // _PROBED)]]
     probes = np.concatenate([corners[:, 0], corners.mean(axis=1), corners[:, 1], corners[:, 2]])
@@ -118,7 +118,8 @@ def _refuse(vertices: Array, one: Triangles, other: Triangles, relation: _Relati
 def winding_number(point: tuple[float, float, float], vertices: Array, triangles: Triangles) -> float:
     """sum of the solid angles / 4 pi, tan(angle / 2) = det(a, b, c) / (abc + a b.c + b c.a + c a.b).
 
-    1 inside a closed surface that faces outward, -1 where it faces inward, 0 outside, NaN on it.
+    Shapes: point (3,), vertices (n, 3), triangles (m, 3). 1 inside a closed surface that faces outward, -1
+    inside one that faces inward, 0 outside, NaN on it.
     """
     px, py, pz = point
     half_angles = 0.0

@@ -1,4 +1,4 @@
-"""How messages name places on a mesh: by coordinates, which stay when triangles are left out or turned."""
+"""Name places on a mesh by coordinates, which stay valid when triangles are removed or turned."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _SHOWN = 3
 
 
 def place(point: Array) -> str:
-    """Return '(0, 0.5, 1)'."""
+    """Return a point (3,) as '(0, 0.5, 1)'."""
     return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
 
 

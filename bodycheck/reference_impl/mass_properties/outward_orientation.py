@@ -1,4 +1,4 @@
-"""Triangles oriented consistently, closed surfaces outward, cavities inward where that is certain."""
+"""Orient triangles consistently, closed surfaces outward and cavities inward, where that is unambiguous."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NONE = -1
 
 
 class Surfaces(NamedTuple):
-    """Triangles (m, 3), consistent within each surface; the surface (m,) of each; which were turned (m,)."""
+    """Triangles (m, 3), consistent within each surface; the surface (m,) of each; which (m,) were turned."""
 
     triangles: Triangles
     surface: NDArray[np.int32]
@@ -28,10 +28,10 @@ class Surfaces(NamedTuple):
 
 
 def consistent(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> Surfaces:
-    """Turn as few triangles as make each connected surface consistently oriented, either way out.
+    """Turn the fewest triangles that make each connected surface consistent, facing outward or inward.
 
     Shapes: (n, 3), (m, 3), (3 m,) from edges.partners. Raises ValueError naming an edge where a surface has
-    but one side (a Möbius band or Klein bottle is in it).
+    only one side (it contains a Möbius band or Klein bottle).
     """
     surface, turned, conflict = _spread(triangles, partner)
     if conflict != _NONE:
@@ -45,7 +45,7 @@ def consistent(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]
 
 
 def with_turned(triangles: Triangles, turned: NDArray[np.bool_]) -> Triangles:
-    """Return the triangles (m, 3), those marked (m,) run through the other way."""
+    """Return the triangles (m, 3), with the orientation reversed of those selected by turned (m,)."""
     return np.where(turned[:, None], triangles[:, ::-1], triangles) if turned.any() else triangles
 
 
@@ -53,10 +53,10 @@ def with_turned(triangles: Triangles, turned: NDArray[np.bool_]) -> Triangles:
 def _spread(
     triangles: Triangles, partner: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_], int]:
-    """Walk each surface from its first triangle over every edge, turning what disagrees with the one before.
+    """Walk each surface from its first triangle over every edge, turning triangles that disagree.
 
-    Returns the surface (m,) of each triangle, which ones are turned (m,), and a half-edge at which two walked
-    triangles still disagree, or -1.
+    Returns the surface (m,) of each triangle, which triangles (m,) are turned, and a half-edge at which two
+    visited triangles still disagree, or -1.
     """
     count = len(partner) // 3
     start = triangles.ravel()
@@ -89,24 +89,25 @@ def _spread(
 
 
 _FLAT = 1e-14
-"""A volume so much smaller than area times reach is round-off."""
+"""A volume below this fraction of area times reach is round-off."""
 
 
 class Facing(NamedTuple):
-    """Which triangles (m,), consistent within their surfaces, have to be turned, and what to say of it."""
+    """Which triangles (m,), consistent within their surfaces, must be turned, and the notes on that."""
 
     wrong: NDArray[np.bool_]
     notes: tuple[str, ...]
 
 
 def faced(vertices: Array, surfaces: Surfaces, overlap: Overlap = "refuse") -> Facing:
-    """Say which triangles have to be turned for the surfaces to bound a solid.
+    """Return which triangles must be turned for the surfaces to bound a solid; vertices (n, 3) in m.
 
-    A surface within an even number of others bounds matter and faces outward; one within an odd number is a
-    cavity and faces inward. A mesh wholly inside-out may be turned, and so may any surface that lies within
-    no other and crosses none. Raises ValueError where a surface encloses nothing, where two cross, and where
-    one within another does not face as a cavity: it may be one drawn inside-out, or matter drawn twice. If
-    the overlap is "count-twice", surfaces may cross, and those that face outward may lie within matter.
+    A surface within an even number of others bounds matter and faces outward. A surface within an odd number
+    is a cavity and faces inward. A wholly inside-out mesh may be turned, and so may any surface that lies
+    within no other and crosses none. Raises ValueError where a surface encloses nothing, where two cross, and
+    where one within another does not face as a cavity: it may be a cavity drawn inside-out, or matter drawn
+    twice. If the overlap is "count-twice", surfaces may cross, and surfaces that face outward may lie within
+    matter.
     """
     members = _members(surfaces.surface)
     parts = [surfaces.triangles[rows] for rows in members] if len(members) > 1 else [surfaces.triangles]
@@ -132,7 +133,7 @@ def _members(surface: NDArray[np.int32]) -> list[NDArray[np.int64]]:
 
 
 def _is_outward(vertices: Array, triangles: Triangles) -> bool:
-    """Say whether a closed surface faces outward."""
+    """Return whether a closed surface faces outward; raise ValueError if it encloses nothing."""
     volume, area, reach = volume_area_reach(vertices, triangles)
     if abs(volume) <= _FLAT * area * reach:
         where = place(vertices[triangles[0, 0]])
@@ -141,7 +142,7 @@ def _is_outward(vertices: Array, triangles: Triangles) -> bool:
 
 
 def _refuse(vertices: Array, triangles: Triangles, *, crossing: bool) -> NoReturn:
-    """Raise ValueError naming a surface that may be matter or void."""
+    """Raise ValueError naming a surface that may bound matter or void."""
     where = place(vertices[triangles[0, 0]])
     if crossing:
         raise ValueError(
@@ -156,7 +157,7 @@ def _refuse(vertices: Array, triangles: Triangles, *, crossing: bool) -> NoRetur
 
 
 def _parts_note(found: Nesting, within_matter: int) -> tuple[str, ...]:
-    """Say how many closed surfaces there are, if more than one, and what they share."""
+    """Return a note on the number of closed surfaces, if more than one, and on their overlaps."""
     parts = len(found.depth)
     if parts == 1:
         return ()

@@ -1,4 +1,4 @@
-"""Vertices with equal coordinates merged, and corners that round-off set apart where that closes a mesh."""
+"""Merge vertices with equal coordinates, and corners that round-off separates if that closes the mesh."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 _EMPTY = -1
 _SLOTS = 1 << 10
-"""The hash table's first size, a power of two."""
+"""The initial size of the hash table, a power of two."""
 
 
 def merged(vertices: NDArray[np.floating[Any]]) -> tuple[Array, NDArray[np.int32]]:
-    """Return the different vertices (k, 3), in order of appearance, and the number (n,) of each given one.
+    """Return the distinct vertices (k, 3), in order of appearance, and the index (n,) of each given one.
 
-    Shape: (n, 3), finite, of 32 or 64 bits. Equal means equal coordinates, bit for bit but for the sign of
-    zero: whatever a tolerance would join might be a thin wall.
+    Shape: (n, 3), finite, of 32 or 64 bits. Coordinates are compared bit for bit except for the sign of zero:
+    a tolerance might join the two sides of a thin wall.
     """
     kinds, number = _kinds(np.ascontiguousarray(vertices), _SLOTS)
     return kinds, number
@@ -29,19 +29,19 @@ def merged(vertices: NDArray[np.floating[Any]]) -> tuple[Array, NDArray[np.int32
 
 @kernel
 def _slot(x: float, y: float, z: float, mask: int) -> np.int64:
-    """Return a slot from 0 to mask, a power of two less one: multiply, xor and shift (Steele 2014)."""
+    """Return a slot from 0 to mask, a power of two minus one: multiply, xor and shift (Steele 2014)."""
     mixed = np.uint64(0)
     for coordinate in (x, y, z):
         mixed ^= np.float64(coordinate).view(np.uint64)
-        mixed *= np.uint64(0x9E3779B97F4A7C15)  # wraps, as it should
+        mixed *= np.uint64(0x9E3779B97F4A7C15)  # wraps around, as intended
         mixed ^= mixed >> np.uint64(29)
-    mixed ^= mixed >> np.uint64(32)  # else a sign never reaches the last bits
+    mixed ^= mixed >> np.uint64(32)  # otherwise a sign never reaches the last bits
     return np.int64(mixed & np.uint64(mask))
 
 
 @kernel
 def _find(kinds: Array, slots: NDArray[np.int32], x: float, y: float, z: float) -> int:
-    """Return the slot that holds (x, y, z), or the empty one where it belongs: open addressing."""
+    """Return the slot that holds (x, y, z), or the empty slot where it belongs, by open addressing."""
     mask = len(slots) - 1
     slot = _slot(x, y, z, mask)
     while slots[slot] != _EMPTY:
@@ -54,7 +54,7 @@ def _find(kinds: Array, slots: NDArray[np.int32], x: float, y: float, z: float) 
 
 @kernel
 def _grown(kinds: Array, slots: NDArray[np.int32], count: int) -> tuple[Array, NDArray[np.int32]]:
-    """Return a table of twice the size with the same kinds in it, and room for as many more."""
+    """Return a table of twice the size with the same kinds."""
     larger = np.full(2 * len(slots), _EMPTY, dtype=np.int32)
     room = np.empty((len(slots), 3))
     room[:count] = kinds[:count]
@@ -65,7 +65,7 @@ def _grown(kinds: Array, slots: NDArray[np.int32], count: int) -> tuple[Array, N
 
 @kernel
 def _kinds(vertices: NDArray[np.floating[Any]], size: int) -> tuple[Array, NDArray[np.int32]]:
-    """Return the kinds (k, 3) and the kind (n,) of every row, by a hash table that is at most half full."""
+    """Return the kinds (k, 3) and the kind (n,) of each row, by a hash table that is at most half full."""
     slots = np.full(size, _EMPTY, dtype=np.int32)
     kinds = np.empty((size // 2, 3))
     number = np.empty(len(vertices), dtype=np.int32)
@@ -85,17 +85,17 @@ def _kinds(vertices: NDArray[np.floating[Any]], size: int) -> tuple[Array, NDArr
 
 
 TOLERANCES = (1e-13, 1e-10, 1e-7)
-"""Over the size: round-off of doubles near the origin, the same farther off, and round-off of 32 bits."""
+"""Relative to the size: round-off of doubles near the origin, of doubles farther off, and of 32 bits."""
 
 _CLEAR = 100.0
-"""What lies between a tolerance and so many times as much could be either, round-off or a gap."""
+"""A distance between a tolerance and this many times the tolerance may be round-off or a gap."""
 
 _OBLIQUE = np.array([0.5377, 0.6421, 0.5464])
-"""A direction along which few corners of what people draw coincide; of length 1 to four digits."""
+"""A direction along which few corners of typical drawings coincide; of length 1 to four digits."""
 
 
 class Joined(NamedTuple):
-    """Triangles (m, 3) whose edges all meet, their partners (3 m,), and what was joined, in a sentence."""
+    """Triangles (m, 3) without open edges, their partners (3 m,), and a note on what was joined."""
 
     triangles: Triangles
     partner: NDArray[np.int32]
@@ -103,7 +103,7 @@ class Joined(NamedTuple):
 
 
 def without_slits(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> Joined | None:
-    """Return the mesh with the corners at its open edges joined, or None where they are really apart.
+    """Return the mesh with the corners at its open edges joined, or None where there is a real gap.
 
     Shapes: (n, 3), (m, 3), (3 m,) from edges.partners.
     """
@@ -122,20 +122,20 @@ def without_slits(vertices: Array, triangles: Triangles, partner: NDArray[np.int
 
 
 def _ends_of(triangles: Triangles, half_edges: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the vertices (2, k) at both ends of half-edges (k,)."""
+    """Return the vertices (2, k) at the ends of half-edges (k,)."""
     triangle, corner = np.divmod(half_edges, 3)
     return np.stack([triangles[triangle, corner], triangles[triangle, (corner + 1) % 3]])
 
 
 def _size(vertices: Array, triangles: Triangles) -> float:
-    """Return the largest extent along an axis of the vertices that are in use."""
+    """Return the largest extent of the used vertices along an axis."""
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[triangles] = True
     return float(np.ptp(vertices[used], axis=0).max())
 
 
 def _clusters(points: Array, reach: float) -> NDArray[np.int64]:
-    """Return for each point (k, 3) the first of those that it is linked to by steps no longer than reach."""
+    """Return for each point (k, 3) the first one linked to it by steps no longer than reach."""
     along = points @ _OBLIQUE
     order = np.argsort(along, kind="stable")
     return np.asarray(_linked(points, along, order, reach))
@@ -143,7 +143,7 @@ def _clusters(points: Array, reach: float) -> NDArray[np.int64]:
 
 @kernel
 def _root(parent: NDArray[np.int64], i: int) -> int:
-    """Return the first of the cluster of i, halving the way there."""
+    """Return the first member of the cluster of i, halving the path to it."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -152,7 +152,7 @@ def _root(parent: NDArray[np.int64], i: int) -> int:
 
 @kernel
 def _linked(points: Array, along: Array, order: NDArray[np.int64], reach: float) -> NDArray[np.int64]:
-    """Link each point to those near it, which follow it closely in their order along some direction."""
+    """Link each point (k, 3) to those near it, which follow it closely in the order along a direction."""
     parent = np.arange(len(points))
     for k in range(len(order)):
         i = order[k]
@@ -172,7 +172,7 @@ def _linked(points: Array, along: Array, order: NDArray[np.int64], reach: float)
 def _renumbered(
     triangles: Triangles, count: int, old: NDArray[np.int64], new: NDArray[np.int64]
 ) -> Triangles:
-    """Return the triangles (m, 3) with new vertices (k,) in place of old ones (k,), of so many in all."""
+    """Return the triangles (m, 3) with old vertices (k,) replaced by new ones (k,); count: all vertices."""
     number = np.arange(count)
     number[old] = new
     return number[triangles]
@@ -184,7 +184,7 @@ def _loses_a_corner(triangles: Triangles) -> bool:
 
 
 def _note(vertices: Array, rim: NDArray[np.int64], first: NDArray[np.int64], size: float) -> str:
-    """Say how many corners were joined, and how far the farthest was from its own."""
+    """Return a note on how many corners were joined, and over which distance at most."""
     moved = first != np.arange(len(first))
     apart = float(np.linalg.norm(vertices[rim] - vertices[rim[first]], axis=1).max()) / size
     return (

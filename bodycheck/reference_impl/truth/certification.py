@@ -1,6 +1,6 @@
-"""The truth of a scene: its closed form where it has one, else a certified motion, each with its bounds.
+"""The truth of a scene with its bounds: the closed form if there is one, otherwise a certified motion.
 
-Loads that only a function knows have no series: those scenes are solved with shorter and shorter steps.
+Callback loads have no Taylor series: scenes with such loads are solved with repeatedly halved steps.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ from bodycheck.reference_impl.truth.step_halving import Halved, solve_by_halving
 from bodycheck.reference_impl.truth.truth import Kind, Truth
 
 _EXACT_BOUNDS = np.array([4e-15, 8e-15, 8e-15])
-"""What the tests hold the closed form to: angle in rad, energy and momentum relative, from omega's 4e-15."""
+"""Bounds that the tests enforce: angle in rad; relative energy and momentum, from the 4e-15 of omega."""
 
 _FINE, _CHECK = Resolution(30, 1e-32, 19), Resolution(34, 1e-33, 21)
 _NUDGED, _NUDGED_STEPS = Resolution(18, 1e-17), 512
 _NUDGE = 1e-7  # rad, or relative to max |omega|: the size of the perturbations that measure sensitivity
-_PROPORTIONAL = 1e-2  # rad, or relative: the distance up to which a nudge grows in proportion to its size
-_FINE_NUDGE = 1e-15  # of those nudges: what double-doubles still hold to nine digits
+_PROPORTIONAL = 1e-2  # rad, or relative: the distance up to which nudges grow in proportion to their size
+_FINE_NUDGE = 1e-15  # of those nudges: double-doubles still resolve this to nine digits
 _MARGIN = 10.0
 _EPS = float(np.finfo(np.float64).eps)
 _EPS_PAIR = 2.0**-104  # of double-double arithmetic
-_TRUSTED = 1e-10  # rad, or relative: what a bound may be for others to be measured with the motion
+_TRUSTED = 1e-10  # rad, or relative: the largest bound with which the motion may serve as the reference
 
 
 def solve_truth(scene: Scene, t_s: Array) -> Truth:
     """Return the truth of the scene at any times t >= 0 (n,) in s, in any order.
 
-    Raises ValueError that names the first time that is negative or not finite, or at which the motion
-    itself leaves the range of double precision; for loads that cannot act together; and where a function
-    gives no force and torque.
+    Raises ValueError, naming the first such time, for times that are negative or not finite and where the
+    motion leaves the range of double precision; also for loads that cannot act together, and where a
+    callback returns no force and torque.
     """
     for t in t_s[~(np.isfinite(t_s) & (t_s >= 0.0))]:
         raise ValueError(f"a truth needs times that are finite and not negative, not {float(t)!r}")
@@ -68,7 +68,7 @@ def _ascending(scene: Scene, t_s: Array) -> Truth:
 
 
 def _check_finite(motion: Trajectory, lost: str = "") -> None:
-    """Refuse to hand out a truth that is none; lost: why, where that is known."""
+    """Raise ValueError for an invalid truth; lost: the reason, if known."""
     parts = (motion.position_m, motion.velocity_m_s, motion.attitude, motion.omega_body)
     finite = np.all([np.isfinite(part).all(axis=-1) for part in parts], axis=0)
     if not finite.all():
@@ -80,7 +80,7 @@ def _check_finite(motion: Trajectory, lost: str = "") -> None:
 
 
 def _exact(scene: Scene, closed: ExactMotion, t_s: Array) -> Truth:
-    """bound = that of the closed form, which does not grow, + half an ulp of each number, ascending times."""
+    """bound = bound of the closed form, constant in time, + half an ulp of each number; t_s ascending."""
     motion = closed.at(t_s)
     _check_finite(motion)
     relative = np.broadcast_to(_EXACT_BOUNDS[:, None], (3, len(t_s)))
@@ -95,16 +95,16 @@ def _exact(scene: Scene, closed: ExactMotion, t_s: Array) -> Truth:
 
 
 def _neighbour(scene: Scene, start: State) -> ExactMotion:
-    """Return the motion from a nudged start, which a body that nothing turns from its way does not leave."""
+    """Return the closed-form motion from a nudged start; it exists, as no torque but drag acts."""
     closed = closed_form_of(replace(scene, initial=start))
     assert closed is not None
     return closed
 
 
 def _linear_gaps(scene: Scene, motion: Trajectory, matrices: Array) -> Array:
-    """(6, n): the largest distance of neighbours that depart as the matrices (n, 6, 6) say.
+    """Return the largest distances (6, n) of neighbours that depart according to the matrices (n, 6, 6).
 
-    Nudged as by `_nudges`. None is farther than half a turn, or than the largest |omega| there and back.
+    The nudges are those of `_nudges`. Distances are limited to half a turn and twice the largest |omega|.
     """
     spin = _largest(motion.omega_body)
     found = np.zeros((6, len(motion.t_s)))
@@ -122,10 +122,10 @@ def _linear_gaps(scene: Scene, motion: Trajectory, matrices: Array) -> Array:
 
 
 def certified_truth(scene: Scene, t_s: Array) -> Truth:
-    """bound = 10 (|difference of two resolutions| + 2^-104 sensitivity steps) + half an ulp, ascending times.
+    """bound = 10 (|difference of two resolutions| + 2^-104 sensitivity steps) + half an ulp, t_s ascending.
 
-    t_s (n,) in s, ascending. For any scene of known loads, also one that has a closed form. The half ulp is
-    that of every number handed out: some 3e-16 rad. Raises ValueError as `solve_truth` does.
+    t_s (n,) in s, ascending. For any scene without callback loads, including scenes with a closed form. The
+    half ulp is that of every returned number: some 3e-16 rad. Raises ValueError as `solve_truth` does.
     """
     course = course_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
     fine, check = (
@@ -143,8 +143,8 @@ def certified_truth(scene: Scene, t_s: Array) -> Truth:
 def _halved(scene: Scene, t_s: Array) -> Truth:
     """bound = 10 (|difference of two step lengths| + eps sensitivity sqrt(steps)) + half an ulp.
 
-    Round-off errs as often one way as the other; two motions of order 8 differ by 255 times what the finer
-    one is off.
+    Round-off errors of either sign are equally likely. Two motions of order 8 differ by 255 times the error
+    of the finer one.
     """
     halved = solve_by_halving(scene, t_s)
     _check_finite(halved.motion)
@@ -155,7 +155,7 @@ def _halved(scene: Scene, t_s: Array) -> Truth:
 
 
 def _halved_growths(scene: Scene, halved: Halved) -> Array:
-    """The growths of nudges, by steps that are fine enough for them: neighbours err alike."""
+    """Return the growths of nudges (6, n), at limited resolution: neighbours have nearly the same error."""
     t_s, steps = halved.motion.t_s, min(halved.steps, _NUDGED_STEPS)
     dt_s = (float(t_s[-1]) if len(t_s) and t_s[-1] > 0.0 else 1.0) / steps
     starts = [_rounded(scene.initial), *_nudges(scene, halved.motion)]
@@ -164,22 +164,22 @@ def _halved_growths(scene: Scene, halved: Halved) -> Array:
 
 
 def _bounded(scene: Scene, motion: Trajectory, kind: Kind, errors: Array, growths: Array) -> Truth:
-    """Return the truth of a motion whose errors (6, n) are known but for a margin."""
+    """Return the truth of a motion whose errors (6, n) are known up to a margin."""
     errors = _MARGIN * _known(errors)
     bounds = np.maximum.accumulate(errors + rounding(scene, motion), axis=1)
     truth = Truth(motion, kind, *bounds, *_EPS * growths)
-    # what rounding costs is known: far from the origin it is much of a length, and no reason for distrust
+    # rounding is left out: far from the origin it is large relative to a length, but known
     lost = (truth.bound_rad > _TRUSTED) | np.any(errors[3:] > _TRUSTED * scales(scene, motion)[3:], axis=0)
     return replace(truth, trusted_until_s=float(motion.t_s[np.argmax(lost)])) if lost.any() else truth
 
 
 def _known(errors: Array) -> Array:
-    """Return the errors, infinite where they are not known."""
+    """Return the errors, infinite where they are unknown."""
     return np.where(np.isnan(errors), np.inf, errors)
 
 
 def _certified_growths(scene: Scene, course: Course, motion: Trajectory, fine: Solution) -> Array:
-    """(6, n): as _growths; in double-doubles where nudges that doubles can hold grow out of proportion."""
+    """Return growths (6, n) as `_growths`, from finer nudges in double-double where coarse ones saturate."""
     t_s = motion.t_s
     neighbours = [
         _trajectory(t_s, follow_scene(scene, course, packed_state(start), t_s, _NUDGED))
@@ -214,15 +214,15 @@ def _trajectory(t_s: Array, solution: Solution) -> Trajectory:
 
 
 def _largest_gaps(scene: Scene, motion: Trajectory, neighbours: list[Trajectory]) -> Array:
-    """(6, n): the largest distance of any neighbour; infinite where one cannot be followed."""
+    """Return the largest distances (6, n) of any neighbour, infinite where one cannot be followed."""
     return np.max([_known(distances(scene, motion, neighbour)) for neighbour in neighbours], axis=0)
 
 
 def _growths(scene: Scene, motion: Trajectory, growths: Array) -> Array:
-    """(6, n): the largest growth of a small nudge up to each time, and what a steady motion's is at least.
+    """Return the largest growth (6, n) of a small nudge up to each time, at least that of a steady motion.
 
-    No motion is less sensitive than a steady spin is to an error of eps in omega, and than a place far from
-    the origin and a steady flight are to one of eps in each.
+    No motion is less sensitive than a steady spin to an error of eps in omega, or than a position far from
+    the origin and a steady flight to an error of eps in position and velocity.
     """
     least = (1.0 + _largest(motion.omega_body) * motion.t_s) * scales(scene, motion)
     least[4] += 3.0 * _largest(motion.position_m) + _largest(motion.velocity_m_s) * motion.t_s
@@ -234,9 +234,9 @@ def _largest(vectors: Array) -> float:
 
 
 def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
-    """Yield neighbours of the start: turned about, and spun up about, each body axis.
+    """Yield neighbours of the start: rotated about each body axis, and with omega changed along each.
 
-    Where a load may tie the rotation to the centre of mass, that is shifted and pushed along each axis too.
+    Where a load may couple rotation and translation, also neighbours with position and velocity changed.
     """
     start, omega = _rounded(scene.initial), _NUDGE * _largest(motion.omega_body)
     for axis in np.eye(3):
@@ -253,7 +253,7 @@ def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
 
 
 def _rounded(start: State) -> State:
-    """Return the start in doubles: nudges are large beside what that changes."""
+    """Return the start in doubles; this rounding is small compared with the nudges."""
     return replace(start, exact_omega_world=None)
 
 

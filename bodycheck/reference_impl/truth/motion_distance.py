@@ -1,4 +1,4 @@
-"""How near two motions of one scene are: in angle, energy, momentum, omega, position and velocity."""
+"""Distances between two motions of one scene: angle, energy, momentum, omega, position and velocity."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from bodycheck.reference_impl.rotations import geodesic_angle, quaternion_to_mat
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 
-_SHIFT = 2.0**-24  # large beside the round-off of a double, small beside 1
+_SHIFT = 2.0**-24  # large compared with the round-off of a double, small compared with 1
 _HALF_ULP = 2.0**-53
-_LEAST = 2.0**-1072  # of a number that is too small to have an ulp in proportion
-_MOST_ROWS = 1 << 18  # states whose distances are taken at once: some 170 MB of them
-_MOST_TURN = 2.0**-12  # of a quaternion: up to which an angle is in proportion to the change
+_LEAST = 2.0**-1072  # absolute, for numbers too small for a relative ulp
+_MOST_ROWS = 1 << 18  # states per batch of distances: some 170 MB
+_MOST_TURN = 2.0**-12  # quaternion change up to which the angle is proportional to it
 
 
 def potential_energy(scene: Scene, motion: Trajectory) -> Array:
-    """U of gravity, zero at the start, and of the loads that have one: (n,) in J."""
+    """U of gravity, zero at the start, plus that of the loads with a potential: (n,) in J."""
     energy = gravity_potential(scene.body.mass, scene.gravity, motion.position_m - scene.initial.position)
     for load in scene.lasting_loads:
         if checked_continuous(load, "the potential energy").potential_needs:
@@ -32,9 +32,10 @@ def potential_energy(scene: Scene, motion: Trajectory) -> Array:
 
 
 def distances(scene: Scene, one: Trajectory, other: Trajectory) -> Array:
-    """(6, n): angle in rad, differences of E and of L over the largest K and |L| of `one`, and in SI units.
+    """Return the distances (6, n) between two motions, one row per quantity.
 
-    The last three are |omega - omega'| in body axes, |x - x'| and |v - v'|.
+    Angle in rad; differences of E and L over the largest K and |L| of `one`; |omega - omega'| in body axes,
+    |x - x'| and |v - v'| in SI units.
     """
     inertia = turning_inertia(scene)
     momenta = [
@@ -58,10 +59,10 @@ def distances(scene: Scene, one: Trajectory, other: Trajectory) -> Array:
 
 
 def scales(scene: Scene, motion: Trajectory) -> Array:
-    """(6, 1): what makes `distances` dimensionless; 1 for the first three, and where nothing moves.
+    """Return the scales (6, 1) that make `distances` dimensionless; 1 where nothing moves.
 
-    The largest |omega|; the largest way from the start, or the gyration radius; the largest |v|, or that
-    of the rotation.
+    1 for the first three; the largest |omega|; the largest distance from the start or the gyration radius,
+    whichever is larger; the largest |v| or |omega| times the gyration radius, whichever is larger.
     """
     radius = gyration_radius(scene.body.mass, turning_inertia(scene))
     omega, way, speed = (
@@ -73,15 +74,16 @@ def scales(scene: Scene, motion: Trajectory) -> Array:
 
 
 def small_distances(scene: Scene, motion: Trajectory, change: Array) -> Array:
-    """(6, n): `distances` of a motion and the same changed by (n, 13), however small the change.
+    """Return `distances` (6, n) between a motion and the same motion changed by (n, 13), however little.
 
-    The change, of q, omega_body, v and x, is magnified until doubles can show it, and the result reduced.
+    The change of q, omega_body, v and x is magnified until doubles resolve it, and the result is divided by
+    the same factor.
     """
     sizes = np.max(np.abs(change), axis=-1)
     scale = np.max([np.max(np.abs(part), axis=-1) for part in _parts(motion)], axis=0)
     factor = np.where(sizes > _SHIFT * scale, 1.0, _SHIFT * scale / np.where(sizes == 0.0, 1.0, sizes))
     turn = np.max(np.abs(change[:, 0:4]), axis=-1)
-    # large numbers elsewhere must not make of a small turn one that goes around
+    # large numbers elsewhere must not magnify a small turn into a full one
     factor = np.where(
         factor * turn > _MOST_TURN, np.maximum(_MOST_TURN / np.where(turn == 0.0, 1.0, turn), 1.0), factor
     )
@@ -92,7 +94,7 @@ def small_distances(scene: Scene, motion: Trajectory, change: Array) -> Array:
 
 
 def rounding(scene: Scene, motion: Trajectory) -> Array:
-    """(6, n): the distances that half an ulp in each number of the motion makes, summed."""
+    """Return the sum (6, n) of the distances caused by half an ulp in each number of the motion."""
     states = np.concatenate(_parts(motion), axis=-1)
     n, width = states.shape
     together = min(max(_MOST_ROWS // max(n, 1), 1), width)
@@ -102,7 +104,7 @@ def rounding(scene: Scene, motion: Trajectory) -> Array:
 
 
 def _distances_of_shifts(scene: Scene, motion: Trajectory, states: Array, columns: Sequence[int]) -> Array:
-    """(6, k, n): the distances that the shift of one number in each of k columns of the states makes."""
+    """Return the distances (6, k, n) caused by shifting each of k columns of the states (n, 13) alone."""
     k, (n, width) = len(columns), states.shape
     change = np.zeros((k, n, width))
     for i, column in enumerate(columns):
@@ -119,7 +121,7 @@ def _distances_of_shifts(scene: Scene, motion: Trajectory, states: Array, column
 
 
 def _changed(motion: Trajectory, change: Array) -> Trajectory:
-    """Return the motion with (n, 13) added to q, omega_body, v and x."""
+    """Return the motion with change (n, 13) added to q, omega_body, v and x."""
     q, omega, velocity, position = _parts(motion)
     return replace(
         motion,

@@ -1,4 +1,4 @@
-"""A scene with loads that only a function knows, solved with shorter and shorter steps until they agree."""
+"""Solve a scene with callback loads by halving the step until two motions agree."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from bodycheck.reference_impl.truth.motion_distance import distances, scales
 from bodycheck.reference_impl.wrench import held_between
 
 _FEWEST, _MOST = 64, 2**13  # steps
-_AGREED = 1e-14  # rad, or relative: finer steps would only gather round-off
-_SHRINKS = 16.0  # at each halving, where order 8 promises 256
+_AGREED = 1e-14  # rad, or relative: finer steps would only accumulate round-off
+_SHRINKS = 16.0  # least factor per halving; order 8 gives 256
 _ROUND_OFF = 1e-11  # a gap below this that no longer shrinks is round-off
 
 
 @dataclass(frozen=True, eq=False)
 class Halved:
-    """The finest motion, and how far the one with steps of twice the length was from it.
+    """The finest motion, and its distance from the motion with steps of twice the length.
 
-    gaps (6, n): as `distances`. agreed: whether the gaps shrank as those of a
-    method of high order do, until round-off or the last. steps: of the finest.
+    gaps (6, n): as `distances`. agreed: whether the gaps shrank as those of a high-order method do, down to
+    round-off or up to the last halving. steps: number of steps of the finest motion.
     """
 
     motion: Trajectory
@@ -40,7 +40,7 @@ class Halved:
 
 
 def solve_by_halving(scene: Scene, t_s: Array) -> Halved:
-    """Halve the steps until two motions agree to round-off; t_s (n,) ascending.
+    """Halve the step until two motions agree to round-off; t_s (n,) ascending, in s.
 
     Raises ValueError as solve_black_box does.
     """
@@ -60,7 +60,7 @@ def solve_by_halving(scene: Scene, t_s: Array) -> Halved:
 
 
 def solve_with_steps(scene: Scene, start: State, t_s: Array, dt_s: float) -> Trajectory:
-    """Solve from a start, switch by switch, with steps no longer than dt_s; t_s (n,) ascending.
+    """Solve from a start, switch by switch, with steps of at most dt_s; t_s (n,) ascending, in s.
 
     Raises ValueError as solve_black_box does.
     """
@@ -86,12 +86,12 @@ def solve_with_steps(scene: Scene, start: State, t_s: Array, dt_s: float) -> Tra
 
 
 def packed(state: State) -> Array:
-    """(13,): position, quaternion, velocity and omega, in the order of State."""
+    """Return position, quaternion, velocity and omega in the order of State: (13,)."""
     return np.concatenate([state.position, state.quaternion, state.velocity, state.omega_body])
 
 
 def _solved(scene: Scene, timed: Sequence[Timed], start: State, t_s: Array, dt_s: float) -> Array:
-    """Return the states (n, 13) while these loads and the lasting ones act."""
+    """Return the states (n, 13) under these loads and the continuous ones."""
     wrench = sum_of_wrenches([*timed, *scene.lasting_loads], scene)
     if scene.pivot is None:
         motion = solve_black_box(scene.body, start, wrench, t_s, dt_s)
@@ -106,24 +106,27 @@ def _solved(scene: Scene, timed: Sequence[Timed], start: State, t_s: Array, dt_s
 
 @dataclass(frozen=True, eq=False)
 class PivotPlace:
-    """Where a scene's pivot stays: in the body (3,), and in the world (3,), m."""
+    """The pivot's fixed position in the body (3,) and in the world (3,), m."""
 
     in_body: Array
     in_world: Array
 
     @classmethod
     def of(cls, scene: Scene) -> PivotPlace:
-        """Find it from the initial state."""
+        """Derive the pivot's positions from the initial state."""
         assert scene.pivot is not None
         return cls(scene.pivot, np.array(pivot_position(scene), dtype=np.float64))
 
     def centre(self, rotation: Array, omega_world: Array) -> tuple[Array, Array]:
-        """x = pivot's place - R r, v = -omega x R r: position and velocity (..., 3) of the centre of mass."""
+        """x = p - R r, v = -omega x R r: position and velocity (..., 3) of the centre of mass.
+
+        p and r are the pivot in world and body axes; rotation (..., 3, 3), omega_world (..., 3) in rad/s.
+        """
         arm = -(rotation @ self.in_body)
         return self.in_world + arm, np.cross(omega_world, arm)
 
     def about_pivot(self, wrench: Wrenching) -> Wrenching:
-        """Return the wrench of the same loads about the pivot, which takes up every force."""
+        """Return the wrench of the same loads about the pivot, which supports every force."""
 
         def turning(t: float, _: Array, rotation: Array, __: Array, omega: Array) -> tuple[Array, Array]:
             position, velocity = self.centre(rotation, omega)
