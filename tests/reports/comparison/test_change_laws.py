@@ -522,7 +522,7 @@ def test_words_about_a_scenario_make_it_no_other(idle: str) -> None:
         ({"kind": "case", "before": None, "after": "ok"}, "new case at dt 0.01 s (ok)"),
         ({"kind": "case", "before": "failed", "after": None}, "missing case at dt 0.01 s (failed)"),
         (
-            {"what": "outcome", "before": "ok", "after": "failed", "decades": None},
+            {"quantity": "outcome", "before": "ok", "after": "failed", "decades": None},
             "outcome ok -> failed at dt 0.01 s",
         ),
     ],

@@ -84,8 +84,9 @@ def plot_data(
 def _drifts(
     problem: Problem, shown: Mapping[int, CaseResult], growths: Mapping[str, Mapping[int, str]]
 ) -> list[dict[str, Any]]:
-    """Return every measure over time that any method has: its name, one line per method, its growth."""
-    measures = dict.fromkeys((*_FIRST_MEASURES, *(name for case in shown.values() for name in case.series)))
+    """Return each judged measure over time: its name, one line per method that has it, its growth."""
+    there = (name for case in shown.values() for name in case.series if MEASURES[name].judged is not None)
+    measures = dict.fromkeys((*_FIRST_MEASURES, *there))
     drifts = []
     for measure in measures:
         scale = scale_of(problem.columns, measure)
