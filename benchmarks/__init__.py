@@ -1,1 +1,1 @@
-"""How fast bodycheck's mathematics is at a given error, beside engines and others: `python -m benchmarks`."""
+"""Measure the speed of bodycheck at a given error against engines and solvers: `python -m benchmarks`."""

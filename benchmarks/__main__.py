@@ -1,4 +1,4 @@
-"""`python -m benchmarks`: measure, write the tables and the picture, print what passed and what missed."""
+"""`python -m benchmarks`: measure, write the tables and the picture, print which targets were met."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from bodycheck.carry_out import carry_out
-from bodycheck.errors import InputError, StoppedError
+from bodycheck._util.errors import InputError, StoppedError
+from bodycheck.cli._app import carry_out
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -31,9 +31,9 @@ def benchmarks(
     if quick and out.resolve() == Path(__file__).resolve().parent:
         raise InputError(f"--quick: {out} is for what was measured in full; name another folder by --out")
     try:
-        from bodycheck.reports.whole_file import check_folder
+        from bodycheck._util.files import check_folder
 
-        check_folder(f"--out {out}", out)  # before minutes of measuring, which would be lost
+        check_folder(f"--out {out}", out)  # fail before minutes of measurements
         from benchmarks.effort import FULL, QUICK
         from benchmarks.store import NOT_LIKE_FOR_LIKE, RESULTS, read_results, write_results
         from benchmarks.suite import measure
@@ -52,7 +52,7 @@ def benchmarks(
 
 
 def main() -> None:
-    """Carry the command out; wrong input ends it with status 2, an interrupt with 130, each with one line."""
+    """Run the command; exit with status 2 on invalid input, 130 on an interrupt, with a one-line message."""
     carry_out(app, "python -m benchmarks")
 
 

@@ -1,4 +1,4 @@
-"""How much is measured: all of it, or so little that a test can afford it."""
+"""The sizes of a measurement: in full, or small enough for a test."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 class Effort:
     """Sizes and repeats.
 
-    rounds: of interleaved timing. seconds: spent on each task in each round. targets: the errors of the
-    work-precision curves. orbits, steps: of the drift over many steps. bodies: of a batch. subdivisions: of
-    the icosahedron whose mass properties are taken, 20 x 4^n triangles. starts: processes of their own.
+    rounds: of interleaved timing. seconds: time per task and round. targets: the errors of the work-precision
+    curves. orbits, steps: of the long-term drift. bodies: per batch. subdivisions: n of the icosahedron of
+    20 x 4^n triangles whose mass properties are computed. starts: the number of separate processes.
     """
 
     rounds: int

@@ -1,4 +1,4 @@
-"""Mass properties of a triangle mesh in rational arithmetic: no rounding anywhere."""
+"""Exact mass properties of a triangle mesh, in rational arithmetic."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles
 
 _Integers = NDArray[Any]
-"""Python's own, which do not overflow, as an array of objects."""
+"""An object array of Python integers, which do not overflow."""
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
 
 
 @dataclass(frozen=True)
 class ExactSolid:
-    """At unit density: mass; centre, three numbers; inertia about it xx, yy, zz, xy, yz, zx."""
+    """Mass, centre (3 numbers) and inertia about it (xx, yy, zz, xy, yz, zx), at unit density."""
 
     mass: Fraction
     centre: tuple[Fraction, ...]
     inertia: tuple[Fraction, ...]
 
     def error(self, solid: MassProperties) -> float:
-        """Return the largest of the errors of mass, centre and inertia.
+        """Return the largest of the relative errors of mass, centre and inertia.
 
-        Relative to the mass, to the gyration radius plus the centre's distance, and to the largest moment.
+        They are relative to the mass, the radius of gyration plus the distance of the centre from the origin,
+        and the largest moment.
         """
         mass = abs(Fraction(solid.mass) - self.mass) / self.mass
         shift = math.hypot(
@@ -69,7 +70,7 @@ def exact_solid(vertices: Array, triangles: Triangles) -> ExactSolid:
 
 
 def _integers(values: Array) -> tuple[_Integers, Fraction]:
-    """Return doubles as whole multiples of one power of two, and that power."""
+    """Return doubles as integer multiples of a common power of two, and that power."""
     ratios = [x.as_integer_ratio() for x in values.ravel().tolist()]
     finest = max(denominator for _, denominator in ratios)
     whole = [numerator * (finest // denominator) for numerator, denominator in ratios]

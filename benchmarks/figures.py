@@ -1,4 +1,4 @@
-"""The figures that are measured, each with what it has to meet, and what a measurement of one is."""
+"""The figures that are measured, with their targets, and the result of a measurement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Verdict = Literal["pass", "miss", "not measured", ""]
 
 @dataclass(frozen=True)
 class Figure:
-    """One number. at_most or at_least: its target; with neither it is shown without one."""
+    """One number. at_most or at_least: its target, if it has one."""
 
     name: str
     what: str
@@ -28,7 +28,7 @@ class Figure:
         return "" if self.at_least is None else f">= {self.at_least:g}"
 
     def verdict(self, value: float | None) -> Verdict:
-        """Say whether a value meets the target; NaN does not."""
+        """Return whether a value meets the target. NaN does not."""
         if value is None:
             return "not measured"
         if self.at_most is not None:
@@ -40,7 +40,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Measured:
-    """A figure's value with the spread that it was taken from; value None where it was not measured."""
+    """The value of a figure, with its quartiles; None if it was not measured."""
 
     figure: str
     value: float | None
@@ -50,7 +50,7 @@ class Measured:
 
     @classmethod
     def of(cls, figure: str, spread: Spread, note: str = "") -> Measured:
-        """Take over a median and its quartiles."""
+        """Return a figure with the median and quartiles of a spread."""
         return cls(figure, spread.median, spread.low, spread.high, note)
 
 
@@ -83,7 +83,7 @@ RATIOS: tuple[tuple[str, str, float, float], ...] = (
     ("heyoka Taylor", "free, 1000 s", 1e-11, 1.3),
     ("heyoka Taylor", "free, 1000 s", 1e-12, 1.3),
 )
-"""Rival, problem, error, and how many times as fast ours is to be at the least."""
+"""Contender, problem, error, and the minimum speed ratio of bodycheck to it."""
 
 
 def _against() -> tuple[Figure, ...]:
@@ -118,12 +118,12 @@ def _drift() -> tuple[Figure, ...]:
 
 
 def key(words: str) -> str:
-    """Return words as the part of a figure's name."""
+    """Return words in the form used in names of figures."""
     return words.replace(",", "").replace(" ", "-")
 
 
 def ratio_name(contender: str, problem: str, error: float) -> str:
-    """Return the name of the figure: how many times as fast as a contender, at an error."""
+    """Return the name of the figure that states the speed ratio to a contender at an error."""
     return f"against.{key(contender)}.{key(problem)}.{error:.0e}"
 
 

@@ -1,4 +1,4 @@
-"""A closed mesh of as many triangles as wanted: an ellipsoid from a divided icosahedron."""
+"""A closed mesh with any number of subdivisions: an ellipsoid from a subdivided icosahedron."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def ellipsoid_mesh(subdivisions: int) -> tuple[Array, Triangles]:
 
 
 def _icosahedron() -> tuple[Array, Triangles]:
-    """Return the twelve corners of the unit sphere, and each three that are mutually nearest."""
+    """Return the twelve vertices, on the unit sphere, and the triples that are nearest neighbours."""
     signs = [(a, b) for a in (-1.0, 1.0) for b in (-_GOLDEN, _GOLDEN)]
     corners = np.array([np.roll([0.0, a, b], k) for k in range(3) for a, b in signs])
     near = np.linalg.norm(corners[:, None] - corners, axis=-1) < 2.1
@@ -39,7 +39,7 @@ def _icosahedron() -> tuple[Array, Triangles]:
 
 
 def _divided(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles]:
-    """Cut each triangle in four at the middles of its edges, moved out to the sphere."""
+    """Divide each triangle into four at the midpoints of its edges, projected onto the sphere."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=-1).reshape(-1, 2)
     pairs, which = np.unique(edges, axis=0, return_inverse=True)
     middles = vertices[pairs].sum(axis=1)

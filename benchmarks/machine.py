@@ -1,4 +1,4 @@
-"""What the figures were measured on: processor, cores, versions; nothing that tells whose machine it was."""
+"""Describe the machine of a measurement: processor, cores, versions; nothing that identifies its owner."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 
-from bodycheck.reports.machine import cpu_model
+from bodycheck.runs.manifest import cpu_model
 
 _LIBRARIES = ("bodycheck", "numpy", "numba", "llvmlite", "scipy", "mujoco", "heyoka", "trimesh")
 
 
 def machine() -> dict[str, object]:
-    """Return plain data; a library that is not installed is left out."""
+    """Return plain data, without libraries that are not installed."""
     return {
         "cpu": cpu_model(),
         "cores": os.cpu_count(),

@@ -1,4 +1,4 @@
-"""The README's picture: time against error, a panel a problem, as an SVG that follows light and dark."""
+"""The picture in the README: time against error, one panel per problem, as an SVG for light and dark mode."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PICTURE = "work-precision.svg"
 
 _PANELS = {"free": "No torque, 10 s", "constant world torque": "Constant torque of the world, 10 s"}
 
-# in the order of the legend; colours after Okabe and Ito (2008), for the colour-blind, on light and on dark
+# in the order of the legend; colour-blind safe colours after Okabe and Ito (2008), for light and dark mode
 _LINES = {
     "closed form": ("bodycheck, closed form with its set-up", "#009e73"),
     "Taylor": ("bodycheck, Taylor", "#1c86d1"),
@@ -36,7 +36,7 @@ _STYLE = """
 
 
 def work_precision_picture(points: pd.DataFrame) -> str:
-    """Return the picture of the table of points; a contender is drawn where it reached the error."""
+    """Return the picture of a table of points. A contender is drawn at the errors that it reached."""
     reached = points[points["time_s"].notna() & points["problem"].isin(_PANELS)]
     seconds = reached["time_s"]
     times = _decades(float(seconds.min()), float(seconds.max()))
@@ -73,7 +73,7 @@ def _decades(least: float, most: float) -> range:
 
 
 def _across(error: float, decades: range) -> float:
-    """Small errors to the right: what is dearer comes later."""
+    """Small errors are on the right: cost increases to the right."""
     return _PANEL_WIDTH * (decades[-1] - math.log10(error)) / (decades[-1] - decades[0])
 
 

@@ -13,7 +13,7 @@ BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
 
 
 def with_table(page: str, table: str) -> str:
-    """Return the page with what stands between its two marks replaced by the table."""
+    """Return the page with the text between its two markers replaced by the table."""
     before, begin, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):

@@ -1,6 +1,6 @@
-"""Tuning: for each error that is wanted, the cheapest setting of a contender that keeps it.
+"""Tune a contender: find the cheapest setting that meets each target error.
 
-Every contender is tuned by this one search, over a grid of the same fineness.
+All contenders are tuned by the same search, over grids of the same spacing.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from benchmarks.problems import Problem
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """One setting, the solver made ready for it, what making it ready took, and its error."""
+    """One setting, the solver prepared for it, the time of the preparation, and the error."""
 
     setting: float
     solver: Solver
@@ -24,7 +24,7 @@ class Tried:
 
 
 def tried(contender: Contender, problem: Problem, hardest: float) -> list[Tried]:
-    """Try the settings in turn, the cheapest first, up to the first whose error is the hardest or less."""
+    """Try the settings, cheapest first, up to the first whose error is at most `hardest`."""
     found: list[Tried] = []
     for setting in contender.settings:
         begin = time.perf_counter()
@@ -39,10 +39,10 @@ def tried(contender: Contender, problem: Problem, hardest: float) -> list[Tried]
 
 
 def cheapest(found: Iterable[Tried], target: float) -> Tried | None:
-    """Return the first, hence the cheapest, whose error is at most the target; None where none is."""
+    """Return the first, hence cheapest, whose error is at most the target, or None."""
     return next((one for one in found if one.error <= target), None)
 
 
 def most_accurate(found: Sequence[Tried]) -> Tried:
-    """Return the one of the smallest error, the cheapest of equals."""
+    """Return the one with the smallest error; of equal errors, the cheapest."""
     return min(found, key=lambda one: one.error)

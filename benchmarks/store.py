@@ -1,4 +1,4 @@
-"""Files of a measurement: results.csv has a row a figure, work-precision.csv a row a point; machine.json."""
+"""Files of a measurement: results.csv (one row per figure), work-precision.csv (per point), machine.json."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from benchmarks.machine import machine
 from benchmarks.picture import PICTURE, work_precision_picture
 from benchmarks.suite import Measurements
 from benchmarks.timing import Spread
-from bodycheck.errors import InputError
-from bodycheck.reports.whole_file import write_whole
+from bodycheck._util.errors import InputError
+from bodycheck._util.files import write_whole
 
 RESULTS, POINTS, MACHINE = "results.csv", "work-precision.csv", "machine.json"
 
@@ -26,9 +26,9 @@ NOT_LIKE_FOR_LIKE = (
 
 
 def write_results(measured: Measurements, folder: Path, *, command: str, quick: bool) -> None:
-    """Write the four files into a folder, which is made if need be, each whole or not at all.
+    """Write the four files into a folder, each atomically; create the folder if necessary.
 
-    Raises InputError where they cannot be written.
+    Raises InputError if they cannot be written.
     """
     facts = {"command": command, **machine(), "note": NOT_LIKE_FOR_LIKE}
     points = points_table(measured).to_csv(index=False)
@@ -36,7 +36,7 @@ def write_results(measured: Measurements, folder: Path, *, command: str, quick: 
         RESULTS: results_table(measured, quick=quick).to_csv(index=False),
         POINTS: points,
         MACHINE: json.dumps(facts, indent=2) + "\n",
-        # from the table as it is read, not from memory: whoever has it gets the same page
+        # from the CSV text, not from memory, so that the picture can be reproduced from the file
         PICTURE: work_precision_picture(pd.read_csv(StringIO(points))),
     }
     try:
@@ -48,7 +48,7 @@ def write_results(measured: Measurements, folder: Path, *, command: str, quick: 
 
 
 def read_results(folder: Path) -> pd.DataFrame:
-    """Return the rows of results.csv; numbers that were not measured are NaN, words empty."""
+    """Return the rows of results.csv; missing numbers are NaN, missing strings empty."""
     words = dict.fromkeys(("figure", "what", "unit", "target", "verdict", "note"), "")
     return pd.read_csv(folder / RESULTS, dtype=dict.fromkeys(words, str)).fillna(words)
 
@@ -59,7 +59,7 @@ def read_points(folder: Path) -> pd.DataFrame:
 
 
 def results_table(measured: Measurements, *, quick: bool) -> pd.DataFrame:
-    """Return a row a figure: value between its quartiles, target, verdict; quick sizes are never judged."""
+    """Return one row per figure: value, quartiles, target, verdict. Quick runs have no verdicts."""
     rows = []
     for figure, found in zip(FIGURES, measured.figures, strict=True):
         assert figure.name == found.figure
@@ -81,7 +81,7 @@ def results_table(measured: Measurements, *, quick: bool) -> pd.DataFrame:
 
 
 def points_table(measured: Measurements) -> pd.DataFrame:
-    """Return a row a point; where a contender reached no such error its best stands there, without times."""
+    """Return one row per point. A contender that missed the error has its best setting, without times."""
     rows = []
     for point in measured.points:
         spread = None if point.seconds is None else Spread.of(point.seconds)
@@ -104,5 +104,5 @@ def points_table(measured: Measurements) -> pd.DataFrame:
 
 
 def _digits(value: float | None) -> float | None:
-    """Round to four digits: no time is known better."""
+    """Round to four digits: no time is more precise."""
     return None if value is None or not math.isfinite(value) else float(f"{value:.4g}")

@@ -1,4 +1,4 @@
-"""Everything that is measured, topic after topic, each alone on the machine."""
+"""Run all measurements, one topic at a time."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ _TOPICS: tuple[Callable[[Effort], list[Measured]], ...] = (
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """All figures, in the order of their list, and the points of the work-precision curves."""
+    """All figures, in the order of FIGURES, and the points of the work-precision curves."""
 
     figures: list[Measured]
     points: Points
 
 
 def measure(effort: Effort, tell: Callable[[str], None]) -> Measurements:
-    """Run all topics; tell which one begins. A figure that no topic reached says so."""
+    """Run all topics; report the start of each by `tell`. A figure that no topic reached gets a note."""
     tell("against engines and solvers")
     found, points = against(effort)
     for topic in _TOPICS:

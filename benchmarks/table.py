@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-# of the README, in its order: what a reader wants to know first
+# the figures in the README, in its order
 _SHOWN = (
     "free.time",
     "forced.constant-body-torque.time",
@@ -24,7 +24,7 @@ _SHOWN = (
 
 
 def terminal_table(results: pd.DataFrame) -> str:
-    """Return a line a figure, misses as misses; a dash where nothing was measured."""
+    """Return one line per figure, including misses, with a dash if it was not measured."""
     rows = [
         (row["verdict"], _value(row) if pd.notna(row["value"]) else "-", row["target"], row["what"])
         for _, row in results.iterrows()
@@ -40,7 +40,7 @@ def terminal_table(results: pd.DataFrame) -> str:
 
 
 def markdown_table(results: pd.DataFrame) -> str:
-    """Return the README's table: the figures of its list that were measured."""
+    """Return the table for the README: the figures of _SHOWN that were measured."""
     by_name = {row["figure"]: row for _, row in results.iterrows()}
     rows = [by_name[name] for name in _SHOWN]
     lines = [
@@ -56,7 +56,7 @@ def _value(row: pd.Series[Any]) -> str:
 
 
 def _number(value: float) -> str:
-    """Three digits; empty where nothing was measured."""
+    """Return the value to three digits; empty if not measured."""
     if math.isnan(value):
         return ""
     return f"{value:.0f}" if 100.0 <= abs(value) < 1e5 else f"{value:.3g}"

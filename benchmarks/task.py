@@ -1,4 +1,4 @@
-"""A plain function as something that can be timed."""
+"""A function as a task that can be timed."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Call:
-    """A call that needs no way back: the same work each time."""
+    """A call that does the same work each time, and needs no reset."""
 
     function: Callable[[], object]
 
     def reset(self) -> None:
-        """Nothing to go back from."""
+        """Do nothing."""
 
     def run(self) -> None:
-        """Call it."""
+        """Call the function."""
         self.function()

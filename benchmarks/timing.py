@@ -1,4 +1,4 @@
-"""Interleaved timing: every round runs every task, so that what slows the machine slows them all."""
+"""Interleaved timing: every round runs every task, so that disturbances of the machine affect all."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST_RUNS = 2000  # of one task in one round
 
 @dataclass(frozen=True)
 class Spread:
-    """A median between its quartiles."""
+    """A median and its quartiles."""
 
     median: float
     low: float
@@ -28,20 +28,20 @@ class Spread:
 
     @classmethod
     def of(cls, values: Array) -> Spread:
-        """Return that of some values (n,)."""
+        """Return the spread of values (n,)."""
         low, median, high = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
         return cls(median, low, high)
 
     def scaled(self, factor: float) -> Spread:
-        """Return the same in a unit 1 / factor as large, factor > 0."""
+        """Return the spread times a factor > 0."""
         return Spread(factor * self.median, factor * self.low, factor * self.high)
 
 
 def interleaved(tasks: Sequence[Task], effort: Effort) -> Array:
     """Time the tasks round-robin: (tasks, rounds) in s, each the median of the runs of its round.
 
-    A round begins with another task each time. Wall clock, the garbage collector off, resets left out;
-    the first run of each task, which may compile or fill caches, is never counted.
+    Each round begins with a different task. Times are wall-clock times, with the garbage collector off and
+    without resets. The first run of each task, which may compile or fill caches, is not counted.
     """
     repeats = [_repeats(task, effort.seconds) for task in tasks]
     seconds = np.empty((len(tasks), effort.rounds))
@@ -54,7 +54,7 @@ def interleaved(tasks: Sequence[Task], effort: Effort) -> Array:
 
 
 def ratio(slower: Array, faster: Array) -> Spread:
-    """Ratio of the medians, between the quartiles of the ratios round by round; (rounds,) each."""
+    """The ratio of the medians, with the quartiles of the ratios per round; slower, faster: (rounds,)."""
     rounds = Spread.of(slower / faster)
     return Spread(float(np.median(slower) / np.median(faster)), rounds.low, rounds.high)
 

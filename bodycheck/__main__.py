@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import sys
 
-from bodycheck.errors import INTERRUPTED
+from bodycheck._util.errors import INTERRUPTED
 
 
 def main() -> None:
-    """Carry the command out; an interrupt while it is still being imported ends it in one line too."""
+    """Run the command line; report an interrupt or an error during its import in one line too."""
     try:
-        from bodycheck.cli import main as command
+        from bodycheck.cli.commands import main as command
 
         command()
     except KeyboardInterrupt:
-        sys.stderr.write("stopped, before anything began\n")
+        sys.stderr.write("stopped before anything started\n")
         sys.exit(INTERRUPTED)
-    except Exception as error:  # noqa: BLE001 - the command itself could not be imported
-        from bodycheck.carry_out import report_fault
+    except Exception as error:  # noqa: BLE001 - importing the command line failed
+        from bodycheck.cli._app import report_fault
 
         sys.exit(report_fault(error, "bodycheck"))
 

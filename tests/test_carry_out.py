@@ -15,8 +15,7 @@ from front_door import bodycheck_in
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodycheck.outside import LONGEST_LINE, doing, printable, printable_lines
-from bodycheck.shell_words import joined, parted
+from bodycheck._util.untrusted import LONGEST_LINE, doing, joined, parted, printable, printable_lines
 
 
 @pytest.fixture
@@ -50,15 +49,15 @@ def test_unexpected_exception_is_one_line_and_status_70(
         with doing("reading suites.json"):
             raise UNEXPECTED[words]()
 
-    monkeypatch.setattr("bodycheck.reports.catalogue.print_catalogue", broken)
+    monkeypatch.setattr("bodycheck.reports.summary.catalogue.print_catalogue", broken)
     done = bodycheck_in(tmp_path, "list", "suites")
     assert done.returncode == 70
     (line,) = done.stderr.splitlines()
     assert len(line) <= LONGEST_LINE
     assert line.isprintable()
-    assert line.startswith(f"unexpected fault in bodycheck list suites (reading suites.json): {words}")
+    assert line.startswith(f"unexpected error in bodycheck list suites (reading suites.json): {words}")
     (kept,) = faults.iterdir()
-    assert f"its traceback is kept in {kept}; please report it" in line
+    assert f"its traceback is stored in {kept}; please report it" in line
     assert "Traceback (most recent call last)" in kept.read_text()
     assert "in broken" in kept.read_text()
 
@@ -124,8 +123,8 @@ def test_output_that_nobody_takes_ends_a_command_in_order(shell: str, status: in
 
 WAITING = """
 import time
-from bodycheck import cli
-from bodycheck.reports import catalogue
+from bodycheck.cli import commands as cli
+from bodycheck.reports.summary import catalogue
 
 def wait(_):
     print("waiting", flush=True)

@@ -20,8 +20,8 @@ from scenario_file import SCENARIO
 import bodycheck
 from bodycheck.__main__ import main as bodycheck_main
 from bodycheck.adapters import registry
-from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
-from bodycheck.selection import select
+from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS
+from bodycheck.runs.selection import select
 
 CALLED = (
     SCENARIO
@@ -50,11 +50,11 @@ def test_an_interrupt_while_the_command_is_imported_is_one_line(
         def __getattr__(self, name: str) -> object:
             raise KeyboardInterrupt
 
-    monkeypatch.setitem(sys.modules, "bodycheck.cli", Interrupted("bodycheck.cli"))
+    monkeypatch.setitem(sys.modules, "bodycheck.cli.commands", Interrupted("bodycheck.cli.commands"))
     with pytest.raises(SystemExit) as ended:
         bodycheck_main()
     assert ended.value.code == 130
-    assert capsys.readouterr() == ("", "stopped, before anything began\n")
+    assert capsys.readouterr() == ("", "stopped before anything started\n")
 
 
 def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
@@ -98,7 +98,15 @@ def test_the_reproducing_command_reproduces_the_case(tmp_path: Path) -> None:
     assert bodycheck_in(tmp_path, *words[1:], "--out", "b").returncode == 0
     with (tmp_path / "b/results.csv").open() as file:
         again = next(csv.DictReader(file))
-    timed = {"run_id", "cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu", "step_change_rad"}
+    timed = {
+        "run_id",
+        "cpu_s",
+        "cpu_s_low",
+        "cpu_s_high",
+        "ns_per_step",
+        "relative_cpu",
+        "successive_difference_rad",
+    }
     assert {k: v for k, v in row.items() if k not in timed} == {
         k: v for k, v in again.items() if k not in timed
     }
@@ -107,12 +115,12 @@ def test_the_reproducing_command_reproduces_the_case(tmp_path: Path) -> None:
 WRONG = {
     "unknown scenario": (["run", "nope"], "nope: is neither"),
     "wrong file": (["run", "bad.toml"], "bad.toml: duration_s: should be greater than 0"),
-    "unknown engine": (["run", "mine.toml", "--engine", "havok"], "no engine is named 'havok'"),
+    "unknown engine": (["run", "mine.toml", "--engine", "havok"], "unknown engine 'havok'"),
     "unknown method": (["run", "mine.toml", "--engine", "reference:rk5"], "reference has no method 'rk5'"),
-    "no engine at all": (["run", "mine.toml", "--engine", ""], "no engine is named ''"),
+    "no engine at all": (["run", "mine.toml", "--engine", ""], "unknown engine ''"),
     "no method at all": (["run", "mine.toml", "--engine", "reference:"], "reference has no method ''"),
-    "a step twice": (["run", "mine.toml", "--dt", "0.1,0.05,0.1"], "the step of 0.1 s is asked for twice"),
-    "here": (["run", "mine.toml", "--out", "."], "is already there"),
+    "a step twice": (["run", "mine.toml", "--dt", "0.1,0.05,0.1"], "the step of 0.1 s is given twice"),
+    "here": (["run", "mine.toml", "--out", "."], "already exists"),
     "step that does not fit": (["run", "mine.toml", "--dt", "0.03"], "does not divide the sampling interval"),
     "step that is no number": (["run", "mine.toml", "--dt", "fast"], "'fast' is not a number"),
     "zero step": (["run", "mine.toml", "--dt", "0"], "must be a positive number of seconds"),
@@ -128,32 +136,32 @@ WRONG = {
     "no end": (["run", "mine.toml", "--timeout-s", "inf"], "must be a positive number of seconds, not inf"),
     "time that is none": (["run", "mine.toml", "--timeout-s", "nan"], "positive number of seconds, not nan"),
     "soon": (["run", "mine.toml", "--timeout-s", "soon"], "Invalid value for '--timeout-s'"),
-    "nothing to resume": (["run", "--resume", "nothing"], "--resume nothing: no run was stopped there"),
-    "resumed otherwise": (["run", "--resume", "x", "--dt", "0.1"], "give nothing beside it"),
-    "output in use": (["run", "mine.toml", "--out", "used"], "is already there"),
-    "output is a file": (["run", "mine.toml", "--out", "mine.toml"], "is already there"),
+    "nothing to resume": (["run", "--resume", "nothing"], "--resume nothing: there is no interrupted run"),
+    "resumed otherwise": (["run", "--resume", "x", "--dt", "0.1"], "cannot be combined with other options"),
+    "output in use": (["run", "mine.toml", "--out", "used"], "already exists"),
+    "output is a file": (["run", "mine.toml", "--out", "mine.toml"], "already exists"),
     "truth at a negative time": (["truth", "mine.toml", "--at", "0,-1"], "not -1.0"),
     "truth at no time": (["truth", "mine.toml", "--at", "nan"], "not nan"),
     "truth of nothing": (["truth", "nope", "--at", "0"], "nope: is neither"),
     "no mesh": (["body", "no.stl", "--density-kg-m3", "1"], "no.stl: "),
     "no solid": (["body", "mine.toml", "--density-kg-m3", "1"], "mine.toml: is neither a mesh file"),
     "no density": (["body", "sphere", "--size-m", "1", "--density-kg-m3", "0"], "density must be positive"),
-    "no sizes": (["body", "sphere", "--density-kg-m3", "1"], "sphere: a shape needs --size-m"),
+    "no sizes": (["body", "sphere", "--density-kg-m3", "1"], "sphere: a shape requires --size-m"),
     "sizes in words": (
         ["body", "sphere", "--size-m", "big", "--density-kg-m3", "1"],
         "'big' is not a number",
     ),
     "code not allowed": (
         ["body", "mine:f", "--box-m", "-1,-1,-1,1,1,1", "--density-kg-m3", "1"],
-        "mine:f: to import it runs its code; add --allow-code if you trust it",
+        "mine:f: importing it runs its code; add --allow-code if you trust it",
     ),
     "family for one scenario": (
         ["truth", "family.toml", "--at", "0"],
-        "family.toml: is a family; name one of it: family.toml/1.0, family.toml/2.0",
+        "family.toml: is a family; name one of its scenarios: family.toml/1.0, family.toml/2.0",
     ),
     "function not allowed": (
         ["run", "called.toml"],
-        "called.toml: forcing[0].function: loads:f: to import it runs its code; add --allow-code",
+        "called.toml: forcing[0].function: loads:f: importing it runs its code; add --allow-code",
     ),
     "function that fails": (
         ["truth", "called.toml", "--at", "0,1", "--allow-code"],
@@ -161,7 +169,7 @@ WRONG = {
     ),
     "function that gives NaN": (
         ["truth", "nan.toml", "--at", "0,1", "--allow-code"],
-        "loads:nan: must give force and torque, three finite numbers each, not ([nan, nan, nan], [0.0, ",
+        "loads:nan: must return force and torque, three finite numbers each, not ([nan, nan, nan], [0.0, ",
     ),
     "judged file that is none": (["judge", "no.csv", "--scenario", "mine.toml"], "no.csv: cannot be read"),
     "unknown list": (["list", "colours"], "'colours' is not one of"),
@@ -339,7 +347,7 @@ def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
         ("scenarios", "near-separatrix"),
         ("suites", "standard"),
         ("engines", "reference"),
-        ("methods", "reference:rotation-first"),
+        ("methods", "reference:lie-euler"),
         ("measures", "orientation_error_rad"),
     ],
 )
@@ -378,14 +386,14 @@ def test_an_engine_that_cannot_be_imported_is_shown_with_the_reason(
 
 @pytest.mark.slow
 def test_a_torque_that_switches_inside_a_step_is_said_so(tmp_path: Path) -> None:
-    """Such a step carries the mean torque, and the row's message tells."""
+    """Such a step applies the mean torque, and the row's message says so."""
     path = tmp_path / "mine.toml"
     path.write_text(
         SCENARIO + '[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = [1, 0, 0]\nuntil_s = 0.105\n'
     )
     measured = bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.01, 0.005], speed=False)
     assert measured.results["message"].tolist() == [
-        "load switches inside a step: 1; such a step carries the mean of what acts in it",
+        "load switches inside a step: 1; such a step applies the mean of its loads",
         "",
     ]
     assert measured.results["orientation_error_rad"].tolist()[1] < 1e-9

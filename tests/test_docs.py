@@ -20,10 +20,10 @@ import yaml
 from doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, text_of
 
 import bodycheck
-from bodycheck.cli import app
-from bodycheck.reports.comparison.thresholds import THRESHOLD
+from bodycheck.cli.commands import app
 from bodycheck.reports.gates.gate import read_gates, read_thresholds
-from bodycheck.reports.trajectory_files import trajectory_table
+from bodycheck.reports.gates.thresholds import THRESHOLD
+from bodycheck.reports.run_files.trajectory_files import trajectory_table
 from bodycheck.scenarios.reader import parse_members
 
 NOT_RUN = {
@@ -31,7 +31,7 @@ NOT_RUN = {
     'python3 -m venv .venv && .venv/bin/pip install -e ".[test]" && .venv/bin/python -m pytest': (
         "is these tests; CI runs it"
     ),
-    "python3 -m venv .venv && .venv/bin/pip install .": "installs; tests/long/wheel_trials.py does that",
+    "python3 -m venv .venv && .venv/bin/pip install .": "installs; tools/wheel_trials.py does that",
     ". .venv/bin/activate": "needs the line before",
     '.venv/bin/pip install -e ".[bench]" && .venv/bin/python -m benchmarks '
     "&& .venv/bin/python -m benchmarks.readme": "installs, and measures speed for a quarter of an hour",
@@ -144,9 +144,9 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "docs").mkdir()
     for name in ("small-body.toml", "report_picture.py"):
         shutil.copy(ROOT / "docs" / name, tmp_path / "docs")
-    (tmp_path / "tests" / "long").mkdir(parents=True)
+    (tmp_path / "tools").mkdir()
     for name in ("overhead.py", "worker_trials.py"):
-        shutil.copy(ROOT / "tests" / "long" / name, tmp_path / "tests" / "long")
+        shutil.copy(ROOT / "tools" / name, tmp_path / "tools")
     programs = tmp_path / "bin"
     programs.mkdir()
     for name, told in PROGRAMS.items():
@@ -195,16 +195,13 @@ def check_commands(page: str, folder: Path) -> None:
         if shown(page)
     ],
 )
-def test_the_commands_of_a_page_work(page: str, folder: Path, request: pytest.FixtureRequest) -> None:
+def test_the_commands_of_a_page_work(page: str, folder: Path) -> None:
     """One after the other, with the files of the docs beside them."""
     needed = " ".join(command.line for command in shown(page))
     if "pybullet" in needed:  # has no wheels for later Pythons
         pytest.importorskip("pybullet")
     if "report_picture.py" in needed and shutil.which("chromium") is None:
         pytest.skip("no Chromium on the path")
-    if "compare yesterday today" in needed:
-        for run in ("yesterday", "today"):
-            shutil.copytree(request.getfixturevalue("stored_run"), folder / run)
     check_commands(page, folder)
     if page == "docs/gates.md":
         gates = blocks(page, "toml")[0].text
@@ -391,7 +388,7 @@ def test_the_readme_finds_what_it_says() -> None:
     """The figures of the table are those of a run, to the digits that it shows."""
     found = bodycheck.run(
         ["intermediate-axis"],
-        engines=["mujoco:euler", "mujoco:implicit", "mujoco:rk4", "dart", "reference:rotation-first"],
+        engines=["mujoco:euler", "mujoco:implicit", "mujoco:rk4", "dart", "reference:lie-euler"],
         dt_s=[1e-2, 1e-3],
         speed=False,
     ).results.set_index(["method", "dt_s"])
@@ -400,7 +397,7 @@ def test_the_readme_finds_what_it_says() -> None:
         "semi-implicit": ("1.41e-2 rad", "1.3e-3", 1e-3),
         "implicit": ("1.42e-2 rad", "1.4e-3", 1e-3),
         "rk4": ("2.1e-9 rad at 1e-2 s", "1.5e-9", 1e-2),
-        "rotation-first": ("1.1 rad", "below 1e-14", 1e-3),
+        "lie-euler": ("1.1 rad", "below 1e-14", 1e-3),
     }
     page = text_of("README.md")
     for method, (error, drift, dt_s) in rows.items():

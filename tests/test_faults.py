@@ -19,15 +19,15 @@ from scenario_file import MEASURED_ANEW, SCENARIO
 import bodycheck
 from bodycheck.adapters import registry
 from bodycheck.adapters.registry import register_adapter
-from bodycheck.reports.run import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 TIMEOUT_S = 4.0
 
 ENDINGS = {
-    "abort": ("failed", "the worker died of SIGABRT"),
-    "segfault": ("failed", "the worker died of SIGSEGV"),
-    "exit": ("failed", "the worker ended itself with status 7"),
-    "exit-0": ("failed", "the worker ended itself with status 0"),
+    "abort": ("failed", "the worker was killed by SIGABRT"),
+    "segfault": ("failed", "the worker was killed by SIGSEGV"),
+    "exit": ("failed", "the worker exited with status 7"),
+    "exit-0": ("failed", "the worker exited with status 0"),
     "loop": ("timeout", "no answer within 4 s"),
     "c-loop": ("timeout", "no answer within 4 s"),
     "sleep": ("timeout", "no answer within 4 s"),
@@ -37,7 +37,7 @@ ENDINGS = {
     "raw-flood": ("ok", ""),
     "speak-and-abort": (
         "failed",
-        "the worker died of SIGABRT; its last output: the solver met a singular matrix",
+        "the worker was killed by SIGABRT; its last output: the solver met a singular matrix",
     ),
     "raise": ("failed", "RuntimeError: the solver gave up"),
     "system-exit": ("failed", "SystemExit: 3"),
@@ -47,9 +47,9 @@ ENDINGS = {
     "endless-words": ("failed", "RuntimeError: ??zzz"),
     "recurse": ("failed", "RecursionError: maximum recursion depth exceeded"),
     "close-output": ("ok", ""),
-    "close-all": ("failed", "the worker ended itself with status 1"),
-    "leave-a-fork": ("failed", "the worker ended itself with status 5"),
-    "leave-a-child": ("failed", "the worker ended itself with status 5"),
+    "close-all": ("failed", "the worker exited with status 1"),
+    "leave-a-fork": ("failed", "the worker exited with status 5"),
+    "leave-a-child": ("failed", "the worker exited with status 5"),
     "spoil": ("ok", ""),
     "infinite": ("unstable", "omega_body_rad_s is not finite from t = 0.1 s on"),
     "nan": ("unstable", "position_m is not finite from t = 0 s on"),
@@ -60,7 +60,7 @@ ENDINGS = {
     "nothing": ("failed", "TypeError: a reading without position or velocity"),
     "other-mass": ("invalid", "mass is 1.5 in the engine, not 1."),
     "few": ("failed", "a trajectory that is not at the scene's samples"),
-    "none": ("failed", "an answer that is none: trajectory: Field required"),
+    "none": ("failed", "invalid answer: trajectory: Field required"),
     ONLY_TIMED: ("ok", ""),
 }
 
@@ -144,7 +144,7 @@ def test_a_fault_costs_no_other_case(faulty: Run, sound: Run) -> None:
     rows, expected = rows_of(faulty), rows_of(sound)
     others = ~goes_wrong(rows)
     # what a case left behind in its worker is found out, and said, by asking once more
-    told = "asked twice; first, in a worker that had served others: RuntimeError: spoilt"
+    told = "ran twice; failed in a worker that had run other cases: RuntimeError: spoilt"
     spoilt = rows["message"].str.startswith(told)
     rows.loc[spoilt, "message"] = ""
     pd.testing.assert_frame_equal(rows[others], expected[others], check_exact=True)
@@ -165,7 +165,7 @@ def test_an_engine_that_dies_while_it_is_timed_loses_its_speed_alone(scenario: P
     well = rows["outcome"] == "ok"
     assert well.sum() == len(rows) - 1
     died = goes_wrong(rows) & (rows["method"] == ONLY_TIMED)
-    assert rows["message"][died].tolist() == ["speed not measured: the worker died of SIGABRT"]
+    assert rows["message"][died].tolist() == ["speed not measured: the worker was killed by SIGABRT"]
     for speed in ("cpu_s", "relative_cpu"):
         assert faulty.results[speed].isna().tolist() == (died | ~well).tolist()
     rows, expected = rows[well].drop(columns="message"), expected[well].drop(columns="message")
@@ -173,17 +173,20 @@ def test_an_engine_that_dies_while_it_is_timed_loses_its_speed_alone(scenario: P
 
 
 AT_IMPORT = {
-    "abort": ("import os\nos.abort()", "ghost cannot be started: the worker died of SIGABRT"),
-    "segfault": ("import ctypes\nctypes.string_at(0)", "ghost cannot be started: the worker died of SIGSEGV"),
-    "exit": ("import os\nos._exit(3)", "ghost cannot be started: the worker ended itself with status 3"),
-    "system-exit": ("raise SystemExit(4)", "ghost cannot be started: the worker ended itself with status 4"),
+    "abort": ("import os\nos.abort()", "ghost cannot be started: the worker was killed by SIGABRT"),
+    "segfault": (
+        "import ctypes\nctypes.string_at(0)",
+        "ghost cannot be started: the worker was killed by SIGSEGV",
+    ),
+    "exit": ("import os\nos._exit(3)", "ghost cannot be started: the worker exited with status 3"),
+    "system-exit": ("raise SystemExit(4)", "ghost cannot be started: the worker exited with status 4"),
     "raise": ("raise RuntimeError('no licence')", "ghost cannot be imported: RuntimeError: no licence"),
     "missing": ("import no_such_engine", "ghost cannot be imported: No module named 'no_such_engine'"),
-    "no-adapter": ("Ghost = object", "ghost is no adapter: it has no name, no version, no methods"),
+    "no-adapter": ("Ghost = object", "ghost is not an adapter: it has no name, no version, no methods"),
     "hang": ("while True: pass", "ghost cannot be started: no answer within 3 s"),
     "chatter": (
         "import os\nprint('licence expired')\nos._exit(3)",
-        "the worker ended itself with status 3; its last output: licence expired",
+        "the worker exited with status 3; its last output: licence expired",
     ),
     "other-name": (
         "from misbehaving import Misbehaving as Ghost",
@@ -205,7 +208,7 @@ def test_an_engine_that_cannot_be_imported_is_said_so_in_one_line(
     (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: ghost\nVersion: 1.0\n")
     (facts / "entry_points.txt").write_text("[bodycheck.adapters]\nghost = ghost:Ghost\n")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("bodycheck.adapters.worker_process._START_S", 3.0 if kind == "hang" else 60.0)
+    monkeypatch.setattr("bodycheck.adapters.workers.worker_process._START_S", 3.0 if kind == "hang" else 60.0)
     # a sound engine could miss the short deadline too, where the machine is busy
     others = [] if kind == "hang" else ["reference:m1"]
     registry._plugged_in.cache_clear()
@@ -234,7 +237,9 @@ def test_an_adapter_that_cannot_leave_its_process_is_run_in_it(scenario: Path) -
 
 def test_what_is_no_adapter_is_not_registered() -> None:
     """The message says what it lacks."""
-    with pytest.raises(bodycheck.InputError, match="is no adapter: it has no name, no version, no methods"):
+    with pytest.raises(
+        bodycheck.InputError, match="is not an adapter: it has no name, no version, no methods"
+    ):
         register_adapter(object())  # type: ignore[arg-type]
 
 
@@ -266,4 +271,4 @@ def test_a_script_that_defines_an_engine_is_shielded_from_it(tmp_path: Path) -> 
         text=True,
         check=False,
     )
-    assert done.stdout == "['ok', 'failed'] ['', 'the worker died of SIGABRT']\n", done.stderr
+    assert done.stdout == "['ok', 'failed'] ['', 'the worker was killed by SIGABRT']\n", done.stderr

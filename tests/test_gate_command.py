@@ -14,14 +14,14 @@ import pytest
 from scenario_file import tumbling
 from typer.testing import CliRunner, Result
 
-from bodycheck import cli, gate_run
-from bodycheck.errors import InputError
-from bodycheck.manner import Manner
-from bodycheck.progress import SILENCE
-from bodycheck.reports.gates.files import as_json, as_junit
+from bodycheck._util.errors import InputError
+from bodycheck.cli import commands
 from bodycheck.reports.gates.gate import parse_gates
+from bodycheck.reports.gates.gate_output import as_json, as_junit
 from bodycheck.reports.gates.verdict import held
-from bodycheck.selection import Selection
+from bodycheck.runs import gate_run
+from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
+from bodycheck.runs.selection import Selection
 
 SCENARIO = tumbling(steps_s=[0.05, 0.02])
 KEPT = """
@@ -81,7 +81,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def gate(*words: str | Path) -> Result:
     """Return what `bodycheck gate words` did in this process."""
-    return CliRunner().invoke(cli.app, ["gate", *map(str, words)])
+    return CliRunner().invoke(commands.app, ["gate", *map(str, words)])
 
 
 def test_gates_that_hold_end_with_status_0(folder: Path, stored_run: Path) -> None:
@@ -118,7 +118,10 @@ def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None
     nothing = [line for line in done.stdout.splitlines() if line.startswith("nothing")]
     assert len(nothing) == 2
     assert "measured nothing: failed: RuntimeError: the solver gave up | it said <so>" in nothing[0]
-    assert "no scenario of the run is nowhere; it has free, forced, and a mesh and shape/1" in nothing[1]
+    assert (
+        "no scenario of the run matches nowhere (available: free, forced, and a mesh and shape/1"
+        in nothing[1]
+    )
     assert done.stdout.splitlines()[-1] == "4 gates: 2 passed, 2 measured nothing"
 
 
@@ -185,25 +188,25 @@ def test_update_loosens_nothing_without_a_reason(folder: Path, stored_run: Path)
 WRONG = {
     "no file": (["--tolerances", "no.toml"], "no.toml: cannot be read"),
     "no gates": (["--tolerances", "mine.toml"], "gate: needs at least one [[gate]] table"),
-    "no run": (["--tolerances", "kept.toml", "--run", "."], "is no folder of a run"),
+    "no run": (["--tolerances", "kept.toml", "--run", "."], "not a run folder"),
     "run and suite": (["smoke", "--tolerances", "kept.toml", "--run", "."], "has its own scenarios"),
     "unknown scenario": (["nope", "--tolerances", "kept.toml"], "nope: is neither"),
     "margin alone": (
         ["--tolerances", "kept.toml", "--margin", "1"],
-        "--margin and --loosen belong to --update",
+        "--margin and --loosen require --update",
     ),
     "reason alone": (
         ["--tolerances", "kept.toml", "--loosen", "x"],
-        "--margin and --loosen belong to --update",
+        "--margin and --loosen require --update",
     ),
-    "no reason": (["--tolerances", "kept.toml", "--update", "--loosen", " "], "must say why"),
+    "no reason": (["--tolerances", "kept.toml", "--update", "--loosen", " "], "must state the reason"),
     "negative margin": (
         ["--tolerances", "kept.toml", "--update", "--margin", "-1"],
-        "must be 0 or more decades",
+        "must be between 0 and 300 decades",
     ),
     "endless margin": (
         ["--tolerances", "kept.toml", "--update", "--margin", "400"],
-        "must be 0 or more decades, and 300 at most",
+        "must be between 0 and 300 decades",
     ),
     "no jobs": (["mine.toml", "--tolerances", "kept.toml", "--jobs", "0"], "jobs must be 1 or more, not 0"),
 }
@@ -243,16 +246,16 @@ def test_a_new_run_is_held_to_the_gates(folder: Path) -> None:
 @pytest.mark.slow
 def test_only_what_gates_look_at_is_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Scenarios and methods that no gate names are left out; times are measured where a gate needs them."""
-    asked: list[tuple[Selection, Manner]] = []
+    asked: list[tuple[Selection, RunOptions]] = []
     monkeypatch.setattr(gate_run, "run_selection", lambda *told, **_: asked.append(told[:2]))
     text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'
     defaults = '[[gate]]\nengine = "mujoco"\nmethod = "euler@defaults"\nreason = "r"\n'
     for measure in ("energy_drift", "relative_cpu"):
         gates = parse_gates(f'{text}measure = "{measure}"\nupper = 1e9\n', "t")
         scenarios = [folder / "mine.toml", "intermediate-axis"]
-        gate_run.run_for_gates(gates, scenarios, Manner(), lambda _: nullcontext(SILENCE))
+        gate_run.run_for_gates(gates, scenarios, RunOptions(), lambda _: nullcontext(NULL_PROGRESS))
     gates = parse_gates(f'{defaults}measure = "verdict"\nequals = "converges"\n', "t")
-    gate_run.run_for_gates(gates, ["intermediate-axis"], Manner(), lambda _: nullcontext(SILENCE))
+    gate_run.run_for_gates(gates, ["intermediate-axis"], RunOptions(), lambda _: nullcontext(NULL_PROGRESS))
     names = [
         (
             [scenario.name for _, scenario in selection.scenarios],
@@ -261,4 +264,4 @@ def test_only_what_gates_look_at_is_run(folder: Path, monkeypatch: pytest.Monkey
         for selection, _ in asked
     ]
     assert names == [(["mine"], ["m1", "m2"])] * 2 + [(["intermediate-axis"], ["euler@defaults"])]
-    assert [manner.speed for _, manner in asked] == [False, True, False]
+    assert [options.speed for _, options in asked] == [False, True, False]

@@ -16,10 +16,10 @@ from registered import registered
 from scenario_file import SCENARIO
 from typer.testing import CliRunner, Result
 
-from bodycheck import cli
+from bodycheck._util.errors import InputError, StoppedError
 from bodycheck.adapters.contract import Method, Reading, Simulation
 from bodycheck.adapters.reference import Reference
-from bodycheck.errors import InputError, StoppedError
+from bodycheck.cli import commands
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
 
@@ -72,7 +72,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def bodycheck(*words: str | Path) -> Result:
     """Return what `bodycheck words` did in this process."""
-    return CliRunner().invoke(cli.app, list(map(str, words)))
+    return CliRunner().invoke(commands.app, list(map(str, words)))
 
 
 def night(*words: str, angle_rad: float = 0.0) -> Result:
@@ -89,7 +89,7 @@ def test_a_nightly_run_fails_where_something_is_worse(folder: Path) -> None:
     first, second, moved = night(), night(), night(angle_rad=1e-9)
     third, fourth = night("--markdown", "told.md", angle_rad=1e-2), night()
     assert [done.exit_code for done in (first, second, moved, third, fourth)] == [3, 0, 0, 1, 0], third.output
-    assert "past is too thin" in first.stdout
+    assert "Insufficient history" in first.stdout
     assert "Nothing changed" in second.stdout
     assert "turned 1: 1 method moved" in moved.stdout
     assert "turned 1: m1 improved" in fourth.stdout
@@ -107,7 +107,7 @@ def test_a_history_is_listed_asked_and_pruned(folder: Path) -> None:
     """One line a night; CSV of what SQL finds; the names of what was removed."""
     night(), night()
     listed = bodycheck("history", "list", "kept")
-    assert [line.split()[1] for line in listed.stdout.splitlines()] == ["status", "past", "no"]
+    assert [line.split()[1] for line in listed.stdout.splitlines()] == ["status", "insufficient", "no"]
     asked = bodycheck("history", "query", "kept", "SELECT count(*) AS nights FROM nights")
     assert asked.stdout.split() == ["nights", "2"]
     oldest = min(path.name for path in (folder / "kept").glob("2*"))
@@ -123,8 +123,8 @@ def test_a_history_is_listed_asked_and_pruned(folder: Path) -> None:
         (("nightly", "--history", "tumble.toml"), "cannot be written"),
         (("nightly", "tumble.toml", "--history", "kept", "--threshold", "-1"), "--threshold -1.0: must be"),
         (("nightly", "tumble.toml", "--history", "kept", "--tolerances", "absent.toml"), "absent.toml"),
-        (("history", "list", "kept"), "holds no night"),
-        (("history", "query", "absent", "SELECT 1"), "holds no night"),
+        (("history", "list", "kept"), "no nightly runs"),
+        (("history", "query", "absent", "SELECT 1"), "no nightly runs"),
         (("history", "prune", "kept", "--keep", "0"), "1 or more"),
     ],
 )
@@ -143,7 +143,7 @@ def test_a_night_that_is_stopped_stores_nothing(folder: Path, monkeypatch: pytes
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bodycheck.runner.compile_kernels", stopped)
+    monkeypatch.setattr("bodycheck.runs.runner.compile_kernels", stopped)
     done = night()
     assert isinstance(done.exception, StoppedError)
     assert str(done.exception) == "stopped; nothing was stored"
@@ -163,7 +163,7 @@ def test_the_script_for_cron_keeps_a_log_and_prints_what_needs_a_look(folder: Pa
         subprocess.run(words, env=surroundings, capture_output=True, text=True, check=False) for _ in range(2)
     )
     assert (first.returncode, second.returncode) == (3, 0), first.stdout + first.stderr
-    assert "past is too thin" in first.stdout
+    assert "Insufficient history" in first.stdout
     assert second.stdout == ""
     log = (folder / "kept.log").read_text()
     assert log.count("night.html") == 2

@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 from unprivileged import heed_modes
 
-from bodycheck import cli
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
+from bodycheck.cli import commands
 
 GATES = '[[gate]]\nmeasure = "outcome"\nequals = "ok"\nreason = "any"\n'
 WRITING = {
@@ -37,11 +37,11 @@ def test_an_output_that_cannot_be_written_is_told_before_the_run(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("something was run")
 
-    monkeypatch.setattr("bodycheck.runner.run_selection", never)
-    monkeypatch.setattr("bodycheck.selection.announcing", never)
+    monkeypatch.setattr("bodycheck.runs.runner.run_selection", never)
+    monkeypatch.setattr("bodycheck.runs.selection.announcing", never)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "gates.toml").write_text(GATES)
-    done = CliRunner().invoke(cli.app, [*WRITING[option], option, place])
+    done = CliRunner().invoke(commands.app, [*WRITING[option], option, place])
     assert isinstance(done.exception, InputError)
     assert str(done.exception).startswith(f"{option} {place}: {PLACES[place]}")
     assert "\n" not in str(done.exception)

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck.gate_run import run_for_gates
-from bodycheck.manner import Manner
-from bodycheck.progress import SILENCE
 from bodycheck.reports.gates.gate import read_gates
 from bodycheck.reports.gates.verdict import held
+from bodycheck.runs.gate_run import run_for_gates
+from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
 from bodycheck.scenarios.library import suites
 
 ROOT = Path(__file__).parents[1]
@@ -23,7 +22,7 @@ def test_the_projects_own_gates_hold_where_the_racket_flips() -> None:
     gates = [
         gate for gate in read_gates(ROOT / "tolerances.toml") if gate.wants_scenario("intermediate-axis")
     ]
-    run = run_for_gates(gates, ["intermediate-axis"], Manner(), lambda _: nullcontext(SILENCE))
+    run = run_for_gates(gates, ["intermediate-axis"], RunOptions(), lambda _: nullcontext(NULL_PROGRESS))
     results = held(gates, run)
     lost = run.manifest["engines"].get("pybullet", {}).get("unavailable")
     wanted = {"passed"} if lost is None else {"passed", "nothing"}  # on later Pythons there is no PyBullet

@@ -52,7 +52,7 @@ def rk4(state, dt):
 @pytest.fixture(scope="module")
 def imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Import all that a run imports: pytester forgets what an inner session did, and numpy loads but once."""
-    from bodycheck.pytest_fixtures import Bench
+    from bodycheck.pytest_plugin.fixtures import Bench
 
     scenario = tmp_path_factory.mktemp("imported") / "mine.toml"
     scenario.write_text(SCENARIO)
@@ -141,7 +141,7 @@ def test_an_engine_is_run_and_held_to_bounds(inner: pytest.Pytester) -> None:
             "E*bodycheck run mine.toml --engine reference:rk4 --dt 0.05",
             "E*measured nothing: cpu_s was not measured",
             "E*AssertionError: mine reference:rk4 dt 0.05 s: orthogonality_error was not measured",
-            "E*InputError: check('orientation_error').measure: no measure is named 'orientation_error'*",
+            "E*InputError: check('orientation_error').measure: unknown measure 'orientation_error'*",
             "*= bodycheck =*",
             "passed mine reference:rk4: orientation_error_rad >= 1e-12 and <= 1e-5: 1 case; worst *",
             "measured mine reference:rk4 dt 0.05 s: energy_drift *",
@@ -211,8 +211,8 @@ def test_a_step_function_is_given_what_it_needs(inner: pytest.Pytester) -> None:
     ("body", "message"),
     [
         ("return 1 / 0", "ZeroDivisionError: division by zero"),
-        ("return None", "TypeError: step must give back a state, as dataclasses.replace does, not NoneType"),
-        ("return replace(state, omega_body=np.zeros(4))", "give omega_body the shape (3,), not (4,)"),
+        ("return None", "TypeError: step must return a state, as dataclasses.replace does, not NoneType"),
+        ("return replace(state, omega_body=np.zeros(4))", "return omega_body of shape (3,), not (4,)"),
         (
             "return replace(state, quaternion=np.full(4, np.nan))",
             "quaternion is not finite from t = 0.1 s on",
@@ -260,9 +260,9 @@ def test_an_adapter_of_the_users_is_known_to_its_test_alone(inner: pytest.Pytest
             assert "my-engine" not in engine_names()
 
         def test_none(bodycheck):
-            with pytest.raises(ValueError, match="is no adapter and no name of an engine"):
+            with pytest.raises(ValueError, match="is neither an adapter nor the name of an engine"):
                 bodycheck.run("mine.toml", engine=len, dt_s=0.05)
-            with pytest.raises(ValueError, match="needs engine=, here or in the marker"):
+            with pytest.raises(ValueError, match="engine= is required, in the call or in the marker"):
                 bodycheck.run("mine.toml", dt_s=0.05)
         """
     )
@@ -306,7 +306,7 @@ def test_options_fill_in_what_a_marker_leaves_open(inner: pytest.Pytester) -> No
     [
         ("speed=1", (), "the marker bodycheck takes scenario=, engine=, method=, dt_s=, not speed"),
         ("'mine.toml'", (), "not 'mine.toml'"),
-        ("dt_s=0.1", ("--bodycheck-engines", "havok"), "no engine is named 'havok'"),
+        ("dt_s=0.1", ("--bodycheck-engines", "havok"), "unknown engine 'havok'"),
         ("dt_s=0.1", ("--bodycheck-suite", "nope"), "nope: is neither"),
     ],
 )
@@ -329,7 +329,7 @@ def test_a_marked_test_that_names_nothing_does_not_pass(inner: pytest.Pytester) 
     inner.makepyfile(MARKED)
     done = run(inner, "-k", "test_open")
     done.assert_outcomes(failed=1)
-    assert "InputError: bodycheck.run: needs scenario=, here or in the marker" in done.stdout.str()
+    assert "bodycheck.run: scenario= is required, in the call or in the marker" in done.stdout.str()
 
 
 GATES = """

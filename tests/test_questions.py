@@ -98,7 +98,7 @@ def test_runs_that_have_nothing_in_common_do_not_pass(command: Command) -> None:
     for when, wanted in (("never", 0), ("worse", 1), ("moved", 1)):
         status, out, _ = command("compare", "run", "other", "--fail-on", when)
         assert status == wanted
-        assert "There is nothing that could be compared." in out
+        assert "Nothing could be compared." in out
 
 
 def test_what_changed_is_named_and_the_status_stays_0(command: Command) -> None:
@@ -150,7 +150,7 @@ def test_advice_is_that_of_the_run_that_is_named(command: Command) -> None:
     assert "forced" not in out
     status, out, err = command("advise", "--error", "1e-2", "--run", "run", "intermediate-axis")
     assert (status, out) == (2, "")
-    assert err.startswith("run: has no scenario intermediate-axis; it has free, ")
+    assert err.startswith("run: has no scenario intermediate-axis (available: free, ")
 
 
 def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Command) -> None:
@@ -199,7 +199,7 @@ def test_a_function_of_ones_own_needs_leave_wherever_it_is_asked_about(command: 
         assert "add --allow-code if you trust it" in err
         status, _, err = command(*words, "--allow-code")
         assert status == 2
-        assert re.match("run: has no scenario called; |reference==1.0: ", err)
+        assert re.match(r"run: has no scenario called \(available: |reference==1\.0: ", err)
 
 
 def test_a_table_is_printed_or_written(command: Command) -> None:
@@ -219,26 +219,32 @@ def test_a_figure_is_drawn(command: Command) -> None:
 
 
 WRONG = {
-    "no run": (["compare", "run", "nowhere"], "nowhere: is no folder of a run: it has no manifest.json"),
+    "no run": (["compare", "run", "nowhere"], "nowhere: not a run folder: manifest.json is missing"),
     "a page nowhere": (["compare", "run", "other", "--html", "no/a.html"], "no/a.html: cannot be written"),
-    "no run to report": (["report", "."], ".: is no folder of a run"),
+    "no run to report": (["report", "."], ".: not a run folder"),
     "no error": (["advise", "--run", "run"], "Missing option '--error'"),
     "an error in words": (["advise", "--error", "small"], "Invalid value for '--error'"),
     "an error below 0": (["advise", "--error=-1"], "--error -1.0: must be a positive number"),
     "an unknown quantity": (
         ["advise", "--error", "1", "--quantity", "beauty"],
-        "--quantity beauty: is none that can be kept; there are orientation_error_rad",
+        "--quantity beauty: unknown quantity (available: orientation_error_rad",
     ),
-    "an unknown column": (["table", "run", "--columns", "beauty"], "results has no beauty; it has run_id"),
+    "an unknown column": (
+        ["table", "run", "--columns", "beauty"],
+        "results has no beauty (available: run_id",
+    ),
     "an unknown table": (["table", "run", "beauty"], "'beauty' is not one of"),
-    "parquet as text": (["table", "run", "--format", "parquet"], "is no text; name a file with --out"),
+    "parquet as text": (
+        ["table", "run", "--format", "parquet"],
+        "is a binary format; name a file with --out",
+    ),
     "no scenario": (
         ["plot", "run", "--figure", "order", "--out", "a.svg"],
-        "--scenario is needed; there are free",
+        "--scenario is required (available: free",
     ),
     "another scenario": (
         ["plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "x"],
-        "--scenario x: is none of the run's; there are free",
+        "--scenario x: not in this run (available: free",
     ),
     "a figure without a format": (
         ["plot", "run", "--figure", "order", "--out", "a", "--scenario", "free"],
@@ -250,7 +256,7 @@ WRONG = {
     ),
     "a figure of nothing": (
         [*("plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "free"), "--quantity", "x"],
-        "--quantity x: there are energy_drift",
+        "--quantity x: unknown measure (available: energy_drift",
     ),
 }
 

@@ -12,14 +12,16 @@ from shaky_engine import build_library, needs_a_compiler, write_shaky
 from typer.testing import CliRunner
 
 import bodycheck
-from bodycheck import cli, pytest_fixtures, runner
 from bodycheck.adapters import registry
-from bodycheck.manner import Manner
+from bodycheck.cli import commands
+from bodycheck.pytest_plugin import fixtures
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.comparison.text import print_comparison
-from bodycheck.reports.run import Run
-from bodycheck.reports.stored import read_tables
-from bodycheck.selection import Selection
+from bodycheck.reports.comparison.comparison_output import print_comparison
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs import runner
+from bodycheck.runs.run_options import RunOptions
+from bodycheck.runs.selection import Selection
 
 GATE = """
 [[gate]]
@@ -47,9 +49,9 @@ COMMANDS = [
 class ManagedError(Exception):
     """Ends a command where its run would begin, with the manner of it."""
 
-    def __init__(self, manner: Manner) -> None:
-        super().__init__(manner.reuse)
-        self.manner = manner
+    def __init__(self, options: RunOptions) -> None:
+        super().__init__(options.reuse)
+        self.options = options
 
 
 @pytest.fixture
@@ -63,23 +65,23 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    def ended(_: object, manner: Manner, *__: object, **___: object) -> None:
-        raise ManagedError(manner)
+    def ended(_: object, options: RunOptions, *__: object, **___: object) -> None:
+        raise ManagedError(options)
 
     def nothing(*_: object, **__: object) -> Selection:
         return Selection((), (), {}, None, None)
 
-    for module in ("stored_run", "gate_run", "night", "runner"):
-        monkeypatch.setattr(f"bodycheck.{module}.run_selection", ended)
-    for module in ("stored_run", "gate_run", "runner"):
-        monkeypatch.setattr(f"bodycheck.{module}.select", nothing)  # no worker is started for this
+    for module in ("directory", "gate_run", "nightly_run", "runner"):
+        monkeypatch.setattr(f"bodycheck.runs.{module}.run_selection", ended)
+    for module in ("directory", "gate_run", "runner"):
+        monkeypatch.setattr(f"bodycheck.runs.{module}.select", nothing)  # no worker is started for this
 
 
 @pytest.mark.usefixtures("folder", "_no_run")
 @pytest.mark.parametrize(("words", "reuse"), COMMANDS, ids=lambda part: " ".join(part[:1] + part[-1:]))
 def test_a_command_uses_what_its_purpose_allows(words: list[str], reuse: str) -> None:
     """A gate and a nightly run measure what is there now; a run may use answers of the same build."""
-    done = CliRunner().invoke(cli.app, words)
+    done = CliRunner().invoke(commands.app, words)
     assert isinstance(done.exception, ManagedError), done.output
     assert str(done.exception) == reuse
 
@@ -87,7 +89,9 @@ def test_a_command_uses_what_its_purpose_allows(words: list[str], reuse: str) ->
 @pytest.mark.usefixtures("folder", "_no_run")
 def test_a_nightly_run_times_all_cases_in_ten_passes() -> None:
     """One undisturbed pass is enough; a run by itself makes one."""
-    passes = [CliRunner().invoke(cli.app, words).exception.manner.speed_passes for words in (NIGHT, RUN)]
+    passes = [
+        CliRunner().invoke(commands.app, words).exception.options.speed_passes for words in (NIGHT, RUN)
+    ]
     assert passes == [10, 1]
 
 
@@ -116,12 +120,12 @@ def test_gates_in_tests_are_held_by_what_is_there_now(
         definition=SimpleNamespace(nodeid="t"),
         parametrize=lambda _name, values, **_: params.extend(values),
     )
-    pytest_fixtures.parametrize_gates(metafunc)  # type: ignore[arg-type]
+    fixtures.parametrize_gates(metafunc)  # type: ignore[arg-type]
 
-    def ended(_gates: object, _scenarios: object, manner: Manner, _watching: object) -> None:
-        raise ManagedError(manner)
+    def ended(_gates: object, _scenarios: object, options: RunOptions, _watching: object) -> None:
+        raise ManagedError(options)
 
-    monkeypatch.setattr(pytest_fixtures, "run_for_gates", ended)
+    monkeypatch.setattr(fixtures, "run_for_gates", ended)
     (gate,) = params
     with pytest.raises(ManagedError, match=f"^{reuse}$"):
         gate.within(SimpleNamespace(node=SimpleNamespace(user_properties=[]))).check()
@@ -174,6 +178,6 @@ def test_an_engine_that_was_rebuilt_is_run_again_and_named_first(
 
 def _kernels() -> Path:
     """Return the folder of the kernels that are compiled: a cache of its own need not have them anew."""
-    from bodycheck.reference_impl.cache_home import cache_directory
+    from bodycheck._util.compiled_cache import cache_directory
 
     return cache_directory()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bodycheck
-from bodycheck.selection import select
+from bodycheck.runs.selection import select
 
 
 def test_steps_and_tolerances_may_be_an_array() -> None:
@@ -27,12 +27,12 @@ def test_steps_and_tolerances_may_be_an_array() -> None:
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"scenarios": "smoke"}, r"scenarios must be a list of names, like \['smoke'\], not one text"),
-        ({"engines": "dart"}, r"engines must be a list of names, like \['dart'\], not one text"),
+        ({"scenarios": "smoke"}, r"scenarios must be a list of names, like \['smoke'\], not a string"),
+        ({"engines": "dart"}, r"engines must be a list of names, like \['dart'\], not a string"),
         ({"dt_s": 1e-3}, r"dt_s must be a list of numbers, like \[0.01\], not 0.001"),
         ({"dt_s": "1e-3"}, r"dt_s must be a list of numbers, like \[0.01\], not '1e-3'"),
         ({"tolerances": [None]}, r"tolerances must be a list of numbers, like \[0.01\], not \[None\]"),
-        ({"scenarios": []}, "scenarios: name one at least"),
+        ({"scenarios": []}, "scenarios: name at least one"),
     ],
 )
 def test_one_text_is_no_list_and_no_scenario_is_no_run(asked: dict[str, Any], message: str) -> None:

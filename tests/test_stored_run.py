@@ -20,8 +20,8 @@ from processes import all_gone, workers_of
 from scenario_file import MEASURED_ANEW, SCENARIO
 from typer.testing import CliRunner
 
-from bodycheck import cli
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
+from bodycheck.cli import commands
 
 HELPERS = Path(__file__).parent / "helpers"
 PATIENCE_S = 600.0
@@ -148,7 +148,7 @@ def test_a_stopped_run_leaves_no_worker_and_goes_on_to_the_same_tables(
     ended = finished(stopped)
     assert ended[0] == status
     if blow != signal.SIGKILL:
-        assert ended[1] == "stopped; go on with: bodycheck run --resume out"
+        assert ended[1] == "stopped; continue with: bodycheck run --resume out"
     assert not (tmp_path / "out").exists()
     stored = (tmp_path / "out.partial/journal").read_bytes()
     os.link(tmp_path / "out.partial/journal", tmp_path / "kept")
@@ -180,10 +180,10 @@ def test_a_second_process_on_the_same_run_is_told_so(command: Command, tmp_path:
     first.send_signal(signal.SIGSTOP)  # however long the others take
     status, words = finished(command("run", "--resume", "out"))
     assert status == 2
-    assert words.startswith("out.partial/journal: another process is at work on this run")
+    assert words.startswith("out.partial/journal: another process is using this run")
     status, words = finished(command(*hanging(), "--out", "out"))
     assert status == 2
-    assert words.startswith("out.partial: is of a run that was stopped: go on with --resume out")
+    assert words.startswith("out.partial: holds an interrupted run; continue with --resume out")
     first.send_signal(signal.SIGCONT)
     assert finished(first)[0] == 0
     assert finished(command("run", "--resume", "out")) == (2, "--resume out: that run is complete")
@@ -192,14 +192,17 @@ def test_a_second_process_on_the_same_run_is_told_so(command: Command, tmp_path:
 @pytest.mark.slow
 def test_what_cannot_be_gone_on_with_is_refused(command: Command, tmp_path: Path) -> None:
     """No run, a damaged description, other wishes beside it: one line each, nothing written."""
-    assert finished(command("run", "--resume", "out")) == (2, "--resume out: no run was stopped there")
+    assert finished(command("run", "--resume", "out")) == (2, "--resume out: there is no interrupted run")
     status, words = finished(command("run", "mine.toml", "--resume", "out"))
-    assert (status, words) == (2, "--resume goes on with a run as it was asked: give nothing beside it")
+    assert status == 2
+    assert words == (
+        "--resume: continues a run with its original settings; cannot be combined with other options"
+    )
     (tmp_path / "out.partial").mkdir()
-    (tmp_path / "out.partial/asked.json").write_text('{"asked": {')
+    (tmp_path / "out.partial/request.json").write_text('{"asked": {')
     status, words = finished(command("run", "--resume", "out"))
     assert status == 2
-    assert words.startswith("--resume out: out.partial/asked.json: is not JSON: ")
+    assert words.startswith("--resume out: out.partial/request.json: is not JSON: ")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out.partial", "package"]
 
 
@@ -211,10 +214,10 @@ def test_a_run_whose_input_is_wrong_leaves_nothing(tmp_path: Path, monkeypatch: 
     )
     words = ["run", "mine.toml", "--engine", "mujoco:rk4", "--no-speed", "--allow-code", "--out", "out"]
     for _ in range(2):  # the second time no remains of the first are in the way
-        done = CliRunner().invoke(cli.app, words)
+        done = CliRunner().invoke(commands.app, words)
         assert isinstance(done.exception, InputError)
         assert str(done.exception).startswith("mine.toml: math:hypot: failed at t = 0.0 s: TypeError")
-        assert "go on with" not in str(done.exception)
+        assert "continue with" not in str(done.exception)
         assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 
@@ -283,8 +286,8 @@ def test_engines_of_other_packages_are_asked_once(command: Command, tmp_path: Pa
 
 @pytest.mark.nightly
 def test_the_trials_of_faults_find_none(tmp_path: Path) -> None:
-    """Three of the trials of tests/long, each of another kind, end as they must."""
-    script = Path(__file__).parent / "long/fault_trials.py"
+    """Three of the trials of tools, each of another kind, end as they must."""
+    script = Path(__file__).parents[1] / "tools/fault_trials.py"
     done = subprocess.run(
         [sys.executable, str(script), "--trials", "3", "--seed", "7"],
         cwd=tmp_path,

@@ -12,10 +12,11 @@ from front_door import bodycheck_in
 from toy_releases import write_needed, write_toy, write_wheel
 
 import bodycheck
-from bodycheck.adapters import environments, registry, uv
-from bodycheck.adapters.releases import releases
-from bodycheck.errors import InputError, UnavailableError
-from bodycheck.reports.comparison.one_measure import under_one_name
+from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck.adapters import registry
+from bodycheck.adapters.versions import environments, uv
+from bodycheck.adapters.versions.uv import releases
+from bodycheck.reports.comparison.measure_track import under_one_name
 
 STEPS = [2e-2, 1e-2, 5e-3, 2e-3]
 DT = ",".join(map(str, STEPS))
@@ -138,9 +139,9 @@ def test_speeds_are_measured_in_its_environment() -> None:
     ("engine", "told"),
     [
         ("toy==0.9", "toy==0.9 cannot be installed: "),
-        ("toy==3.0", "toy==3.0 announces version 2.9: ask for toy==2.9"),
+        ("toy==3.0", "toy==3.0 announces version 2.9; request toy==2.9"),
         (f"toy=={BROKEN}", f"toy=={BROKEN}: toy cannot be imported: RuntimeError: spoilt"),
-        ("toy==1.0:n", "toy==1.0 has no method 'n'; it has m"),
+        ("toy==1.0:n", "toy==1.0 has no method 'n' (available: m"),
     ],
 )
 def test_a_version_that_cannot_be_had_is_refused(
@@ -204,7 +205,7 @@ def test_every_release_is_run_where_that_is_asked_for(command: Callable[..., tup
     measure = ("--measure", "orientation_error_rad")
     status, out, error = command(*words, *measure)
     assert status == 0, error
-    assert out.splitlines()[-1].endswith("a change between them that was undone would not be seen")
+    assert out.splitlines()[-1].endswith("a change that was undone between them would be missed")
     status, out, error = command(*words, *measure, "--every")
     assert status == 0, error
     assert out.splitlines()[0].endswith("; 5 releases from 1.0 to 1.9, 4 of them run")
@@ -227,19 +228,19 @@ def test_equal_ends_are_told_for_what_they_are(
     status, out, error = command(*words)
     assert status == 0, error
     assert told in out.splitlines()[-1]
-    assert out.splitlines()[-1].endswith("a change between them that was undone would not be seen")
+    assert out.splitlines()[-1].endswith("a change that was undone between them would be missed")
 
 
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--since", "1.0", "--measure", "beauty"), "--measure beauty: no measure is named 'beauty'"),
-        (("--since", "1.0", "--measure", "cpu_s"), "a speed is not looked for"),
+        (("--since", "1.0", "--measure", "beauty"), "--measure beauty: unknown measure 'beauty'"),
+        (("--since", "1.0", "--measure", "cpu_s"), "cannot search by speed"),
         (("--since", "1.0", "--measure", "steps"), "runs are not compared by it"),
-        (("--since", "1.0", "--until", "1.1", "--method", "n"), "toy has no such method; it has m"),
-        (("--since", "1.x"), "--since 1.x: is no version"),
-        (("--since", "1.0", "--scenario", "smoke"), "--scenario smoke: is 3 scenarios"),
+        (("--since", "1.0", "--until", "1.1", "--method", "n"), "toy has no such method (available: m"),
+        (("--since", "1.x"), "--since 1.x: not a version"),
+        (("--since", "1.0", "--scenario", "smoke"), "--scenario smoke: names 3 scenarios"),
         (("--since", "1.0", "--scenario", "nowhere"), "nowhere"),
         (("--since", "1.0", "--dt", "0.03"), "0.03"),
         (("--since", BROKEN, "--until", BROKEN), "spoilt"),

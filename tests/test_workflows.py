@@ -11,7 +11,7 @@ import pytest
 import yaml
 from typer.main import get_command
 
-from bodycheck import cli
+from bodycheck.cli import commands
 
 _FOLDER = Path(__file__).parents[1] / ".github" / "workflows"
 WORKFLOWS = sorted(_FOLDER.glob("*.yml"))
@@ -55,7 +55,7 @@ def test_commands_and_options_are_there(file: Path) -> None:
         shlex.split(line.split("||")[0].split(">")[0])
         for line in re.findall(r"^[^#\n]*?(?:bodycheck|\$bodycheck\") ([a-z]+ .*)$", file.read_text(), re.M)
     ]
-    known: Any = get_command(cli.app)
+    known: Any = get_command(commands.app)
     assert lines or file.name == "tests.yml"
     for first, *words in lines:
         command, rest = known.commands[first], words

@@ -38,8 +38,8 @@ def _equations(problem: Problem) -> list[tuple[Any, Any]]:
         0.5 * (w * b + z * a - x * c),
         0.5 * (w * c + x * b - y * a),
     ]
-    speeding = [spin + tau / i for spin, tau, i in zip(spins, torque, moments, strict=True)]
-    return list(zip([*quaternion, *omega], [*turning, *speeding], strict=True))
+    linear_acceleration = [spin + tau / i for spin, tau, i in zip(spins, torque, moments, strict=True)]
+    return list(zip([*quaternion, *omega], [*turning, *linear_acceleration], strict=True))
 
 
 class _Propagation:

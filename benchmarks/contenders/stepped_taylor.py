@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.contenders.contender import Contender, tolerances
 from benchmarks.problems import End, Problem
-from bodycheck.reference_impl.taylor_motion import TaylorMotion
+from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
 
 
 class _Solving:

@@ -11,7 +11,7 @@ from benchmarks.figures import Measured
 from benchmarks.task import Call
 from benchmarks.timing import Spread, interleaved
 from benchmarks.topics.forced import FORCED
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
 
 
 def certified(effort: Effort) -> list[Measured]:

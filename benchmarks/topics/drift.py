@@ -17,7 +17,7 @@ from bodycheck.reference_impl.dynamics import angular_momentum, rotational_energ
 from bodycheck.reference_impl.pivot import turning_inertia
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.taylor import Resolution, course_of, solve
+from bodycheck.reference_impl.taylor.solution import Resolution, course_of, solve
 
 # a tolerance of 1e-17 would leave a remainder that pulls |q| one way: 2e-15 over the steps, in proportion
 _RESOLUTION = Resolution(20, 1e-20, 6)

@@ -11,7 +11,7 @@ from benchmarks.problems import BODY_SINE, BODY_TORQUE, DRAG, GRAVITY_GRADIENT, 
 from benchmarks.search import cheapest, tried
 from benchmarks.timing import Spread, interleaved
 from bodycheck.reference_impl.rotations import geodesic_angle
-from bodycheck.reference_impl.taylor_motion import TaylorMotion
+from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
 
 FORCED = (BODY_TORQUE, DRAG, BODY_SINE, GRAVITY_GRADIENT, WORLD_TORQUE)
 

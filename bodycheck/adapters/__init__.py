@@ -1,1 +1,1 @@
-"""The engines, each behind one small contract: see contract.py."""
+"""Adapters of the engines to one common contract, see contract.py."""

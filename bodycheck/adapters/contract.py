@@ -1,11 +1,10 @@
 """The contract between bodycheck and an engine.
 
-An adapter is an object with the attributes of `Adapter`; nothing is inherited. `build` gives a
-`Simulation` of one scene by one method at one step. The caller reads it back, applies the wrench of
-each leg, advances it, and reads the state at each sample; building, reading and comparing are never
-timed, only `apply` and `advance` are. A method without steps of a given length, controlled by a
-tolerance or by nothing, gives a `Solver` instead (`SolvingAdapter`), which goes through all samples in
-one call.
+An adapter is an object with the attributes of `Adapter`; it need not inherit from anything. `build` returns
+a `Simulation` of one scene by one method at one step size. The caller reads it back, applies the wrench of
+each leg, advances it, and reads the state at each sample. Only `apply` and `advance` are timed; building,
+reading and comparing are not. For a method without a fixed step size, controlled by a tolerance or by
+nothing, `solver` returns a `Solver` instead (`SolvingAdapter`), which computes all samples in one call.
 """
 
 from __future__ import annotations
@@ -24,27 +23,26 @@ from bodycheck.reference_impl.wrench import Wrench
 
 Stepping: TypeAlias = Literal["native", "python"]
 VARIANT = "@"
-"""Parts the name of a variant into the method and how the engine is set up: METHOD@VARIANT."""
+"""Separates the method from the variant of the engine's setup in a name: METHOD@VARIANT."""
 DEFAULTS = f"{VARIANT}defaults"
-"""The end of a method's name that leaves the engine's defaults as they are."""
+"""Suffix of a method that leaves the engine's defaults unchanged."""
 UNALIGNED = f"{VARIANT}unaligned"
-"""The end of a method's name that steps a free body by its link's origin, wherever that is."""
+"""Suffix of a method that steps a free body by its link's origin, which may be off the centre of mass."""
 Control: TypeAlias = Literal["dt", "tolerance", "none"]
 BuildKind: TypeAlias = Literal["installed", "development", "plug-in", "handed over"]
-"""installed: a release of an engine that bodycheck knows. development: such an engine, editable or in a
-source folder. plug-in: of another package. handed over: an object of the run's own process."""
+"""installed: a release of an engine that bodycheck supports. development: such an engine, installed editable
+or in a source folder. plug-in: an adapter of another package. handed over: an object of the run's process."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """One integrator or mode of an engine, and what is known of it.
+    """One integrator or mode of an engine, and its properties.
 
-    order is that of a smooth, torque-free motion in theory, None where there is none to expect.
-    evaluations counts right-hand sides in a step. torque says when a torque is evaluated: at every
-    stage, once and held over the step, or nowhere but in a closed form; lasting says the same of loads that
-    vary with the time or the motion, a user's function among them: held, they make any method one of order 1.
-    control says what it is told: the step, a tolerance, or nothing; tolerances are those that a run uses
-    unless told otherwise.
+    order: theoretical order on a smooth, torque-free motion, None if none is expected. evaluations:
+    right-hand sides per step. torque: when a torque is evaluated: at every stage, once per step and held
+    constant over it (zero-order hold), or in a closed form only. lasting: the same for loads that vary with
+    time or motion, including user's functions; a zero-order hold of these reduces any method to order 1.
+    control: what the caller sets: the step size, a tolerance, or nothing. tolerances: the defaults of a run.
     """
 
     name: str
@@ -61,22 +59,21 @@ class Method:
 
     @property
     def on_request(self) -> bool:
-        """Whether this is a variant of another method, which runs only where its name is requested."""
+        """Whether this is a variant of another method, which runs only if requested by name."""
         return VARIANT in self.name
 
     @property
     def is_for_off_centre_links(self) -> bool:
-        """Whether this variant runs without a request too where a link is off the centre of mass."""
+        """Whether this variant also runs unrequested where a link is off the centre of mass."""
         return self.name.endswith(UNALIGNED)
 
 
 @dataclass(frozen=True)
 class Build:
-    """What a worker has loaded of an engine.
+    """The identity of the code of an engine that a worker has loaded.
 
-    id: a hash over all parts, by which answers of earlier runs are found again; empty where it is not known,
-    and then every case is run again. kind: where the engine comes from. parts: what the hash is over, by
-    name, for people.
+    id: hash over all parts, the key of results of earlier runs; empty if unknown, in which case every case
+    runs again. kind: where the engine comes from. parts: the hashed parts by name, for people to read.
     """
 
     id: str = ""
@@ -85,13 +82,13 @@ class Build:
 
     @property
     def short(self) -> str:
-        """As many digits of the identity as a table shows."""
+        """The first 12 digits of the id, as shown in tables."""
         return self.id[:12]
 
 
 @dataclass(frozen=True, eq=False)
 class Engine:
-    """An engine as it announces itself: its name, its version, its methods by name, what it has loaded."""
+    """An engine as announced by its worker: name, version, methods by name, and build."""
 
     name: str
     version: str
@@ -101,24 +98,24 @@ class Engine:
 
 @dataclass(frozen=True)
 class Setting:
-    """How finely a method is told to work: by a step in s, by a tolerance, or, with neither, not at all."""
+    """The step size in s or the tolerance of a method; neither for a method without control."""
 
     dt_s: float | None = None
     tolerance: float | None = None
 
     @property
     def fineness(self) -> float | None:
-        """The one number of it."""
+        """The step size or the tolerance, whichever is set."""
         return self.tolerance if self.dt_s is None else self.dt_s
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """The state as the engine itself holds it.
+    """The state as stored in the engine.
 
     position (3,) in m and velocity (3,) in m/s of the centre of mass in world axes, quaternion (4,) scalar
-    first and/or rotation (3, 3), body to world, omega (3,) in rad/s in one of the two axes.
-    rotation is filled only with a matrix that the engine itself gives for this very state.
+    first and/or rotation (3, 3), body to world, omega (3,) in rad/s in world or in body axes. Set rotation
+    only if the engine itself returns a matrix for this state.
     """
 
     position: Array
@@ -131,10 +128,10 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class ReadBack:
-    """What the engine says it was given.
+    """The model as stored in the engine.
 
-    mass in kg, inertia (3, 3) in kg m^2 in body axes, the step in s (of one step, where one call makes
-    several; None of a method without), gravity (3,) in m/s^2, and the initial state.
+    mass in kg, inertia (3, 3) in kg m^2 in body axes, step size in s (of a single step, also if one call
+    makes several; None for a method without steps), gravity (3,) in m/s^2, and the initial state.
     """
 
     mass: float
@@ -145,48 +142,48 @@ class ReadBack:
 
 
 class Simulation(Protocol):
-    """One scene in one engine, by one method, at one step. Always closed after use.
+    """One scene in one engine, by one method, at one step size. Close it after use.
 
-    The scene's timed loads are handed over by `apply`; its lasting loads act from the start, and the
-    simulation answers for them itself.
+    The caller passes the scene's piecewise constant loads to `apply`. The simulation itself applies the
+    continuous loads, which act from the start.
     """
 
     stepping: Stepping
-    """native: one call makes many steps; python: a Python call for each step."""
+    """native: one call makes many steps; python: one Python call per step."""
 
     def read_back(self) -> ReadBack:
-        """Return what the engine holds, asked from the engine and not from what it was given."""
+        """Return the model as read from the engine, not from the scene."""
 
     def reset(self) -> None:
-        """Go back to the initial state at t = 0, as freshly built."""
+        """Restore the initial state at t = 0, as freshly built."""
 
     def apply(self, wrench: Wrench) -> None:
-        """Let this wrench act, in place of the one before, until told otherwise."""
+        """Replace the acting wrench, (3,) per force in N and torque in N m, until the next call."""
 
     def advance(self, steps: int) -> None:
         """Make this many steps."""
 
     def read(self) -> Reading:
-        """Return copies of the state that the engine holds now."""
+        """Return copies of the engine's present state."""
 
     def close(self) -> None:
-        """Free what the engine holds; calling it twice does nothing."""
+        """Free the engine's resources; a second call does nothing."""
 
 
 class Solver(Protocol):
-    """One scene in one engine, by one method that chooses its own steps or has none. Closed after use."""
+    """One scene in one engine, by one method that chooses its own steps or has none. Close it after use."""
 
     steps: int | None
-    """How many steps the last `solve` made; None for a method that has none."""
+    """Number of steps of the last `solve`; None for a method without steps."""
 
     def read_back(self) -> ReadBack:
-        """Return what the engine holds, its step being None."""
+        """Return the model as read from the engine, with a step of None."""
 
     def solve(self) -> Trajectory:
-        """Go from the initial state through all the scene's samples, anew at every call."""
+        """Compute all samples of the scene, starting from the initial state at every call."""
 
     def close(self) -> None:
-        """Free what the engine holds; calling it twice does nothing."""
+        """Free the engine's resources; a second call does nothing."""
 
 
 class Adapter(Protocol):
@@ -200,26 +197,26 @@ class Adapter(Protocol):
         """Return why this method cannot represent the scene, or None if it can."""
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
-        """Make a minimal model: nothing in it that the scene has not."""
+        """Build a minimal model, without anything that is not in the scene."""
 
 
 class SolvingAdapter(Adapter, Protocol):
     """An engine some of whose methods are controlled by a tolerance or by nothing."""
 
     def solver(self, scene: Scene, method: str, tolerance: float | None) -> Solver:
-        """Make a solver by such a method; the tolerance is None for one that has no control."""
+        """Build a solver for such a method; the tolerance is None for a method without control."""
 
 
-_STATE = 4e-15  # relative: a state passes at most through one change of axes
-_BODY = 1e-12  # relative: an inertia may have been through an eigen-analysis
+_STATE = 4e-15  # relative; a state goes through at most one change of axes
+_BODY = 1e-12  # relative; an inertia may go through an eigendecomposition
 
 
 def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str | None:
-    """Say which of mass, inertia, step, gravity or initial state the engine holds wrongly, or None.
+    """Return how mass, inertia, step, gravity or initial state differ from the scene; None if they do not.
 
-    A quaternion may have changed its sign. What an engine holds of a place or an inertia with reference to
-    a pivot or to a link is compared to a part of that. A state without an attitude, or without omega, is a
-    mismatch too: nothing would have been compared.
+    A quaternion may have the opposite sign. For an engine whose positions and inertia refer to a pivot or a
+    link, the tolerance is relative to those quantities. A state without attitude or without omega is a
+    mismatch too, because it could not be compared.
     """
     body, initial = scene.body, scene.initial
     faults: list[str] = []
@@ -230,7 +227,7 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
         name: str, asked: Array | float, held: Array | float, relative: float = _STATE, beside: float = 0.0
     ) -> None:
         asked, held = np.asarray(asked, dtype=np.float64), np.asarray(held, dtype=np.float64)
-        if np.array_equal(asked, held):  # as nearly always: it saves the rest a thousand times a run
+        if np.array_equal(asked, held):  # the common case, and much faster
             return
         slack = relative * (float(np.max(np.abs(asked))) + beside)
         if held.shape != asked.shape or not np.all(np.abs(held - asked) <= slack):
@@ -245,15 +242,15 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
     compare("position", initial.position, state.position, beside=arm)
     compare("velocity", initial.velocity, state.velocity, beside=swing)
     if state.quaternion is None and state.rotation is None:
-        faults.append("the engine gives back no quaternion and no rotation")
+        faults.append("the engine returns neither a quaternion nor a rotation")
     if state.omega_body is None and state.omega_world is None:
-        faults.append("the engine gives back no omega")
+        faults.append("the engine returns no omega")
     if state.quaternion is not None:
         turned = state.quaternion.shape == (4,) and float(state.quaternion @ initial.quaternion) < 0.0
         compare("quaternion", initial.quaternion, -state.quaternion if turned else state.quaternion)
     if state.rotation is not None:
         compare("rotation", initial.rotation, state.rotation)
-    # an engine that holds the angular momentum has omega by solving I omega = L
+    # an engine that stores the angular momentum computes omega by solving I omega = L
     through_momentum = float(np.linalg.cond(body.inertia) * np.linalg.norm(initial.omega_body))
     if state.omega_body is not None:
         compare("omega_body", initial.omega_body, state.omega_body, beside=through_momentum)
@@ -263,7 +260,7 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
 
 
 def _arm(scene: Scene) -> float:
-    """The distances in m from the centre of mass to where an engine may have its reference."""
+    """Return the distances in m from the centre of mass to the possible reference points, summed."""
     link = 0.0 if scene.link is None else float(np.linalg.norm(scene.link.offset))
     return link if scene.pivot is None else link + float(np.linalg.norm(scene.pivot))
 

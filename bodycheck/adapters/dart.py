@@ -1,9 +1,8 @@
 """DART: a skeleton of one body on a free or a ball joint, stepped as World.step does but without a world.
 
-A world would only add collision detection and deactivation to what is done here, digit for digit the
-same. A free joint's velocities are (omega, velocity) in world axes; its positions are a rotation vector
-and the place of the link's origin, whose velocity is integrated. A ball joint's are omega in body axes and a
-rotation vector.
+A world gives the same digits and only adds collision detection and deactivation. The velocities of a free
+joint are (omega, velocity) in world axes; its positions are a rotation vector and the position of the link's
+origin, whose velocity is integrated. A ball joint has omega in body axes and a rotation vector.
 """
 
 from __future__ import annotations
@@ -17,9 +16,8 @@ import dartpy
 import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
-from bodycheck.adapters.engine_axes import EngineAxes
-from bodycheck.adapters.held import HeldLoads
-from bodycheck.adapters.link_frame import LinkFrame, link_frame, pivot_place
+from bodycheck.adapters.frames import EngineAxes, LinkFrame, link_frame, pivot_place
+from bodycheck.adapters.zero_order_hold import HeldLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
@@ -45,16 +43,16 @@ class Dart:
     methods: Mapping[str, Method] = {method.name: method for method in (_SEMI_IMPLICIT, _UNTOUCHED)}
 
     def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
-        """Refuse nothing."""
+        """Return None: every scene is supported."""
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> DartSimulation:
-        """Make a skeleton of one body; with the defaults untouched, in a world."""
+        """Build a skeleton of one body; the variant with unchanged defaults puts it into a world."""
         return DartSimulation(scene, dt_s, in_world=method == _UNTOUCHED.name)
 
 
 class DartSimulation:
-    """One skeleton."""
+    """A simulation with one skeleton."""
 
     stepping: Stepping = "python"
 
@@ -62,7 +60,7 @@ class DartSimulation:
         self._initial, self._pivot = scene.initial, scene.pivot
         link = link_frame(scene)
         self._axes, self._centre = EngineAxes(link.rotation), link.point(_ORIGIN)
-        # the joint's forces act at its origin, and only there without a moment that turns with the body
+        # joint forces act at the joint's origin; elsewhere their moment would turn with the body
         self._by_joint = scene.pivot is None and not np.any(self._centre)
         self._skeleton = dartpy.dynamics.Skeleton("body")
         self._joint, self._body = self._jointed(scene, link)
@@ -79,7 +77,7 @@ class DartSimulation:
         self.reset()
 
     def _jointed(self, scene: Scene, link: LinkFrame) -> tuple[Any, Any]:
-        """Make the body on a free joint in its link's axes, or on a ball joint at its pivot in body axes."""
+        """Create the body on a free joint in link axes, or on a ball joint at the pivot in body axes."""
         if scene.pivot is None:
             return self._skeleton.createFreeJointAndBodyNodePair()
         joint, body = self._skeleton.createBallJointAndBodyNodePair()
@@ -88,7 +86,7 @@ class DartSimulation:
         return joint, body
 
     def read_back(self) -> ReadBack:
-        """Ask the skeleton."""
+        """Return the model as read from the skeleton."""
         inertia, axes = self._body.getInertia(), self._axes.matrix
         return ReadBack(
             mass=inertia.getMass(),
@@ -99,7 +97,7 @@ class DartSimulation:
         )
 
     def reset(self) -> None:
-        """Set the initial state and no wrench."""
+        """Restore the initial state, without a wrench."""
         initial = self._initial
         logarithm = dartpy.dynamics.BallJoint.convertToPositions
         if self._pivot is None:
@@ -115,10 +113,10 @@ class DartSimulation:
         self.apply(NO_WRENCH)
 
     def apply(self, wrench: Wrench) -> None:
-        """Hand over the wrench: nothing here clears forces between steps.
+        """Set the wrench, which nothing clears between steps.
 
-        What is given to a free joint stays fixed in world axes. An external force stays fixed in body axes,
-        even one given in world axes, so the loads of the world at body points are renewed in every step.
+        Forces of a free joint stay fixed in world axes. External forces stay fixed in body axes, even if they
+        are given in world axes, so world loads at body points are set again in every step.
         """
         self._wrench = wrench
         if self._by_joint:
@@ -126,7 +124,7 @@ class DartSimulation:
         self._renew_external_forces()
 
     def advance(self, steps: int) -> None:
-        """Make each step by three calls; a lost state stays lost, without DART's three warnings a step."""
+        """Make each step by three calls; skip the steps of a lost state, which print three warnings each."""
         if self._is_lost:
             return
         skeleton = self._skeleton
@@ -138,7 +136,7 @@ class DartSimulation:
             if self._lasting:
                 self._add_lasting()
             if self._world is not None:
-                self._world.step(False)  # forces stay
+                self._world.step(False)  # False: keep the forces
                 continue
             skeleton.computeForwardDynamics()
             skeleton.integrateVelocities(dt_s)
@@ -147,7 +145,7 @@ class DartSimulation:
     def read(self) -> Reading:
         """Copy the joint's positions and velocities; the matrix is that of getTransform.
 
-        It is NaN where the joint's rotation vector is: there DART shows the identity instead.
+        If the joint's rotation vector is not finite, the matrix is NaN; DART returns the identity.
         """
         position, rotation, velocity, omega_world = self._state()
         self._is_lost = not all(map(math.isfinite, self._joint.getPositions().tolist()))
@@ -156,7 +154,7 @@ class DartSimulation:
         return Reading(position=position, velocity=velocity, rotation=rotation, omega_world=omega_world)
 
     def _state(self) -> tuple[Array, Array, Array, Array]:
-        """Return position, rotation, velocity and omega of the body, in world axes."""
+        """Return position (3,), rotation (3, 3), velocity (3,) and omega (3,) of the body, in world axes."""
         positions, velocities = self._joint.getPositions(), self._joint.getVelocities()
         rotation = self._axes.body_rotation(np.ascontiguousarray(self._body.getTransform().rotation()))
         if self._by_joint:
@@ -170,10 +168,10 @@ class DartSimulation:
         return place + arm, rotation, np.cross(omega, arm), omega
 
     def close(self) -> None:
-        """Do nothing: the skeleton goes with this object."""
+        """Do nothing; the skeleton is freed with this object."""
 
     def _renew_external_forces(self) -> None:
-        """Give the body's own loads, and the world's at body points for the present orientation."""
+        """Set the body-axes loads, and the world-axes loads at body points, for the present orientation."""
         wrench, body, to_engine = self._wrench, self._body, self._axes.engine_vector
         body.clearExternalForces()
         body.addExtTorque(to_engine(wrench.torque_body), True)
@@ -185,8 +183,8 @@ class DartSimulation:
             body.addExtTorque(wrench.torque_world, False)
 
     def _add_lasting(self) -> None:
-        """Add the lasting loads of the present state, to be held over the step."""
-        force_and_torque = self._lasting.next_step(*self._state())
+        """Add the continuous loads at the present state, held constant over the step (zero-order hold)."""
+        force_and_torque = self._lasting.next_step_size(*self._state())
         self._body.addExtForce(force_and_torque[:3], self._centre, False, True)
         self._body.addExtTorque(force_and_torque[3:], False)
 

@@ -1,4 +1,4 @@
-"""Which engines there are, which of them can be imported here, and why the others cannot."""
+"""The known engines, and their import."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
+from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck._util.file_digests import digest_of
 from bodycheck.adapters.contract import Adapter
-from bodycheck.errors import InputError, UnavailableError
-from bodycheck.reference_impl.cache_home import digest_of
 
 _BUILT_IN = {
     "mujoco": ("bodycheck.adapters.mujoco", "MuJoCo"),
@@ -27,18 +27,18 @@ _CONTRACT = ("name", "version", "methods", "unsupported", "build")
 
 
 def register_adapter(adapter: Adapter) -> None:
-    """Make an engine known under adapter.name, in place of any other of that name.
+    """Register an engine under adapter.name, replacing any other of that name.
 
-    Raises InputError where it lacks what the contract asks of an adapter.
+    Raises InputError if it lacks an attribute of the contract.
     """
     if missing := [part for part in _CONTRACT if not hasattr(adapter, part)]:
-        raise InputError(f"{adapter!r} is no adapter: it has no {', no '.join(missing)}")
+        raise InputError(f"{adapter!r} is not an adapter: it has no {', no '.join(missing)}")
     _registered[adapter.name] = adapter
 
 
 @contextmanager
 def registered(adapter: Adapter) -> Iterator[None]:
-    """Make an engine known as register_adapter does, and forget it again at the end."""
+    """Register an engine for the duration of a with block."""
     before = dict(_registered)
     register_adapter(adapter)
     try:
@@ -49,14 +49,14 @@ def registered(adapter: Adapter) -> Iterator[None]:
 
 
 def engine_names() -> tuple[str, ...]:
-    """Return the names of all engines known, whether or not they can be imported here."""
+    """Return the names of all known engines, whether or not they can be imported."""
     return tuple(dict.fromkeys([*_BUILT_IN, *_plugged_in(), *_registered]))
 
 
 def distribution_of(engine: str) -> str | None:
-    """Return the package whose versions are the engine's: for a plugged-in one, that of its entry point.
+    """Return the package that provides the engine and its version; for a plug-in, that of its entry point.
 
-    None for an engine that no package of its own brings: the reference, and those handed to register_adapter.
+    Returns None for an engine without a package: the reference, and those passed to register_adapter.
     """
     if engine in _DISTRIBUTIONS:
         return _DISTRIBUTIONS[engine]
@@ -65,26 +65,26 @@ def distribution_of(engine: str) -> str | None:
 
 
 def registered_adapter(name: str) -> Adapter | None:
-    """Return what register_adapter was given under this name; None for an engine that others can import."""
+    """Return the adapter registered under this name; None for an engine that any process can import."""
     return _registered.get(name)
 
 
 @cache
 def own_code() -> str:
-    """Return a hash of the sources of reference_impl and adapters."""
+    """Return a hash of the sources of _util, reference_impl and adapters."""
     package = Path(__file__).parents[1]
-    return "".join(digest_of(package / room)[:16] for room in ("reference_impl", "adapters"))
+    return "".join(digest_of(package / room)[:16] for room in ("_util", "reference_impl", "adapters"))
 
 
 def get_adapter(name: str) -> Adapter:
-    """Return the engine of that name, imported at its first use.
+    """Return the engine of that name, imported on first use.
 
-    Raises InputError for a name that is not known, UnavailableError where the import fails.
+    Raises InputError for an unknown name, UnavailableError if the import fails.
     """
     if name in _registered:
         return _registered[name]
     if name not in engine_names():
-        raise InputError(f"no engine is named {name!r}; known are {', '.join(engine_names())}")
+        raise InputError(f"unknown engine {name!r} (available: {', '.join(engine_names())})")
     return _import(name)
 
 
@@ -103,9 +103,9 @@ def _import(name: str) -> Adapter:
         else:
             make = _plugged_in()[name].load()
         adapter: Adapter = make()
-    except Exception as error:  # an engine's module may raise anything, not only where it is missing
+    except Exception as error:  # an engine's module may raise anything
         what = error if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
         raise UnavailableError(f"{name} cannot be imported: {what}") from error
     if missing := [part for part in _CONTRACT if not hasattr(adapter, part)]:
-        raise UnavailableError(f"{name} is no adapter: it has no {', no '.join(missing)}")
+        raise UnavailableError(f"{name} is not an adapter: it has no {', no '.join(missing)}")
     return adapter

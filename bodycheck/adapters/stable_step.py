@@ -1,4 +1,4 @@
-"""The largest step at which a method is stable on a scene: a scan upward, then bisection of what it meets."""
+"""The largest step at which a method is stable on a scene: scan upward, then bisect the bracket."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from functools import partial
 
 import numpy as np
 
-from bodycheck.adapters.breakdown import defect, runaway
 from bodycheck.adapters.contract import Adapter
-from bodycheck.adapters.drive import Case, Ending, readings_along, trajectory_of
+from bodycheck.adapters.execution import Case, Ending, readings_along, trajectory_of
+from bodycheck.adapters.stability_check import energy_blowup, invalid_state
 from bodycheck.reference_impl.pivot import kinetic_energies
 from bodycheck.reference_impl.wrench import Leg, StepPlan, plan_steps
 
-_RATIO = 1.1  # of the steps of the scan
-_WIDTH = 1.01  # of the bracket that is good enough
-_MOST_LOOKS = 50  # at the state within a trial, which cost more than an engine's steps
+_RATIO = 1.1  # of successive steps of the scan
+_WIDTH = 1.01  # ratio of the bracket's ends at which bisection stops
+_MOST_LOOKS = 50  # readings of the state per trial, which cost more than the engine's steps
 
 Breakdown = Callable[[float], str | None]
-"""From a step in s to why the method breaks down at it; None where it does not."""
+"""step in s -> why the method breaks down at this step; None if it does not."""
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """A case whose step is where the scan begins, the steps in s that bound it, and K's limit in J."""
+    """A case whose step starts the scan, the bounds of the scan in s, and the limit of K in J."""
 
     case: Case
     lowest_s: float
@@ -35,10 +35,10 @@ class Search:
 
 @dataclass(frozen=True)
 class StableStep:
-    """What a search found: the largest stable step and the next above it that is not, in s, and why.
+    """The result of a search: the largest stable step and the smallest unstable one above it, in s.
 
-    stable_s is None where the method breaks down even at the lowest step; unstable_s is None where it does
-    so nowhere up to the highest. outcome and message, build and reused as of a case.
+    reason: why the latter is unstable. stable_s is None if the method breaks down even at the lowest step,
+    unstable_s if it is stable up to the highest. outcome, message, build and reused as for a case.
     """
 
     outcome: Ending
@@ -51,9 +51,9 @@ class StableStep:
 
 
 def stable_step(adapter: Adapter, search: Search) -> StableStep:
-    """Search by trials that last as long as the scene, to the end of their last step.
+    """Search by trials over the scene's duration, rounded up to whole steps.
 
-    Whatever the engine raises, passes.
+    Exceptions of the engine propagate.
     """
     case = search.case
     if reason := adapter.unsupported(case.scene, case.method):
@@ -64,10 +64,10 @@ def stable_step(adapter: Adapter, search: Search) -> StableStep:
 
 
 def largest_stable(broken: Breakdown, start_s: float, lowest_s: float, highest_s: float) -> StableStep:
-    """Return the first bracket of stable and unstable steps upward from a stable one, to 1 %.
+    """Return the first bracket of stable and unstable steps above a stable one, to 1 %.
 
-    Where the start itself is not stable, it is halved until it is, or is the lowest. An island of unstable
-    steps that is narrower than a tenth of them may be passed over.
+    If the starting step is unstable, halve it until it is stable or the lowest. The scan may miss an interval
+    of unstable steps that is narrower than a tenth of the step.
     """
     step = start_s
     while reason := broken(step):
@@ -91,8 +91,8 @@ def largest_stable(broken: Breakdown, start_s: float, lowest_s: float, highest_s
 
 
 def _breakdown(adapter: Adapter, case: Case, limit_j: float, dt_s: float) -> str | None:
-    """Say how the method breaks down within ceil(T / dt) steps; None where it does not."""
-    # T / dt may lie a rounding above a whole number
+    """Return how the method breaks down within ceil(T / dt) steps; None if it does not."""
+    # T / dt may exceed an integer by a rounding error
     steps = max(math.ceil(case.scene.duration_s / dt_s * (1.0 - 1e-12)), 1)
     scene = replace(case.scene, duration_s=steps * dt_s, samples=2)
     plan = plan_steps(scene, dt_s)
@@ -104,15 +104,15 @@ def _breakdown(adapter: Adapter, case: Case, limit_j: float, dt_s: float) -> str
         simulation.close()
     t_s = plan.dt_s * np.cumsum([0, *(leg.steps for leg in legs)])
     motion = trajectory_of(t_s, readings)
-    with np.errstate(over="ignore", invalid="ignore"):  # of what has run away
-        if reason := defect(motion):
+    with np.errstate(over="ignore", invalid="ignore"):  # in diverged states
+        if reason := invalid_state(motion):
             return reason
         kinetic, _ = kinetic_energies(scene, motion)
-        return runaway(kinetic, limit_j, t_s)
+        return energy_blowup(kinetic, limit_j, t_s)
 
 
 def _looks(plan: StepPlan, stride: int) -> Iterator[Leg]:
-    """Yield the plan's legs in pieces of at most this many steps, the state due at the end of each."""
+    """Yield the plan's legs in pieces of at most this many steps, with a reading at the end of each."""
     for leg in plan.uninterrupted():
         for begin in range(0, leg.steps, stride):
             yield replace(leg, steps=min(stride, leg.steps - begin), ends_at_sample=True)

@@ -1,4 +1,4 @@
-"""state(t + dt) = step(state(t), dt): a function of the user's own as an engine with one method."""
+"""state(t + dt) = step(state(t), dt): a user's function as an engine with one method."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SHAPES = {"position": (3,), "quaternion": (4,), "velocity": (3,), "omega_body":
 
 @dataclass(frozen=True, eq=False)
 class StepState(State):
-    """What a step function is given, and gives back with `dataclasses.replace(state, omega_body=...)`.
+    """The argument of a step function; return a new one by `dataclasses.replace(state, omega_body=...)`.
 
     position (3,) and velocity (3,) of the centre of mass in world axes, m and m/s; quaternion (4,)
     (w, x, y, z), body to world; omega_body (3,) in body axes, rad/s. t_s: the time in s at which the step
@@ -31,13 +31,13 @@ class StepState(State):
 
 
 Step: TypeAlias = Callable[[StepState, float], State]
-"""step(state, dt) -> the state dt seconds later. Loads, gravity too, are the function's own business."""
+"""step(state, dt) -> the state dt seconds later. The function applies all loads itself, including gravity."""
 
 
 class StepFunction:
-    """The engine `step`, whose one method is the function by its name; it stays in the process it is in.
+    """The engine `step`, whose only method is the function; it runs in the caller's process.
 
-    fault: what the function raised last, if it did.
+    fault: the last exception of the function, if any.
     """
 
     name = "step"
@@ -60,31 +60,31 @@ class StepFunction:
         }
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be pickled: in a worker neither a debugger nor a traceback would reach the function."""
-        raise TypeError("a step function stays in the process of its caller")
+        """Refuse pickling: in a worker neither a debugger nor a traceback would reach the function."""
+        raise TypeError("a step function cannot leave the process of its caller")
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
-        """Refuse nothing: what acts is the function's own business."""
+        """Return None: the function applies the loads, so every scene is supported."""
         del scene, method
         return None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
-        """Return a stepper of the scene."""
+        """Return a simulation that steps the scene by the function."""
         del method
         return _Stepped(scene, self, dt_s)
 
     def stepped(self, state: StepState, dt_s: float) -> State:
-        """Return what the function makes of a state; TypeError or ValueError where that is none."""
+        """Return the function's next state; raises TypeError or ValueError if that is not a valid state."""
         try:
             found = self._function(state, dt_s)
             if not isinstance(found, State):
                 raise TypeError(
-                    f"step must give back a state, as dataclasses.replace does, not {type(found).__name__}"
+                    f"step must return a state, as dataclasses.replace does, not {type(found).__name__}"
                 )
             for name, shape in _SHAPES.items():
                 if np.shape(getattr(found, name)) != shape:
                     raise ValueError(
-                        f"step must give {name} the shape {shape}, not {np.shape(getattr(found, name))}"
+                        f"step must return {name} of shape {shape}, not {np.shape(getattr(found, name))}"
                     )
         except Exception as error:
             self.fault = error
@@ -93,7 +93,7 @@ class StepFunction:
 
 
 class _Stepped:
-    """A scene stepped by the function, state by state."""
+    """A simulation stepped by the function."""
 
     stepping: Stepping = "python"
 
@@ -102,12 +102,12 @@ class _Stepped:
         self.reset()
 
     def reset(self) -> None:
-        """Go back to the initial state at t = 0."""
+        """Restore the initial state at t = 0."""
         self._state: State = self._scene.initial
         self._steps = 0
 
     def apply(self, wrench: Wrench) -> None:
-        """Do nothing: the function answers for the loads."""
+        """Do nothing; the function applies the loads."""
 
     def advance(self, steps: int) -> None:
         """Make this many steps."""
@@ -118,16 +118,16 @@ class _Stepped:
             self._steps += 1
 
     def read(self) -> Reading:
-        """Return copies of the state as the function gave it back."""
+        """Return copies of the state that the function returned."""
         return Reading(**self._held())
 
     def _held(self) -> dict[str, Array]:
         return {name: np.array(getattr(self._state, name), dtype=np.float64) for name in _SHAPES}
 
     def read_back(self) -> ReadBack:
-        """Return the scene's own numbers: a function holds none."""
+        """Return the scene's own numbers, because a function stores no model."""
         body = self._scene.body
         return ReadBack(body.mass, body.inertia, self._dt_s, self._scene.gravity, self.read())
 
     def close(self) -> None:
-        """Nothing to free."""
+        """Do nothing; there is nothing to free."""

@@ -1,1 +1,1 @@
-"""The mathematics of one rigid body, from scratch: knows no engine and no file format."""
+"""The mathematics of one rigid body, implemented from scratch; independent of engines and file formats."""

@@ -1,4 +1,4 @@
-"""The array type used all over reference_impl."""
+"""The array type used throughout reference_impl."""
 
 from __future__ import annotations
 
@@ -8,4 +8,4 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
-"""An array of doubles; its shape stands in the docstring of whatever takes or returns it."""
+"""An array of doubles. The docstring of each function that takes or returns one states its shape."""

@@ -1,8 +1,8 @@
-"""Many free bodies at once, each with its principal moments and, if wanted, a torque held in its own axes.
+"""Step many free bodies at once, each with its principal moments and an optional torque in body axes.
 
-The state is one array (13, n), a row for every quantity, so that one instruction steps several bodies. A
-block of bodies makes all its steps before the next one is fetched from memory; the blocks are shared by
-the threads that numba is set to use (numba.set_num_threads), and no result depends on how many those are.
+The state is one array (13, n) with one row per quantity, so that one instruction steps several bodies. A
+block of bodies makes all its steps before the next block is fetched from memory. Numba's threads share the
+blocks (numba.set_num_threads); the results do not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ import numba
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dormand_prince import A, B, Turning, combined, plus
-from bodycheck.reference_impl.jit import inlined_kernel, kernel, parallel_kernel
+from bodycheck.reference_impl.integrators.dormand_prince import A, B, Turning, combined, plus
+from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel, parallel_kernel
 
 BatchMethod: TypeAlias = Literal["rk4", "dop853"]
 _Six: TypeAlias = tuple[float, float, float, float, float, float]
 
 WIDTH = 64
-"""Bodies in a block, of 7 kB: well within a first-level cache."""
+"""Bodies per block. A block takes 7 kB and fits into a first-level cache."""
 
-# A block is one array: only of offsets that are constants does the compiler see that its rows do not overlap.
-_Q, _HALF_SPIN, _ABOUT, _ROWS = 0, 4, 7, 13  # rows: q, omega / 2, what `_rates` calls about
+# A block is one array: the compiler sees that its rows do not overlap only if their offsets are constants.
+_Q, _HALF_SPIN, _ABOUT, _ROWS = 0, 4, 7, 13  # rows: q, omega / 2, the constants `about` of `_rates`
 _LINE = 64  # bytes
-_FLAT = 1e-12  # relative: how far rounding may take a plate's largest moment above the sum of the others
+_FLAT = 1e-12  # relative: by how much rounding may raise a plate's largest moment above the sum of the others
 
 
 @inlined_kernel
 def _rates(y: Turning, about: _Six) -> Turning:
-    """q' = q s; s_1' = 2 (J2 - J3) / J1 s_2 s_3 + tau_1 / (2 J1), and so on in turn, of s = omega / 2.
+    """q' = q s; s_1' = 2 (J2 - J3) / J1 s_2 s_3 + tau_1 / (2 J1) and cyclic permutations, s = omega / 2.
 
-    about: the three factors of the products, then the three accelerations by the torque.
+    about: the three factors of the products, then the three accelerations due to the torque.
     """
     a, b, c = y[4], y[5], y[6]
     return (
@@ -78,7 +78,7 @@ def _dop853_step(y: Turning, h: float, about: _Six) -> Turning:
 
 @inlined_kernel
 def _lane(block: Array, i: int) -> tuple[Turning, _Six]:
-    """Body i of a block: its q and omega / 2, and the six constants of its motion."""
+    """Return q and omega / 2 of body i of a block, and the six constants of its motion."""
     at = _ABOUT * WIDTH + i
     return (
         (
@@ -110,7 +110,7 @@ def _store_lane(block: Array, i: int, y: Turning) -> None:
 
 @kernel
 def _rk4_block(block: Array, dt: float, steps: int) -> None:
-    """Make all steps of a block by Runge-Kutta."""
+    """Make all steps of a block by the classical Runge-Kutta method."""
     for _ in range(steps):
         for i in range(WIDTH):
             y, about = _lane(block, i)
@@ -119,7 +119,7 @@ def _rk4_block(block: Array, dt: float, steps: int) -> None:
 
 @kernel
 def _dop853_block(block: Array, dt: float, steps: int) -> None:
-    """Make all steps of a block by Dormand and Prince."""
+    """Make all steps of a block by the method of Dormand and Prince."""
     for _ in range(steps):
         for i in range(WIDTH):
             y, about = _lane(block, i)
@@ -128,12 +128,12 @@ def _dop853_block(block: Array, dt: float, steps: int) -> None:
 
 @kernel
 def _gathered(state: Array, moments: Array, torque: Array, begin: int) -> Array:
-    """(13 WIDTH,): q, omega / 2 and the six constants of the bodies from `begin` on, row after row.
+    """Return q, omega / 2 and the six constants of the bodies from `begin` on, row by row: (13 WIDTH,).
 
-    Past the last body its copies follow, so that every loop over a block has the same known length.
+    Copies of the last body pad the block, so that every loop over a block has the same known length.
     """
     room = np.empty(_ROWS * WIDTH + _LINE // 8)
-    first = -room.ctypes.data % _LINE // 8  # what straddles two cache lines is slow
+    first = -room.ctypes.data % _LINE // 8  # accesses that straddle two cache lines are slow
     block = room[first : first + _ROWS * WIDTH]
     last = state.shape[1] - 1
     for i in range(WIDTH):
@@ -150,7 +150,7 @@ def _gathered(state: Array, moments: Array, torque: Array, begin: int) -> Array:
 
 @kernel
 def _scatter(block: Array, state: Array, begin: int, duration: float) -> None:
-    """Write a block back, and move its bodies by v times the duration."""
+    """Write a block back and move its bodies by v times the duration."""
     for i in range(min(WIDTH, state.shape[1] - begin)):
         j = begin + i
         for k in range(4):
@@ -195,13 +195,13 @@ def advance_batch(
     """Make `steps` steps of dt seconds for n bodies, in place.
 
     state (13, n), C-contiguous doubles: position and velocity in world axes, omega in body axes,
-    quaternion (w, x, y, z), as a column of the single-body kernels; body axes are principal axes, and no
-    norm is taken back to 1. moments (3, n): the principal moments, kg m^2. torque (3, n): held in body
-    axes, N m; None for free bodies. Methods: the classical Runge-Kutta method of order 4 and that of
-    Dormand and Prince of order 8 (integrators/rk4.py, dop853.py).
+    quaternion (w, x, y, z); each column is laid out as in the single-body kernels. Body axes are principal
+    axes. Quaternions are not renormalised. moments (3, n): the principal moments, kg m^2. torque (3, n):
+    constant in body axes, N m; None for free bodies. method: "rk4", the classical Runge-Kutta method of
+    order 4, or "dop853", the method of Dormand and Prince of order 8 (integrators/rk4.py, dop853.py).
 
-    Raises ValueError, naming the value, for a state of another shape or kind, numbers that are not finite,
-    dt <= 0, steps < 0, an unknown method, and moments that no body has.
+    Raises ValueError, naming the value, for a state of another shape or dtype, numbers that are not finite,
+    dt <= 0, steps < 0, an unknown method, and moments that no body can have.
     """
     if method not in _ADVANCE:
         raise ValueError(f"method must be one of {', '.join(_ADVANCE)}, got {method!r}")
@@ -222,7 +222,7 @@ def advance_batch(
 
 
 def _checked(name: str, value: Array, n: int) -> Array:
-    """Return the array as the kernels want it; it must be (3, n) and finite."""
+    """Return a (3, n) array of finite numbers as C-contiguous doubles, or raise ValueError."""
     if np.shape(value) != (3, n):
         raise ValueError(f"{name} must have shape (3, {n}) as the state has, got {np.shape(value)}")
     array = np.ascontiguousarray(value, dtype=np.float64)
@@ -238,7 +238,7 @@ def _check_finite(name: str, array: Array) -> None:
 
 
 def _check_bodies(moments: Array) -> None:
-    """J > 0 and J1 + J2 >= J3 for each body, to round-off for flat ones."""
+    """Check J > 0 and J1 + J2 >= J3 for each body, up to round-off for flat bodies."""
     largest = moments.max(axis=0)
     bad = (moments.min(axis=0) <= 0.0) | (moments.sum(axis=0) - largest < largest * (1.0 - _FLAT))
     if bad.any():

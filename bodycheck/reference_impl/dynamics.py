@@ -9,7 +9,7 @@ from bodycheck.reference_impl.rotations import hat
 
 
 def point_positions(rotation: Array, position: Array, points: Array) -> Array:
-    """x = R x0 + xc: where body-fixed points are in the world.
+    """x = R x0 + xc: world positions of body-fixed points.
 
     Shapes: rotation (3, 3); position (3,), world axes, m; points (n, 3), from the centre of mass in
     body axes, m -> (n, 3), m.
@@ -18,7 +18,7 @@ def point_positions(rotation: Array, position: Array, points: Array) -> Array:
 
 
 def point_velocities(rotation: Array, velocity: Array, omega_world: Array, points: Array) -> Array:
-    """v = omega x r + vc with r = R x0: how fast body-fixed points move.
+    """v = omega x r + vc with r = R x0: world velocities of body-fixed points.
 
     Shapes: rotation (3, 3); velocity (3,) and omega_world (3,), world axes; points (n, 3), from the
     centre of mass in body axes, m -> (n, 3), m/s, world axes.
@@ -76,7 +76,7 @@ def angular_momentum(rotation: Array, inertia: Array, omega_body: Array) -> Arra
 
 
 def angular_acceleration(inertia: Array, omega_body: Array, torque_body: Array) -> Array:
-    """omega' = I^-1 (tau - omega x I omega) (Euler 1758), everything in body axes.
+    """omega' = I^-1 (tau - omega x I omega) (Euler 1758), all in body axes.
 
     Shapes: (3, 3) in kg m^2, (..., 3) in rad/s, (..., 3) in N m -> (..., 3), rad/s^2. Raises
     numpy.linalg.LinAlgError for a singular inertia.
@@ -86,7 +86,7 @@ def angular_acceleration(inertia: Array, omega_body: Array, torque_body: Array) 
 
 
 def force_and_torque(rotation: Array, points: Array, forces: Array) -> tuple[Array, Array]:
-    """F = sum f_i, tau = sum (R x_i) x f_i: forces at body points as one force and one torque.
+    """F = sum f_i, tau = sum (R x_i) x f_i: resultant force and torque of forces at body points.
 
     Shapes: rotation (3, 3); points (n, 3), from the centre of mass in body axes, m; forces (n, 3), world
     axes, N -> force (3,) in N and torque (3,) about the centre of mass in N m, world axes.
@@ -97,17 +97,17 @@ def force_and_torque(rotation: Array, points: Array, forces: Array) -> tuple[Arr
 def inertia_of_points(masses: Array, points: Array) -> Array:
     """I = sum m (|x|^2 E - x x^T) = -sum m [x]x^2, about the origin.
 
-    Shapes: (n,) in kg, (n, 3) in m -> (3, 3), kg m^2, off-diagonals with their true sign.
+    Shapes: (n,) in kg, (n, 3) in m -> (3, 3), kg m^2, with I_xy = -sum m x y.
     """
     crosses = hat(points)
     return -np.einsum("n,nij,njk->ik", masses, crosses, crosses)
 
 
 def principal_axes(inertia: Array) -> tuple[Array, Array]:
-    """I = A diag(J) A^T, det A = +1: principal moments, ascending, and the axes as A's columns.
+    """I = A diag(J) A^T, det A = +1: ascending principal moments J and the axes, the columns of A.
 
-    Shapes: (3, 3) symmetric -> (3,) in kg m^2, (3, 3). Where two moments are equal the axes between
-    them are arbitrary: compare A diag(J) A^T, never the axes.
+    Shapes: (3, 3) symmetric -> (3,) in kg m^2, (3, 3). Where two moments are equal, their axes are
+    arbitrary within the plane that they span: compare A diag(J) A^T, not the axes.
     """
     moments, axes = np.linalg.eigh(inertia)
     handed = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
@@ -115,7 +115,7 @@ def principal_axes(inertia: Array) -> tuple[Array, Array]:
 
 
 def diagonalised(inertia: Array) -> tuple[Array, Array]:
-    """I = A diag(J) A^T, with A the identity where I is diagonal already.
+    """I = A diag(J) A^T, with A the identity where I is already diagonal.
 
     Shapes: (3, 3) symmetric -> (3,) in any order, kg m^2, and (3, 3) with det A = +1.
     """
@@ -126,7 +126,7 @@ def diagonalised(inertia: Array) -> tuple[Array, Array]:
 
 
 def gyration_radius(mass: float, inertia: Array) -> float:
-    """sqrt(trace(I) / (2 m)): the root mean square distance of the mass from its centre.
+    """sqrt(trace(I) / (2 m)): the root mean square distance of the mass from its centre, m.
 
     Shapes: mass in kg, inertia (3, 3) in kg m^2, in any axes -> m.
     """

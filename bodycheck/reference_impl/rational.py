@@ -1,7 +1,4 @@
-"""Rational arithmetic: vectors and matrices of the doubles that are given, without any rounding.
-
-A vector is a list of three numbers, a matrix one of nine, row by row.
-"""
+"""Rational arithmetic: vectors and matrices of exact doubles, without rounding."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ Vector: TypeAlias = list[Fraction]
 
 
 def fractions(values: Array) -> Vector:
-    """Return doubles as the rational numbers that they are, row by row."""
+    """Return doubles as exact rational numbers, in row-major order."""
     return [Fraction(float(x)) for x in np.ravel(values)]
 
 
@@ -54,7 +51,7 @@ def inverse(m: Vector) -> Vector:
 
 
 def rotation_of(q: Vector) -> Vector:
-    """R(q / |q|): the norm enters by its square alone."""
+    """R(q / |q|), which depends on the norm only through its square."""
     w, x, y, z = q
     s = 2 / (w * w + x * x + y * y + z * z)
     return [

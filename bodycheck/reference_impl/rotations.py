@@ -1,7 +1,7 @@
 """Rotations: vectors, quaternions (w, x, y, z) and matrices, all mapping body axes to world axes.
 
-Every function takes leading batch dimensions. There is no small-angle switch to be wrong beside:
-each formula is free of cancellation down to the zero angle, which alone is treated apart.
+Every function takes leading batch dimensions. There is no small-angle switch: each formula is free of
+cancellation down to the zero angle, the only special case.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def hat(v: Array) -> Array:
 
 
 def vee(m: Array) -> Array:
-    """v with [v]x = (m - m^T) / 2, the inverse of hat on skew matrices.
+    """v with [v]x = (m - m^T) / 2, the inverse of hat for skew-symmetric matrices.
 
     Shapes: (..., 3, 3) -> (..., 3).
     """
@@ -38,7 +38,7 @@ def _sin_over(angle: Array) -> Array:
 
 
 def _norm(v: Array) -> Array:
-    """|v| over the last axis, without underflow or overflow of the squares; keeps that axis."""
+    """|v| over the last axis, which is kept, without underflow or overflow of the squares."""
     scale = np.max(np.abs(v), axis=-1, keepdims=True)
     safe = np.where(scale == 0.0, 1.0, scale)
     return scale * np.sqrt(np.sum((v / safe) ** 2, axis=-1, keepdims=True))
@@ -97,7 +97,7 @@ def log_matrix(rotation: Array) -> Array:
 
 
 def quaternion_product(p: Array, q: Array) -> Array:
-    """p q (Hamilton): as rotations, first q, then p.
+    """p q (Hamilton): the rotation by q followed by the rotation by p.
 
     Shapes: (..., 4), (..., 4) -> (..., 4).
     """
@@ -115,7 +115,7 @@ def quaternion_product(p: Array, q: Array) -> Array:
 
 
 def right_factor(q: Array) -> Array:
-    """M with p q = M p: a turn that is the same in every reading, made ready once.
+    """M with p q = M p: the matrix of right multiplication by q, to be applied to many p.
 
     Shapes: (4,) -> (4, 4).
     """
@@ -160,7 +160,7 @@ def matrix_to_quaternion(rotation: Array) -> Array:
     trace = np.trace(r, axis1=-2, axis2=-1)
     diagonal = np.diagonal(r, axis1=-2, axis2=-1)
     skew = 2.0 * vee(r)
-    # the rows of 4 q q^T; the one through the largest component is free of cancellation
+    # rows of 4 q q^T; the row of the largest component is free of cancellation
     outer = np.empty((*r.shape[:-2], 4, 4))
     outer[..., 0, 0] = 1.0 + trace
     outer[..., 0, 1:] = outer[..., 1:, 0] = skew
@@ -200,9 +200,9 @@ def rotation_rate(rotation: Array, omega_world: Array) -> Array:
 def geodesic_angle(p: Array, q: Array) -> Array:
     """2 atan2(|v|, |p . q|), v the vector part of p^-1 q, computed from d = q - p or q + p.
 
-    v = p_w d_v - d_w p_v - p_v x d_v: the difference of near quaternions is exact, and what is wrong with
-    a norm lies along p and drops out, so an angle of 1e-16 is seen and nothing is lost at pi. p and q may
-    have any non-zero norms; q and -q are the same.
+    v = p_w d_v - d_w p_v - p_v x d_v. The difference of nearby quaternions is exact, and an error of a norm
+    lies along p and drops out. Angles of 1e-16 are therefore resolved, without loss of accuracy at pi. p and
+    q may have any non-zero norms; q and -q are equivalent.
 
     Shapes: (..., 4), (..., 4) -> (...) in rad, 0 to pi.
     """
@@ -214,7 +214,7 @@ def geodesic_angle(p: Array, q: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """a x b, the numbers of numpy.cross in half its time."""
+    """a x b, the same numbers as numpy.cross in half the time."""
     return a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT]
 
 
@@ -222,7 +222,7 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 def _of_ordinary_size(q: Array) -> Array:
-    """Return q, times a power of 2 where its norm is far from 1."""
+    """Return q, scaled by a power of 2 where its norm is far from 1."""
     size = np.max(np.abs(q), axis=-1, keepdims=True)
     if np.all((size >= 0.125) & (size < 4.0)):
         return q

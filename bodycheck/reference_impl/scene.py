@@ -1,31 +1,50 @@
-"""What is to be simulated, as plain arrays: a body, its initial state, what acts on it, for how long."""
+"""The problem to simulate, as plain arrays: a body, its initial state, its loads and the duration."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.loads.kinds.callback import CallbackLoad
+from bodycheck.reference_impl.loads.kinds.drag import Drag
+from bodycheck.reference_impl.loads.kinds.force import PointForce
+from bodycheck.reference_impl.loads.kinds.gravity_gradient import GravityGradient
+from bodycheck.reference_impl.loads.kinds.sine_torque import SineTorque
+from bodycheck.reference_impl.loads.kinds.spring import Spring
+from bodycheck.reference_impl.loads.kinds.torque import Torque
+from bodycheck.reference_impl.loads.kinds.torsion_spring import TorsionSpring
+from bodycheck.reference_impl.loads.load import Axes, ContinuousLoad, Load, Wrenching, unknown_load
 from bodycheck.reference_impl.rotations import quaternion_to_matrix, rotate
 
-Axes: TypeAlias = Literal["body", "world"]
-
-Wrenching: TypeAlias = Callable[[float, Array, Array, Array, Array], tuple[Array, Array]]
-"""f(t, position, R, velocity, omega) -> force in N, torque about the centre of mass in N m.
-
-position, velocity, omega, force and torque are (3,), all in world axes; R (3, 3) takes body axes to world
-axes. A function compiled by numba serves as well as a plain one.
-"""
+__all__ = [
+    "Axes",
+    "CallbackLoad",
+    "ContinuousLoad",
+    "Drag",
+    "GravityGradient",
+    "Link",
+    "Load",
+    "PointForce",
+    "RigidBody",
+    "Scene",
+    "SineTorque",
+    "Spring",
+    "State",
+    "Timed",
+    "Torque",
+    "TorsionSpring",
+    "Wrenching",
+    "unknown_load",
+]
 
 
 @dataclass(frozen=True, eq=False)
 class RigidBody:
-    """Mass in kg and the inertia tensor (3, 3) in kg m^2 about the centre of mass, body axes."""
+    """Mass in kg and inertia tensor (3, 3) in kg m^2 about the centre of mass, in body axes."""
 
     mass: float
     inertia: Array
@@ -33,12 +52,12 @@ class RigidBody:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where the body is and how it moves.
+    """Pose and velocity of the body.
 
     position (3,) and velocity (3,) of the centre of mass, world axes, m and m/s; quaternion (4,)
-    (w, x, y, z), body to world, of any norm but zero: the attitude is that of q / |q|; omega_body (3,) in
-    body axes, rad/s. exact_omega_world (3,): where the start is given in world axes, of which omega_body is
-    then a rounding; a truth begins from this one.
+    (w, x, y, z), body to world, of any non-zero norm: the attitude is that of q / |q|; omega_body (3,) in
+    body axes, rad/s. exact_omega_world (3,): the angular velocity of a start given in world axes, rad/s;
+    omega_body is then rounded from it, and a truth starts from the exact value.
     """
 
     position: Array
@@ -58,113 +77,15 @@ class State:
         return rotate(self.quaternion, self.omega_body)
 
 
-@dataclass(frozen=True, eq=False)
-class Torque:
-    """A torque (3,) in N m, constant in the body's or the world's axes, within [from_s, until_s)."""
-
-    axes: Axes
-    value: Array
-    from_s: float = 0.0
-    until_s: float = math.inf
-
-
-@dataclass(frozen=True, eq=False)
-class PointForce:
-    """A force (3,) in N, constant in its axes within [from_s, until_s), at a body-fixed point.
-
-    at (3,) in m: the point, from the centre of mass, in body axes.
-    """
-
-    axes: Axes
-    value: Array
-    at: Array
-    from_s: float = 0.0
-    until_s: float = math.inf
-
-
-@dataclass(frozen=True, eq=False)
-class SineTorque:
-    """tau = amplitude sin(rate t + phase), in the body's or the world's axes.
-
-    amplitude (3,) in N m, rate in rad/s, phase in rad.
-    """
-
-    axes: Axes
-    amplitude: Array
-    rate: float
-    phase: float
-
-
-@dataclass(frozen=True, eq=False)
-class Drag:
-    """F = -linear v, tau = -angular omega.
-
-    linear in N s/m; angular (3, 3) in N m s, body axes.
-    """
-
-    linear: float
-    angular: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Spring:
-    """F = -stiffness (|d| - rest_length) d / |d|, d = x + R at - anchor, at a body-fixed point; F(0) = 0.
-
-    anchor (3,) in world axes, m; at (3,) from the centre of mass in body axes, m; stiffness in N/m,
-    rest_length in m. U = stiffness (|d| - rest_length)^2 / 2.
-    """
-
-    anchor: Array
-    at: Array
-    stiffness: float
-    rest_length: float
-
-
-@dataclass(frozen=True, eq=False)
-class TorsionSpring:
-    """tau = -stiffness x the rotation vector of R R(0)^T, for angles below pi; U = stiffness angle^2 / 2.
-
-    stiffness in N m.
-    """
-
-    stiffness: float
-
-
-@dataclass(frozen=True, eq=False)
-class GravityGradient:
-    """tau = 3 n^2 u x (I u) in world axes, u(t) = (-sin n t, 0, -cos n t).
-
-    rate: n of the circular orbit, rad/s.
-    """
-
-    rate: float
-
-
-@dataclass(frozen=True, eq=False)
-class BlackBox:
-    """A force and a torque that only a function knows; name: its package.module:function."""
-
-    name: str
-    function: Wrenching
-
-
-def unknown_load(load: object, what: str) -> ValueError:
-    """Return what to raise where a load is of no kind that is known; what: that which knows it not."""
-    return ValueError(f"{what} does not know loads of the kind {type(load).__name__}")
-
-
 Timed: TypeAlias = Torque | PointForce
-"""What comes and goes: constant in its axes between from_s and until_s."""
-Lasting: TypeAlias = SineTorque | Drag | Spring | TorsionSpring | GravityGradient | BlackBox
-"""What acts throughout, and varies with the time or the motion."""
-Load: TypeAlias = Timed | Lasting
+"""A load that acts from from_s to until_s and is constant in its axes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """An engine's frame of the body: how it is built, never how it moves.
+    """An engine's own frame of the body; it affects how the body is built, not how it moves.
 
-    offset (3,) in m: its origin from the centre of mass, body axes; quaternion (4,): link axes to body axes.
+    offset (3,) in m: from the centre of mass to its origin, body axes; quaternion (4,): link to body axes.
     """
 
     offset: Array
@@ -175,9 +96,9 @@ class Link:
 class Scene:
     """One body from one initial state under its loads, sampled evenly from 0 to duration_s.
 
-    gravity (3,) in m/s^2, world axes. pivot (3,) in m: the body-fixed point, from the centre of mass in body
-    axes, that stays where it is at the start; None for a body that is free to move. link: where an engine is
-    to have its own frame of the body; None for the centre of mass and the body axes.
+    gravity (3,) in m/s^2, world axes. pivot (3,) in m: the body-fixed point that stays at its initial place,
+    from the centre of mass in body axes; None for a free body. link: the engine's own frame of the body;
+    None for a frame at the centre of mass along the body axes.
     """
 
     body: RigidBody
@@ -191,40 +112,41 @@ class Scene:
 
     @property
     def sample_interval_s(self) -> float:
-        """The time between two samples."""
+        """The time between two samples, s."""
         return self.duration_s / (self.samples - 1)
 
     @property
     def sample_times(self) -> Array:
-        """t_k = k T / (n - 1), computed and never accumulated: (samples,) in s."""
+        """t_k = k T / (n - 1), computed directly rather than accumulated: (samples,) in s."""
         return np.arange(self.samples) * self.duration_s / (self.samples - 1)
 
     @property
-    def timed_loads(self) -> tuple[Timed, ...]:
-        """The loads that come and go."""
+    def piecewise_constant_loads(self) -> tuple[Timed, ...]:
+        """The loads that switch on and off."""
         return tuple(load for load in self.loads if isinstance(load, Torque | PointForce))
 
     @property
-    def lasting_loads(self) -> tuple[Lasting, ...]:
+    def lasting_loads(self) -> tuple[ContinuousLoad, ...]:
         """The loads that act throughout."""
-        return tuple(load for load in self.loads if not isinstance(load, Torque | PointForce))
+        lasting = (load for load in self.loads if not isinstance(load, Torque | PointForce))
+        return cast("tuple[ContinuousLoad, ...]", tuple(lasting))
 
     def switches_before(self, end_s: float) -> tuple[float, ...]:
-        """Return the times inside (0, end_s) at which a load comes or goes, ascending."""
-        ends = {end for load in self.timed_loads for end in (load.from_s, load.until_s)}
+        """Return the ascending times inside (0, end_s) at which a load switches on or off."""
+        ends = {end for load in self.piecewise_constant_loads for end in (load.from_s, load.until_s)}
         return tuple(sorted(end for end in ends if 0.0 < end < end_s))
 
     @property
     def is_free_rotation(self) -> bool:
-        """Whether nothing turns the body: no load at all; uniform gravity has no torque about the centre."""
+        """Whether no torque acts: no loads, and no gravity on a pivoted body (none about the centre)."""
         return not self.loads and (self.pivot is None or not self.gravity.any())
 
     @property
     def is_off_centre(self) -> bool:
-        """Whether the body is free and an engine's own frame of it lies off its centre of mass."""
+        """Whether the body is free and the engine's own frame lies off its centre of mass."""
         return self.pivot is None and self.link is not None and bool(self.link.offset.any())
 
     @property
-    def has_black_box(self) -> bool:
-        """Whether some load is known to a function alone."""
-        return any(isinstance(load, BlackBox) for load in self.loads)
+    def has_callback_load(self) -> bool:
+        """Whether a load is given by a function."""
+        return any(isinstance(load, CallbackLoad) for load in self.loads)

@@ -1,4 +1,4 @@
-"""What a case returned: the states at the sample times, exactly as the engine holds them."""
+"""The result of a case: the states at the sample times, exactly as the engine stores them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from bodycheck.reference_impl.rotations import matrix_to_quaternion, project_to_
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """n samples of one body's motion; an adapter never normalises or projects what it stores here.
+    """n samples of one body's motion, which adapters store without normalising or projecting them.
 
     t_s (n,); position_m and velocity_m_s (n, 3) of the centre of mass, world axes; quaternion (n, 4),
     scalar first, and/or rotation (n, 3, 3), body to world; omega_world_rad_s and/or omega_body_rad_s
-    (n, 3), whichever the engine itself holds. What is derived from them is computed once. Raises
-    ValueError where a shape does not fit, or the attitude or omega is missing.
+    (n, 3), whichever the engine itself stores. Derived quantities are computed once. Raises ValueError for
+    a wrong shape and for a missing attitude or omega.
     """
 
     t_s: Array
@@ -50,14 +50,14 @@ class Trajectory:
 
     @cached_property
     def attitude(self) -> Array:
-        """The orientation as quaternions (n, 4): those stored, else of the matrices' polar factors."""
+        """The orientation as quaternions (n, 4): as stored, else those of the matrices' polar factors."""
         if self.quaternion is not None:
             return self.quaternion
         return matrix_to_quaternion(self.rotation_matrices)
 
     @cached_property
     def rotation_matrices(self) -> Array:
-        """The orientation as proper rotation matrices (n, 3, 3): of q / |q|, or the polar factors."""
+        """The orientation as proper rotation matrices (n, 3, 3): those of q / |q|, else the polar factors."""
         if self.quaternion is not None:
             return quaternion_to_matrix(self.quaternion)
         assert self.rotation is not None

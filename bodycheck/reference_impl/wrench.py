@@ -1,4 +1,4 @@
-"""What acts on the body between two switches, and the grid of fixed steps that meets those switches."""
+"""The sum of the loads between two switches, and the grid of fixed steps aligned with the switches."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, Timed, Torque, unknown_load
 
 _MOST_STEPS = 1e9
-_ON_GRID = 1e-9  # of a step: a switch this near to a step's end is at the step's end
+_ON_GRID = 1e-9  # of a step: a switch this near to a step's end counts as being there
 
 
 @dataclass(frozen=True, eq=False)
 class Wrench:
-    """The sum of the loads, as constants of the motion's differential equations.
+    """The sum of the loads, as constants of the equations of motion.
 
-    torque_body (3,): torques held in body axes, the moments of body-fixed forces among them, N m.
-    torque_world (3,): torques held in world axes, N m.
+    torque_body (3,): torques constant in body axes, including the moments of body-fixed forces, N m.
+    torque_world (3,): torques constant in world axes, N m.
     force_body (3,), force_world (3,): forces through the centre of mass, N, without gravity.
     point_forces: pairs (at (3,) in body axes from the centre of mass, m; force (3,) in world axes, N)
-    of the world forces that have a moment; they are not in force_world.
+    of the world forces that have a moment; force_world does not include them.
     """
 
     torque_body: Array
@@ -42,7 +42,7 @@ class Wrench:
     def packed(self, body: RigidBody, gravity: Array) -> Array:
         """(21,): force_body, force_world with the weight, torque_body, torque_world, moment.
 
-        moment (3, 3) = sum of at force^T, from which a kernel has the body torque of the world forces:
+        moment (3, 3) = sum of at force^T gives the body torque of the world forces:
         tau_a = eps_abc (moment R)_bc.
         """
         moment = np.zeros((3, 3))
@@ -55,7 +55,7 @@ class Wrench:
 
 
 def wrench_of(loads: tuple[tuple[Timed, float], ...]) -> Wrench:
-    """Sum the loads, each times its share in [0, 1]."""
+    """Sum the loads, each multiplied by its share in [0, 1]."""
     torque_body, torque_world = np.zeros(3), np.zeros(3)
     force_body, force_world = np.zeros(3), np.zeros(3)
     point_forces: list[tuple[Array, Array]] = []
@@ -82,17 +82,19 @@ NO_WRENCH = wrench_of(())
 
 
 def held_between(scene: Scene, begin_s: float, end_s: float) -> list[Timed]:
-    """Return the loads that are constant within [begin_s, end_s), through which nothing switches."""
-    return [load for load in scene.timed_loads if load.from_s <= begin_s and end_s <= load.until_s]
+    """Return the loads that act throughout [begin_s, end_s), within which nothing switches."""
+    return [
+        load for load in scene.piecewise_constant_loads if load.from_s <= begin_s and end_s <= load.until_s
+    ]
 
 
 def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
-    """Return the mean of what acts within [begin_s, end_s): exact where nothing switches inside.
+    """Return the mean of the piecewise constant loads within [begin_s, end_s); exact if none switches inside.
 
-    Lasting loads are not in it: they are no constants, and a simulation answers for them itself.
+    Continuous loads are not included: they are not constant, and a simulation evaluates them itself.
     """
     shares = []
-    for load in scene.timed_loads:
+    for load in scene.piecewise_constant_loads:
         overlap = min(end_s, load.until_s) - max(begin_s, load.from_s)
         share = min(max(overlap / (end_s - begin_s), 0.0), 1.0)
         if share > _ON_GRID:
@@ -102,7 +104,7 @@ def wrench_between(scene: Scene, begin_s: float, end_s: float) -> Wrench:
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A number of steps under one wrench; at its end the state may be due as a sample."""
+    """A number of steps under one wrench, and whether its end is a sample time."""
 
     steps: int
     wrench: Wrench
@@ -111,20 +113,20 @@ class Leg:
 
 @dataclass(frozen=True, eq=False)
 class StepPlan:
-    """The steps of one case: which wrench acts on which steps, and where the samples lie.
+    """The steps of one case: the wrench that acts during each step, and the sample times.
 
-    A step that a switch falls into carries the mean of what acts during it, so that its impulse is
-    right; `straddled` counts such switches.
+    A step with a switch inside uses the mean of the loads over the step, so that its impulse is exact.
+    `mid_step_switches` counts such switches.
     """
 
     dt_s: float
     steps: int
     stretches: tuple[tuple[int, Wrench], ...]
     stride: int
-    straddled: int
+    mid_step_switches: int
 
     def legs(self) -> Iterator[Leg]:
-        """Yield the legs from sample to sample, cut where the wrench changes."""
+        """Yield the legs from sample to sample, split where the wrench changes."""
         done = 0
         for length, wrench in self.stretches:
             end = done + length
@@ -135,15 +137,15 @@ class StepPlan:
                 yield Leg(steps, wrench, ends_at_sample=steps == to_sample)
 
     def uninterrupted(self) -> Iterator[Leg]:
-        """Yield the legs of a run that stops at no sample."""
+        """Yield the legs of a run that does not stop at samples."""
         for length, wrench in self.stretches:
             yield Leg(length, wrench, ends_at_sample=False)
 
 
 def steps_per_sample(interval_s: float, dt_s: float) -> int:
-    """Return how many steps of dt_s make one sampling interval of interval_s.
+    """Return the number of steps of dt_s in one sampling interval of interval_s.
 
-    Raises ValueError, naming the nearest steps that do, where none does.
+    Raises ValueError, naming the nearest valid steps, where dt_s does not divide the interval.
     """
     if not 0.0 < dt_s < math.inf:
         raise ValueError(f"a step must be a positive number of seconds, not {dt_s!r}")
@@ -162,23 +164,23 @@ def steps_per_sample(interval_s: float, dt_s: float) -> int:
 
 
 def plan_steps(scene: Scene, dt_s: float) -> StepPlan:
-    """Lay the scene's timed loads on the grid of steps k dt_s.
+    """Map the scene's piecewise constant loads to the grid of steps k dt_s.
 
     Raises ValueError where dt_s does not divide the sampling interval.
     """
     stride = steps_per_sample(scene.sample_interval_s, dt_s)
     steps = stride * (scene.samples - 1)
     step = scene.duration_s / steps
-    cuts, straddled = {0, steps}, 0
+    cuts, mid_step_switches = {0, steps}, 0
     for switch in scene.switches_before(scene.duration_s):
         place = switch / step
-        if abs(place - round(place)) <= _ON_GRID + 1e-15 * place:  # of a step, and of the quotient's rounding
+        if abs(place - round(place)) <= _ON_GRID + 1e-15 * place:  # plus the quotient's rounding
             cuts.add(round(place))
         else:
             cuts.update((int(place), int(place) + 1))
-            straddled += 1
+            mid_step_switches += 1
     edges = sorted(cuts)
     stretches = tuple(
         (last - first, wrench_between(scene, first * step, last * step)) for first, last in pairwise(edges)
     )
-    return StepPlan(step, steps, stretches, stride, straddled)
+    return StepPlan(step, steps, stretches, stride, mid_step_switches)

@@ -1,4 +1,4 @@
-"""Judging a trajectory that any program wrote: as many measures as its quantities allow."""
+"""Judge a trajectory written by any program, with all measures that its quantities allow."""
 
 from __future__ import annotations
 
@@ -7,33 +7,40 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.case import stable_motion
-from bodycheck.reports.invariants import invariants_of, worst_drift
-from bodycheck.reports.measures import MEASURES, Compared, Motion, departures_of, reduced, series_of
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.storage.truths import known_truth
-from bodycheck.reports.subject import Subject
-from bodycheck.reports.trajectory_files import read_arrays
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.cache.truths import known_truth
+from bodycheck.reports.measurement.case import stable_motion
+from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
+from bodycheck.reports.measurement.measures import (
+    MEASURES,
+    Compared,
+    Motion,
+    departures_of,
+    reduced,
+    series_of,
+)
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.scenarios.model import Scenario
 
 
-def judge_file(path: Path, scenario: Scenario, asked_as: str, cache: Cache | None) -> dict[str, Any]:
-    """Return outcome, message and the measures of the trajectory in a file, like a row of results.csv.
+def judge_file(path: Path, scenario: Scenario, scenario_spec: str, cache: Cache | None) -> dict[str, Any]:
+    """Return outcome, message and measures of the trajectory in a file, like a row of results.csv.
 
-    Raises InputError where the file is wrong, or its times are none of the scenario's.
+    Raises InputError where the file is invalid or its times are outside the scenario's duration.
     """
     arrays = read_arrays(path)
     scene, t_s = scenario.scene, arrays["t_s"]
     if t_s[0] < 0.0 or t_s[-1] > scenario.duration_s * (1.0 + 1e-12):
-        raise InputError(f"{path}: t_s must lie within 0 and the duration of {scenario.duration_s!r} s")
-    scales = Subject.of(scenario, asked_as, cache).scales
+        raise InputError(f"{path}: t_s must lie between 0 and the duration, {scenario.duration_s!r} s")
+    scales = Problem.of(scenario, scenario_spec, cache).scales
     truth = known_truth(scene, t_s, cache)
     trusted = t_s < truth.trusted_until_s
     if not trusted[0]:
-        raise InputError(f"{path}: the truth ends before the first of t_s: {truth.end_reason}")
+        raise InputError(f"{path}: the truth ends before the first time in t_s: {truth.end_reason}")
     columns: dict[str, Any] = {
         "scenario": scenario.name,
         "outcome": "ok",
@@ -75,7 +82,7 @@ def _quantities(arrays: dict[str, Array]) -> set[str]:
 
 
 def _completed(arrays: dict[str, Array], truth: Trajectory) -> Trajectory:
-    """Fill what is missing with the truth, so that every measure can be formed and the unfounded dropped."""
+    """Fill missing quantities with the truth; the measures that depend on them are dropped later."""
     filled = dict(arrays)
     filled.setdefault("position_m", truth.position_m)
     filled.setdefault("velocity_m_s", truth.velocity_m_s)

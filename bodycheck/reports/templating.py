@@ -1,4 +1,4 @@
-"""The templates of the HTML pages, and the files of ours that go into them as they stand."""
+"""The templates of the HTML pages, and the files of ours that go into them unchanged."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib.resources import files
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bodycheck.reports import wording
+from bodycheck._util import formatting
 
 
 @cache
@@ -24,14 +24,14 @@ def environment() -> Environment:
     )
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     environment.filters |= {
-        "number": wording.number,
-        "scientific": wording.scientific,
-        "step": wording.step,
+        "number": formatting.number,
+        "scientific": formatting.scientific,
+        "step": formatting.step,
     }
-    environment.globals |= {"count": wording.count}
+    environment.globals |= {"count": formatting.count}
     return environment
 
 
 def asset(path: str) -> Markup:
-    """Return a file of ours, or of plotly's, that goes into the page as it stands."""
+    """Return a file of ours, or of plotly's, that goes into a page unchanged."""
     return Markup((files("bodycheck.reports") / path).read_text(encoding="utf-8"))

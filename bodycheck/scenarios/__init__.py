@@ -1,1 +1,1 @@
-"""What is simulated: the scenario model, its TOML reader, and a library of scenarios with sources."""
+"""Scenarios: the model, its TOML reader, and a library of built-in scenarios with sources."""

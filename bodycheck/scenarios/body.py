@@ -1,4 +1,4 @@
-"""[body]: a rigid body by its mass and inertia, by a mesh file, or by a primitive of one density."""
+"""[body]: a rigid body given by mass and inertia, by a mesh file, or by a primitive of uniform density."""
 
 from __future__ import annotations
 
@@ -23,8 +23,7 @@ from pydantic import (
 )
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.primitives import known_shape, primitive
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap, known_shape, primitive
 from bodycheck.reference_impl.scene import Link
 from bodycheck.scenarios.fields import (
     ALIGNED,
@@ -37,29 +36,28 @@ from bodycheck.scenarios.fields import (
     finite_numbers,
     rows,
 )
-from bodycheck.scenarios.mesh_units import Unit
-from bodycheck.scenarios.shapes import MeshSolid, mesh_solid
+from bodycheck.scenarios.shapes import MeshSolid, Unit, mesh_solid
 
 _TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
 
 
 def _inertia(value: Any) -> Matrix:
-    """Accept three principal moments or a 3x3 tensor: of finite numbers, a possible body's."""
+    """Accept three principal moments (3,) or a tensor (3, 3) of finite numbers that a body can have."""
     inertia = finite_numbers(value, "three principal moments or a 3x3 tensor of numbers", (3,), (3, 3))
     return _possible(np.diag(inertia) if inertia.shape == (3,) else inertia)
 
 
 def _possible(inertia: Array) -> Matrix:
-    """Return a tensor (3, 3) that some body has, exactly symmetric; refuse any other."""
+    """Return a tensor (3, 3), made exactly symmetric; raises ValueError if no body can have it."""
     if np.max(np.abs(inertia - inertia.T)) > _TENSOR_TOLERANCE * np.max(np.abs(inertia)):
         raise ValueError("must be symmetric: I_xy = I_yx = -sum m x y")
     inertia = 0.5 * (inertia + inertia.T)
     moments = np.linalg.eigvalsh(inertia)
     if not moments[0] > 0.0:
-        raise ValueError(f"must be positive definite; the least principal moment is {moments[0]:.6g}")
+        raise ValueError(f"must be positive definite; the smallest principal moment is {moments[0]:.6g}")
     if moments[0] + moments[1] < moments[2] * (1.0 - _TENSOR_TOLERANCE):
         raise ValueError(
-            "no body has these moments: the two smaller must together reach the largest (triangle "
+            "no body has these moments: the sum of the two smaller must be at least the largest (triangle "
             f"inequality), but {moments[0]:.6g} + {moments[1]:.6g} < {moments[2]:.6g}"
         )
     return rows(inertia)
@@ -71,26 +69,26 @@ class _BodyTable(Table):
 
     @property
     def link(self) -> Link | None:
-        """Where an engine is to have its own frame of the body; None where nothing is said of it."""
+        """The engine's own frame of the body; None if the file does not specify it."""
         if self.link_offset_m is None and self.link_quaternion is None:
             return None
         return Link(np.array(self.link_offset_m or ZERO), np.array(self.link_quaternion or ALIGNED))
 
 
 class GivenBody(_BodyTable):
-    """A body as its mass in kg and its inertia about the centre of mass, in body axes, in kg m^2."""
+    """A body given by its mass in kg and its inertia about the centre of mass, in body axes, in kg m^2."""
 
     mass_kg: Positive
     inertia_kg_m2: Annotated[Matrix, BeforeValidator(_inertia)]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Nothing is put right in numbers."""
+        """Always empty: given numbers are not corrected."""
         return ()
 
 
 class _Solid(_BodyTable):
-    """A solid of one density: body axes are those of its shape, their origin moved to the centre of mass."""
+    """A solid of uniform density; body axes are those of the shape, with the origin at the centre of mass."""
 
     @property
     @abstractmethod
@@ -109,12 +107,12 @@ class _Solid(_BodyTable):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was put right in the shape, one sentence each."""
+        """The corrections made to the shape, one sentence each."""
         return self.solid.notes
 
     @model_serializer(mode="wrap")
     def _with_what_came_of_it(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The keys of the file, and the numbers of the body that they made: enough to do without the file."""
+        """Add the resulting numbers to the keys of the file, so that the mesh file is no longer needed."""
         return {
             **handler(self),
             "centre_m": self.solid.centre.tolist(),
@@ -125,15 +123,15 @@ class _Solid(_BodyTable):
 
 
 def _checked_density(density: float, solid: MassProperties) -> float:
-    """Return the density, unless the solid is at this density no body to reckon with."""
+    """Return the density; raises ValueError if the solid's inertia at this density is not usable."""
     _possible(solid.at_density(density).inertia)
     return density
 
 
 def _meshed(value: Any, info: ValidationInfo) -> MeshSolid:
-    """Read the mesh of this name in the folder that the reading's context says."""
+    """Read the mesh of this name from the folder in the validation context."""
     if not isinstance(value, str):
-        raise ValueError("needs the name of a mesh file, relative to the scenario's own folder")
+        raise ValueError("needs the name of a mesh file, relative to the scenario's folder")
     folder = (info.context or {}).get("folder", Path())
     return mesh_solid(folder, value, info.data.get("mesh_unit"), info.data.get("mesh_overlap"))
 
@@ -143,9 +141,9 @@ def _mesh_facts(mesh: MeshSolid) -> dict[str, str]:
 
 
 class MeshBody(_Solid):
-    """The solid that a mesh file bounds; lengths in the file are m if no other unit is stated."""
+    """The solid bounded by a mesh file; lengths in the file are in mesh_unit [default: m]."""
 
-    # before the mesh, whose reading needs them
+    # before `mesh`, whose validator uses them
     mesh_unit: Unit | None = None
     mesh_overlap: Overlap | None = None
     mesh: Annotated[MeshSolid, PlainValidator(_meshed), PlainSerializer(_mesh_facts)]
@@ -163,7 +161,7 @@ class MeshBody(_Solid):
 
 
 class ShapeBody(_Solid):
-    """A primitive, its axis along z; its sizes, in m, are what scenarios.shapes says of each."""
+    """A primitive with its axis along z; `scenarios.shapes.primitive` defines the sizes in m."""
 
     shape: Annotated[StrictStr, AfterValidator(known_shape)]
     size_m: tuple[Positive, ...]
@@ -193,11 +191,11 @@ GIVEN = "a [body] with mass_kg, inertia_kg_m2"
 MESH = "a [body] with mesh, density_kg_m3"
 SHAPE = "a [body] with shape, size_m, density_kg_m3"
 BODY_FORMS = (GIVEN, MESH, SHAPE)
-"""The members of the union below, by the words in which messages speak of them."""
+"""The members of the union below, named as in messages."""
 
 
 def _form(value: Any) -> str:
-    """Tell by its keys which of the three forms a table has, or a body that is to be written down."""
+    """Return which of the three forms a table, or a body to be serialised, has by its keys."""
     keys = value if isinstance(value, dict) else getattr(type(value), "model_fields", ())
     if "mesh" in keys:
         return MESH

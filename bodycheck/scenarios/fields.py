@@ -1,4 +1,4 @@
-"""What the tables of a scenario file are made of: numbers, vectors, unit quaternions."""
+"""Field types of the tables of a scenario file: numbers, vectors, unit quaternions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInf
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import normalised
 
-_UNIT_TOLERANCE = 1e-6  # how far a quaternion's norm may be from 1
+_UNIT_TOLERANCE = 1e-6  # deviation of a quaternion's norm from 1
 
 Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive: TypeAlias = Annotated[Number, Field(gt=0.0)]
@@ -33,26 +33,26 @@ def _nearly_unit(value: _Four) -> _Four:
 
 def _unit(value: _Four, info: ValidationInfo) -> _Four:
     norm = math.hypot(*_nearly_unit(value))
-    if norm == 1.0 or (info.context or {}).get("written"):  # made unit twice it may move by an ulp
+    if norm == 1.0 or (info.context or {}).get("written"):  # normalising again may change an ulp
         return value
     w, x, y, z = normalised(np.array(value)).tolist()
     return (w, x, y, z)
 
 
 UnitQuaternion: TypeAlias = Annotated[_Four, AfterValidator(_unit)]
-"""(w, x, y, z), made unit where it nearly is."""
+"""(w, x, y, z) within 1e-6 of unit, normalised."""
 
 NearlyUnitQuaternion: TypeAlias = Annotated[_Four, AfterValidator(_nearly_unit)]
-"""(w, x, y, z) as it is written, within 1e-6 of unit."""
+"""(w, x, y, z) within 1e-6 of unit, unchanged."""
 
 ALIGNED: UnitQuaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 def finite_numbers(value: Any, what: str, *shapes: tuple[int, ...]) -> Array:
-    """Return numbers, or lists of them, of one of these shapes as doubles.
+    """Return a number or nested lists of numbers, of one of these shapes, as an array (...) of doubles.
 
-    Raises ValueError, which says what is needed, for anything else: a text, a truth value, a list that is
-    ragged, a number that is not finite or as good as that.
+    Raises ValueError, which says what is needed, for anything else: a string, a boolean, a ragged list, a
+    number that is not finite or of magnitude 1e300 or more.
     """
     try:
         given = np.array(value, dtype=object)
@@ -66,11 +66,11 @@ def finite_numbers(value: Any, what: str, *shapes: tuple[int, ...]) -> Array:
 
 
 def rows(matrix: Array) -> Matrix:
-    """Return a matrix (3, 3) as a table holds it."""
+    """Return a matrix (3, 3) as nested tuples."""
     return tuple(tuple(row) for row in matrix.tolist())  # type: ignore[return-value]
 
 
 class Table(BaseModel):
-    """A table of the file: no other keys than its own, and nothing changes once it is read."""
+    """A table of a scenario file: immutable, and without unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)

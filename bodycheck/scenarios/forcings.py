@@ -1,34 +1,26 @@
-"""[[forcing]]: what acts on the body, one table a kind."""
+"""[[forcing]]: what acts on the body, one table per kind; those of loads follow from their keys."""
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias, Union
 
 import numpy as np
 from pydantic import (
     BeforeValidator,
     Discriminator,
+    GetCoreSchemaHandler,
     PlainSerializer,
     PlainValidator,
     ValidationInfo,
+    create_model,
     field_validator,
 )
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.scene import (
-    BlackBox,
-    Drag,
-    GravityGradient,
-    Load,
-    PointForce,
-    SineTorque,
-    Spring,
-    Torque,
-    TorsionSpring,
-)
+from bodycheck.reference_impl.loads import load_kinds
+from bodycheck.reference_impl.loads.load import REQUIRED, Key, KeyForm
+from bodycheck.reference_impl.scene import CallbackLoad, GravityGradient, Load
 from bodycheck.scenarios.fields import (
-    ZERO,
     Matrix,
     NotNegative,
     Number,
@@ -43,7 +35,32 @@ from bodycheck.scenarios.user_functions import UserWrench, user_function
 _Axes: TypeAlias = Literal["body", "world"]
 
 
-class _TimedTable(Table):
+class ForcingTable(Table):
+    """One table of [[forcing]]."""
+
+    kind: str
+
+
+class LoadTable(ForcingTable):
+    """The constants of a load, by the names and units of the scenario format."""
+
+    load_type: ClassVar[type[Load]]
+
+    def load(self) -> Load:
+        """Return the same as arrays."""
+        return self.load_type(
+            **{name: _constant(getattr(self, key.name), key) for name, key in self.load_type.keys().items()}
+        )
+
+
+def _constant(value: Any, key: Key) -> Any:
+    """Return a value of a table as the load has it; what the table leaves out as None is infinite."""
+    if value is None:
+        return key.omitted
+    return np.array(value) if isinstance(value, tuple) else value
+
+
+class _TimedTable(LoadTable):
     axes: _Axes
     from_s: Number = 0.0
     until_s: Number | None = None
@@ -56,53 +73,12 @@ class _TimedTable(Table):
             raise ValueError(f"must be later than from_s = {begin!r}")
         return value
 
-    @property
-    def _until(self) -> float:
-        return math.inf if self.until_s is None else self.until_s
 
-
-class TorqueTable(_TimedTable):
-    """A torque, constant in its axes while it acts."""
-
-    kind: Literal["torque"]
-    value_n_m: Vector
-
-    def load(self) -> Load:
-        """Return the same as arrays."""
-        return Torque(self.axes, np.array(self.value_n_m), self.from_s, self._until)
-
-
-class ForceTable(_TimedTable):
-    """A force, constant in its axes while it acts, at a body-fixed point."""
-
-    kind: Literal["force"]
-    value_n: Vector
-    at_m: Vector = ZERO
-
-    def load(self) -> Load:
-        """Return the same as arrays."""
-        return PointForce(self.axes, np.array(self.value_n), np.array(self.at_m), self.from_s, self._until)
-
-
-class GravityTable(Table):
+class GravityTable(ForcingTable):
     """Uniform gravity, in world axes: no load, but the scene's own."""
 
     kind: Literal["gravity"]
     acceleration_m_s2: Vector
-
-
-class SineTorqueTable(Table):
-    """A torque that swings as a sine of the time."""
-
-    kind: Literal["sine-torque"]
-    axes: _Axes
-    amplitude_n_m: Vector
-    rate_rad_s: Number
-    phase_rad: Number = 0.0
-
-    def load(self) -> Load:
-        """Return the same as arrays."""
-        return SineTorque(self.axes, np.array(self.amplitude_n_m), self.rate_rad_s, self.phase_rad)
 
 
 def _damping(value: Any) -> Matrix:
@@ -115,52 +91,32 @@ def _damping(value: Any) -> Matrix:
     return rows(matrix)
 
 
-class DragTable(Table):
-    """Linear drag, of the centre of mass and of the rotation."""
-
-    kind: Literal["drag"]
-    linear_n_s_m: NotNegative = 0.0
-    angular_n_m_s: Annotated[Matrix, BeforeValidator(_damping)] = (ZERO, ZERO, ZERO)
-
-    def load(self) -> Load:
-        """Return the same as arrays."""
-        return Drag(self.linear_n_s_m, np.array(self.angular_n_m_s))
+_FORMS: dict[KeyForm, Any] = {
+    "number": Number,
+    "positive": Positive,
+    "not negative": NotNegative,
+    "vector": Vector,
+    "damping matrix": Annotated[Matrix, BeforeValidator(_damping)],
+    "axes": _Axes,
+}
 
 
-class SpringTable(Table):
-    """A spring from a point of the world to a point of the body."""
-
-    kind: Literal["spring"]
-    anchor_m: Vector
-    at_m: Vector = ZERO
-    stiffness_n_m: Positive
-    rest_length_m: NotNegative = 0.0
-
-    def load(self) -> Load:
-        """Return the same as arrays."""
-        return Spring(np.array(self.anchor_m), np.array(self.at_m), self.stiffness_n_m, self.rest_length_m)
-
-
-class TorsionSpringTable(Table):
-    """A spring that turns the body back to where it started, by the shortest way."""
-
-    kind: Literal["torsion-spring"]
-    stiffness_n_m: Positive
-
-    def load(self) -> Load:
-        """Return the same as a load."""
-        return TorsionSpring(self.stiffness_n_m)
-
-
-class GravityGradientTable(Table):
-    """The torque of a central field on a satellite in a circular orbit."""
-
-    kind: Literal["gravity-gradient"]
-    orbit_rate_rad_s: Positive
-
-    def load(self) -> Load:
-        """Return the same as a load."""
-        return GravityGradient(self.orbit_rate_rad_s)
+def _table(kind: str, load_type: type[Load]) -> type[LoadTable]:
+    """Return the table of a load, made of its keys."""
+    keys = load_type.keys().values()
+    base = _TimedTable if "until_s" in {key.name for key in keys} else LoadTable
+    own: dict[str, Any] = {
+        key.name: (_FORMS[key.form], ... if key.omitted is REQUIRED else key.omitted)
+        for key in keys
+        if key.name not in base.model_fields
+    }
+    own["kind"] = (Literal[kind], ...)
+    made: type[LoadTable] = create_model(
+        f"{load_type.__name__}Table", __base__=base, __doc__=load_type.__doc__, **own
+    )
+    made.load_type = load_type
+    globals()[made.__name__] = made  # pickle looks a class up in its module
+    return made
 
 
 def _user_wrench(value: Any, info: ValidationInfo) -> UserWrench:
@@ -171,7 +127,7 @@ def _user_wrench(value: Any, info: ValidationInfo) -> UserWrench:
     return UserWrench(value, user_function(value, allow_code=allow_code))
 
 
-class CallableTable(Table):
+class CallableTable(LoadTable):
     """A force and a torque that only a function knows."""
 
     kind: Literal["callable"]
@@ -179,29 +135,24 @@ class CallableTable(Table):
 
     def load(self) -> Load:
         """Return the same as a load."""
-        return BlackBox(self.function.name, self.function)
+        return CallbackLoad(self.function.name, self.function)
 
 
-class PivotTable(Table):
+class PivotTable(ForcingTable):
     """A point of the body that stays where it is at the start: no load, but the scene's own."""
 
     kind: Literal["pivot"]
     at_m: Vector
 
 
-_LoadTable: TypeAlias = (
-    TorqueTable
-    | ForceTable
-    | SineTorqueTable
-    | DragTable
-    | SpringTable
-    | TorsionSpringTable
-    | GravityGradientTable
-    | CallableTable
-)
-_Any: TypeAlias = _LoadTable | GravityTable | PivotTable
+_TABLES: dict[str, type[ForcingTable]] = {
+    **{kind: _table(kind, load_type) for kind, load_type in load_kinds().items()},
+    CallbackLoad.kind: CallableTable,
+    "gravity": GravityTable,
+    "pivot": PivotTable,
+}
 
-FORCING_KINDS = tuple(get_args(table.model_fields["kind"].annotation)[0] for table in get_args(_Any))
+FORCING_KINDS = tuple(_TABLES)
 
 
 def _known_kind(value: Any) -> Any:
@@ -213,12 +164,20 @@ def _known_kind(value: Any) -> Any:
     return value
 
 
-Forcing: TypeAlias = Annotated[Annotated[_Any, Discriminator("kind")], BeforeValidator(_known_kind)]
+class _OneOfTheTables:
+    """What tells pydantic to read a table by its kind."""
+
+    def __get_pydantic_core_schema__(self, _: Any, handler: GetCoreSchemaHandler) -> Any:
+        tables: Any = Union[tuple(_TABLES.values())]  # noqa: UP007 - as many as there are
+        return handler.generate_schema(Annotated[tables, Discriminator("kind")])
+
+
+Forcing: TypeAlias = Annotated[ForcingTable, _OneOfTheTables(), BeforeValidator(_known_kind)]
 
 
 def loads_of(forcings: tuple[Forcing, ...]) -> tuple[Load, ...]:
     """Return the loads among the forcings, in their order."""
-    return tuple(f.load() for f in forcings if not isinstance(f, GravityTable | PivotTable))
+    return tuple(f.load() for f in forcings if isinstance(f, LoadTable))
 
 
 def gravity_of(forcings: tuple[Forcing, ...]) -> Array:
@@ -234,10 +193,10 @@ def pivot_of(forcings: tuple[Forcing, ...]) -> Array | None:
 
 def check_together(forcings: tuple[Forcing, ...]) -> None:
     """Refuse, by ValueError, forcings that cannot act together."""
-    for table in (PivotTable, GravityGradientTable):
-        kind = get_args(table.model_fields["kind"].annotation)[0]
-        places = [i for i, f in enumerate(forcings) if isinstance(f, table)]
+    kinds = [f.kind for f in forcings]
+    for kind in ("pivot", GravityGradient.kind):
+        places = [i for i, one in enumerate(kinds) if one == kind]
         if len(places) > 1:
             raise ValueError(f"has {len(places)} of kind {kind!r}, at {places}; there can be one at most")
-    if pivot_of(forcings) is not None and any(isinstance(f, GravityGradientTable) for f in forcings):
+    if {"pivot", GravityGradient.kind} <= set(kinds):
         raise ValueError("a body with a pivot is in no orbit: leave out 'pivot' or 'gravity-gradient'")

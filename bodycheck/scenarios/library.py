@@ -9,15 +9,15 @@ from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import Members, parse_members, read_members
 
-_NEARLY = 0.8  # a slip or two in a name of ten letters
+_NEARLY = 0.8  # one or two typing errors in a name of ten letters
 _LIBRARY = files("bodycheck.scenarios") / "library"
 
 _FORCINGS = (
-    *("lagrange-top", "sleeping-top", "heavy-top", "kovalevskaya-top", "torsion-spring"),
+    *("lagrange-top", "sleeping-top", "heavy-top", "kovalevskaya-top", "torsion-spring", "compass"),
     *("satellite-libration", "self-excited", "detumbling", "spring-pendulum", "sine-torque", "damped-fall"),
 )
 _HARD = (
@@ -26,7 +26,7 @@ _HARD = (
     *("stiff-spring", "stiff-drag", "off-grid-torque", "chaotic-top"),
 )
 PROBES = ("probe", "probe-free")
-"""What every run makes of each method besides its scenarios; in no suite."""
+"""Scenarios that every run uses to probe each method, besides the requested ones; part of no suite."""
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -48,32 +48,33 @@ def suites() -> dict[str, tuple[str, ...]]:
 
 
 def scenario_summaries() -> dict[str, str]:
-    """Return the built-in scenarios' one-line summaries, by name, without working out their bodies."""
+    """Return name -> one-line summary of the built-in scenarios, without computing their bodies."""
     texts = ((name, (_LIBRARY / f"{name}.toml").read_text(encoding="utf-8")) for name in scenario_names())
     return {name: tomllib.loads(text)["summary"] for name, text in texts}
 
 
 def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:
-    """Return a built-in scenario by its name, or one from the path of a TOML file.
+    """Return a built-in scenario by its name, or a scenario from the path of a TOML file.
 
     A child of a family is named by its value after a slash: NAME/VALUE or FILE.toml/VALUE. allow_code: the
     file may name functions, whose code runs.
 
-    Raises InputError where there is no such name or file, or the file is wrong.
+    Raises InputError if there is no such name or file, or the file is wrong.
     """
     if members := suites().get(str(name)):
-        raise InputError(f"{name}: is a suite; name one of it: {', '.join(members)}")
+        raise InputError(f"{name}: is a suite; name one of its scenarios: {', '.join(members)}")
     found = _members(name, allow_code=allow_code)
     if len(found) > 1:
-        raise InputError(f"{name}: is a family; name one of it: {', '.join(asked for asked, _ in found)}")
+        raise InputError(
+            f"{name}: is a family; name one of its scenarios: {', '.join(asked for asked, _ in found)}"
+        )
     return found[0][1]
 
 
 def load_scenarios(asked: Sequence[str | Path], *, allow_code: bool = False) -> list[tuple[str, Scenario]]:
-    """Return the scenarios of names, suites and paths, families with all children, with what names each.
+    """Return (spec, scenario) for names, suites and paths; a family gives all of its children.
 
-    Each comes once. Raises InputError with the errors of all of them, or where two different ones share a
-    name.
+    Duplicates are dropped. Raises InputError with all errors, or if two different scenarios share a name.
     """
     found: dict[str, tuple[str, Scenario]] = {}
     faults: list[str] = []
@@ -85,14 +86,14 @@ def load_scenarios(asked: Sequence[str | Path], *, allow_code: bool = False) -> 
             continue
         for how, scenario in members:
             if found.setdefault(scenario.name, (how, scenario))[1] != scenario:
-                faults.append(f"{how}: another scenario of this run is named {scenario.name!r} too")
+                faults.append(f"{how}: another scenario of this run is also named {scenario.name!r}")
     if faults:
         raise InputError("\n".join(faults))
     return list(found.values())
 
 
 def _members(name: str | Path, *, allow_code: bool) -> list[tuple[str, Scenario]]:
-    """Return the scenarios that a name stands for, each with the name that stands for it alone."""
+    """Return (spec, scenario) for all scenarios of a name; the spec names a single scenario."""
     source, child = _source_and_child(name)
     members = _read(source, allow_code=allow_code)
     found = [
@@ -103,15 +104,15 @@ def _members(name: str | Path, *, allow_code: bool) -> list[tuple[str, Scenario]
     if not found:
         there = ", ".join(f"{source}/{label}" for label in members if label is not None)
         raise InputError(
-            f"{name}: is none of the family; there are {there}"
+            f"{name}: not in this family (available: {there})"
             if there
-            else f"{name}: {source} is no family, but one scenario"
+            else f"{name}: {source} is a single scenario, not a family"
         )
     return found
 
 
 def _source_and_child(name: str | Path) -> tuple[str | Path, str | None]:
-    """Cut the value, which may have slashes of its own as the path of a mesh has, off the name of a child."""
+    """Split the name of a child into family and value, which may contain slashes like the path of a mesh."""
     text = str(name)
     if text.endswith(".toml"):
         return name, None
@@ -123,7 +124,7 @@ def _source_and_child(name: str | Path) -> tuple[str | Path, str | None]:
 
 
 def _same(label: str, asked: str) -> bool:
-    """Whether a value is the one asked for: 1e-3 is 0.001."""
+    """Return whether two values are equal as text or as numbers: 1e-3 is 0.001."""
     try:
         return label == asked or float(label) == float(asked)
     except ValueError:
@@ -140,10 +141,10 @@ def _read(name: str | Path, *, allow_code: bool) -> Members:
 
 
 def _meant(name: str) -> str:
-    """Return the question for the file or the built-in name that is nearly this; else all names."""
-    if os.path.isfile(f"{name}.toml"):  # noqa: PTH113 - no name is too long for it
+    """Return a question with the file or built-in name that resembles this one, else all names."""
+    if os.path.isfile(f"{name}.toml"):  # noqa: PTH113 - accepts names of any length
         return f"did you mean {name}.toml?"
     typed = name.lower().replace(" ", "-").replace("_", "-")
     if near := get_close_matches(typed, (*scenario_names(), *suites()), n=1, cutoff=_NEARLY):
         return f"did you mean {near[0]}?"
-    return f"built in are {', '.join(scenario_names())}; suites: {', '.join(suites())}"
+    return f"built-in scenarios: {', '.join(scenario_names())}; suites: {', '.join(suites())}"

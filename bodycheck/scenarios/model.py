@@ -1,7 +1,7 @@
-"""The scenario as its file says it, checked: every key, unit and bound of the format stands in its tables.
+"""The model of a scenario file: its tables define every key, unit and bound of the format.
 
-Checks that look at more than one key are field validators reading what was already accepted, so that
-one pass reports all the errors of a file at once.
+Checks of more than one key are field validators that read the fields already validated, so that one pass
+reports all errors of a file.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from bodycheck.scenarios.body import Body
 from bodycheck.scenarios.fields import ALIGNED, ZERO, NearlyUnitQuaternion, Positive, Table, Vector
 from bodycheck.scenarios.forcings import Forcing, check_together, gravity_of, loads_of, pivot_of
 
-_VELOCITY_TOLERANCE = 1e-9  # relative: how far a velocity that is said may be from what a pivot allows
+_VELOCITY_TOLERANCE = 1e-9  # relative deviation of a given velocity from the one that a pivot implies
 _MOST_SAMPLES = 1_000_000
-_UNIT = 4.0 * float(np.finfo(np.float64).eps)  # how far from 1 the norm of a quaternion of doubles may be
+_UNIT = 4.0 * float(np.finfo(np.float64).eps)  # deviation from 1 of the norm of a quaternion of doubles
 DEFAULT_STEPS_PER_SAMPLE = (5, 10, 20, 50, 100)
 
 
 class Initial(Table):
-    """[initial]: where the body starts; at rest at the origin, axes aligned, unless said."""
+    """[initial]: the initial state [default: at rest at the origin, axes aligned]."""
 
     position_m: Vector = ZERO
     quaternion: NearlyUnitQuaternion = ALIGNED
@@ -44,9 +44,10 @@ class Initial(Table):
         return value
 
     def state(self, pivot: Array | None) -> State:
-        """Return the start in doubles, as engines are handed it: a unit quaternion, omega in body axes.
+        """Return the start in doubles, as passed to engines: a unit quaternion, omega in body axes.
 
-        About a pivot the centre of mass moves as the rotation says.
+        pivot (3,) in m from the centre of mass in body axes, or None; about a pivot, the rotation determines
+        the velocity of the centre of mass.
         """
         quaternion = np.array(self.quaternion)
         if abs(float(np.linalg.norm(quaternion)) - 1.0) > _UNIT:
@@ -62,7 +63,7 @@ class Initial(Table):
         return State(np.array(self.position_m), quaternion, velocity, omega_body)
 
     def as_written(self, pivot: Array | None) -> State:
-        """Return the start that the numbers of the file are, without rounding."""
+        """Return the start with the exact numbers of the file; pivot (3,) or None as for `state`."""
         omega = self.omega_world_rad_s
         return replace(
             self.state(pivot),
@@ -72,7 +73,7 @@ class Initial(Table):
 
 
 class Scenario(Table):
-    """One scenario file: a body, its initial state, what acts on it, and how long it is watched."""
+    """One scenario file: a body, its initial state, the loads, the duration and the number of samples."""
 
     name: Annotated[StrictStr, Field(min_length=1, max_length=200)]
     summary: StrictStr = ""
@@ -89,16 +90,16 @@ class Scenario(Table):
     @classmethod
     def _one_line(cls, value: str) -> str:
         if not value.isprintable() or value != value.strip():
-            raise ValueError("must be one line of printable text without blanks at its ends")
+            raise ValueError("must be one line of printable text without leading or trailing spaces")
         return value
 
     @field_validator("name")
     @classmethod
     def _of_no_family(cls, value: str, info: ValidationInfo) -> str:
-        """Refuse a slash of the file's own: what stands before it would count as a family."""
+        """Refuse a slash in the file's own name, because the part before it would count as a family."""
         context = info.context or {"written": True}
         own = value.removesuffix(f"/{context['label']}") if "label" in context else value
-        if "/" in own and not context.get("written"):  # a run wrote down what was read before
+        if "/" in own and not context.get("written"):  # stored runs contain names of children
             raise ValueError("must have no slash: NAME/VALUE names the scenarios of a [[sweep]]")
         return value
 
@@ -124,31 +125,31 @@ class Scenario(Table):
             slack = _VELOCITY_TOLERANCE * float(np.max(np.abs(allowed)))
             if np.max(np.abs(allowed - initial.velocity_m_s)) > slack:
                 raise ValueError(
-                    "the pivot stays where it is, so initial.velocity_m_s must be left out, or be "
+                    "the pivot is fixed, so initial.velocity_m_s must be left out, or be "
                     f"omega x (x - pivot) = {allowed.tolist()}"
                 )
         return value
 
     @property
     def family(self) -> str:
-        """The name before the slash of a child of a family; else the whole name."""
+        """The name before the slash for a child of a family, else the whole name."""
         return self.name.partition("/")[0]
 
     @property
     def steps(self) -> tuple[float, ...]:
-        """The steps that a run uses unless told otherwise, in s, coarsest first."""
+        """The default step sizes of a run in s, coarsest first."""
         interval = self.scene.sample_interval_s
         return tuple(sorted(self.steps_s or (interval / n for n in DEFAULT_STEPS_PER_SAMPLE), reverse=True))
 
     @property
     def scene_as_written(self) -> Scene:
-        """The same with the start that the numbers of the file are: that of engines is rounded to doubles."""
+        """The scene with the exact initial numbers of the file, which engines receive rounded to doubles."""
         scene = self.scene
         return replace(scene, initial=self.initial.as_written(scene.pivot))
 
     @cached_property
     def scene(self) -> Scene:
-        """The mathematics of it, as plain arrays, with the start that engines are handed."""
+        """The scene as plain arrays, with the initial state as passed to engines."""
         pivot = pivot_of(self.forcing)
         return Scene(
             body=RigidBody(self.body.mass_kg, np.array(self.body.inertia_kg_m2)),

@@ -1,30 +1,111 @@
-"""From a TOML file to its scenarios, or to all the file's errors at once, each with its path in the file."""
+"""Read a TOML file, with its [[sweep]] table, into its scenarios; report all errors of the file at once."""
 
 from __future__ import annotations
 
+import copy
+import re
 from collections import Counter
+from collections.abc import Iterator
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
-from pydantic import ValidationError
+from pydantic import Field, PlainValidator, StrictStr, ValidationError, field_validator
 
-from bodycheck.errors import InputError
-from bodycheck.outside import parse_toml
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import parse_toml
 from bodycheck.scenarios.body import BODY_FORMS
+from bodycheck.scenarios.fields import Table, finite_numbers
 from bodycheck.scenarios.forcings import FORCING_KINDS
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.sweeps import Family, children
+
+_STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(\d+)\]")
+
+
+def _number_or_text(value: Any) -> float | str:
+    return value if isinstance(value, str) else float(finite_numbers(value, "a number or a string", ()))
+
+
+_Value: TypeAlias = Annotated[float | str, PlainValidator(_number_or_text)]
+
+
+class Sweep(Table):
+    """[[sweep]]: a key, as a path in the file, and its values."""
+
+    key: StrictStr
+    values: Annotated[tuple[_Value, ...], Field(min_length=1)]
+
+    @field_validator("key")
+    @classmethod
+    def _a_path(cls, value: str) -> str:
+        if "".join(match.group() for match in _STEP.finditer(value)) != value or not value:
+            raise ValueError("must be a path in the file, like initial.omega_body_rad_s[0]")
+        if value.partition(".")[0] in ("name", "sweep"):
+            raise ValueError(f"cannot be {value!r}: the children get their names from the values")
+        return value
+
+    @field_validator("values")
+    @classmethod
+    def _different(cls, value: tuple[float | str, ...]) -> tuple[float | str, ...]:
+        if len({label(one) for one in value}) < len(value):
+            raise ValueError("names a value twice")
+        return value
+
+
+class Family(Table):
+    """The part of a file that makes it a family."""
+
+    sweep: Annotated[tuple[Sweep, ...], Field(min_length=1, max_length=1)]
+
+
+def label(value: float | str) -> str:
+    """Return a value as written in the name of its child."""
+    return value if isinstance(value, str) else repr(value)
+
+
+def children(data: dict[str, Any], sweep: Sweep) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield for each value its label and the file's data with that value.
+
+    Raises ValueError if the key's path does not exist in the file.
+    """
+    for value in sweep.values:
+        child = copy.deepcopy(data)
+        _put(child, sweep.key, value)
+        if isinstance(data.get("name"), str):
+            child["name"] = f"{data['name']}/{label(value)}"
+        yield label(value), child
+
+
+def _put(data: Any, key: str, value: float | str) -> None:
+    """data.key = value; the last part of the path may be new, the rest must exist."""
+    *path, last = [name or int(index) for name, index in _STEP.findall(key)]
+    place = data
+    for step in path:
+        if not _has(place, step):
+            raise ValueError(f"{key!r} is not a path in this file: there is no {step!r}")
+        place = place[step]
+    if not isinstance(place, dict if isinstance(last, str) else list) or (
+        isinstance(last, int) and not _has(place, last)
+    ):
+        raise ValueError(f"{key!r} is not a path in this file: there is no place for {last!r}")
+    place[last] = value
+
+
+def _has(place: Any, step: int | str) -> bool:
+    if isinstance(step, int):
+        return isinstance(place, list) and step < len(place)
+    return isinstance(place, dict) and step in place
+
 
 Members: TypeAlias = dict[str | None, Scenario]
-"""A file's scenarios: one by None, or the children of a family by the labels of their values."""
+"""The scenarios of a file: None -> the only one, or label of the value -> child of a family."""
 
 
 def read_members(path: Path, *, allow_code: bool = False) -> Members:
     """Read the scenarios of a file; allow_code: it may name functions, whose code runs.
 
-    Raises InputError with one line an error: the file, the path of the key within it, what is wrong and
-    what would be right.
+    Raises InputError with one line per error: the file, the path of the key in it, what is wrong and what
+    would be right.
     """
     try:
         text = path.read_bytes().decode("utf-8-sig")
@@ -36,7 +117,7 @@ def read_members(path: Path, *, allow_code: bool = False) -> Members:
 
 
 def parse_members(text: str, where: str, folder: Traversable, *, allow_code: bool = False) -> Members:
-    """Read TOML text; `where` names it in messages, its mesh file is sought from `folder`.
+    """Read TOML text; `where` names it in messages, mesh files are relative to `folder`.
 
     Raises InputError as read_members does.
     """
@@ -53,7 +134,7 @@ def parse_members(text: str, where: str, folder: Traversable, *, allow_code: boo
 
 
 def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Members:
-    """Return the children; a line that is wrong of all of them is said once, of the file."""
+    """Return the children; report an error that all of them share only once, for the file."""
     (sweep,) = Family.model_validate({"sweep": data.pop("sweep")}).sweep
     try:
         files = list(children(data, sweep))
@@ -80,14 +161,14 @@ def _family(data: dict[str, Any], where: str, context: dict[str, Any]) -> Member
 
 
 def fault_lines(error: ValidationError) -> list[str]:
-    """Return one line a fault: the path of the key within the file, what is wrong and what would be right."""
+    """Return one line per error: the path of the key in the file, what is wrong and what would be right."""
     faults = error.errors(include_url=False)
     places = [fault["loc"] for fault in faults]
     return [_line(fault) for fault in faults if not _lacks_what_is_wrong(fault, places)]
 
 
 def _lacks_what_is_wrong(fault: Any, places: list[tuple[int | str, ...]]) -> bool:
-    """Whether a list is only too short because of its members that are wrong, which are faults themselves."""
+    """Return whether a list is too short only because of invalid members, which have errors of their own."""
     own = fault["loc"]
     return fault["type"] == "too_short" and any(own == place[: len(own)] != place for place in places)
 
@@ -100,7 +181,7 @@ def _line(fault: Any) -> str:
             return f"{path}: is required"
         case "extra_forbidden":
             table = next((form for form in BODY_FORMS if form in fault["loc"]), "this table")
-            return f"{path}: is no key of {table}"
+            return f"{path}: is not a key of {table}"
         case "model_type":
             return f"{path}: should be a table (it is {fault['input']!r:.60})"
         case "too_long":
@@ -114,10 +195,10 @@ def _line(fault: Any) -> str:
 
 
 def _path(location: tuple[int | str, ...]) -> str:
-    """Return the key's path as TOML would name it: forcing[0].value_n_m[1]."""
+    """Return the path of a key: forcing[0].value_n_m[1]."""
     path = ""
     for before, part in zip((None, *location), location, strict=False):
         if part in BODY_FORMS or (isinstance(before, int) and part in FORCING_KINDS):
-            continue  # pydantic names the union's member here, which is no key of the file
+            continue  # pydantic's name of the union's member, not a key of the file
         path += f"[{part}]" if isinstance(part, int) else f".{part}"
     return path.lstrip(".")

@@ -1,4 +1,4 @@
-"""One solid as the command line names it, and its mass properties as TOML."""
+"""The solid of a command line, and its mass properties as TOML."""
 
 from __future__ import annotations
 
@@ -6,26 +6,24 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.mass_properties.implicit import ImplicitEllipsoid, ImplicitSolid, ImplicitTorus
-from bodycheck.reference_impl.mass_properties.primitives import PRIMITIVES
-from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
-from bodycheck.scenarios.level_sets import estimate_level_set
+from bodycheck.reference_impl.mass_properties.solid import PRIMITIVES, MassProperties, Overlap
+from bodycheck.scenarios.level_sets import HALF_WIDTH, Estimate, estimate, estimate_level_set
 from bodycheck.scenarios.mesh_files import MESH_SUFFIXES
-from bodycheck.scenarios.mesh_units import Unit
-from bodycheck.scenarios.quasi_monte_carlo import HALF_WIDTH, Estimate, estimate
-from bodycheck.scenarios.shapes import load_mesh, primitive
+from bodycheck.scenarios.shapes import Unit, load_mesh, primitive
 from bodycheck.scenarios.user_functions import user_function
 
 _IMPLICIT: dict[str, Callable[..., ImplicitSolid]] = {"ellipsoid": ImplicitEllipsoid, "torus": ImplicitTorus}
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A mesh file, shape or package.module:function by name, its density in kg/m^3, and what goes with it.
+class SolidRequest:
+    """The name of a mesh file, shape or package.module:function, its density in kg/m^3, and the options.
 
-    size and box in m; monte_carlo: estimate a shape all the same; allow_code: a function may be imported;
-    unit of a mesh file's lengths; overlap of its parts.
+    size: dimensions of a shape in m. box: around a function's solid, in m. monte_carlo: estimate a shape
+    instead of computing it exactly. allow_code: allow importing a function. unit: of a mesh file's lengths.
+    overlap: what to do with overlapping parts of a mesh.
     """
 
     name: str
@@ -38,11 +36,11 @@ class Asked:
     overlap: Overlap | None = None
 
 
-def mass_properties(asked: Asked) -> MassProperties | Estimate:
-    """Return the mass properties of a mesh or a shape, exact to round-off, or those of a function, estimated.
+def mass_properties(asked: SolidRequest) -> MassProperties | Estimate:
+    """Return the mass properties of a mesh or a shape, exact to round-off, or an estimate for a function.
 
-    Raises InputError with one line for a name that is none of these, for an option that is missing or does
-    not go with it, and for whatever is wrong with the solid.
+    Raises InputError with one line for an unknown name, for a missing or inapplicable option, and for an
+    unusable solid.
     """
     name = asked.name
     if Path(name).suffix.lower() in MESH_SUFFIXES:
@@ -64,7 +62,7 @@ def mass_properties(asked: Asked) -> MassProperties | Estimate:
     )
 
 
-def _at_density(found: Estimate, asked: Asked) -> Estimate:
+def _at_density(found: Estimate, asked: SolidRequest) -> Estimate:
     try:
         return found.at_density(asked.density)
     except ValueError as error:
@@ -72,25 +70,25 @@ def _at_density(found: Estimate, asked: Asked) -> Estimate:
 
 
 def _check_options(
-    asked: Asked, what: str, *, size: bool, box: bool, mesh: bool = False, monte_carlo: bool = False
+    asked: SolidRequest, what: str, *, size: bool, box: bool, mesh: bool = False, monte_carlo: bool = False
 ) -> None:
-    """Refuse options that are missing, and those that would be left aside in silence."""
+    """Refuse missing options, and those that would be silently ignored."""
     for option, value, wanted in (("--size-m", asked.size, size), ("--box-m", asked.box, box)):
         if (value is not None) != wanted:
-            raise InputError(f"{asked.name}: {what} {'needs' if wanted else 'has no'} {option}")
+            raise InputError(f"{asked.name}: {what} {'requires' if wanted else 'does not take'} {option}")
     for option, stated in (("--unit", asked.unit), ("--overlap", asked.overlap)):
         if stated is not None and not mesh:
             raise InputError(f"{asked.name}: {option} is for mesh files, not for {what}")
     if asked.monte_carlo and not monte_carlo:
-        raise InputError(f"{asked.name}: --monte-carlo is for {', '.join(_IMPLICIT)}")
+        raise InputError(f"{asked.name}: --monte-carlo is only for {', '.join(_IMPLICIT)}")
 
 
 def as_toml(found: MassProperties | Estimate) -> Iterator[str]:
-    """Yield the lines of [body], as a scenario takes it, and of [solid], what else is known."""
+    """Yield the lines of [body], for use in a scenario, and of [solid], with the other results."""
     solid = found.properties if isinstance(found, Estimate) else found
     if isinstance(found, Estimate):
         yield "# estimated by randomised quasi-Monte Carlo; the standard error of each number is in [solid]:"
-        yield f"# the number and {HALF_WIDTH:.4g} standard errors either way are a 95 % interval"
+        yield f"# a 95 % interval is the number +- {HALF_WIDTH:.4g} standard errors"
     for note in solid.notes:
         yield f"# {note}"
     yield "[body]"
@@ -106,4 +104,4 @@ def as_toml(found: MassProperties | Estimate) -> Iterator[str]:
     else:
         moments, axes = solid.principal()
         yield f"principal_moments_kg_m2 = {moments.tolist()}"
-        yield f"principal_axes = {axes.T.tolist()}  # one axis a row, in the solid's own axes"
+        yield f"principal_axes = {axes.T.tolist()}  # one axis per row, in the solid's own axes"

@@ -1,4 +1,4 @@
-"""Functions that a user names as package.module:function: code, so only where the user allows it."""
+"""Import user's functions named package.module:function; this runs code, so the user has to allow it."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 
 _NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
 def user_function(name: str, *, allow_code: bool) -> Callable[..., Any]:
-    """Import package.module:function; modules of the working directory are found first, as by python -m.
+    """Import package.module:function; the working directory comes first on the path, as with python -m.
 
-    Raises InputError with one line where code is not allowed, the name is none, the import fails, or what
-    it names cannot be called.
+    Raises InputError with one line if code is not allowed, the name is invalid, the import fails, or the
+    object is not callable.
     """
     if not _NAME.fullmatch(name):
-        raise InputError(f"{name}: is no name of a function; it should be like package.module:function")
+        raise InputError(f"{name}: not the name of a function (expected package.module:function)")
     if not allow_code:
-        raise InputError(f"{name}: to import it runs its code; add --allow-code if you trust it")
+        raise InputError(f"{name}: importing it runs its code; add --allow-code if you trust it")
     module_name, _, function_name = name.partition(":")
     here = str(Path.cwd())
     if here not in sys.path:
@@ -44,7 +44,10 @@ def user_function(name: str, *, allow_code: bool) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class UserWrench:
-    """f(t, position, R, velocity, omega) -> force, torque of a user, by its name; world axes, SI units."""
+    """f(t, position, R, velocity, omega) -> force, torque: a user's function; world axes, SI units.
+
+    position, velocity, omega, force and torque are (3,), R is (3, 3).
+    """
 
     name: str
     function: Callable[..., Any]
@@ -52,9 +55,10 @@ class UserWrench:
     def __call__(
         self, t: float, position: Array, rotation: Array, velocity: Array, omega: Array
     ) -> tuple[Array, Array]:
-        """Ask the function, with copies that it may change.
+        """Call the function with copies, which it may modify; return force (3,) and torque (3,).
 
-        Raises InputError with one line where it raises, or gives anything but twice three finite numbers.
+        Raises InputError with one line if the function raises or does not return two triples of finite
+        numbers.
         """
         copies = (part.copy() for part in (position, rotation, velocity, omega))
         try:
@@ -68,12 +72,12 @@ class UserWrench:
         if force.shape != (3,) or torque.shape != (3,) or not np.isfinite([force, torque]).all():
             shown = " ".join(repr(found).split())
             raise InputError(
-                f"{self.name}: must give force and torque, three finite numbers each, "
+                f"{self.name}: must return force and torque, three finite numbers each, "
                 f"not {shown:.80} (t = {t!r} s)"
             )
         return force, torque
 
 
 def said(error: BaseException) -> str:
-    """Return an error's kind and message in one line."""
+    """Return an exception's type and message in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodycheck.adapters.breakdown import defect
-from bodycheck.adapters.case_messages import case_message
 from bodycheck.adapters.contract import Adapter, Setting
-from bodycheck.adapters.drive import Case, record
-from bodycheck.adapters.worker import Desk
-from bodycheck.reference_impl.scene import BlackBox, RigidBody, Scene, State
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.stability_check import invalid_state
+from bodycheck.adapters.workers.case_messages import case_message
+from bodycheck.adapters.workers.worker import RequestHandler
+from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
 from bodycheck.scenarios.user_functions import UserWrench, user_function
 
 LOADS = """
@@ -48,7 +48,7 @@ def nothing(t, x, r, v, omega):
 def explosive(t, x, r, v, omega):
     return 1e60 * v, 1e60 * omega
 """
-_THREE = "must give force and torque, three finite numbers each, not "
+_THREE = "must return force and torque, three finite numbers each, not "
 FAULTS = {
     "raises": "failed at t = 0.3",
     "ends": "failed at t = 0.0 s: SystemExit: enough",
@@ -78,7 +78,7 @@ def functions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def case_with(function: str, method: str) -> Case:
     """Return one second of a body under a function of loads_to_ask, in steps of 0.1 s."""
     name = f"loads_to_ask:{function}"
-    load = BlackBox(name, UserWrench(name, user_function(name, allow_code=True)))
+    load = CallbackLoad(name, UserWrench(name, user_function(name, allow_code=True)))
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.ones(3), np.array([0.3, 1.0, -0.2]))
     scene = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), start, (load,), np.zeros(3), 1.0, 2)
     return Case(scene, method, Setting(dt_s=0.1))
@@ -95,7 +95,7 @@ def adapter_of(engine: str, class_name: str) -> Adapter:
 @pytest.mark.parametrize(("engine", "class_name", "method"), METHODS)
 def test_a_function_that_fails_costs_its_case_alone(engine: str, class_name: str, method: str) -> None:
     """The message names the function, what it did and when; the same worker's next case is as the first."""
-    desk = Desk(adapter_of(engine, class_name))
+    desk = RequestHandler(adapter_of(engine, class_name))
     sound = {"do": "record", "case": case_message(case_with("sound", method))}
     first = desk.answer(sound)
     assert (first["outcome"], first["stepping"]) == ("ok", "python")
@@ -116,4 +116,4 @@ def test_a_body_that_runs_away_is_unstable_and_no_fault_of_the_function(
         answer = record(adapter_of(engine, class_name), case_with("explosive", method))
     assert answer.outcome == "ok"
     assert answer.trajectory is not None
-    assert "is not finite" in (defect(answer.trajectory) or "")
+    assert "is not finite" in (invalid_state(answer.trajectory) or "")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.contract import Setting, Simulation, Solver
-from bodycheck.adapters.drive import Case, stopwatch
+from bodycheck.adapters.execution import Case, stopwatch
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 

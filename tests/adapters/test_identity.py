@@ -14,14 +14,14 @@ from typing import Any
 import pytest
 from shaky_engine import build_library, needs_a_compiler, write_shaky
 
-from bodycheck.adapters import identity
-from bodycheck.reference_impl.installed_libraries import VARIABLES
+from bodycheck._util.platform_identity import VARIABLES
+from bodycheck.adapters.workers import build_identity
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="there is no /proc")
 
 ANNOUNCED = """
 import json, sys
-from bodycheck.adapters.identity import Loaded
+from bodycheck.adapters.workers.build_identity import Loaded
 from bodycheck.adapters.registry import get_adapter
 loaded = Loaded(get_adapter(sys.argv[1]))
 first = loaded.build
@@ -125,7 +125,7 @@ def test_the_identity_is_another_where_something_changed(what: str, site: Path) 
         ("", False),
         ("import wave", False),
         ("import shaky.third", False),
-        ("import bodycheck.adapters.environments", False),
+        ("import bodycheck.adapters.versions.environments", False),
         ("import elsewhere", True),
         ("import jinja2.sandbox", True),
         ("import ctypes; ctypes.CDLL(sys.path[0] + '/libelsewhere.so')", True),
@@ -175,7 +175,8 @@ def test_a_library_that_was_replaced_while_it_was_loaded_has_no_identity(site: P
 def test_a_file_that_changes_while_the_engine_is_imported_leaves_no_identity(site: Path) -> None:
     """What was imported may be older than what was hashed."""
     text = (site / "shaky/__init__.py").read_text()
-    slow = "import bodycheck.adapters.identity\n(Path(__file__).parent / 'table.dat').write_text('4 5 6')\n"
+    slow = "import bodycheck.adapters.workers.build_identity\n"
+    slow += "(Path(__file__).parent / 'table.dat').write_text('4 5 6')\n"
     (site / "shaky/__init__.py").write_text(text + slow)
     first, _ = builds("shaky", site)
     assert first["id"] == ""
@@ -227,8 +228,8 @@ def test_an_editable_engine_and_one_in_a_source_folder_are_not_installed(
     (package / "__init__.py").touch()
     for folder in {"site", origin}:
         monkeypatch.syspath_prepend(str(tmp_path / folder))
-    assert identity._is_installed("made_up_engine") is installed
-    assert not identity._is_installed("no_such_engine")
+    assert build_identity._is_installed("made_up_engine") is installed
+    assert not build_identity._is_installed("no_such_engine")
 
 
 def test_every_variable_has_its_reason() -> None:

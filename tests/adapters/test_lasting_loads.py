@@ -17,8 +17,9 @@ from spin_steps import SpinStep, explicit_step, implicit_gyroscopic_step, implic
 
 from bodycheck.adapters.contract import Adapter, Reading, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.loads.kinds.magnetic_dipole import MagneticDipole
 from bodycheck.reference_impl.scene import (
-    BlackBox,
+    CallbackLoad,
     Drag,
     GravityGradient,
     Link,
@@ -35,7 +36,6 @@ from bodycheck.reference_impl.scene import (
 from bodycheck.reference_impl.wrench import wrench_between
 
 ENGINES = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "Dart", "reference": "Reference"}
-ORDERS = {"rk4": 4, "lie4": 4, "splitting6": 6, "dop853": 8}
 
 
 def methods(*, but: tuple[str, ...] = ()) -> list[Any]:
@@ -66,6 +66,7 @@ LOADS: dict[str, tuple[Load, ...]] = {
     "spring": (Spring(np.array([1.0, 0.5, -0.3]), np.array([0.4, -0.1, 0.2]), 3.0, 0.5),),
     "torsion spring": (TorsionSpring(2.5),),
     "gravity gradient": (GravityGradient(0.9),),
+    "magnetic dipole": (MagneticDipole(np.array([0.8, -0.5, 0.6]), np.array([0.9, 0.7, -1.1])),),
 }
 LOADS["with constant ones"] = (
     *LOADS["spring"],
@@ -84,7 +85,7 @@ def of_everything(t: float, x: Array, r: Array, v: Array, omega: Array) -> tuple
     return force, torque
 
 
-LOADS["a function"] = (BlackBox("loads:of_everything", of_everything), *LOADS["with constant ones"])
+LOADS["a function"] = (CallbackLoad("loads:of_everything", of_everything), *LOADS["with constant ones"])
 every_load = pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS.keys())
 PIVOT = np.array([0.1, -0.2, -0.7])
 
@@ -169,7 +170,9 @@ def wrench_at(scene: Scene, t: float, x: Array, r: Array, v: Array, omega: Array
             case GravityGradient():
                 u = np.array([-np.sin(load.rate * t), 0.0, -np.cos(load.rate * t)])
                 torque = torque + 3.0 * load.rate**2 * np.cross(u, r @ scene.body.inertia @ r.T @ u)
-            case BlackBox():
+            case MagneticDipole():
+                torque = torque + np.cross(r @ load.moment, load.field)
+            case CallbackLoad():
                 push, turn = load.function(t, x, r, v, r @ omega)
                 force, torque = force + push, torque + turn
     return force, torque
@@ -228,9 +231,9 @@ def mapped(
     turn = Rotation.from_quat(start.quaternion, scalar_first=True)
     for step in range(steps):
         r = turn.as_matrix()
-        speeding, moment = accelerations(scene, step * h, x, r, v, w)
+        linear_acceleration, moment = accelerations(scene, step * h, x, r, v, w)
         w = w + spin_step(inertia, w, moment, h)
-        v = v + h * speeding
+        v = v + h * linear_acceleration
         turn = turn * Rotation.from_rotvec(h * w)
         x, v = seen(scene, x + h * v, turn.as_matrix(), v, w)
     return x, v, turn.as_matrix(), w
@@ -278,7 +281,7 @@ def test_a_function_is_the_loads_that_it_computes(adapter: Adapter, method: str,
     def function(t: float, x: Array, r: Array, v: Array, omega: Array) -> tuple[Array, Array]:
         return wrench_at(weightless, t, x, r, v, r.T @ omega)
 
-    hidden = replace(scene, loads=(BlackBox("loads:function", function), *scene.timed_loads))
+    hidden = replace(scene, loads=(CallbackLoad("loads:function", function), *scene.piecewise_constant_loads))
     if (adapter.name, method) == ("reference", "euler"):
         return  # its R leaves the rotations, where two formulas for one load part
     if not (supports(adapter, scene, method) and supports(adapter, hidden, method)):
@@ -305,10 +308,10 @@ def solved(scene: Scene) -> Motion:
         q, w = y[6:10], y[10:]
         r = Rotation.from_quat(q, scalar_first=True).as_matrix()
         x, v = seen(scene, y[:3], r, y[3:6], w)
-        speeding, moment = accelerations(scene, t, x, r, v, w)
+        linear_acceleration, moment = accelerations(scene, t, x, r, v, w)
         spin = np.linalg.solve(inertia, moment - np.cross(w, inertia @ w))
         turn = 0.5 * np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))])
-        return np.concatenate([v, speeding, turn, spin])
+        return np.concatenate([v, linear_acceleration, turn, spin])
 
     y0 = np.concatenate([start.position, start.velocity, start.quaternion, start.omega_body])
     y = solve_ivp(rates, (0.0, scene.duration_s), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
@@ -322,6 +325,19 @@ def solved_under(name: str, *, pivoted: bool) -> Motion:
     return solved(scene_of(LOADS[name], PIVOT if pivoted else None))
 
 
+# by the order: the numbers of steps tried
+REFINEMENTS: dict[int, tuple[int, ...]] = {
+    1: (128, 256, 512),
+    2: (64, 128, 256),
+    3: (32, 48, 64),
+    4: (16, 24, 32),
+    5: (6, 8, 12),
+    6: (2, 3, 4, 6),
+    7: (2, 3, 4, 6, 8),
+    8: (1, 2, 3, 4, 6, 8),
+}
+
+
 @pytest.mark.slow
 @every_method
 @pytest.mark.parametrize("pivoted", [False, True], ids=["free", "pivoted"])
@@ -333,10 +349,11 @@ def test_order_is_one_where_loads_are_held_and_else_the_methods(
     scene, facts = scene_of(LOADS[name], PIVOT if pivoted else None), adapter.methods[method]
     if not supports(adapter, scene, method):
         return
-    assert (facts.lasting == "every stage") == (method in ORDERS)
-    order, truth = ORDERS.get(method, 1), solved_under(name, pivoted=pivoted)
+    order = facts.order if facts.lasting == "every stage" else 1
+    assert order is not None
+    truth = solved_under(name, pivoted=pivoted)
     errors: dict[int, float] = {}
-    for n in {1: (128, 256, 512), 4: (16, 24, 32), 6: (2, 3, 4, 6), 8: (1, 2, 3, 4, 6, 8)}[order]:
+    for n in REFINEMENTS[order]:
         with built(adapter, scene, method, scene.duration_s / n) as simulation:
             simulation.advance(n)
             errors[n] = gap(state_of(simulation.read()), truth)

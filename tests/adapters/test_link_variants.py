@@ -17,7 +17,7 @@ from spin_steps import skew
 from bodycheck.adapters.contract import VARIANT, Adapter, Reading, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Link, Load, PointForce, RigidBody, Scene, SineTorque, State, Torque
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.wrench import wrench_between
 
 BUILDS = ("unaligned", "welded")

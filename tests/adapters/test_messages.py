@@ -6,10 +6,10 @@ from dataclasses import asdict, fields
 
 import pytest
 
-from bodycheck.adapters import protocol
 from bodycheck.adapters.contract import Build, Method, ReadBack
-from bodycheck.adapters.messages import MethodMessage, ReadBackMessage
 from bodycheck.adapters.registry import get_adapter
+from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.message_check import MethodMessage, ReadBackMessage
 
 
 def test_check_knows_every_fact_of_the_contract() -> None:

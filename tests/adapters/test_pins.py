@@ -11,11 +11,11 @@ from subprocess import CompletedProcess
 import pytest
 from front_door import bodycheck_in
 
-from bodycheck.adapters import environments, uv
-from bodycheck.adapters.mujoco_methods import methods_of
-from bodycheck.adapters.pins import Pin, engine_fault, pin_of
-from bodycheck.adapters.uv import UvError, pip_settings
-from bodycheck.errors import UnavailableError
+from bodycheck._util.errors import UnavailableError
+from bodycheck.adapters.mujoco.mj_model import methods_of
+from bodycheck.adapters.versions import environments, uv
+from bodycheck.adapters.versions.pins import Pin, engine_fault, pin_of
+from bodycheck.adapters.versions.uv import UvError, pip_settings
 
 
 def test_a_pin_is_written_as_pip_writes_it() -> None:
@@ -28,17 +28,17 @@ def test_a_pin_is_written_as_pip_writes_it() -> None:
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("mujoco==3.*", "'3.*' is no version"),
-        ("mujoco==", "'' is no version"),
-        ("mujoco===3.6.0", "'=3.6.0' is no version"),
-        ("mujoco==3.6.0 --index-url=http://elsewhere", "is no version"),
-        ("mujoco==3.x", "'3.x' is no version"),
-        ("havok==1.0", "no engine is named 'havok'"),
-        ("mujoco>=3.6", "no engine is named 'mujoco>=3.6'"),
-        ("mujoco=3.6.0", "a version is asked for by two signs: mujoco==3.6.0"),
-        ("mujoco=", "a version is asked for by two signs: mujoco==4.0.0"),
-        ("havok=1.0", "no engine is named 'havok=1.0'"),
-        ("reference==0.1", "part of this program"),
+        ("mujoco==3.*", "'3.*' is not a version"),
+        ("mujoco==", "'' is not a version"),
+        ("mujoco===3.6.0", "'=3.6.0' is not a version"),
+        ("mujoco==3.6.0 --index-url=http://elsewhere", "is not a version"),
+        ("mujoco==3.x", "'3.x' is not a version"),
+        ("havok==1.0", "unknown engine 'havok'"),
+        ("mujoco>=3.6", "unknown engine 'mujoco>=3.6'"),
+        ("mujoco=3.6.0", "expected two signs, like mujoco==3.6.0"),
+        ("mujoco=", "expected two signs, like mujoco==4.0.0"),
+        ("havok=1.0", "unknown engine 'havok=1.0'"),
+        ("reference==0.1", "part of bodycheck"),
     ],
 )
 def test_what_is_no_version_of_an_engine_is_refused(name: str, told: str) -> None:
@@ -122,7 +122,7 @@ def test_without_uv_it_is_told_how_to_get_it(monkeypatch: pytest.MonkeyPatch) ->
     """One line with the command."""
     monkeypatch.setenv("PATH", "")
     monkeypatch.setattr(uv, "import_module", _no_module)
-    with pytest.raises(UnavailableError, match=r"need uv: pip install 'bodycheck\[versions\]'"):
+    with pytest.raises(UnavailableError, match=r"require uv: pip install 'bodycheck\[versions\]'"):
         uv.uv("--version")
 
 
@@ -331,9 +331,9 @@ def test_the_commands_name_what_they_list_and_remove(tmp_path: Path) -> None:
     lines = [line for line in listed if not line.startswith(" ")]
     assert lines == [f"mujoco==3.{6 + k}.0  0 MB  {place}" for k, place in enumerate(places)]
     for words, told in (
-        ((), "give names like mujoco==3.17.0, or --all"),
-        (("mujoco==3.6.0", "--all"), "give names like mujoco==3.17.0, or --all"),
-        (("mujoco==3.8.0",), "no environment of mujoco==3.8.0 (available: mujoco==3.6.0, mujoco==3.7.0)"),
+        ((), "give either names like mujoco==3.17.0 or --all"),
+        (("mujoco==3.6.0", "--all"), "give either names like mujoco==3.17.0 or --all"),
+        (("mujoco==3.8.0",), "no environment for mujoco==3.8.0 (available: mujoco==3.6.0, mujoco==3.7.0)"),
     ):
         refused = bodycheck_in(tmp_path, "environments", "remove", *words)
         assert refused.returncode == 2

@@ -10,7 +10,7 @@ import pytest
 from bodycheck.adapters.contract import read_back_mismatch
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.scene import Drag, PointForce, RigidBody, Scene, State, Timed, Torque
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
 
 START = State(
     np.array([3.0, -2.0, 1.0]), np.array([0.5, 0.5, -0.5, 0.5]), np.ones(3), np.array([0.0, 2.0, 0.0])

@@ -9,9 +9,9 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
+from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck.adapters import registry
 from bodycheck.adapters.reference import Reference
-from bodycheck.errors import InputError, UnavailableError
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_an_engine_that_lacks_what_is_asked_of_it_is_unavailable() -> None:
 
 def test_an_unknown_engine_is_refused() -> None:
     """A name that nobody offers lists those that somebody does."""
-    with pytest.raises(InputError, match="no engine is named 'havok'; known are mujoco, pybullet"):
+    with pytest.raises(InputError, match=r"unknown engine 'havok' \(available: mujoco, pybullet"):
         registry.get_adapter("havok")
 
 
@@ -54,9 +54,9 @@ def test_an_unknown_engine_is_refused() -> None:
 def test_an_engine_is_announced_without_numba(engine: str) -> None:
     """It is half the start of a worker, and only a load that lasts needs it."""
     program = (
-        "import sys; from bodycheck.errors import UnavailableError\n"
-        "from bodycheck.adapters import protocol\n"
-        "from bodycheck.adapters.identity import Loaded\n"
+        "import sys; from bodycheck._util.errors import UnavailableError\n"
+        "from bodycheck.adapters.workers import protocol\n"
+        "from bodycheck.adapters.workers.build_identity import Loaded\n"
         "from bodycheck.adapters.registry import get_adapter\n"
         "try:\n    adapter = get_adapter(sys.argv[1])\n"
         "except UnavailableError:\n    sys.exit(3)\n"

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from scenario_text import parse_scenario
 
-from bodycheck.adapters.case_messages import scene_message, scene_of
 from bodycheck.adapters.contract import Adapter
-from bodycheck.adapters.protocol import line_of, message_of
 from bodycheck.adapters.reference import Reference
-from bodycheck.reference_impl.scene import BlackBox, Scene
+from bodycheck.adapters.workers.case_messages import scene_message, scene_of
+from bodycheck.adapters.workers.protocol import line_of, message_of
+from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.scene import CallbackLoad, Scene
 from bodycheck.scenarios.library import load_scenario, load_scenarios
 
 LIBRARY = [how for how, _ in load_scenarios(["standard", "forcings"])]
@@ -72,7 +73,7 @@ def test_a_function_travels_as_its_name(tmp_path: Path, monkeypatch: pytest.Monk
     scene = parse_scenario(text, "linked.toml", allow_code=True).scene
     assert scene_message(scene)["loads"] == [{"kind": "callable", "name": "my_wrench_here:f"}]
     (load,) = there_and_back(scene).loads
-    assert isinstance(load, BlackBox)
+    assert isinstance(load, CallbackLoad)
     force, torque = load.function(0.5, np.zeros(3), np.eye(3), np.zeros(3), np.ones(3))
     assert force.tolist() == [0.5, 0.0, 0.0]
     assert torque.tolist() == [-1.0, -1.0, -1.0]
@@ -99,6 +100,7 @@ def test_the_reference_asks_a_function_where_it_can(tmp_path: Path, monkeypatch:
     scene = parse_scenario(text, "linked.toml", allow_code=True).scene
     adapter: Adapter = Reference()
     reasons = {name: adapter.unsupported(scene, name) for name in adapter.methods}
-    refused = {"exact": "closed form", "taylor": "series", "lie4": "compiled", "splitting6": "compiled"}
+    compiled = [m.name for m in INTEGRATORS.values() if m.lasting == "every stage" and m.tableau is None]
+    refused = {"exact": "closed form", "taylor": "series", **dict.fromkeys(compiled, "compiled")}
     assert {name for name, reason in reasons.items() if reason} == set(refused)
     assert all(words in (reasons[name] or "") for name, words in refused.items())

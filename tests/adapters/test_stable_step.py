@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodycheck.adapters import case_messages, protocol
 from bodycheck.adapters.contract import Setting
-from bodycheck.adapters.drive import Case, record
+from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.stable_step import Search, StableStep, largest_stable, stable_step
-from bodycheck.adapters.worker import Desk
+from bodycheck.adapters.workers import case_messages, protocol
+from bodycheck.adapters.workers.worker import RequestHandler
 from bodycheck.reference_impl.scene import Drag, Load, RigidBody, Scene, Spring, State
 from bodycheck.scenarios.library import load_scenario
 
@@ -158,7 +158,9 @@ def test_a_search_is_the_same_after_its_message(limit: float) -> None:
 
 def test_a_worker_answers_a_search() -> None:
     """What a worker says is what the search finds."""
-    answer = Desk(Reference()).answer({"id": 1, "do": "stable-step", **case_messages.search_message(SEARCH)})
+    answer = RequestHandler(Reference()).answer(
+        {"id": 1, "do": "stable-step", **case_messages.search_message(SEARCH)}
+    )
     assert protocol.stable_step_of(answer) == stable_step(Reference(), SEARCH)
 
 

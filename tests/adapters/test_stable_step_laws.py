@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.contract import Reading, Setting
-from bodycheck.adapters.drive import Case
+from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import Search, StableStep, largest_stable, stable_step
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 
@@ -157,10 +157,10 @@ def test_a_trial_goes_through_every_load_that_comes_and_goes() -> None:
     ("speeds", "reason"),
     [
         ({3: 10.0}, ""),  # K = 100 J, and no more
-        ({3: 10.1}, "kinetic energy above 100 times the truth's largest from t = 0.3 s on"),
-        ({3: 10.1, 4: 1.0}, "kinetic energy above 100 times the truth's largest from t = 0.3 s on"),
+        ({3: 10.1}, "kinetic energy above 100 times the true maximum from t = 0.3 s on"),
+        ({3: 10.1, 4: 1.0}, "kinetic energy above 100 times the true maximum from t = 0.3 s on"),
         ({5: math.nan}, "velocity_m_s is not finite from t = 0.5 s on"),
-        ({5: 1e200}, "kinetic energy above 100 times the truth's largest from t = 0.5 s on"),
+        ({5: 1e200}, "kinetic energy above 100 times the true maximum from t = 0.5 s on"),
     ],
 )
 def test_a_method_breaks_down_where_a_look_finds_what_is_no_motion(

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodycheck.adapters import case_messages, protocol
+from bodycheck._util.errors import WorkerLostError
 from bodycheck.adapters.contract import Reading, read_back_mismatch
-from bodycheck.adapters.drive import Answer, record
-from bodycheck.adapters.host import Hosts, announced
+from bodycheck.adapters.execution import Answer, record
 from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.worker_process import WorkerProcess
-from bodycheck.errors import WorkerLostError
+from bodycheck.adapters.workers import case_messages, protocol
+from bodycheck.adapters.workers.engine_pool import EnginePool, announced
+from bodycheck.adapters.workers.worker_process import WorkerProcess
 from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,
@@ -47,8 +47,11 @@ PATIENCE_S = 600.0
 
 WORKERS = {
     "of the docs": ([sys.executable, "-c", PROGRAM], "drift"),
-    "reference": ([sys.executable, "-m", "bodycheck.adapters.worker", "reference", "4000000000"], "m1"),
-    "mujoco": ([sys.executable, "-m", "bodycheck.adapters.worker", "mujoco", "4000000000"], "euler"),
+    "reference": (
+        [sys.executable, "-m", "bodycheck.adapters.workers.worker", "reference", "4000000000"],
+        "m1",
+    ),
+    "mujoco": ([sys.executable, "-m", "bodycheck.adapters.workers.worker", "mujoco", "4000000000"], "euler"),
 }
 
 
@@ -124,16 +127,16 @@ def test_a_worker_conforms(worker: str) -> None:
 
 def test_a_worker_says_why_there_is_no_engine() -> None:
     """An engine that nobody knows is announced as unavailable; a wrong command line is told how it goes."""
-    command = [sys.executable, "-m", "bodycheck.adapters.worker"]
+    command = [sys.executable, "-m", "bodycheck.adapters.workers.worker"]
     (line,) = said([*command, "havok", "4000000000"], [])
-    assert json.loads(line)["unavailable"].startswith("no engine is named 'havok'; known are mujoco, ")
+    assert json.loads(line)["unavailable"].startswith("unknown engine 'havok' (available: mujoco, ")
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stderr == "usage: python -m bodycheck.adapters.worker ENGINE MEMORY_BYTES\n"
+    assert done.stderr == "usage: python -m bodycheck.adapters.workers.worker ENGINE MEMORY_BYTES\n"
 
 
 # ------------------------------------------------------------------- a worker of another language, tried
 
-TRIALS = Path(__file__).parents[1] / "long/worker_trials.py"
+TRIALS = Path(__file__).parents[2] / "tools/worker_trials.py"
 DRIFTING = re.findall(r"```toml\n(.*?)```", PAGE, flags=re.DOTALL)[0]
 BROKEN = {
     "times of another rounding": (
@@ -149,7 +152,7 @@ BROKEN = {
     "no search, but a lap": (
         'request["do"] == "lap"',
         "True",
-        "NOT KEPT: a search .* a search that is none: stable_s: Field required",
+        "NOT KEPT: a search .* invalid search result: stable_s: Field required",
     ),
     "anything done": (
         "raise ValueError(",
@@ -260,7 +263,7 @@ NO_ARRAYS: list[Any] = [
 @pytest.mark.parametrize("value", NO_ARRAYS, ids=str)
 def test_what_is_no_array_is_refused(value: Any) -> None:
     """A wrong shape, a cut-off text and what is no text are told from an array."""
-    with pytest.raises(protocol.ProtocolError, match="an array that is none"):
+    with pytest.raises(protocol.ProtocolError, match="invalid array"):
         protocol.unpacked(value)
 
 
@@ -322,7 +325,7 @@ def test_what_is_read_back_in_a_wrong_shape_is_a_mismatch(part: str, shape: tupl
 
 
 @pytest.mark.parametrize(
-    ("kept", "missing"), [("omega_body", "no quaternion and no rotation"), ("quaternion", "no omega")]
+    ("kept", "missing"), [("omega_body", "neither a quaternion nor a rotation"), ("quaternion", "no omega")]
 )
 def test_a_state_that_is_read_back_in_part_is_a_mismatch(kept: str, missing: str) -> None:
     """What an engine does not tell of its start was not compared, and so the case does not count."""
@@ -332,7 +335,7 @@ def test_a_state_that_is_read_back_in_part_is_a_mismatch(kept: str, missing: str
     whole = vars(held.state)
     part = Reading(**{name: whole[name] for name in ("position", "velocity", kept)})
     fault = read_back_mismatch(case.scene, case.setting.dt_s, replace(held, state=part))
-    assert fault == f"the engine gives back {missing}"
+    assert fault == f"the engine returns {missing}"
 
 
 # ---------------------------------------------------------------------------------- workers that do not
@@ -352,17 +355,17 @@ WRONG_ANNOUNCEMENTS = {
     "a build that is no text": (announcing(build=3), "build: should be a valid string"),
     "a kind that is none": (announcing(kind="rare"), "kind: should be 'installed'"),
     "parts that are none": (announcing(loaded="x"), "loaded: should be a valid dictionary"),
-    "another protocol": (announcing(bodycheck=2), "the worker speaks another protocol: 2"),
+    "another protocol": (announcing(bodycheck=2), "the worker uses another protocol version: 2"),
     "no JSON": ("print('hello')", "a line that is not JSON"),
-    "no object": ("print('[1, 2]')", "a line that is no JSON object"),
-    "no methods": (announcing(methods=None), "an announcement that is none: methods: should be a valid list"),
+    "no object": ("print('[1, 2]')", "a line that is not a JSON object"),
+    "no methods": (announcing(methods=None), "invalid announcement: methods: should be a valid list"),
     "a method of another age": (announcing(methods=[{"name": "x"}]), "methods.0.formula: Field required"),
     "a control that is none": (
         announcing(methods=[{**METHOD, "control": "will"}]),
         "methods.0.control: should be 'dt'",
     ),
     "a version that is no text": (announcing(version=3), "version: should be a valid string"),
-    "no limits": (announcing(limits=None), "an announcement that is none: limits: should be"),
+    "no limits": (announcing(limits=None), "invalid announcement: limits: should be"),
     "evaluations that are a text": (
         announcing(methods=[{**METHOD, "evaluations": "x"}]),
         "evaluations: should be",
@@ -377,11 +380,11 @@ WRONG_ANNOUNCEMENTS = {
     ),
     "a name for the terminal": (announcing(version="\x1b[31m"), "version: Value error, should be one line"),
     "no method at all": (announcing(methods=[]), "methods: List should have at least 1 item"),
-    "a method twice": (announcing(methods=[METHOD, METHOD]), "names the method drift twice"),
+    "a method twice": (announcing(methods=[METHOD, METHOD]), "the method drift is named twice"),
     "a tolerance of 2": (announcing(methods=[{**METHOD, "tolerances": [2.0]}]), "methods.0.tolerances.0"),
     "another name": (announcing(engine="other"), "drift announces itself as 'other'"),
-    "nothing at all": ("", "the worker ended itself with status 0"),
-    "a crash": ("import os; os.abort()", "the worker died of SIGABRT"),
+    "nothing at all": ("", "the worker exited with status 0"),
+    "a crash": ("import os; os.abort()", "the worker was killed by SIGABRT"),
     "a reason": ('print(\'{"bodycheck": 1, "unavailable": "no licence"}\')', "no licence"),
 }
 
@@ -391,7 +394,7 @@ def employ(program: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = folder / "worker"
     place.write_text(f"#!{PYTHON}\n{program}")
     place.chmod(0o755)
-    monkeypatch.setattr("bodycheck.adapters.worker_process.sys.executable", str(place))
+    monkeypatch.setattr("bodycheck.adapters.workers.worker_process.sys.executable", str(place))
 
 
 @pytest.mark.parametrize("what", WRONG_ANNOUNCEMENTS)
@@ -436,16 +439,16 @@ def test_an_answer_that_is_wrong_is_the_outcome_of_its_case(
     code, outcome, message = WRONG_ANSWERS[what]
     employ(answering(code), tmp_path, monkeypatch)
     monkeypatch.setattr(protocol, "LARGEST_MESSAGE", 4000)
-    hosts = Hosts()
+    engine_pool = EnginePool()
     try:
-        answer = hosts.ask(
+        answer = engine_pool.ask(
             "drift", {"do": "record", "case": CASE}, 0.5 if outcome == "timeout" else PATIENCE_S
         )
         assert answer["outcome"] == outcome
         assert message in answer["message"]
-        assert "drift" not in hosts
+        assert "drift" not in engine_pool
     finally:
-        hosts.close()
+        engine_pool.close()
 
 
 def test_a_worker_that_closes_its_output_and_goes_on_is_lost(
@@ -453,13 +456,13 @@ def test_a_worker_that_closes_its_output_and_goes_on_is_lost(
 ) -> None:
     """It is not waited for until its time is over."""
     employ(answering("os.close(1); time.sleep(1000)"), tmp_path, monkeypatch)
-    monkeypatch.setattr("bodycheck.adapters.worker_process._DYING_S", 0.1)
-    hosts = Hosts()
+    monkeypatch.setattr("bodycheck.adapters.workers.worker_process._DYING_S", 0.1)
+    engine_pool = EnginePool()
     try:
-        answer = hosts.ask("drift", {"do": "lap"}, PATIENCE_S)
+        answer = engine_pool.ask("drift", {"do": "lap"}, PATIENCE_S)
     finally:
-        hosts.close()
-    assert answer == {"outcome": "failed", "message": "the worker closed its output and went on"}
+        engine_pool.close()
+    assert answer == {"outcome": "failed", "message": "the worker closed its output and kept running"}
 
 
 def test_a_request_that_a_worker_does_not_take_is_not_sent(
@@ -473,19 +476,19 @@ def test_a_request_that_a_worker_does_not_take_is_not_sent(
     finally:
         host.close()
     assert answer["outcome"] == "failed"
-    assert re.fullmatch(r"a request of \d+ bytes; it takes 100", answer["message"])
+    assert re.fullmatch(r"a request of \d+ bytes \(limit: 100\)", answer["message"])
 
 
 def test_a_system_that_starts_no_process_is_the_outcome_of_the_case(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The run goes on, and says why this case has no result."""
-    monkeypatch.setattr("bodycheck.adapters.worker_process.sys.executable", str(tmp_path / "none"))
-    hosts = Hosts()
+    monkeypatch.setattr("bodycheck.adapters.workers.worker_process.sys.executable", str(tmp_path / "none"))
+    engine_pool = EnginePool()
     try:
-        answer = hosts.ask("drift", {"do": "record", "case": CASE}, PATIENCE_S)
+        answer = engine_pool.ask("drift", {"do": "record", "case": CASE}, PATIENCE_S)
     finally:
-        hosts.close()
+        engine_pool.close()
     assert answer == {"outcome": "failed", "message": "no worker can be started: No such file or directory"}
 
 
@@ -510,14 +513,14 @@ def test_a_failure_in_a_used_worker_is_asked_once_more_of_a_new_one(
 ) -> None:
     """What an earlier case may have spoilt counts as it is answered afresh, and the answer says so."""
     employ(answering(FORGETFUL), tmp_path, monkeypatch)
-    hosts, request = Hosts(), {"do": "record", "case": CASE}
+    engine_pool, request = EnginePool(), {"do": "record", "case": CASE}
     try:
-        assert hosts.ask("drift", request, 5.0)["message"] == "I forgot"
-        again = hosts.ask("drift", request, 5.0)
+        assert engine_pool.ask("drift", request, 5.0)["message"] == "I forgot"
+        again = engine_pool.ask("drift", request, 5.0)
     finally:
-        hosts.close()
+        engine_pool.close()
     assert again["outcome"] == "ok"
-    assert again["message"] == "asked twice; first, in a worker that had served others: I forgot"
+    assert again["message"] == "ran twice; failed in a worker that had run other cases: I forgot"
 
 
 def test_a_case_whose_worker_was_killed_is_asked_once_more(
@@ -528,20 +531,20 @@ def test_a_case_whose_worker_was_killed_is_asked_once_more(
     once = f"os.path.exists({str(mark)!r}) or (open({str(mark)!r}, 'w'), os.kill(os.getpid(), 9))"
     say = "print(json.dumps({'id': i, 'outcome': 'ok'}))"
     employ(answering(f"{once}; {say}"), tmp_path, monkeypatch)
-    hosts = Hosts()
-    assert hosts.ask("drift", {"do": "record"}, 5.0) == {"id": 1, "outcome": "ok", "build": ""}
-    hosts.close()
+    engine_pool = EnginePool()
+    assert engine_pool.ask("drift", {"do": "record"}, 5.0) == {"id": 1, "outcome": "ok", "build": ""}
+    engine_pool.close()
     employ(answering("os.kill(os.getpid(), 9)"), tmp_path, monkeypatch)
-    hosts = Hosts()
-    answer = hosts.ask("drift", {"do": "record"}, 5.0)
-    hosts.close()
-    assert answer == {"outcome": "failed", "message": "the worker died of SIGKILL"}
+    engine_pool = EnginePool()
+    answer = engine_pool.ask("drift", {"do": "record"}, 5.0)
+    engine_pool.close()
+    assert answer == {"outcome": "failed", "message": "the worker was killed by SIGKILL"}
 
 
 def test_hosts_that_were_stopped_answer_nothing_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No worker is started once a run was stopped."""
     employ(answering(FORGETFUL), tmp_path, monkeypatch)
-    hosts = Hosts()
-    hosts.stop()
+    engine_pool = EnginePool()
+    engine_pool.stop()
     with pytest.raises(WorkerLostError, match="the run was stopped"):
-        hosts.ask("drift", {"do": "record", "case": CASE}, 5.0)
+        engine_pool.ask("drift", {"do": "record", "case": CASE}, 5.0)

@@ -22,7 +22,7 @@ from benchmarks.readme import main as rewrite_readme
 from benchmarks.store import NOT_LIKE_FOR_LIKE, POINTS, read_points, read_results, write_results
 from benchmarks.suite import Measurements
 from benchmarks.table import markdown_table, terminal_table
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 COMMITTED = ROOT / "benchmarks"

@@ -12,20 +12,23 @@ from typing import TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import acceleration, body_torque, matrix_at, store, vector_at
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import (
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
     Quat,
     Vec,
     add,
     cross,
     dot,
+    matrix_at,
     matrix_of,
     quaternion_exp,
     quaternion_times,
     scaled_add,
+    store,
     times,
+    vector_at,
 )
 
 CLAMP, ANGLE, ADDITIVE, OLD_VELOCITY, WORLD_OMEGA, SINGLE, DRAG_ENERGY, BODY_VELOCITY, NORMALISED = range(9)
@@ -78,7 +81,7 @@ def _rates(v: Vec, omega: Vec, q: Quat, load: Array, constants: Array, switches:
 
 
 @kernel
-def _moved(q: Quat, s: float, rate: Quat) -> Quat:
+def _advanced(q: Quat, s: float, rate: Quat) -> Quat:
     """q + s q'."""
     return q[0] + s * rate[0], q[1] + s * rate[1], q[2] + s * rate[2], q[3] + s * rate[3]
 
@@ -91,7 +94,7 @@ def _normalised(q: Quat) -> Quat:
 
 
 @kernel
-def _turned(q: Quat, omega: Vec, dt: float, switches: Array) -> Quat:
+def _rotated(q: Quat, omega: Vec, dt: float, switches: Array) -> Quat:
     """q exp(h omega)."""
     angle = dt * np.sqrt(dot(omega, omega))
     share = dt
@@ -99,7 +102,7 @@ def _turned(q: Quat, omega: Vec, dt: float, switches: Array) -> Quat:
         share = dt * switches[ANGLE] / angle
     if switches[ADDITIVE] > 0.0:
         half = (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2])
-        return _moved(q, share, quaternion_times(q, half))
+        return _advanced(q, share, quaternion_times(q, half))
     by = quaternion_exp((share * omega[0], share * omega[1], share * omega[2]))
     return quaternion_times(by, q) if switches[WORLD_OMEGA] > 0.0 else quaternion_times(q, by)
 
@@ -127,22 +130,22 @@ def advance(
         old, old_w, old_q = v, w, q
         a1, b1, c1 = _rates(v, w, q, load, constants, switches)
         if order == 4:
-            v2, w2, q2 = scaled_add(v, half, a1), scaled_add(w, half, b1), _moved(q, half, c1)
+            v2, w2, q2 = scaled_add(v, half, a1), scaled_add(w, half, b1), _advanced(q, half, c1)
             a2, b2, c2 = _rates(v2, w2, q2, load, constants, switches)
-            v3, w3, q3 = scaled_add(v, half, a2), scaled_add(w, half, b2), _moved(q, half, c2)
+            v3, w3, q3 = scaled_add(v, half, a2), scaled_add(w, half, b2), _advanced(q, half, c2)
             a3, b3, c3 = _rates(v3, w3, q3, load, constants, switches)
-            v4, w4, q4 = scaled_add(v, dt, a3), scaled_add(w, dt, b3), _moved(q, dt, c3)
+            v4, w4, q4 = scaled_add(v, dt, a3), scaled_add(w, dt, b3), _advanced(q, dt, c3)
             a4, b4, c4 = _rates(v4, w4, q4, load, constants, switches)
             mean = scaled_add(scaled_add((0.0, 0.0, 0.0), 1.0 / 6.0, add(v, v4)), 1.0 / 3.0, add(v2, v3))
             v = scaled_add(v, sixth, scaled_add(add(a1, a4), 2.0, add(a2, a3)))
             w = scaled_add(w, sixth, scaled_add(add(b1, b4), 2.0, add(b2, b3)))
-            q = _moved(q, sixth, _moved(_moved(c1, 1.0, c4), 2.0, _moved(c2, 1.0, c3)))
+            q = _advanced(q, sixth, _advanced(_advanced(c1, 1.0, c4), 2.0, _advanced(c2, 1.0, c3)))
             if switches[ANGLE] > 0.0 and dt * np.sqrt(dot(old_w, old_w)) > switches[ANGLE]:
-                q = _turned(old_q, old_w, dt, switches)
+                q = _rotated(old_q, old_w, dt, switches)
         else:
             v, w = scaled_add(v, dt, a1), scaled_add(w, dt, b1)
             mean = v
-            q = _turned(q, w, dt, switches)
+            q = _rotated(q, w, dt, switches)
         x = scaled_add(x, dt, old if switches[OLD_VELOCITY] > 0.0 else mean)
         if switches[NORMALISED] > 0.0:
             q = _normalised(q)

@@ -9,7 +9,7 @@ from pathlib import Path
 from subprocess import CompletedProcess
 from unittest.mock import patch
 
-from bodycheck.cli import main
+from bodycheck.cli.commands import main
 
 
 def bodycheck_in(folder: Path, *words: str) -> CompletedProcess[str]:

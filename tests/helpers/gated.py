@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.stored import Tables
-from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS, STABILITY_COLUMNS, as_table
 
 CASE: dict[str, Any] = {
     "scenario": "brick",

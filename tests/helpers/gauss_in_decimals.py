@@ -16,6 +16,7 @@ import mpmath
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.loads.kinds.magnetic_dipole import MagneticDipole
 from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,
@@ -212,6 +213,8 @@ class Oracle:
                 u = [-by_mpmath(mpmath.sin, n * t), Decimal(0), -by_mpmath(mpmath.cos, n * t)]
                 seen = times(transposed(rotation), u)
                 return none, [3 * n * n * x for x in cross(u, times(rotation, times(self.inertia, seen)))]
+            case MagneticDipole():
+                return none, cross(times(rotation, decimals(load.moment)), decimals(load.field))
         raise AssertionError(f"these digits do not know {load}")
 
     @staticmethod
@@ -234,6 +237,8 @@ class Oracle:
             if isinstance(load, TorsionSpring):
                 turned = transposed([times(rotation, row) for row in self.start])
                 energy += Decimal(load.stiffness) * self.angle(turned) ** 2 / 2
+            if isinstance(load, MagneticDipole):
+                energy -= dot(times(rotation, decimals(load.moment)), decimals(load.field))
         return kinetic, energy
 
     def step(self, t: Decimal, y: Vec, h: Decimal) -> Vec:

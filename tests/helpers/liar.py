@@ -14,8 +14,8 @@ from typing import Any, BinaryIO
 from misbehaving import Misbehaving
 from mutations import any_bytes, changed
 
-from bodycheck.adapters import protocol
-from bodycheck.adapters.worker import Desk
+from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.worker import RequestHandler
 
 METHOD = "raise"  # sound, as all its methods are of the engine that does not misbehave
 
@@ -83,7 +83,7 @@ def main() -> None:
     adapter = Misbehaving(sound=True)
     adapter.name = "liar"
     adapter.methods = {METHOD: adapter.methods[METHOD]}
-    out, desk = os.fdopen(os.dup(1), "wb"), Desk(adapter)
+    out, desk = os.fdopen(os.dup(1), "wb"), RequestHandler(adapter)
     os.dup2(2, 1)
     announcement = protocol.announcement(adapter, "")
     _say(out, announcement, dice, way if aim == "announcement" else None)

@@ -9,11 +9,11 @@ from typing import Any
 
 import pandas as pd
 
-from bodycheck.night import store_night
-from bodycheck.reports.comparison.thresholds import DEFAULT_THRESHOLDS, Thresholds
-from bodycheck.reports.history.judgement import Judgement
-from bodycheck.reports.history.nights import History
-from bodycheck.reports.run import Run
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.regression import Judgement
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.nightly_run import store_night
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 

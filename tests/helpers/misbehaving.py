@@ -20,7 +20,7 @@ import numpy as np
 from my_integrator import step
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver
-from bodycheck.adapters.drive import readings_along, trajectory_of
+from bodycheck.adapters.execution import readings_along, trajectory_of
 from bodycheck.adapters.step_function import StepFunction
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory

@@ -16,9 +16,9 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.scene import Scene
 
 if TYPE_CHECKING:
-    from bodycheck.reports.run import Run
+    from bodycheck.reports.run_files.run_tables import Run
 
-METHODS = ("exact", "taylor", "euler", "rotation-first", "rk4", "m1", "m2", "m3", "lie4")
+METHODS = ("exact", "taylor", "euler", "lie-euler", "rk4", "m1", "m2", "m3", "cf4")
 """Of the reference: of each control, of several orders, and one that loses nothing but the orientation."""
 
 HOSTILE = "<script>alert(1)</script>"
@@ -99,7 +99,7 @@ class Odd:
 def odd_run(folder: Path) -> Run:
     """Return a run of the reference and the odd engine on a free and a forced scenario, written to folder."""
     # late: the workers of the odd engine come by here, and need no pandas
-    from bodycheck.runner import run as measure
+    from bodycheck.runs.runner import run as measure
 
     files = [folder / name for name in ("free.toml", "forced.toml")]
     for file, text in zip(files, (FREE + _SWEEP, FORCED), strict=True):

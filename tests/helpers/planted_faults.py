@@ -208,7 +208,7 @@ def _gravity_in_body_axes(model: Model) -> None:
     model.wrench = lambda wrench, _: replace(wrench, force_body=wrench.force_body + weight)
 
 
-def _turned(angle: float) -> Callable[[Array], Array]:
+def _rotated(angle: float) -> Callable[[Array], Array]:
     """Return what turns the principal axes about z."""
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -357,7 +357,7 @@ FAULTS: Sequence[Fault] = (
     Fault("inertia-1-percent", "I x 1.01", _inertia(lambda i: 1.01 * i)),
     Fault("moment-1-percent", "largest moment x 1.01", _inertia(_one_moment(2, 1.01))),
     Fault("middle-moment-1e-3", "middle moment x 1.001", _inertia(_one_moment(1, 1.001))),
-    Fault("inertia-axes-turned", "principal axes turned by 1e-3", _inertia(_turned(1e-3))),
+    Fault("inertia-axes-turned", "principal axes turned by 1e-3", _inertia(_rotated(1e-3))),
     Fault("torque-1-percent", "tau x 1.01", _torques(lambda b, w, _: (1.01 * b, 1.01 * w))),
     Fault("force-1e-3", "F x 1.001", _forces(1.001)),
     Fault("arm-1-percent", "the arms of world forces x 1.01", _set(wrench=_longer_arm)),

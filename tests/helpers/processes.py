@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from bodycheck.adapters.worker import RUN_PID
+from bodycheck.adapters.workers.worker import RUN_PID
 
 
 def workers_of(run: int) -> set[int]:

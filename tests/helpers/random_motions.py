@@ -21,10 +21,9 @@ from series_in_integers import (
 )
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.loads_at import sum_of_wrenches
 from bodycheck.reference_impl.scene import (
-    BlackBox,
+    CallbackLoad,
     Drag,
     GravityGradient,
     Load,
@@ -37,6 +36,7 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
 )
+from bodycheck.reference_impl.truth.truth import Truth
 
 MP = mpmath.mp.clone()
 MP.dps = 80
@@ -226,7 +226,7 @@ def truth_scene(kind: str, scene: Scene) -> Scene:
     if kind != "function":
         return scene
     wrench = sum_of_wrenches(scene.lasting_loads, replace(scene, gravity=np.zeros(3)))
-    return replace(scene, loads=(BlackBox("tests:hidden", wrench),))
+    return replace(scene, loads=(CallbackLoad("tests:hidden", wrench),))
 
 
 # ---------------------------------------------------------------------------------------- fifty digits

@@ -33,7 +33,7 @@ ADAPTER = dedent("""
             return None
 
         def build(self, scene, method, dt_s):
-            from bodycheck.adapters.reference_steps import FixedStep
+            from bodycheck.adapters.reference import FixedStep
             from bodycheck.reference_impl.integrators import INTEGRATORS
 
             return Scaled(FixedStep(scene, INTEGRATORS["m1"], dt_s))

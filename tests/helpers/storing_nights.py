@@ -6,7 +6,7 @@ import os
 import signal
 from pathlib import Path
 
-from bodycheck.reports.history.nights import History
+from bodycheck.reports.history.archive import History
 
 
 def name(number: int) -> str:

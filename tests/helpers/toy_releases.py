@@ -24,7 +24,7 @@ TOY = dedent("""
 
         def build(self, scene, method, dt_s):
             # late: numba is not needed to announce an engine
-            from bodycheck.adapters.reference_steps import FixedStep
+            from bodycheck.adapters.reference import FixedStep
             from bodycheck.reference_impl.integrators import INTEGRATORS
 
             return FixedStep(scene, INTEGRATORS["{method}"], dt_s)

@@ -14,12 +14,12 @@ from bodycheck.reference_impl.dynamics import (
     rotational_energy,
     translational_energy,
 )
-from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.wrench import wrench_between
 from bodycheck.scenarios.library import load_scenario
 

@@ -11,9 +11,9 @@ import pytest
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.batch import WIDTH, BatchMethod, advance_batch
-from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.free_rotation import FreeRotation
 from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import RigidBody
 

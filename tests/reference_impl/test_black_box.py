@@ -10,9 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.black_box import solve_black_box
-from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.integrators.callback_motion import solve_black_box
+from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.rotations import (
     geodesic_angle,
     matrix_to_quaternion,

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck.reference_impl import cache_home
-from bodycheck.reference_impl.cache_home import cache_directory
+from bodycheck._util import compiled_cache
+from bodycheck._util.compiled_cache import cache_directory
 
 COMPILING = """
-from bodycheck.reference_impl.cache_home import cache_directory
-from bodycheck.reference_impl.double_double import two_sum
+from bodycheck._util.compiled_cache import cache_directory
+from bodycheck.reference_impl.kernels.double_double import two_sum
 two_sum(1.0, 1e-20)
 print(cache_directory(), len([*cache_directory().rglob("*.nbi")]))
 """
@@ -24,7 +24,7 @@ print(cache_directory(), len([*cache_directory().rglob("*.nbi")]))
 @pytest.fixture
 def anew(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Let the folder be looked for as a new process does."""
-    monkeypatch.setenv(cache_home._FOR_NOW, "")
+    monkeypatch.setenv(compiled_cache.KERNELS_FOR_NOW, "")
     cache_directory.cache_clear()
     yield
     cache_directory.cache_clear()
@@ -53,7 +53,7 @@ def test_where_it_cannot_be_written_the_processes_of_a_command_share_another(
     first = cache_directory()
     assert capsys.readouterr().err == (
         f"{tmp_path / 'file'}: cannot be written: Not a directory; "
-        "what is compiled is kept for this command alone\n"
+        "compiled code is cached for this command only\n"
     )
     assert first.parent == tmp_path
     cache_directory.cache_clear()
@@ -66,13 +66,13 @@ def test_nothing_is_compiled_into_the_sources_folder(tmp_path: Path) -> None:
     """numba would write there by itself; what took the cache's place is gone when the process has ended."""
     (tmp_path / "file").touch()
     (tmp_path / "room").mkdir()
-    sources = Path(cache_home.__file__).parent
+    sources = Path(compiled_cache.__file__).parents[1]
     before = {path: path.stat().st_mtime_ns for path in sources.rglob("*.nb?")}
     surroundings = {
         **os.environ,
         "BODYCHECK_CACHE_DIR": str(tmp_path / "file"),
         "TMPDIR": str(tmp_path / "room"),
-        cache_home._FOR_NOW: "",
+        compiled_cache.KERNELS_FOR_NOW: "",
     }
     done = subprocess.run(
         [sys.executable, "-c", COMPILING], env=surroundings, capture_output=True, text=True, check=True

@@ -19,10 +19,9 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.closed_forms.exponential import decay_means, exponential
-from bodycheck.reference_impl.closed_forms.sine_swing import swing
-from bodycheck.reference_impl.closeness import distances
-from bodycheck.reference_impl.exact import ExactMotion, closed_form_of
+from bodycheck.reference_impl.closed_forms.exact_motion import ExactMotion, closed_form_of
+from bodycheck.reference_impl.closed_forms.fixed_axis import swing
+from bodycheck.reference_impl.closed_forms.flight import decay_means, exponential
 from bodycheck.reference_impl.rotations import normalised
 from bodycheck.reference_impl.scene import (
     Drag,
@@ -36,9 +35,10 @@ from bodycheck.reference_impl.scene import (
     State,
     Torque,
 )
-from bodycheck.reference_impl.taylor import Resolution, course_of, solve
+from bodycheck.reference_impl.taylor.solution import Resolution, course_of, solve
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reference_impl.truth.motion_distance import distances
 
 MP = mpmath.MPContext()
 MP.dps = 60

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodycheck.reference_impl import closeness
 from bodycheck.reference_impl.scene import RigidBody, Scene, Spring, State
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.truth import motion_distance as closeness
 
 START = State(np.ones(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
 SPRING = Spring(np.zeros(3), np.array([0.1, -0.2, 0.3]), 5.0, 0.4)

@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from bodycheck.reference_impl import double_double as dd
+from bodycheck.reference_impl.kernels import double_double as dd
 
 Pair = tuple[float, float]
 _ULP = Fraction(1, 2**106)

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from gauss_in_decimals import DIGITS, Oracle, decimals, dot, norm, plus, rotation_of, times
 
-from bodycheck.reference_impl.closeness import distances
-from bodycheck.reference_impl.taylor_motion import TaylorMotion
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reference_impl.truth.motion_distance import distances
 from bodycheck.scenarios.library import load_scenario
 
 CASES = {
@@ -25,6 +25,7 @@ CASES = {
     "heavy-top": (1.0, 1 / 12),
     "kovalevskaya-top": (1.0, 1 / 10),
     "torsion-spring": (1.5, 1 / 6),
+    "compass": (1.5, 1 / 6),
     "satellite-libration": (8.0, 1.0),
     "self-excited": (2.0, 1 / 4),
     "detumbling": (1.5, 1 / 6),

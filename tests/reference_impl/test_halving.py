@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.closeness import distances
 from bodycheck.reference_impl.loads_at import sum_of_wrenches
 from bodycheck.reference_impl.rotations import log_quaternion, matrix_to_quaternion
-from bodycheck.reference_impl.scene import BlackBox, PointForce, Scene, Torque
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.scene import CallbackLoad, PointForce, Scene, Torque
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reference_impl.truth.motion_distance import distances
 from bodycheck.scenarios.library import load_scenario
 
 
 def hidden(scene: Scene) -> Scene:
     """Return the scene with its lasting loads behind a function."""
     wrench = sum_of_wrenches(scene.lasting_loads, replace(scene, gravity=np.zeros(3)))
-    return replace(scene, loads=(*scene.timed_loads, BlackBox("tests:wrench", wrench)))
+    return replace(scene, loads=(*scene.piecewise_constant_loads, CallbackLoad("tests:wrench", wrench)))
 
 
 NAMES = [
@@ -72,7 +72,7 @@ def test_a_function_that_jumps_is_only_estimated() -> None:
         sign = 1.0 if np.sin(37.0 * t) > 0.0 else -1.0
         return np.zeros(3), sign * np.array([1.0, 2.0, 0.5])
 
-    scene = replace(load_scenario("detumbling").scene, loads=(BlackBox("tests:bang", bang),))
+    scene = replace(load_scenario("detumbling").scene, loads=(CallbackLoad("tests:bang", bang),))
     truth = solve_truth(scene, np.array([0.0, 1.0]))
     assert truth.kind == "estimated"
     assert truth.bound_rad[-1] > 1e-10
@@ -91,7 +91,7 @@ def test_every_load_has_the_wrench_of_its_formula() -> None:
 
 def test_a_force_that_is_not_finite_is_refused_by_its_time() -> None:
     """A function's NaN is no truth: the message says when."""
-    nothing = BlackBox("tests:nan", lambda *_: (np.full(3, np.nan), np.zeros(3)))
+    nothing = CallbackLoad("tests:nan", lambda *_: (np.full(3, np.nan), np.zeros(3)))
     scene = replace(load_scenario("detumbling").scene, loads=(nothing,))
     with pytest.raises(ValueError, match="force at t = 0"):
         solve_truth(scene, np.array([0.0, 1.0]))

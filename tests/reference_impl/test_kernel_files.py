@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from bodycheck.reference_impl import jit
+from bodycheck.reference_impl.kernels import jit
 
 
 def _doubled(x: float) -> float:
@@ -79,7 +79,7 @@ def test_full_disk_costs_one_line(
     def full(*_: Any, **__: Any) -> Any:
         raise OSError(28, "No space left on device")
 
-    from bodycheck.reference_impl.kernel_files import CheckedCacheFile
+    from bodycheck.reference_impl.kernels.jit import CheckedCacheFile
 
     monkeypatch.setattr(CheckedCacheFile, "_open_for_write", full)
     used()
@@ -87,6 +87,6 @@ def test_full_disk_costs_one_line(
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert said.endswith(
-        "cannot be written: No space left on device; what is compiled is kept for this command alone\n"
+        "cannot be written: No space left on device; compiled code is cached for this command only\n"
     )
     assert str(folder) in said

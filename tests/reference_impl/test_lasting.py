@@ -8,12 +8,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bodycheck.adapters.contract import Reading
-from bodycheck.adapters.reference import Reference
-from bodycheck.adapters.reference_steps import FixedStep
+from bodycheck.adapters.reference import FixedStep, Reference
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.continuous_loads import lasting_wrench_at, packed_lasting, rotation_vector
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.lasting import lasting_wrench_at, packed_lasting, rotation_vector
+from bodycheck.reference_impl.loads.kinds.magnetic_dipole import MagneticDipole
 from bodycheck.reference_impl.rotations import (
     exp_matrix,
     geodesic_angle,
@@ -22,9 +22,9 @@ from bodycheck.reference_impl.rotations import (
     quaternion_to_matrix,
 )
 from bodycheck.reference_impl.scene import (
+    ContinuousLoad,
     Drag,
     GravityGradient,
-    Lasting,
     RigidBody,
     Scene,
     SineTorque,
@@ -42,19 +42,20 @@ START = State(
     velocity=np.array([0.3, 0.1, -0.2]),
     omega_body=np.array([0.9, 1.3, -0.8]),
 )
-LASTING: dict[str, Lasting] = {
+LASTING: dict[str, ContinuousLoad] = {
     "sine torque in body axes": SineTorque("body", np.array([0.9, -1.2, 0.7]), 2.3, 0.4),
     "sine torque in world axes": SineTorque("world", np.array([0.9, -1.2, 0.7]), 2.3, 0.4),
     "drag": Drag(0.8, np.array([[0.5, 0.1, 0.0], [-0.2, 0.4, 0.1], [0.0, 0.3, 0.6]])),
     "spring": Spring(np.array([1.0, 0.5, -0.3]), np.array([0.4, -0.1, 0.2]), 3.0, 0.5),
     "torsion spring": TorsionSpring(2.5),
     "gravity gradient": GravityGradient(0.9),
+    "magnetic dipole": MagneticDipole(np.array([0.8, -0.5, 0.6]), np.array([0.9, 0.7, -1.1])),
 }
 every_kind = pytest.mark.parametrize("load", LASTING.values(), ids=LASTING.keys())
 every_integrator = pytest.mark.parametrize("method", INTEGRATORS.values(), ids=INTEGRATORS.keys())
 
 
-def scene_of(*loads: Lasting) -> Scene:
+def scene_of(*loads: ContinuousLoad) -> Scene:
     """Return a scene of one second."""
     return Scene(RigidBody(1.3, INERTIA), START, loads, np.zeros(3), duration_s=1.0, samples=2)
 
@@ -89,7 +90,9 @@ def exact_rotation_vector(r: mp.matrix) -> mp.matrix:
     return axis * (angle / mp.norm(axis))
 
 
-def exact_wrench(load: Lasting, t: float, x: Array, q: Array, v: Array, w: Array) -> tuple[Array, Array]:
+def exact_wrench(
+    load: ContinuousLoad, t: float, x: Array, q: Array, v: Array, w: Array
+) -> tuple[Array, Array]:
     """Return force and torque in world axes by the formula of the load's own docstring, at 40 digits."""
     with mp.workdps(40):
         r, force, torque = exact_rotation(q), mp.zeros(3, 1), mp.zeros(3, 1)
@@ -112,12 +115,14 @@ def exact_wrench(load: Lasting, t: float, x: Array, q: Array, v: Array, w: Array
                 n = mp.mpf(load.rate)
                 u = mp.matrix([-mp.sin(n * t), 0, -mp.cos(n * t)])
                 torque = 3 * n**2 * cross(u, r * mp.matrix(INERTIA.tolist()) * r.T * u)
+            case MagneticDipole():
+                torque = cross(r * vector(load.moment), vector(load.field))
         return np.array(force.T.tolist()[0], dtype=float), np.array(torque.T.tolist()[0], dtype=float)
 
 
 @every_kind
 @pytest.mark.parametrize("seed", range(10))
-def test_load_is_its_formula(load: Lasting, seed: int) -> None:
+def test_load_is_its_formula(load: ContinuousLoad, seed: int) -> None:
     """Force and torque at any time and state are those of 40 digits, to a few roundings."""
     rng = np.random.default_rng(seed)
     t, q = float(rng.uniform(0.0, 10.0)), normalised(rng.normal(size=4))
@@ -194,9 +199,9 @@ def solved(scene: Scene) -> Trajectory:
         x, v, q, w = np.split(y, [3, 6, 10])
         r = quaternion_to_matrix(q)
         wrench = lasting_wrench_at(t, x, r, v, r @ w, loads)
-        speeding = np.linalg.solve(inertia, r.T @ wrench[3:] - np.cross(w, inertia @ w))
+        linear_acceleration = np.linalg.solve(inertia, r.T @ wrench[3:] - np.cross(w, inertia @ w))
         turning = 0.5 * quaternion_product(q, np.array([0.0, *w]))
-        return np.concatenate([v, wrench[:3] / scene.body.mass, turning, speeding])
+        return np.concatenate([v, wrench[:3] / scene.body.mass, turning, linear_acceleration])
 
     y0 = np.concatenate([start.position, start.velocity, start.quaternion, start.omega_body])
     y = solve_ivp(rates, (0.0, scene.duration_s), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1:].T
@@ -205,18 +210,30 @@ def solved(scene: Scene) -> Trajectory:
     )
 
 
+# by the order: the numbers of steps tried
+REFINEMENTS: dict[int, tuple[int, ...]] = {
+    1: (256, 512, 1024),
+    2: (64, 128, 256),
+    3: (32, 48, 64),
+    4: (16, 24, 32, 48),
+    5: (6, 8, 12, 16),
+    6: (3, 4, 5, 6),
+    7: (2, 3, 4, 5, 6, 8),
+    8: (1, 2, 3, 4, 5, 6, 8, 10),
+}
+
+
 @every_kind
 @every_integrator
-def test_order_under_a_lasting_load(method: Integrator, load: Lasting) -> None:
+def test_order_under_a_lasting_load(method: Integrator, load: ContinuousLoad) -> None:
     """Where loads are held the motion converges with order 1, else with the method's own order."""
     scene = scene_of(load)
     if Reference().unsupported(scene, method.name):
         assert type(load) in method.refused
         return
     truth = solved(scene)
-    tried = {1: (256, 512, 1024), 4: (16, 24, 32, 48), 6: (3, 4, 5, 6), 8: (1, 2, 3, 4, 5, 6, 8, 10)}
     steps, errors = [], []
-    for n in tried[method.order]:
+    for n in REFINEMENTS[method.order]:
         simulation = built(scene, method.name, scene.duration_s / n)
         simulation.advance(n)
         error = max(distances(simulation.read(), truth))

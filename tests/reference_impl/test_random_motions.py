@@ -1,4 +1,4 @@
-"""A sample of `python tests/long/truth_trials.py`: random motions against fifty digits."""
+"""A sample of `python tools/truth_trials.py`: random motions against fifty digits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from random_motions import FORCED, exact_motion, far_scene, free_scene, ratios, truth_scene
 
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
 
 SAMPLE = {
     **{f"free {seed}": ("free", *free_scene(seed)) for seed in range(6)},

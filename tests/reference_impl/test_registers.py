@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from interpreted import printed_json
 
-from bodycheck.reference_impl import equations, registers
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.integrators import right_hand_sides
 from bodycheck.reference_impl.integrators.euler_svd import nearest_rotation
+from bodycheck.reference_impl.kernels import small_vectors
 from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_product, quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody
 
@@ -21,15 +22,15 @@ EPS = float(np.finfo(np.float64).eps)
 Case = tuple[Callable[..., Any], tuple[tuple[int, ...], ...], Callable[..., Array]]
 
 CASES: dict[str, Case] = {
-    "add": (registers.add, ((3,), (3,)), lambda a, b: a + b),
-    "cross": (registers.cross, ((3,), (3,)), np.cross),
-    "times": (registers.times, ((3, 3), (3,)), lambda m, v: m @ v),
-    "transposed_times": (registers.transposed_times, ((3, 3), (3,)), lambda m, v: m.T @ v),
-    "product": (registers.product, ((3, 3), (3, 3)), lambda a, b: (a @ b).ravel()),
-    "quaternion_times": (registers.quaternion_times, ((4,), (4,)), quaternion_product),
-    "matrix_of": (registers.matrix_of, ((4,),), lambda q: quaternion_to_matrix(q).ravel()),
-    "quaternion_exp": (registers.quaternion_exp, ((3,),), exp_quaternion),
-    "gyroscopic": (equations.gyroscopic, ((3, 3), (3,)), lambda i, w: np.cross(w, i @ w)),
+    "add": (small_vectors.add, ((3,), (3,)), lambda a, b: a + b),
+    "cross": (small_vectors.cross, ((3,), (3,)), np.cross),
+    "times": (small_vectors.times, ((3, 3), (3,)), lambda m, v: m @ v),
+    "transposed_times": (small_vectors.transposed_times, ((3, 3), (3,)), lambda m, v: m.T @ v),
+    "product": (small_vectors.product, ((3, 3), (3, 3)), lambda a, b: (a @ b).ravel()),
+    "quaternion_times": (small_vectors.quaternion_times, ((4,), (4,)), quaternion_product),
+    "matrix_of": (small_vectors.matrix_of, ((4,),), lambda q: quaternion_to_matrix(q).ravel()),
+    "quaternion_exp": (small_vectors.quaternion_exp, ((3,),), exp_quaternion),
+    "gyroscopic": (right_hand_sides.gyroscopic, ((3, 3), (3,)), lambda i, w: np.cross(w, i @ w)),
 }
 
 
@@ -56,7 +57,9 @@ def test_scaled_add() -> None:
     rng = np.random.default_rng(1)
     for _ in range(100):
         a, b, s = rng.normal(size=3), rng.normal(size=3), float(rng.normal())
-        assert np.allclose(registers.scaled_add(packed(a), s, packed(b)), a + s * b, rtol=0.0, atol=16 * EPS)
+        assert np.allclose(
+            small_vectors.scaled_add(packed(a), s, packed(b)), a + s * b, rtol=0.0, atol=16 * EPS
+        )
 
 
 def test_solve_is_as_good_as_the_matrix_allows() -> None:
@@ -66,7 +69,7 @@ def test_solve_is_as_good_as_the_matrix_allows() -> None:
         m, b = rng.normal(size=(3, 3)), rng.normal(size=3)
         expected = np.linalg.solve(m, b)
         allowed = 16 * EPS * float(np.linalg.cond(m)) ** 2 * float(np.linalg.norm(expected))
-        assert np.max(np.abs(np.array(registers.solve(packed(m), packed(b))) - expected)) <= allowed
+        assert np.max(np.abs(np.array(small_vectors.solve(packed(m), packed(b))) - expected)) <= allowed
 
 
 @pytest.mark.parametrize("norm", [1e-100, 1e-8, 0.5, 3.0, 1e100])
@@ -75,7 +78,7 @@ def test_matrix_of_takes_any_norm(norm: float) -> None:
     rng = np.random.default_rng(3)
     for _ in range(100):
         q = rng.normal(size=4)
-        matrix = np.array(registers.matrix_of(packed(norm * q))).reshape(3, 3)
+        matrix = np.array(small_vectors.matrix_of(packed(norm * q))).reshape(3, 3)
         assert np.max(np.abs(matrix - quaternion_to_matrix(q))) <= 16 * EPS
         assert np.max(np.abs(matrix.T @ matrix - np.eye(3))) <= 8 * EPS
 
@@ -85,7 +88,7 @@ def test_quaternion_exp_at_any_angle(angle: float) -> None:
     """(cos(a/2), sin(a/2) u) relative to the angle, where its square underflows too."""
     for axis in (*np.eye(3), *np.random.default_rng(4).normal(size=(10, 3))):
         v = angle * axis / np.linalg.norm(axis)
-        w, *vector = registers.quaternion_exp(packed(v))
+        w, *vector = small_vectors.quaternion_exp(packed(v))
         with mpmath.workdps(50):
             half = mpmath.sqrt(mpmath.fsum(mpmath.mpf(float(x)) ** 2 for x in v)) / 2
             factor = mpmath.sin(half) / half / 2 if half else mpmath.mpf("0.5")
@@ -97,7 +100,7 @@ def test_quaternion_exp_at_any_angle(angle: float) -> None:
 def test_packed_body_holds_inertia_and_its_inverse() -> None:
     """(19,): mass, I row by row, I^-1 row by row."""
     tensor = np.array([[2.0, 0.1, -0.2], [0.1, 2.5, 0.3], [-0.2, 0.3, 3.0]])
-    body = equations.packed_body(RigidBody(1.7, tensor))
+    body = right_hand_sides.packed_body(RigidBody(1.7, tensor))
     assert body.shape == (19,)
     assert body[0] == 1.7
     assert np.array_equal(body[1:10].reshape(3, 3), tensor)
@@ -107,7 +110,7 @@ def test_packed_body_holds_inertia_and_its_inverse() -> None:
 SHORT_MOTIONS = """
 import json
 import numpy as np
-from bodycheck.reference_impl.equations import packed_body
+from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.scene import RigidBody
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck.reference_impl import remembered_digest
-from bodycheck.reference_impl.remembered_digest import content_digest, files_at, files_below
+from bodycheck._util import file_digests
+from bodycheck._util.file_digests import content_digest, files_at, files_below
 
 OLD_NS = 10**18
 
@@ -17,9 +17,9 @@ OLD_NS = 10**18
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a folder of two files, with a cache of its own beside it and a clock that says much later."""
-    monkeypatch.setattr(remembered_digest, "cache_home", lambda: tmp_path / "cache")
+    monkeypatch.setattr(file_digests, "cache_home", lambda: tmp_path / "cache")
     later = time.time_ns() + 3_000_000_000
-    monkeypatch.setattr(remembered_digest.time, "time_ns", lambda: later)
+    monkeypatch.setattr(file_digests.time, "time_ns", lambda: later)
     made = tmp_path / "package"
     (made / "inner").mkdir(parents=True)
     (made / "a.py").write_text("a = 1\n")
@@ -31,13 +31,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def hashed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return a list that gets the name of each file that is read."""
     read: list[str] = []
-    real = remembered_digest._file_digest
+    real = file_digests._file_digest
 
     def counted(path: str) -> str:
         read.append(Path(path).name)
         return real(path)
 
-    monkeypatch.setattr(remembered_digest, "_file_digest", counted)
+    monkeypatch.setattr(file_digests, "_file_digest", counted)
     return read
 
 
@@ -90,7 +90,7 @@ def test_a_file_that_has_only_just_changed_is_not_remembered(
 ) -> None:
     """It may change again within the grain of its times, and look the same; so may one of the future."""
     newest = max(max(s.st_mtime_ns, s.st_ctime_ns) for _, s in files_below(str(folder)).values())
-    monkeypatch.setattr(remembered_digest.time, "time_ns", lambda: newest + int(age_s * 1e9))
+    monkeypatch.setattr(file_digests.time, "time_ns", lambda: newest + int(age_s * 1e9))
     assert digest(folder) == digest(folder)
     assert hashed == ["a.py", "b.so"] * reads
 
@@ -99,7 +99,7 @@ def test_a_file_that_changes_while_it_is_read_is_not_remembered(
     folder: Path, hashed: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What was read may be neither the old nor the new content."""
-    real = remembered_digest._file_digest
+    real = file_digests._file_digest
 
     def changing(path: str) -> str:
         found = real(path)
@@ -107,7 +107,7 @@ def test_a_file_that_changes_while_it_is_read_is_not_remembered(
             Path(path).write_text(f"a = {len(hashed)}\n")
         return found
 
-    monkeypatch.setattr(remembered_digest, "_file_digest", changing)
+    monkeypatch.setattr(file_digests, "_file_digest", changing)
     digest(folder)
     assert not list((folder.parent / "cache").rglob("*"))
 

@@ -16,7 +16,6 @@ import pytest
 from interpreted import printed_json
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.closeness import potential_energy
 from bodycheck.reference_impl.pivot import kinetic_energies
 from bodycheck.reference_impl.rotations import normalised, rotate
 from bodycheck.reference_impl.scene import (
@@ -32,8 +31,9 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
 )
-from bodycheck.reference_impl.taylor import Resolution, Solution, course_of, resolution_for, solve
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.taylor.solution import Resolution, Solution, course_of, resolution_for, solve
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reference_impl.truth.motion_distance import potential_energy
 
 EPS = float(np.finfo(np.float64).eps)
 COLUMNS = 16
@@ -432,7 +432,7 @@ SHORT_MOTIONS = """
 import json, sys
 import numpy as np
 from bodycheck.reference_impl.scene import *
-from bodycheck.reference_impl.taylor import Resolution, course_of, solve
+from bodycheck.reference_impl.taylor.solution import Resolution, course_of, solve
 
 tensor = np.array([[1.3, 0.1, -0.2], [0.1, 1.7, 0.15], [-0.2, 0.15, 2.1]])
 a, b = np.array([0.7, -0.4, 0.9]), np.array([0.2, 0.35, -0.15])

@@ -11,9 +11,6 @@ import pytest
 from interpreted import printed_json
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.bounded_motion import Truth
-from bodycheck.reference_impl.closeness import distances
-from bodycheck.reference_impl.principal_axes import axes_of, in_axes_of, principal_quaternion
 from bodycheck.reference_impl.rational import fractions
 from bodycheck.reference_impl.rotations import normalised, quaternion_to_matrix, rotate
 from bodycheck.reference_impl.scene import (
@@ -28,8 +25,11 @@ from bodycheck.reference_impl.scene import (
     State,
     Torque,
 )
-from bodycheck.reference_impl.taylor_motion import TaylorMotion
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
+from bodycheck.reference_impl.taylor.principal_frame import axes_of, in_axes_of, principal_quaternion
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reference_impl.truth.motion_distance import distances
+from bodycheck.reference_impl.truth.truth import Truth
 
 EPS = float(np.finfo(np.float64).eps)
 A, B = np.array([0.1, 0.2, 0.3]), np.array([0.2, 0.35, -0.15])
@@ -258,7 +258,7 @@ SHORT_MOTIONS = """
 import json
 import numpy as np
 from bodycheck.reference_impl.scene import *
-from bodycheck.reference_impl.taylor_motion import TaylorMotion
+from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
 
 tensor = np.array([[1.3, 0.1, -0.2], [0.1, 1.7, 0.15], [-0.2, 0.15, 2.1]])
 a, b = np.array([0.7, -0.4, 0.9]), np.array([0.2, 0.35, -0.15])

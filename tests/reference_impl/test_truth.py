@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from series_in_integers import Exact, exact_states, rational_rotation
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.rotations import normalised
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Torque
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.scenarios.library import load_scenario
 
 EPS = float(np.finfo(np.float64).eps)

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 import bodycheck
-from bodycheck.errors import InputError
-from bodycheck.reference_impl import truth as truth_module
+from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.closed_forms.fixed_axis import FixedAxisRotation
-from bodycheck.reference_impl.closed_forms.neighbours import departures
-from bodycheck.reference_impl.exact import closed_form_of
+from bodycheck.reference_impl.closed_forms.fixed_axis_sensitivity import departures
 from bodycheck.reference_impl.scene import (
     Drag,
     Load,
@@ -28,7 +27,8 @@ from bodycheck.reference_impl.scene import (
     Torque,
     TorsionSpring,
 )
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth import certification as truth_module
+from bodycheck.reference_impl.truth.certification import solve_truth
 
 ALIGNED = np.array([1.0, 0.0, 0.0, 0.0])
 BODY = RigidBody(1.0, np.diag([1.0, 2.0, 2.5]))

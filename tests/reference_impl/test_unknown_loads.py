@@ -9,27 +9,27 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from bodycheck.adapters.case_messages import scene_message
 from bodycheck.adapters.contract import Setting
-from bodycheck.adapters.drive import Case, record
-from bodycheck.adapters.held import HeldLoads
+from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.registry import get_adapter
-from bodycheck.reference_impl.closeness import potential_energy
-from bodycheck.reference_impl.exact import closed_form_of
-from bodycheck.reference_impl.forcing import forcing_between
-from bodycheck.reference_impl.halving import solve_by_halving
-from bodycheck.reference_impl.lasting import packed_lasting
+from bodycheck.adapters.workers.case_messages import scene_message
+from bodycheck.adapters.zero_order_hold import HeldLoads
+from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
+from bodycheck.reference_impl.continuous_loads import packed_lasting
 from bodycheck.reference_impl.loads_at import lasting_wrench_of, sum_of_wrenches
-from bodycheck.reference_impl.pivoted import about_pivot
-from bodycheck.reference_impl.principal_forcing import PrincipalFrame, packed_rotation
+from bodycheck.reference_impl.pivot import about_pivot
 from bodycheck.reference_impl.scene import Load, RigidBody, Scene, State, Torque
-from bodycheck.reference_impl.taylor_motion import TaylorMotion
+from bodycheck.reference_impl.taylor.forcing import forcing_between
+from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
+from bodycheck.reference_impl.taylor.principal_frame import PrincipalFrame, packed_rotation
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import certified_truth, solve_truth
+from bodycheck.reference_impl.truth.certification import certified_truth, solve_truth
+from bodycheck.reference_impl.truth.motion_distance import potential_energy
+from bodycheck.reference_impl.truth.step_halving import solve_by_halving
 from bodycheck.reference_impl.wrench import wrench_of
-from bodycheck.reports.measures import Motion
-from bodycheck.reports.storage.truths import known_truth
-from bodycheck.reports.work import working_loads
+from bodycheck.reports.cache.truths import known_truth
+from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.work import working_loads
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodycheck.reference_impl import warm_up
+from bodycheck.reference_impl import precompile
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
@@ -34,13 +34,13 @@ def test_a_scene_whose_truth_is_solved_needs_no_kernels_unless_some_are_missing(
             """Have ended."""
             return 0
 
-    monkeypatch.setattr(warm_up, "cache_directory", lambda: tmp_path)
-    monkeypatch.setattr(warm_up, "_solve_shortly", called.append)
-    monkeypatch.setattr(warm_up.subprocess, "Popen", lambda *_, **__: Finished())
+    monkeypatch.setattr(precompile, "cache_directory", lambda: tmp_path)
+    monkeypatch.setattr(precompile, "_solve_shortly", called.append)
+    monkeypatch.setattr(precompile.subprocess, "Popen", lambda *_, **__: Finished())
     for name in ("closed-forms", "m1"):
         (tmp_path / f"{name}.compiled").touch()
     integrators = ["m1", "m2"] if missing else ["m1"]
-    warm_up.compile_kernels(SCENES, integrators, lambda scene: scene is SCENES[0])
+    precompile.compile_kernels(SCENES, integrators, lambda scene: scene is SCENES[0])
     assert called == (SCENES if missing else SCENES[1:])
 
 
@@ -50,7 +50,7 @@ def test_a_folder_that_cannot_be_written_keeps_no_marks(
     """The kernels are compiled all the same, and the process that does so ends well."""
     compiled: list[str] = []
     (tmp_path / "file").touch()
-    monkeypatch.setattr(warm_up, "cache_directory", lambda: tmp_path / "file" / "kernels")
-    monkeypatch.setattr(warm_up, "_compile_integrator", compiled.append)
-    warm_up._compile_here(["m1", "m2"])
+    monkeypatch.setattr(precompile, "cache_directory", lambda: tmp_path / "file" / "kernels")
+    monkeypatch.setattr(precompile, "_compile_integrator", compiled.append)
+    precompile._compile_here(["m1", "m2"])
     assert compiled == ["m1", "m2"]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import acceleration, body_torque
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
 from bodycheck.reference_impl.wrench import (
     Leg,
@@ -192,7 +192,7 @@ def test_switches_on_the_grid_cut_the_legs_there(first: int, last: int, duration
         pulse(first * (duration / 100), last * (duration / 100)), duration_s=duration, samples=11
     )
     plan = plan_steps(scene, duration / 100)
-    assert plan.straddled == 0
+    assert plan.mid_step_switches == 0
     for begin, end, wrench in spans(plan, plan.legs()):
         assert wrench.torque_body[0] == (1.0 if first <= begin and end <= last else 0.0)
         assert end <= first or begin >= first
@@ -202,7 +202,7 @@ def test_switches_on_the_grid_cut_the_legs_there(first: int, last: int, duration
 def test_switch_inside_a_step_makes_that_step_carry_the_mean() -> None:
     """A pulse from 0.23 to 0.5 on steps of 0.1: one step with 0.7 of it, then whole ones."""
     plan = plan_steps(scene_with(pulse(0.23, 0.5)), 0.1)
-    assert plan.straddled == 1
+    assert plan.mid_step_switches == 1
     carried = [
         wrench.torque_body[0] for begin, end, wrench in spans(plan, plan.legs()) for _ in range(begin, end)
     ]
@@ -218,7 +218,7 @@ def test_pulse_inside_one_step_is_not_lost() -> None:
 def test_straddled_counts_the_switches_that_fall_into_steps() -> None:
     """Each switch off the grid counts, two in one step as well; those on the grid and outside do not."""
     plan = plan_steps(scene_with(pulse(0.42, 0.45), pulse(0.3, 0.61), pulse(-0.05, 1.05)), 0.1)
-    assert plan.straddled == 3
+    assert plan.mid_step_switches == 3
 
 
 def test_loads_outside_the_duration_change_nothing() -> None:

@@ -11,8 +11,8 @@ from odd_run import odd_run
 from parsed_page import Page
 from playwright.sync_api import Browser, expect, sync_playwright
 
-from bodycheck.reports.html import render_report
-from bodycheck.reports.run import Run
+from bodycheck.reports.render.html import render_report
+from bodycheck.reports.run_files.run_tables import Run
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 LONG_MS = 120_000

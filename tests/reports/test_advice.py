@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from bodycheck.errors import InputError
-from bodycheck.reports.advice import Answer, advise
-from bodycheck.reports.advice_text import print_advice
-from bodycheck.reports.case import CaseResult
+from bodycheck._util.errors import InputError
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.render.answer_text import print_advice
+from bodycheck.reports.summary.advice import Answer, advise
 
 BOUND = 1e-14
 ERROR = "orientation_error_rad"
@@ -115,7 +115,7 @@ def test_nothing_keeps_it_and_the_nearest_is_told(capsys: pytest.CaptureFixture[
     answers = advise([*ladder("euler", [1e-1, 5e-2]), *ladder("rk4", [1e-3])], 1e-6, ERROR, ["free"])
     print_advice(answers, 1e-6, ERROR, "there")
     shown = capsys.readouterr().out
-    assert "nothing that was measured keeps it; nearest is mujoco:rk4, dt 0.1 s: 0.001" in shown
+    assert "no measured setting meets it; the nearest is mujoco:rk4, dt 0.1 s: 0.001" in shown
     assert "bodycheck run free --engine mujoco:rk4 --dt 0.1" in shown
 
 
@@ -141,8 +141,8 @@ def test_of_steps_whose_time_was_not_measured_the_coarsest_is_advised() -> None:
         (0.0, ERROR, "--error 0.0: must be a positive number"),
         (float("nan"), ERROR, "--error nan: must be a positive number"),
         (float("inf"), ERROR, "--error inf"),
-        (1e-3, "cpu_s", "--quantity cpu_s: is none that can be kept; there are orientation_error_rad"),
-        (1e-3, "quaternion_norm_error", "is none that can be kept"),
+        (1e-3, "cpu_s", r"--quantity cpu_s: unknown quantity \(available: orientation_error_rad"),
+        (1e-3, "quaternion_norm_error", "unknown quantity"),
     ],
 )
 def test_a_wrong_question_is_refused(error: float, quantity: str, message: str) -> None:

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 import bodycheck
-from bodycheck.reports.convergence import Judged, Point, tolerance_convergence
-from bodycheck.reports.page.facts import scenario_facts
-from bodycheck.reports.wording import number
+from bodycheck._util.formatting import number
+from bodycheck.reports.measurement.convergence import Judged, Point, tolerance_convergence
+from bodycheck.reports.render.page.scenario_facts import scenario_facts
 
 CHAOTIC = """
 name = "long torque"
@@ -69,7 +69,7 @@ def test_tolerances_asked_for_take_the_place_of_its_own() -> None:
         ([0.0], "a tolerance must be a number between 0 and 1, not 0.0"),
         ([float("nan")], "between 0 and 1, not nan"),
         ([1.0], "not 1.0"),
-        ([1e-6, 1e-6], "the tolerance 1e-06 is asked for twice"),
+        ([1e-6, 1e-6], "the tolerance 1e-06 is given twice"),
     ],
 )
 def test_an_impossible_tolerance_is_refused(tolerances: list[float], message: str) -> None:
@@ -110,17 +110,17 @@ def test_a_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> No
     path = tmp_path / "chaotic.toml"
     path.write_text(CHAOTIC)
     run = bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.05, 0.025], speed=False)
-    (subject,) = run.subjects
-    until = subject.truth.trusted_until_s
+    (problem,) = run.problems
+    until = problem.truth.trusted_until_s
     assert 50.0 < until < 100.0
-    last = subject.truth.trajectory.t_s[subject.compared - 1]
-    assert last < until <= subject.truth.trajectory.t_s[subject.compared]
+    last = problem.truth.trajectory.t_s[problem.compared - 1]
+    assert last < until <= problem.truth.trajectory.t_s[problem.compared]
     assert (run.results["compared_until_s"] == last).all()
     assert run.results["message"].str.contains(f"compared until t = {last:.6g} s").all()
     (bound,) = run.results["truth_bound_rad"].unique()
     assert bound < 1e-10
-    assert f"bound {number(bound, 2)} rad, " in dict(scenario_facts(subject))["Truth"]
-    assert all(len(values) == subject.compared for case in run.cases for values in case.series.values())
+    assert f"bound {number(bound, 2)} rad, " in dict(scenario_facts(problem))["Truth"]
+    assert all(len(values) == problem.compared for case in run.cases for values in case.series.values())
     verdicts = run.methods.set_index("quantity")["verdict"]
     assert verdicts["orientation_error_rad"] == "chaotic"
 
@@ -130,10 +130,10 @@ def test_the_horizon_of_a_chaotic_motion_is_where_a_case_leaves_the_truth(tmp_pa
     """Up to it no error is above 0.3 rad, the next one is; finer steps get farther; else there is none."""
     path = tmp_path / "chaotic.toml"
     path.write_text(CHAOTIC)
-    run = bodycheck.run([path], engines=["reference:rk4", "reference:lie4"], dt_s=[0.05, 0.025], speed=False)
+    run = bodycheck.run([path], engines=["reference:rk4", "reference:cf4"], dt_s=[0.05, 0.025], speed=False)
     for case in run.cases:
         error = case.series["orientation_error_rad"]
-        kept = run.subjects[0].times <= case.columns["horizon_s"]
+        kept = run.problems[0].times <= case.columns["horizon_s"]
         assert error[kept].max() <= 0.3
         assert kept.all() or error[~kept][0] > 0.3
     for _, rows in run.results.groupby("method"):

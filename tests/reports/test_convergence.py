@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from bodycheck.reports.convergence import Judged, Point, convergence_of, round_off_floor
-from bodycheck.reports.ladder import next_step
+from bodycheck.reports.measurement.convergence import Judged, Point, convergence_of, round_off_floor
+from bodycheck.reports.measurement.refinement import next_step_size
 
 STEPS = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3)
 HOW = Judged(floor=3e-14)
@@ -98,7 +98,7 @@ def climb(law: tuple[float, float]) -> tuple[list[float], str]:
     order, scale = law
     points = [Point(dt, min(math.pi, scale * dt**order), LOST[k]) for k, dt in enumerate(STEPS)]
     tried: list[float] = []
-    while (step := next_step(points, HOW, STEPS, 0.1, 10.0)) is not None:
+    while (step := next_step_size(points, HOW, STEPS, 0.1, 10.0)) is not None:
         tried.append(step)
         points.append(Point(step, max(min(math.pi, scale * step**order), 1e-16), LOST[len(points)]))
         assert len(tried) < 20
@@ -134,9 +134,9 @@ def test_nothing_is_tried_when_the_order_shows() -> None:
 def test_a_quantity_that_needs_no_order_is_refined_until_it_is_decided() -> None:
     """At the floor nothing more is tried; above it finer steps are."""
     at_floor = [Point(dt, 1e-15) for dt in STEPS]
-    assert next_step(at_floor, HOW, STEPS, 0.1, 10.0, needs_order=False) is None
+    assert next_step_size(at_floor, HOW, STEPS, 0.1, 10.0, needs_order=False) is None
     lost = [Point(dt, 3.1, LOST[k]) for k, dt in enumerate(STEPS)]
-    assert next_step(lost, HOW, STEPS, 0.1, 10.0, needs_order=False) == 5e-4
+    assert next_step_size(lost, HOW, STEPS, 0.1, 10.0, needs_order=False) == 5e-4
 
 
 def test_every_step_tried_divides_the_sampling_interval() -> None:
@@ -144,7 +144,7 @@ def test_every_step_tried_divides_the_sampling_interval() -> None:
     for interval in (0.1, 0.05, 0.02, 1.0 / 3.0, 7e-3):
         steps = tuple(interval / n for n in (5, 10, 20))
         points = [Point(dt, 3.0) for dt in steps]
-        step = next_step(points, HOW, steps, interval, 100 * interval)
+        step = next_step_size(points, HOW, steps, interval, 100 * interval)
         assert step is not None
         assert interval / step == pytest.approx(round(interval / step), rel=1e-12)
 
@@ -153,4 +153,4 @@ def test_nothing_is_said_where_the_truth_itself_is_lost() -> None:
     """Where bound or sensitivity times eps is large, the verdict is chaotic, never at-floor."""
     lost, how = [Point(dt, 3.1) for dt in STEPS], Judged(floor=90.0)
     assert convergence_of(lost, how).verdict == "chaotic"
-    assert next_step(lost, how, STEPS, 0.1, 10.0) is None
+    assert next_step_size(lost, how, STEPS, 0.1, 10.0) is None

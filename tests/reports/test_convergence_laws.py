@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from bodycheck.reports.convergence import (
+from bodycheck.reports.measurement.convergence import (
     Convergence,
     Judged,
     Point,
@@ -16,7 +16,7 @@ from bodycheck.reports.convergence import (
     tolerance_convergence,
     usable,
 )
-from bodycheck.reports.ladder import next_step
+from bodycheck.reports.measurement.refinement import next_step_size
 
 LIMIT = 2.0**-50
 HALVED = [2.0**-k for k in range(5, 10)]
@@ -181,12 +181,12 @@ def test_the_next_step_is_the_next_round_number_of_the_interval(
     some: list[Point], duration_s: float, strides: int | None
 ) -> None:
     """1, 2 or 5 times a power of ten: finer where errors are large, coarser where they are too small."""
-    found = next_step(some, Judged(LIMIT), [0.1], 1.0, duration_s)
+    found = next_step_size(some, Judged(LIMIT), [0.1], 1.0, duration_s)
     assert found == (None if strides is None else 1.0 / strides)
 
 
 @pytest.mark.parametrize(("listed", "strides"), [(0.2, 500), (0.21, None)])
 def test_no_step_is_finer_than_a_hundredth_of_the_coarsest_listed(listed: float, strides: int | None) -> None:
     """Exactly a hundredth is still tried."""
-    found = next_step(points((0.005, 1.0)), Judged(LIMIT), [0.001, listed], 1.0, 10.0)
+    found = next_step_size(points((0.005, 1.0)), Judged(LIMIT), [0.001, listed], 1.0, 10.0)
     assert found == (None if strides is None else 1.0 / strides)

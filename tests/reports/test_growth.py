@@ -11,12 +11,12 @@ import pytest
 
 import bodycheck
 from bodycheck.adapters.contract import Setting
-from bodycheck.adapters.drive import Case, record
+from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import rotational_energy
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
-from bodycheck.reports.growth import growth_of
+from bodycheck.reports.measurement.growth import growth_of
 
 N = 1001
 TIMES = np.linspace(0.0, 50.0, N)
@@ -67,9 +67,9 @@ def test_the_interval_holds_the_exponent(kind: str, exponent: float) -> None:
     generator = np.random.default_rng(8)
     grown = [growth_of(TIMES, SERIES[kind](generator), 1e-12) for _ in range(SEEDS)]
     held = [
-        found.growth_low <= exponent <= found.growth_high
+        found.growth_exponent_low <= exponent <= found.growth_exponent_high
         for found in grown
-        if found.growth_low is not None and found.growth_high is not None
+        if found.growth_exponent_low is not None and found.growth_exponent_high is not None
     ]
     assert len(held) == SEEDS
     assert np.mean(held) >= 0.9

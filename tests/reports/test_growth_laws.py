@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.growth import Growth, growth_of
+from bodycheck.reports.measurement.growth import Growth, growth_of
 
 T = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 601)])
 STUDENT = 3.182446305284263  # of 3 degrees of freedom: Abramowitz and Stegun (1964), table 26.10
@@ -38,7 +38,7 @@ def test_a_power_of_t_has_the_kind_of_its_band_and_no_interval(power: float, kin
     """The exponent is the power."""
     found = growth_of(T, T**power, 1e-12)
     assert found.growth == kind
-    assert (found.growth_exponent, found.growth_low, found.growth_high) == pytest.approx(
+    assert (found.growth_exponent, found.growth_exponent_low, found.growth_exponent_high) == pytest.approx(
         3 * (power,), abs=1e-9
     )
 
@@ -78,14 +78,14 @@ def test_the_interval_is_that_of_the_slopes_of_four_pieces() -> None:
     x = np.log(np.maximum(T, 1e-9) / 1e-2)  # from 0 over two decades
     found = growth_of(T, np.exp(np.where(x < 0.0, 0.9 * x, 0.9 * x + 0.02 * x**2)), 1e-12)
     assert found.growth_exponent is not None
-    assert found.growth_low is not None
-    assert found.growth_high is not None
+    assert found.growth_exponent_low is not None
+    assert found.growth_exponent_high is not None
     edges = np.linspace(0.0, math.log(100.0), 5)
     slopes = 0.9 + 0.02 * (edges[1:] + edges[:-1])
     half = STUDENT * float(np.std(slopes, ddof=1)) / 2.0
     # the series is read at forty points, and straight between them
-    assert found.growth_high - found.growth_exponent == pytest.approx(half, rel=5e-3)
-    assert found.growth_exponent - found.growth_low == pytest.approx(half, rel=5e-3)
+    assert found.growth_exponent_high - found.growth_exponent == pytest.approx(half, rel=5e-3)
+    assert found.growth_exponent - found.growth_exponent_low == pytest.approx(half, rel=5e-3)
 
 
 @pytest.mark.parametrize(("decades", "told"), [(1.52, True), (1.48, False)])

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bodycheck
-from bodycheck.reports.trajectory_files import trajectory_table
+from bodycheck.reports.run_files.trajectory_files import trajectory_table
 
 GROUPS = {
     "position": ["x_m", "y_m", "z_m"],
@@ -115,23 +115,23 @@ def test_a_trajectory_whose_energy_overflows_is_unstable(tmp_path: Path) -> None
     table.loc[4, "wx_body_rad_s"] = 1e200
     judged = bodycheck.judge(write(table, tmp_path / "wild.csv"), "boxes")
     assert judged["outcome"] == "unstable"
-    assert judged["message"].endswith("the truth's largest from t = 4 s on")
+    assert judged["message"].endswith("the true maximum from t = 4 s on")
 
 
 WRONG = {
     "no file": (None, "cannot be read"),
-    "empty": ("", "is not CSV"),
+    "empty": ("", "not a CSV file"),
     "no rows": ("t_s,qw,qx,qy,qz\n", "has no rows"),
     "no time": ("qw,qx,qy,qz\n1,0,0,0\n", "has no t_s"),
-    "time alone": ("t_s\n0\n", "has no quantity beside t_s"),
+    "time alone": ("t_s\n0\n", "has no quantity besides t_s"),
     "half a vector": ("t_s,x_m\n0,0\n", "has x_m but not y_m, z_m"),
-    "unknown column": ("t_s,q0\n0,0\n", "no column of a trajectory is named q0"),
+    "unknown column": ("t_s,q0\n0,0\n", "unknown trajectory column q0"),
     "text in a cell": ("t_s,x_m,y_m,z_m\n0,0,0,0\n1,0,high,0\n", "line 3: y_m is 'high', not a number"),
     "an empty cell": ("t_s,x_m,y_m,z_m\n0,0,,0\n", "line 2: y_m is '', not a number"),
-    "one cell too many": ("t_s,x_m,y_m,z_m\n0,1,0,0,0\n1,1,0,0,0\n", "is not CSV"),
+    "one cell too many": ("t_s,x_m,y_m,z_m\n0,1,0,0,0\n1,1,0,0,0\n", "not a CSV file"),
     "time stands still": ("t_s,x_m,y_m,z_m\n0,0,0,0\n0,0,0,0\n", "ascending order"),
-    "negative time": ("t_s,x_m,y_m,z_m\n-1,0,0,0\n", "t_s must lie within 0 and the duration"),
-    "past the end": ("t_s,x_m,y_m,z_m\n11,0,0,0\n", "t_s must lie within 0 and the duration"),
+    "negative time": ("t_s,x_m,y_m,z_m\n-1,0,0,0\n", "t_s must lie between 0 and the duration"),
+    "past the end": ("t_s,x_m,y_m,z_m\n11,0,0,0\n", "t_s must lie between 0 and the duration"),
 }
 
 
@@ -161,5 +161,5 @@ def test_an_npz_that_is_none_is_refused(tmp_path: Path) -> None:
     content[len(content) // 2 - 40 : len(content) // 2] = bytes(range(40))
     damaged.write_bytes(content)
     for path in (text, pickled, alone, damaged):
-        with pytest.raises(bodycheck.InputError, match="is not an npz of numbers"):
+        with pytest.raises(bodycheck.InputError, match="not an npz file of numbers"):
             bodycheck.judge(path, "boxes")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.convergence import Judged, Point, convergence_of
-from bodycheck.reports.limits import limit_of
+from bodycheck.reports.measurement.convergence import Judged, Point, convergence_of
+from bodycheck.reports.measurement.limits import limit_of
 
 SAMPLES = np.linspace(0.0, 1.0, 61)
 LADDERS = (

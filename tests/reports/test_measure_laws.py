@@ -24,9 +24,9 @@ from bodycheck.reference_impl.scene import (
     TorsionSpring,
 )
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports import measures
-from bodycheck.reports.case import measured_by
-from bodycheck.reports.invariants import (
+from bodycheck.reports.measurement import measures
+from bodycheck.reports.measurement.case import measured_by
+from bodycheck.reports.measurement.invariants import (
     Invariant,
     InvariantDrift,
     invariant_drifts,
@@ -34,9 +34,9 @@ from bodycheck.reports.invariants import (
     symmetry_axis,
     worst_drift,
 )
-from bodycheck.reports.measures import SCALES, Compared, Motion, departures_of, reduced
-from bodycheck.reports.scales import Scales, scene_scales
-from bodycheck.reports.work import power, work_done, working_loads
+from bodycheck.reports.measurement.measures import SCALES, Compared, Motion, departures_of, reduced
+from bodycheck.reports.measurement.scales import Scales, scene_scales
+from bodycheck.reports.measurement.work import power, work_done, working_loads
 
 PLACE = np.array([1.0, -2.0, 0.5])
 BRICK = RigidBody(2.0, np.diag([1.0, 2.0, 3.0]))
@@ -230,7 +230,7 @@ def test_a_balance_is_told_where_the_work_is_known_to_a_third_of_it(
 # ---------------------------------------------------------------------------------------------- one subject
 
 
-def subject(compared: int, chaotic: bool, invariants: list[Invariant]) -> Any:
+def problem(compared: int, chaotic: bool, invariants: list[Invariant]) -> Any:
     """Return what measured_by asks of a subject: a body that is truly at rest."""
     truth = still()
     return SimpleNamespace(
@@ -256,7 +256,7 @@ def test_beyond_the_samples_compared_nothing_counts() -> None:
     """Neither an error nor an invariant's drift; what is measured of the first three is that of them."""
     found = still(quaternion=turned(0.0, 0.1, 0.05, 3.0), position_m=PLACE + at(3, 9.0, 0.0, 0.0))
     x = Invariant("x", frozenset(), lambda motion: 2.0 * motion.position_m[:, 0], lambda _: 2.0)
-    measured = measured_by(subject(3, False, [x]), found, Motion.of(scene(), found))
+    measured = measured_by(problem(3, False, [x]), found, Motion.of(scene(), found))
     columns, series = measured.columns, measured.series
     assert {len(values) for values in measured.departures.values()} == {3}
     assert columns["orientation_error_rad"] == pytest.approx(0.1)
@@ -264,7 +264,7 @@ def test_beyond_the_samples_compared_nothing_counts() -> None:
     assert (columns["position_error"], columns["invariant"], columns["invariant_drift"]) == (0.0, "x", 0.0)
     assert {len(values) for values in series.values()} == {3}
     assert "horizon_s" not in columns
-    measured = measured_by(subject(4, False, [x]), found, Motion.of(scene(), found))
+    measured = measured_by(problem(4, False, [x]), found, Motion.of(scene(), found))
     columns, series = measured.columns, measured.series
     assert (columns["invariant_drift_abs"], columns["invariant_drift"]) == (18.0, 9.0)
     assert series["invariant_drift"].tolist() == [0.0, 0.0, 0.0, 9.0]
@@ -279,7 +279,7 @@ def test_the_horizon_is_the_last_time_before_an_error_of_three_tenths(
 ) -> None:
     """The end, where there is no such error; only a chaotic motion has one."""
     found = still(quaternion=turned(*angles))
-    measured = measured_by(subject(4, True, []), found, Motion.of(scene(), found))
+    measured = measured_by(problem(4, True, []), found, Motion.of(scene(), found))
     columns, series = measured.columns, measured.series
     assert columns["horizon_s"] == horizon
     assert "invariant" not in columns

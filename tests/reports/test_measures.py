@@ -9,21 +9,21 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bodycheck.adapters.breakdown import defect, kinetic_limit, runaway
+from bodycheck.adapters.stability_check import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.bounded_motion import Truth
 from bodycheck.reference_impl.dynamics import angular_momentum
-from bodycheck.reference_impl.equations import packed_body
 from bodycheck.reference_impl.integrators import INTEGRATORS
-from bodycheck.reference_impl.rotations import quaternion_to_matrix
+from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
+from bodycheck.reference_impl.rotations import exp_matrix, quaternion_to_matrix
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reference_impl.wrench import plan_steps
-from bodycheck.reports.invariants import invariants_of, symmetry_axis, worst_drift
-from bodycheck.reports.measures import Compared, Motion, departures_of, reduced, series_of
-from bodycheck.reports.scales import scene_scales
-from bodycheck.reports.work import work_done
+from bodycheck.reports.measurement.invariants import invariants_of, symmetry_axis, worst_drift
+from bodycheck.reports.measurement.measures import Compared, Motion, departures_of, reduced, series_of
+from bodycheck.reports.measurement.scales import scene_scales
+from bodycheck.reports.measurement.work import work_done
 
 TENSOR = np.array([[0.9, 0.04, -0.03], [0.04, 1.1, 0.02], [-0.03, 0.02, 1.3]])
 
@@ -281,10 +281,10 @@ def unstable_versions() -> dict[str, Trajectory]:
 
 def why_unstable(name: str, trajectory: Trajectory) -> str | None:
     """Return the reason by which a trajectory through one of the scenes is no case, if there is one."""
-    motion = Motion.of(SCENES[name], trajectory) if defect(trajectory) is None else None
+    motion = Motion.of(SCENES[name], trajectory) if invalid_state(trajectory) is None else None
     if motion is None:
-        return defect(trajectory)
-    return runaway(motion.kinetic, kinetic_limit(motion_of(name).kinetic), trajectory.t_s)
+        return invalid_state(trajectory)
+    return energy_blowup(motion.kinetic, kinetic_limit(motion_of(name).kinetic), trajectory.t_s)
 
 
 @pytest.mark.parametrize("reason", unstable_versions())
@@ -309,6 +309,23 @@ def test_drift_is_measured_as_a_vector_in_world_axes() -> None:
     columns = measured("free", turned)
     assert columns["angular_momentum_drift_abs"] == pytest.approx(2 * np.linalg.norm(momentum[0]), rel=1e-6)
     assert columns["rotational_energy_drift"] < 1e-6
+
+
+def test_the_direction_of_the_momentum_is_an_angle() -> None:
+    """A momentum turned by 0.3 rad about an axis across it, and twice as long, is 0.3 rad off."""
+    sound = stepped(SCENES["free"])
+    momentum = angular_momentum(sound.rotation_matrices, TENSOR, sound.omega_body)
+    axis = np.cross(momentum[0], [1.0, 2.0, -0.5])
+    turn = exp_matrix(0.3 * axis / np.linalg.norm(axis))
+    turned = replace(
+        sound,
+        quaternion=None,
+        rotation=turn @ sound.rotation_matrices,
+        omega_body_rad_s=2.0 * sound.omega_body,
+    )
+    assert measured("free", sound)["angular_momentum_direction_error_rad"] < 1e-6
+    found = measured("free", turned)["angular_momentum_direction_error_rad"]
+    assert found == pytest.approx(0.3, rel=1e-6)
 
 
 def test_a_scene_at_rest_has_no_relative_drift() -> None:

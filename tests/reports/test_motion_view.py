@@ -13,8 +13,8 @@ from parsed_page import Page
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.page.motion import (
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.render.page.motion import (
     FRAMES,
     box_corners,
     coarsest_shared_step,
@@ -22,7 +22,7 @@ from bodycheck.reports.page.motion import (
     principal_frame,
     shown_cases,
 )
-from bodycheck.reports.run import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 
 def rotation(seed: int) -> Array:
@@ -102,25 +102,25 @@ def unpacked(track: dict[str, Any]) -> tuple[Array, Array]:
 def test_the_page_plays_the_trajectories(page: Page, run: Run) -> None:
     """Truth and tracks have the attitude and the omega that the trajectories have, to float32."""
     views = [data for data in map(json.loads, page.data) if "corners" in data]
-    assert len(views) == len(run.subjects)
+    assert len(views) == len(run.problems)
     names = next(
         data for data in map(json.loads, page.data) if isinstance(data, list) and "marker" in data[0]
     )
-    for view, subject in zip(views, run.subjects, strict=True):
-        assert np.allclose(view["t"], subject.times)
-        tracks = [(view["truth"], subject.truth.trajectory)]
+    for view, problem in zip(views, run.problems, strict=True):
+        assert np.allclose(view["t"], problem.times)
+        tracks = [(view["truth"], problem.truth.trajectory)]
         for track in view["methods"]:
             (shown,) = (
                 c
                 for c in run.cases
                 if c.dt_s == view["dt"]
-                and c.columns["scenario"] == subject.scenario.name
+                and c.columns["scenario"] == problem.scenario.name
                 and f"{c.columns['engine']}:{c.columns['method']}" == names[track["m"]]["name"]
             )
             assert shown.trajectory is not None
             tracks.append((track, shown.trajectory))
         assert len(tracks) == 3
-        moments, axes = principal_frame(subject.scenario.scene.body.inertia)
+        moments, axes = principal_frame(problem.scenario.scene.body.inertia)
         assert np.allclose(view["moments"], moments)
         for track, trajectory in tracks:
             rotations, omega = unpacked(track)

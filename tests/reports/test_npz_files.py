@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from mutations import npz_member
 
-from bodycheck.errors import InputError
-from bodycheck.reports.npz_files import read_npz
-from bodycheck.reports.trajectory_files import npz, read_arrays
+from bodycheck._util.errors import InputError
+from bodycheck.reports.run_files.trajectory_files import npz, read_arrays, read_npz
 
 T_S = np.linspace(0.0, 1.0, 11)
 GOOD = {"t_s": T_S, "position_m": np.zeros((11, 3))}
@@ -73,14 +72,14 @@ REFUSED = {
     "more than it has": (shaped("(12,)"), "but 88 bytes, not 96"),
     "less than it has": (shaped("(10,)"), "bytes, not 80"),
     "four dimensions": (shaped("(11, 1, 1, 1)"), "t_s has the shape"),
-    "complex numbers": (saved(T_S + 1j), "is of complex128, not of real numbers"),
-    "a structure": (saved(np.zeros(11, "f8,i4")), "not of real numbers"),
-    "text": (saved(np.full(11, "1.0")), "not of real numbers"),
-    "more than a double": (saved(T_S.astype(np.longdouble)), "which no double holds in full"),
-    "whole numbers beyond a double": (saved(np.arange(11) + 2**60), "which no double holds in full"),
-    "objects": (saved(np.array([None, 1.0], dtype=object)), "is of object, not of real numbers"),
+    "complex numbers": (saved(T_S + 1j), "has type complex128, not real numbers"),
+    "a structure": (saved(np.zeros(11, "f8,i4")), "not real numbers"),
+    "text": (saved(np.full(11, "1.0")), "not real numbers"),
+    "more than a double": (saved(T_S.astype(np.longdouble)), "which does not fit in doubles"),
+    "whole numbers beyond a double": (saved(np.arange(11) + 2**60), "which do not fit in doubles"),
+    "objects": (saved(np.array([None, 1.0], dtype=object)), "has type object, not real numbers"),
     "encrypted": (encrypted(), "t_s is encrypted"),
-    "another packing": (archive(member(""), zipfile.ZIP_LZMA), "t_s is packed in a way"),
+    "another packing": (archive(member(""), zipfile.ZIP_LZMA), "t_s has an unsupported compression"),
     "a bomb": (bomb(), "t_s declares the shape"),
 }
 
@@ -93,7 +92,7 @@ def test_npz_that_is_none_is_refused_before_anything_is_allocated(what: str, tmp
     path.write_bytes(content)
     tracemalloc.start()
     try:
-        with pytest.raises(InputError, match="is not an npz of numbers") as refused:
+        with pytest.raises(InputError, match="not an npz file of numbers") as refused:
             read_npz(path, ["t_s"])
         assert tracemalloc.get_traced_memory()[1] < 4_000_000
     finally:

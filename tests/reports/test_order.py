@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 
-from bodycheck.reports.order import observed_order, settled_order
+from bodycheck.reports.measurement.order import observed_order, settled_order
 
 LADDERS = {
     4: [1e-2, 5e-3, 2e-3, 1e-3],
@@ -68,7 +68,7 @@ def test_a_straight_fit_would_claim_too_much() -> None:
 
 def test_mean_and_variance_are_those_of_a_brute_force_integration() -> None:
     """The posterior of p by numerical integration over c and p, for each sigma and tau of the grid."""
-    from bodycheck.reports import order as module
+    from bodycheck.reports.measurement import order as module
 
     steps = np.array(LADDERS[5])
     errors = steps**2 * (1.0 + 0.3 * steps / steps[0]) * np.exp([0.01, -0.02, 0.0, 0.02, -0.01])

@@ -10,8 +10,8 @@ import pytest
 from odd_run import HOSTILE
 from playwright.sync_api import Browser, Error, Page, expect
 
-from bodycheck.reports.page.motion import coarsest_shared_step, shown_cases
-from bodycheck.reports.run import Run
+from bodycheck.reports.render.page.motion import coarsest_shared_step, shown_cases
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.templating import asset
 
 pytestmark = pytest.mark.slow

@@ -13,8 +13,8 @@ import pytest
 from odd_run import HOSTILE
 from parsed_page import Page
 
-from bodycheck.reports.html import render_report
-from bodycheck.reports.run import Run
+from bodycheck.reports.render.html import render_report
+from bodycheck.reports.run_files.run_tables import Run
 
 pytestmark = pytest.mark.slow
 
@@ -78,13 +78,13 @@ def test_colours_have_contrast(html: str, scheme: str) -> None:
 
 def test_a_large_run_stays_light(run: Run) -> None:
     """Twelve scenarios by seventeen methods by six steps take at most 6 MB and 5 s of the processor."""
-    free = run.subjects[0]
+    free = run.problems[0]
     sound = [case for case in run.cases if case.ok and case.columns["scenario"] == free.scenario.name]
     copies = 12 * 17 * 6 // len(sound) + 1
-    subjects, cases, methods = [], [], []
+    problems, cases, methods = [], [], []
     for copy in range(copies):
         name = f"copy-{copy}"
-        subjects.append(replace(free, scenario=free.scenario.model_copy(update={"name": name})))
+        problems.append(replace(free, scenario=free.scenario.model_copy(update={"name": name})))
         cases += [replace(case, columns={**case.columns, "scenario": name}) for case in sound]
         methods.append(run.methods[run.methods["scenario"] == free.scenario.name].assign(scenario=name))
     noise = np.random.default_rng(0).lognormal(size=101)  # as many samples as most scenarios have
@@ -93,7 +93,7 @@ def test_a_large_run_stays_light(run: Run) -> None:
     html = render_report(
         replace(
             run,
-            subjects=tuple(subjects),
+            problems=tuple(problems),
             cases=tuple(cases),
             methods=pd.concat(methods),
             stability=run.stability.head(0),

@@ -11,16 +11,16 @@ import pandas as pd
 import pytest
 from parsed_page import Page
 
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.html import render_report
-from bodycheck.reports.page.front import ERRORS, TARGETS
-from bodycheck.reports.page.limits import limit_of
-from bodycheck.reports.page.section import anchor_of
-from bodycheck.reports.run import Run
-from bodycheck.reports.states import STATES
-from bodycheck.reports.summary import summary_cells
-from bodycheck.reports.summary_words import verdict_sentences
-from bodycheck.reports.tables import RESULT_COLUMNS, as_table
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.render.html import render_report
+from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, TARGETS
+from bodycheck.reports.render.page.scenario_facts import limit_of
+from bodycheck.reports.render.page.scenario_section import anchor_of
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_table
+from bodycheck.reports.summary.cells import summary_cells
+from bodycheck.reports.summary.sentences import verdict_sentences
 
 pytestmark = pytest.mark.slow
 
@@ -91,10 +91,10 @@ def rows_of(table: pd.DataFrame, scenario: str, engine: str, method: str) -> pd.
 
 def standing_rows(page: Page, run: Run) -> Iterator[tuple[str, str, str, dict[str, str]]]:
     """Give scenario, engine, method and record of every row of the tables of methods."""
-    for table, subject in zip(page.with_class("standing"), run.subjects, strict=True):
+    for table, problem in zip(page.with_class("standing"), run.problems, strict=True):
         for record in table.records():
             engine, method = record.pop("engine:method").rsplit(":", 1)
-            yield subject.scenario.name, engine, method, record
+            yield problem.scenario.name, engine, method, record
 
 
 def test_the_methods_of_a_scenario_stand_as_in_the_tables(page: Page, run: Run) -> None:
@@ -105,10 +105,10 @@ def test_the_methods_of_a_scenario_stand_as_in_the_tables(page: Page, run: Run) 
         own = rows_of(run.results, scenario, engine, method)
         found = rows_of(verdicts, scenario, engine, method)
         verdict, order = record.pop("verdict"), record.pop("order")
-        record.pop("not as it should be")
+        record.pop("problems")
         growing = rows_of(run.methods, scenario, engine, method).set_index("quantity")["growth"].dropna()
         for quantity in ("energy_drift", "angular_momentum_drift"):
-            grows = record.pop(f"{quantity} grows", "")
+            grows = record.pop(f"{quantity} growth", "")
             assert grows.partition(",")[0] == growing.get(quantity, "")
         if own["outcome"].eq("ok").any() and len(found):
             assert STATES[found["verdict"].item()].word in verdict
@@ -145,10 +145,10 @@ def keeping(results: pd.DataFrame, error: str, target: float) -> pd.DataFrame:
 def test_the_cheapest_cases_are_those_of_the_results(page: Page, run: Run) -> None:
     """For each decade of each error the case named is the fastest that keeps it, of all and of engines."""
     tables = page.with_class("cheapest")
-    assert [table.error for table in tables] == [*ERRORS] * len(run.subjects)
+    assert [table.error for table in tables] == [*ERRORS] * len(run.problems)
     rows = 0
     for number, table in enumerate(tables):
-        scenario = run.subjects[number // len(ERRORS)].scenario.name
+        scenario = run.problems[number // len(ERRORS)].scenario.name
         own = run.results[run.results["scenario"] == scenario]
         for target, *shown in table.rows[1:]:
             rows += 1
@@ -184,10 +184,10 @@ def median_costs(results: pd.DataFrame, error: str, target: float) -> pd.DataFra
 
 def at_several_speeds(run: Run) -> Run:
     """Return a run of its first scenario only, four times over, with other processor times."""
-    free, subjects, cases = run.subjects[0], [], []
+    free, problems, cases = run.problems[0], [], []
     for copy, factor in enumerate((1.0, 7.0, 0.3, 50.0)):
         name = f"copy-{copy}"
-        subjects.append(replace(free, scenario=free.scenario.model_copy(update={"name": name})))
+        problems.append(replace(free, scenario=free.scenario.model_copy(update={"name": name})))
         for case in run.cases:
             if case.columns["scenario"] == free.scenario.name:
                 columns = {**case.columns, "scenario": name}
@@ -197,7 +197,7 @@ def at_several_speeds(run: Run) -> Run:
     results = as_table((case.columns for case in cases), RESULT_COLUMNS)
     return replace(
         run,
-        subjects=tuple(subjects),
+        problems=tuple(problems),
         cases=tuple(cases),
         results=results,
         methods=run.methods.head(0),
@@ -302,6 +302,6 @@ def test_a_run_without_speed_says_so(run: Run) -> None:
         for case in run.cases
     )
     page = Page(render_report(replace(run, cases=cases)))
-    assert page.text.count("No processor time was measured.") == len(run.subjects) + 1
+    assert page.text.count("No processor time was measured.") == len(run.problems) + 1
     assert not {"speed", "overall"} & {attributes.get("data-plot") for _, attributes in page.tags}
     assert not page.with_class("fronts")

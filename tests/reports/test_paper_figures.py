@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodycheck.errors import InputError, UnavailableError
-from bodycheck.reports.paper_figures import FIGURES, STABILITY, check_picture, drawn_figure, picture
-from bodycheck.reports.run import Run
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.stored import read_run
+from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.render.figures import FIGURES, STABILITY, check_picture, drawn_figure, picture
+from bodycheck.reports.run_files.run_reader import read_run
+from bodycheck.reports.run_files.run_tables import Run
 
 pytestmark = pytest.mark.slow
 
@@ -87,7 +87,7 @@ def test_a_drift_that_has_no_scale_is_drawn_in_its_unit(run: Run) -> None:
 @pytest.mark.parametrize("figure", FIGURES)
 def test_what_has_no_points_is_no_figure(figure: str, run: Run) -> None:
     """An empty picture would say that all is well."""
-    with pytest.raises(InputError, match="nothing was measured of it in nowhere"):
+    with pytest.raises(InputError, match="nothing to draw for nowhere"):
         picture(run, figure, "nowhere", "orientation_error_rad", ".svg")
 
 

@@ -12,17 +12,18 @@ from planted_faults import BASES, FAULTS, SOUND, Fault, Faulty
 from registered import registered
 
 import bodycheck
+from bodycheck._util.formatting import escaped_markdown
 from bodycheck.adapters.contract import Engine
-from bodycheck.adapters.drive import record
-from bodycheck.reports.html import render_report
-from bodycheck.reports.markdown import escaped, markdown_summary
+from bodycheck.adapters.execution import record
 from bodycheck.reports.probes.probe import probe_rows
-from bodycheck.reports.summary import summary_cells
-from bodycheck.reports.summary_words import verdict_sentences
-from bodycheck.reports.terminal import print_summary
+from bodycheck.reports.render.html import render_report
+from bodycheck.reports.render.markdown import markdown_summary
+from bodycheck.reports.render.terminal import print_summary
+from bodycheck.reports.summary.cells import summary_cells
+from bodycheck.reports.summary.sentences import verdict_sentences
 
 if TYPE_CHECKING:
-    from bodycheck.reports.run import Run
+    from bodycheck.reports.run_files.run_tables import Run
 
 NOT_BY_PROBES = {
     "position-by-old-velocity": "an error of order 1 in the position, and no wrong reading",
@@ -77,7 +78,9 @@ def check_reports(base: str, faults: Sequence[Fault], capsys: pytest.CaptureFixt
         assert method in sentences
         for page, text in pages.items():
             sentence = results[0].sentence
-            shown = {"html": str(escape(sentence)), "markdown": escaped(sentence)}.get(page, sentence)
+            shown = {"html": str(escape(sentence)), "markdown": escaped_markdown(sentence)}.get(
+                page, sentence
+            )
             assert shown in text, (page, method)
             assert results[0].reproduce in text, (page, method)
 

@@ -7,9 +7,9 @@ from base64 import b64decode
 import numpy as np
 import pytest
 
-from bodycheck.reports.page.packing import LINE_POINTS, packed_line, thinned_maxima, thinned_times
-from bodycheck.reports.page.plots import growth_words
-from bodycheck.reports.styles import DASHES, MARKERS, styles
+from bodycheck.reports.render.page.downsampling import LINE_POINTS, packed_line, thinned_maxima, thinned_times
+from bodycheck.reports.render.page.plots import growth_words
+from bodycheck.reports.render.styles import DASHES, MARKERS, styles
 
 
 def test_thinned_lines_keep_their_peaks() -> None:

@@ -15,17 +15,17 @@ import pytest
 
 import bodycheck
 from bodycheck.adapters.contract import Adapter, Engine, Method, ReadBack, Reading, Simulation
-from bodycheck.adapters.drive import Answer, Case, record
+from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import exp_matrix, normalised
 from bodycheck.reference_impl.scene import RigidBody, Scene, Torque
 from bodycheck.reference_impl.wrench import Wrench
-from bodycheck.reports.probes.limits import limit, noise
+from bodycheck.reports.probes.finding import limit, noise
 from bodycheck.reports.probes.probe import built_in_probes, probe_rows
-from bodycheck.reports.stored import read_tables
-from bodycheck.reports.tables import PROBE_COLUMNS
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.tables import PROBE_COLUMNS
 
 ENGINES = {"reference": "Reference", "mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "Dart"}
 DAMPED = "pybullet:multibody@defaults"
@@ -116,7 +116,7 @@ def of_another_body(seed: int, scene: Scene) -> Scene:
         replace(load, value=np.min(moments) * load.value)
         if isinstance(load, Torque)
         else replace(load, value=body.mass * reach * load.value, at=reach * load.at)  # type: ignore[call-arg]
-        for load in scene.timed_loads
+        for load in scene.piecewise_constant_loads
     )
     return replace(scene, body=body, initial=start, loads=loads)
 
@@ -406,4 +406,4 @@ def test_a_torque_of_twice_the_size_names_the_torque_alone() -> None:
     rows = {row["check"]: row for row in probe_rows(engine_of(sound), sound.methods["rk4"], twice)}
     assert accused(rows) == {"body_torque_response"}
     assert rows["body_torque_response"]["measured"] == pytest.approx(2.0)
-    assert rows["body_torque_response"]["message"] == "the momentum gained is 2 of the impulse"
+    assert rows["body_torque_response"]["message"] == "the momentum gained is 2 times the impulse"

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.contract import Engine
-from bodycheck.adapters.protocol import Message
-from bodycheck.reports import speed
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.storage.answers import Answers
-from bodycheck.reports.subject import Subject
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.measurement import speed
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.problem import Problem
 from bodycheck.scenarios.library import load_scenario
 
 ENGINE, YARDSTICK = "quick", "reference"
@@ -45,13 +45,13 @@ def timed(
         def close(self) -> None:
             """Nothing to do."""
 
-    monkeypatch.setattr(speed, "Hosts", Clockwork)
-    subject = Subject.of(load_scenario("intermediate-axis"), "intermediate-axis")
+    monkeypatch.setattr(speed, "EnginePool", Clockwork)
+    problem = Problem.of(load_scenario("intermediate-axis"), "intermediate-axis")
     about = {"scenario": "intermediate-axis", "engine": ENGINE, "method": "m", "outcome": "ok", "message": ""}
     cases = [CaseResult({**about, "dt_s": dt_s, "steps": round(10.0 / dt_s)}) for dt_s in STEPS_S]
     told: list[int] = []
     found, quietness = speed.measure_speeds(
-        [subject],
+        [problem],
         cases,
         {ENGINE: Engine(ENGINE, "1", {}, "")},
         Answers(None, None, 1.0),

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import bodycheck
-from bodycheck.reports.tables import STABILITY_COLUMNS
+from bodycheck.reports.run_files.tables import STABILITY_COLUMNS
 
 METHODS = ["reference:m1", "reference:euler", "reference:splitting6", "reference:taylor", "reference:exact"]
 

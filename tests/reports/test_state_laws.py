@@ -13,14 +13,20 @@ from gated import CASE, METHOD, a_run
 
 from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.findings import common_step, shown_case
-from bodycheck.reports.quantity_verdicts import QuantityVerdict, method_verdict, most_severe
-from bodycheck.reports.stability import stability_row
-from bodycheck.reports.stored import Tables
-from bodycheck.reports.summary import Cell, Fault, faults_of, summary_cell, summary_cells
-from bodycheck.reports.tables import PROBE_COLUMNS, as_table
-from bodycheck.reports.worst_results import MethodResults, Result, headline, worst_methods, worst_results
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.stability import stability_row
+from bodycheck.reports.measurement.verdicts import QuantityVerdict, method_verdict, most_severe
+from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import common_step, shown_case
+from bodycheck.reports.run_files.tables import PROBE_COLUMNS, as_table
+from bodycheck.reports.summary.cells import Cell, Fault, faults_of, summary_cell, summary_cells
+from bodycheck.reports.summary.worst_results import (
+    MethodResults,
+    Result,
+    headline,
+    worst_methods,
+    worst_results,
+)
 
 ERROR = "orientation_error_rad"
 ROW = {
@@ -287,7 +293,7 @@ def stable_row(
     """Return the row of cases with these steps and outcomes, and what was searched for it."""
     start = State(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
     scene = Scene(RigidBody(1.0, np.eye(3)), start, (), np.zeros(3), duration_s, 11)
-    subject: Any = SimpleNamespace(
+    problem: Any = SimpleNamespace(
         scenario=SimpleNamespace(scene=scene),
         scales=SimpleNamespace(omega_scale_rad_s=omega),
         motion=SimpleNamespace(kinetic=np.array([1.0, 3.0, 2.0])),
@@ -304,7 +310,7 @@ def stable_row(
 
     method: Any = SimpleNamespace(name="rk4")
     engine: Any = SimpleNamespace(name="mujoco")
-    row = stability_row(subject, engine, method, made, search)
+    row = stability_row(problem, engine, method, made, search)
     return row, asked
 
 

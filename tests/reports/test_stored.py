@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import bodycheck
-from bodycheck.errors import InputError
-from bodycheck.reports.html import render_report
-from bodycheck.reports.run import Run
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.store import write_run
-from bodycheck.reports.stored import read_run, read_tables
+from bodycheck._util.errors import InputError
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.render.html import render_report
+from bodycheck.reports.run_files.run_reader import read_run, read_tables
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.directory import write_run
 
 
 @pytest.fixture(scope="module")
@@ -77,16 +77,16 @@ def _another_start(folder: Path) -> None:
 
 
 DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
-    "no manifest": (lambda folder: (folder / "manifest.json").unlink(), "is no folder of a run"),
+    "no manifest": (lambda folder: (folder / "manifest.json").unlink(), "not a run folder"),
     "half a manifest": (_text("manifest.json", lambda text: text[:500]), "manifest.json: is not JSON"),
-    "a foreign manifest": (_text("manifest.json", lambda _: "{}"), "is no manifest of a run"),
+    "a foreign manifest": (_text("manifest.json", lambda _: "{}"), "not a manifest of a run"),
     "no machine": (
         _text("manifest.json", lambda text: text.replace('"system"', '"sistem"')),
-        "is no manifest of a run: system: is required",
+        "not a manifest of a run: system: is required",
     ),
     "a list for a table": (
         _text("manifest.json", lambda text: re.sub(r'"outcomes": {[^}]*}', '"outcomes": []', text)),
-        "is no manifest of a run: outcomes: should be a valid dictionary",
+        "not a manifest of a run: outcomes: should be a valid dictionary",
     ),
     "a row lost": (_text("results.csv", lambda text: text[: text[:-1].rindex("\n") + 1]), "is damaged"),
     "half a row": (_text("results.csv", lambda text: text[:-200]), "cells, not"),
@@ -94,14 +94,20 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
         _text("results.csv", lambda text: text.replace(",m1,dt,0.02,", ",m1,dt,coarse,")),
         "dt_s is 'coarse', not a number",
     ),
-    "another run's table": (_text("methods.csv", lambda text: text.replace("Z-", "Z-0")), "its tables of"),
-    "a column more": (_text("methods.csv", lambda text: text.replace("verdict", "judgement")), "no column"),
+    "another run's table": (
+        _text("methods.csv", lambda text: text.replace("Z-", "Z-0")),
+        "but the tables of",
+    ),
+    "a column more": (
+        _text("methods.csv", lambda text: text.replace("verdict", "judgement")),
+        "missing column",
+    ),
     "no motion": (
         lambda folder: (folder / "trajectories/free/reference_m1_0.02.npz").unlink(),
         "cannot be read",
     ),
-    "motions swapped": (_motions_swapped, "but results.csv says"),
-    "another start": (_another_start, "is not the truth that is solved for free now"),
+    "motions swapped": (_motions_swapped, "but results.csv has"),
+    "another start": (_another_start, "differs from the truth of free as solved now"),
     "a mesh of another mass": (
         _text("manifest.json", lambda text: text.replace('"density_kg_m3": 600.0', '"density_kg_m3": "x"')),
         "is not a scenario as a run writes it",
@@ -112,9 +118,12 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "a key more": (
         _text("manifest.json", lambda text: text.replace('"samples": 11', '"sample": 11')),
-        "sample: is no key of this table",
+        "sample: is not a key of this table",
     ),
-    "held by nobody": (_text("read_back.json", lambda text: text.replace("mass", "weight")), "engine held"),
+    "held by nobody": (
+        _text("read_back.json", lambda text: text.replace("mass", "weight")),
+        "not a valid read-back",
+    ),
 }
 
 
@@ -156,5 +165,5 @@ def test_a_scenario_with_a_function_needs_leave_again(
     import loads_of_a_stored_run  # type: ignore[import-not-found]
 
     monkeypatch.setattr(loads_of_a_stored_run, "f", lambda *state: (-0.5 * state[3], -0.1 * state[4]))
-    with pytest.raises(InputError, match="is not the truth that is solved for called now"):
+    with pytest.raises(InputError, match="differs from the truth of called as solved now"):
         read_run(tmp_path / "run", allow_code=True)

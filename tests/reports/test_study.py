@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.contract import Engine, Setting
-from bodycheck.adapters.drive import Answer, Case, record
+from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.rotations import geodesic_angle
-from bodycheck.reports.study import study
-from bodycheck.reports.subject import Subject
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.study import study
 from bodycheck.scenarios.library import load_scenario
 
 STEPS = (0.05, 0.02, 0.01, 0.005)
@@ -20,28 +20,28 @@ FAILED = 0.01
 
 
 @pytest.fixture(scope="module")
-def subject() -> Subject:
+def problem() -> Problem:
     """A body that tumbles, with its truth."""
-    return Subject.of(load_scenario("intermediate-axis"), "intermediate-axis")
+    return Problem.of(load_scenario("intermediate-axis"), "intermediate-axis")
 
 
 @pytest.fixture(scope="module")
-def answers(subject: Subject) -> dict[float | None, Answer]:
+def answers(problem: Problem) -> dict[float | None, Answer]:
     """What the reference says at each step; at one of them it fails."""
-    cases = [Case(subject.scenario.scene, "rk4", Setting(dt_s=step)) for step in STEPS]
+    cases = [Case(problem.scenario.scene, "rk4", Setting(dt_s=step)) for step in STEPS]
     said = {case.setting.dt_s: record(Reference(), case) for case in cases}
     return said | {FAILED: Answer("failed", "it crashed")}
 
 
 @pytest.mark.parametrize("order", [STEPS, STEPS[::-1], *list(permutations(STEPS))[5::6]])
 def test_the_step_change_is_the_angle_to_the_next_coarser_case(
-    order: tuple[float, ...], subject: Subject, answers: dict[float | None, Answer]
+    order: tuple[float, ...], problem: Problem, answers: dict[float | None, Answer]
 ) -> None:
     """It is max over the samples of the angle between the two motions, where both ended well, else absent."""
     adapter = Reference()
     engine = Engine(adapter.name, adapter.version, adapter.methods)
     found = study(
-        subject,
+        problem,
         engine,
         adapter.methods["rk4"],
         [Setting(dt_s=step) for step in order],
@@ -51,12 +51,12 @@ def test_the_step_change_is_the_angle_to_the_next_coarser_case(
         case_done=lambda: None,
     ).cases
     assert [case.dt_s for case in found] == sorted(STEPS, reverse=True)
-    assert "step_change_rad" not in found[0].columns
+    assert "successive_difference_rad" not in found[0].columns
     for coarser, case in pairwise(found):
         one, other = (answers[c.dt_s].trajectory for c in (coarser, case))
         if one is None or other is None:
-            assert "step_change_rad" not in case.columns
+            assert "successive_difference_rad" not in case.columns
         else:
             change = np.max(geodesic_angle(one.attitude, other.attitude))
-            assert case.columns["step_change_rad"] == pytest.approx(change, rel=1e-12, abs=0.0)
+            assert case.columns["successive_difference_rad"] == pytest.approx(change, rel=1e-12, abs=0.0)
     assert FAILED in [case.dt_s for case in found if not case.ok]

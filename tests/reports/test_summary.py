@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.findings import common_step
-from bodycheck.reports.run import Run
-from bodycheck.reports.states import STATES
-from bodycheck.reports.summary import Cell, summary_cells
-from bodycheck.reports.summary_words import verdict_sentences
-from bodycheck.reports.wording import names, number, scientific, step
+from bodycheck._util.formatting import names, number, scientific, step
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.run_files.run_tables import Run, common_step
+from bodycheck.reports.summary.cells import Cell, summary_cells
+from bodycheck.reports.summary.sentences import verdict_sentences
 
 
 @pytest.mark.slow

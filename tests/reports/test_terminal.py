@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck.reports.live_progress import LiveProgress
-from bodycheck.reports.run import Run
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.stored import read_run
-from bodycheck.reports.terminal import print_summary
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.render.progress import LiveProgress
+from bodycheck.reports.render.terminal import print_summary
+from bodycheck.reports.run_files.run_reader import read_run
+from bodycheck.reports.run_files.run_tables import Run
 
 
 class Terminal(io.StringIO):
@@ -75,7 +75,7 @@ def test_the_summary_has_each_method_and_the_worst_with_its_command(
     assert shown[0].startswith(f"{len(run.cases)} cases in ")
     for method in ("reference:m1", "reference:rk4", "reference:exact", "reference:taylor", "failing:m1"):
         assert sum(line.startswith(f"{method} ") and " rad in " in line for line in shown) == 1
-    place = shown.index("The worst of each method") + 1
+    place = shown.index("Worst result of each method") + 1
     assert shown[place].startswith("failing:m1: failed in 1 case: RuntimeError")
     assert shown[place].endswith(" in forced, and a mesh")
     assert shown[place + 1].strip() == next(

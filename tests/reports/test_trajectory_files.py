@@ -8,7 +8,7 @@ import zipfile
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.trajectory_files import npz
+from bodycheck.reports.run_files.trajectory_files import npz
 
 
 def arrays_of(n: int) -> dict[str, Array]:

@@ -11,7 +11,7 @@ import pytest
 from front_door import bodycheck_in
 from scenario_file import SCENARIO
 
-from bodycheck.reports.whole_file import put_whole
+from bodycheck._util.files import atomic_write
 
 
 @pytest.fixture(params=[0o077, 0o022, 0o027])
@@ -30,7 +30,7 @@ def mode(path: Path) -> int:
 def test_file_has_the_mode_of_any_new_file(umask: int, tmp_path: Path) -> None:
     """Neither wider nor narrower than the umask leaves it; nothing else is left beside it."""
     for content in (b"first", b"second"):
-        put_whole(tmp_path / "table.csv", content)
+        atomic_write(tmp_path / "table.csv", content)
         assert (tmp_path / "table.csv").read_bytes() == content
     assert mode(tmp_path / "table.csv") == 0o666 & ~umask
     assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]

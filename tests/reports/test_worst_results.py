@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck.reports.markdown import markdown_summary
-from bodycheck.reports.stored import Tables, read_tables
-from bodycheck.reports.worst_results import worst_results
+from bodycheck.reports.render.markdown import markdown_summary
+from bodycheck.reports.run_files.run_reader import Tables, read_tables
+from bodycheck.reports.summary.worst_results import worst_results
 
 pytestmark = pytest.mark.slow
 

@@ -12,15 +12,14 @@ import numpy as np
 import pytest
 from scenario_text import parse_scenario
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.scenarios.body import GivenBody, MeshBody
 from bodycheck.scenarios.library import load_scenario, load_scenarios
-from bodycheck.scenarios.mesh_units import doubts
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.shapes import primitive
-from bodycheck.scenarios.written import as_written
-from bodycheck.scenarios.written import written as written_down
+from bodycheck.scenarios.serialization import as_written
+from bodycheck.scenarios.serialization import written as written_down
+from bodycheck.scenarios.shapes import doubts, primitive
 
 HEAD = 'name = "x"\nduration_s = 1.0\nsamples = 11\n[body]\n'
 
@@ -181,28 +180,31 @@ def test_what_was_put_right_in_a_mesh_is_noted(tmp_path: Path) -> None:
 DENSITY = "density_kg_m3 = 1000\n"
 FAULTS = {
     "no such mesh": ('mesh = "no.obj"\n' + DENSITY, ["body.mesh: {folder}/no.obj: cannot be read: No such"]),
-    "no mesh by name": ('mesh = "part.step"\n' + DENSITY, ["body.mesh: {folder}/part.step: is no mesh file"]),
+    "no mesh by name": (
+        'mesh = "part.step"\n' + DENSITY,
+        ["body.mesh: {folder}/part.step: unsupported mesh format"],
+    ),
     "open mesh": ('mesh = "open.obj"\n' + DENSITY, ["body.mesh: {folder}/open.obj: the mesh is open"]),
     "mesh that is no name": ("mesh = 3\n" + DENSITY, ["body.mesh: needs the name of a mesh file"]),
     "mesh and no density": ('mesh = "part.obj"\n', ["body.density_kg_m3: is required"]),
     "mesh and sizes": (
         'mesh = "part.obj"\nsize_m = [1]\n' + DENSITY,
-        ["body.size_m: is no key of a [body] with mesh, density_kg_m3"],
+        ["body.size_m: is not a key of a [body] with mesh, density_kg_m3"],
     ),
     "mesh and shape": (
         'mesh = "part.obj"\nshape = "box"\n' + DENSITY,
-        ["body.shape: is no key of a [body] w"],
+        ["body.shape: is not a key of a [body] w"],
     ),
     "mesh and numbers": (
         'mesh = "part.obj"\nmass_kg = 1\ninertia_kg_m2 = [1, 1, 1]\n' + DENSITY,
         [
-            "body.mass_kg: is no key of a [body] with mesh",
-            "body.inertia_kg_m2: is no key of a [body] with mesh",
+            "body.mass_kg: is not a key of a [body] with mesh",
+            "body.inertia_kg_m2: is not a key of a [body] with mesh",
         ],
     ),
     "numbers and density": (
         "mass_kg = 1\ninertia_kg_m2 = [1, 1, 1]\n" + DENSITY,
-        ["body.density_kg_m3: is no key of a [body] with mass_kg, inertia_kg_m2"],
+        ["body.density_kg_m3: is not a key of a [body] with mass_kg, inertia_kg_m2"],
     ),
     "density too small": (
         'mesh = "part.obj"\ndensity_kg_m3 = 0\n',
@@ -343,12 +345,12 @@ def test_what_is_implausible_about_a_mesh_is_noted() -> None:
     """100 mm read as m, 0.1 m read as mm, and a density in t/mm^3 get a warning each; a ship gets none."""
     large, small = (primitive("box", [size] * 3, 2700.0) for size in (100.0, 1e-4))
     assert doubts(large, 2700.0, None) == (
-        "warning: about 129 m across and 2.7e+09 kg; if the mesh is drawn in mm, state it (--unit mm, or "
+        "warning: about 129 m across and 2.7e+09 kg; if the mesh is in mm, specify the unit (--unit mm, or "
         "mesh_unit in a scenario): 0.129 m and 2.7 kg",
     )
     assert doubts(large, 2700.0, "m") == ()
-    assert "is the mesh drawn in mm, not in m?" in doubts(small, 2700.0, "mm")[0]
+    assert "is the mesh really in mm, not in m?" in doubts(small, 2700.0, "mm")[0]
     assert doubts(small, 2700.0, None) == ()
     assert doubts(primitive("box", [0.1] * 3, 7.85e-9), 7.85e-9, None)[0].startswith(
-        "warning: nothing has a den"
+        "warning: implausible den"
     )

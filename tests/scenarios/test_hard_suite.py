@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.scene import Drag, Scene, Spring
-from bodycheck.reference_impl.truth import solve_truth
+from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.scenarios.library import load_scenarios, suites
 from bodycheck.scenarios.model import Scenario
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.scenarios import known_solids
-from bodycheck.scenarios.known_solids import known_solid
+from bodycheck.scenarios import shapes
+from bodycheck.scenarios.shapes import known_solid
 
 SOLID = MassProperties(
     1.0 / 3.0, np.array([0.1, -1e-300, 2.0 / 7.0]), np.diag([1.0, 2.0, 2.5]) / 3.0, ("a note",)
@@ -19,7 +19,7 @@ SOLID = MassProperties(
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the empty folder in which solids are kept."""
-    monkeypatch.setattr(known_solids, "cache_directory", lambda: tmp_path)
+    monkeypatch.setattr(shapes, "cache_directory", lambda: tmp_path)
     return tmp_path / "solids"
 
 

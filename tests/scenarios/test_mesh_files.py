@@ -14,10 +14,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bodycheck.errors import InputError
+import bodycheck.scenarios.shapes
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios import known_solids, shapes
+from bodycheck.scenarios import shapes
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.shapes import load_mesh, primitive
 
@@ -214,37 +215,41 @@ PIECES = {
 }
 
 BAD: dict[str, tuple[str, str | bytes, str]] = {
-    "no mesh by name": ("a.txt", "", "is no mesh file by its name; known are .stl, .obj, .ply"),
-    "empty STL": ("a.stl", b"", "is no STL: 0 bytes are less than the 84 of a binary header"),
-    "short STL": ("a.stl", binary_stl()[:-1], "is no STL: its header says 4 triangles, which take 284"),
-    "huge STL": ("a.stl", b" " * 80 + b"\xff" * 4, "is no STL: its header says 4294967295 triangles"),
+    "no mesh by name": ("a.txt", "", "unsupported mesh format (supported: .stl, .obj, .ply)"),
+    "empty STL": ("a.stl", b"", "not an STL file: 0 bytes are less than the 84 of a binary header"),
+    "short STL": (
+        "a.stl",
+        binary_stl()[:-1],
+        "not an STL file: its header states 4 triangles, which take 284",
+    ),
+    "huge STL": ("a.stl", b" " * 80 + b"\xff" * 4, "not an STL file: its header states 4294967295 triangles"),
     "STL without triangles": ("a.stl", b" " * 80 + b"\0" * 4, "has no faces"),
     "OBJ fault after continued lines": (
         "a.obj",
         "v 0 \\\n0 \\\r\n0\nv 0 1 x\n",
-        "line 4: '0 1 x' are not all numbers",
+        "line 4: not all of '0 1 x' are numbers",
     ),
     "STL cut off": ("a.stl", ascii_stl()[:-30], "ends without endsolid"),
     "STL with a word for a number": (
         "a.stl",
         ascii_stl().replace("3.0", "three", 1),
-        "line 13: '0.0 0.0 three' are not all numbers",
+        "line 13: not all of '0.0 0.0 three' are numbers",
     ),
     "STL facet of two corners": (
         "a.stl",
         ascii_stl().replace("  vertex 0.0 2.0 0.0\n", "", 1),
-        "line 7: a facet ends that has not",
+        "line 7: a facet does not have",
     ),
     "STL with another line": (
         "a.stl",
         ascii_stl().replace("outer loop", "loop", 1),
-        "line 3: 'loop' is no line of",
+        "line 3: 'loop' is not a line of",
     ),
     "OBJ without faces": ("a.obj", "v 0 0 0\n", "has no faces"),
-    "OBJ vertex of two": ("a.obj", "v 0 0\n", "line 1: 'v 0 0' has not three coordinates"),
-    "OBJ vertex of words": ("a.obj", "v 0 0 zero\n", "line 1: '0 0 zero' are not all numbers"),
-    "OBJ face of two": ("a.obj", obj() + "f 1 2\n", "line 14: 'f 1 2' has not three corners"),
-    "OBJ face of words": ("a.obj", obj() + "f 1 2 a/b\n", "line 14: 'a' is not a whole number"),
+    "OBJ vertex of two": ("a.obj", "v 0 0\n", "line 1: 'v 0 0' has fewer than three coordinates"),
+    "OBJ vertex of words": ("a.obj", "v 0 0 zero\n", "line 1: not all of '0 0 zero' are numbers"),
+    "OBJ face of two": ("a.obj", obj() + "f 1 2\n", "line 14: 'f 1 2' has fewer than three corners"),
+    "OBJ face of words": ("a.obj", obj() + "f 1 2 a/b\n", "line 14: 'a' is not an integer"),
     "OBJ corner 0": (
         "a.obj",
         obj() + "f 0 1 2\n",
@@ -263,14 +268,14 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
         obj().replace("f 1 3 2\n", ""),
         "the mesh is open: 3 edges belong to one triangle only",
     ),
-    "PLY of nothing": ("a.ply", "", "is no PLY: it lacks 'ply' at its start or the line 'end_header'"),
-    "PLY without end": ("a.ply", ply(end=""), "is no PLY: it lacks 'ply' at its start or the line"),
+    "PLY of nothing": ("a.ply", "", "not a PLY file: 'ply' at its start or the line 'end_header' is missing"),
+    "PLY without end": ("a.ply", ply(end=""), "not a PLY file: 'ply' at its start or the line"),
     "PLY of another format": (
         "a.ply",
         ply(format="format utf8 1.0"),
         "line 2: 'format utf8 1.0' is out of place",
     ),
-    "PLY of no format": ("a.ply", ply(format=""), "the header says no format"),
+    "PLY of no format": ("a.ply", ply(format=""), "the header has no format line"),
     "PLY without x": ("a.ply", ply(x="property double u\n"), "has no vertices: it lacks the numbers x, y, z"),
     "PLY of one type twice": (
         "a.ply",
@@ -280,15 +285,15 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
     "PLY of no known type": (
         "a.ply",
         ply(x="property real x\n"),
-        "line 5: 'real' is no type of a property 'x'",
+        "line 5: 'real' is not a valid type of property 'x'",
     ),
     "PLY of broken corners": (
         "a.ply",
         ply(list="property list uchar float vertex_indices"),
-        "line 10: 'list uchar float' is no type of",
+        "line 10: 'list uchar float' is not a valid type of",
     ),
-    "PLY of a negative count": ("a.ply", ply(vertices="element vertex -4"), "line 4: -4 is no count"),
-    "PLY of no count": ("a.ply", ply(vertices="element vertex four"), "line 4: 'four' is not a whole number"),
+    "PLY of a negative count": ("a.ply", ply(vertices="element vertex -4"), "line 4: a count cannot be -4"),
+    "PLY of no count": ("a.ply", ply(vertices="element vertex four"), "line 4: 'four' is not an integer"),
     "PLY of too many rows": (
         "a.ply",
         ply(faces="element face 5"),
@@ -299,11 +304,11 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
     "PLY row too long": (
         "a.ply",
         ply(row="0.0 0.0 3.0 255 1"),
-        "line 15: '0.0 0.0 3.0 255 1' goes on after its",
+        "line 15: '0.0 0.0 3.0 255 1' continues after its",
     ),
-    "PLY row of words": ("a.ply", ply(row="0.0 0.0 z 255"), "line 15: 'z' are not all numbers"),
+    "PLY row of words": ("a.ply", ply(row="0.0 0.0 z 255"), "line 15: not all of 'z' are numbers"),
     "PLY list too short": ("a.ply", ply(face="4 1 2 3"), "line 19: '4 1 2 3' ends within 'vertex_indices'"),
-    "PLY list of negative length": ("a.ply", ply(face="-3 1 2 3"), "line 19: -3 is no count"),
+    "PLY list of negative length": ("a.ply", ply(face="-3 1 2 3"), "line 19: a count cannot be -3"),
     "PLY face of two": (
         "a.ply",
         ply(face="2 1 2"),
@@ -323,12 +328,12 @@ BAD: dict[str, tuple[str, str | bytes, str]] = {
     "PLY cut off early": (
         "a.ply",
         binary_ply("<")[:-60],
-        "element 'vertex' has 4 rows of at least 100 bytes in all, but 92 are left",
+        "element 'vertex' has 4 rows of at least 100 bytes in total, but 92 are left",
     ),
     "PLY of huge count": (
         "a.ply",
         binary_ply("<").replace(b"face 4", b"face 2000000000"),
-        "element 'face' has 2000000000 rows of at least 2000000000 bytes in all, but 52 are left",
+        "element 'face' has 2000000000 rows of at least 2000000000 bytes in total, but 52 are left",
     ),
 }
 
@@ -389,7 +394,7 @@ def test_a_mesh_takes_at_most_200_bytes_of_memory_a_triangle(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From its file to its mass; what numpy and numba allocate counts, also for the bytes of the file."""
-    monkeypatch.setattr(known_solids, "cache_directory", lambda: tmp_path / "cache")
+    monkeypatch.setattr(bodycheck.scenarios.shapes, "cache_directory", lambda: tmp_path / "cache")
     for rings in (4, 50):  # the first compiles
         vertices, triangles = ball(rings)
         path = written(tmp_path, f"{rings}-{name}", ball_files(vertices, triangles)[name])
@@ -405,7 +410,7 @@ def test_a_file_that_changes_while_it_is_read_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No solid is filed under the hash of other bytes."""
-    monkeypatch.setattr(known_solids, "cache_directory", lambda: tmp_path / "cache")
+    monkeypatch.setattr(bodycheck.scenarios.shapes, "cache_directory", lambda: tmp_path / "cache")
     path = written(tmp_path, "a.obj", obj())
 
     def changed(*read: Any) -> Any:
@@ -431,7 +436,7 @@ def test_a_file_of_absurd_size_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "huge.obj"
     with path.open("wb") as file:
         file.truncate((1 << 30) + 1)
-    with pytest.raises(InputError, match=r"huge.obj: has 1073741825 bytes; at most 1073741824 are read"):
+    with pytest.raises(InputError, match=r"huge.obj: too large, 1073741825 bytes \(limit: 1073741824\)"):
         open_mesh(path)
 
 

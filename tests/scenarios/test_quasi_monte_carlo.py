@@ -13,9 +13,8 @@ from bodycheck.reference_impl.mass_properties.implicit import (
     ImplicitTorus,
     LevelSet,
 )
-from bodycheck.reference_impl.mass_properties.primitives import primitive
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.scenarios.quasi_monte_carlo import Estimate, estimate
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
+from bodycheck.scenarios.level_sets import Estimate, estimate
 
 UPRIGHT = ImplicitTorus(1.0, 0.4)
 
@@ -144,14 +143,14 @@ def test_an_error_that_rests_on_a_few_points_is_not_stated() -> None:
     sign = LevelSet(
         lambda p: np.where(np.asarray(thin.function(p)) <= 0.0, -1.0, 1.0), thin.lower, thin.upper, 16
     )
-    with pytest.raises(ValueError, match=r"only \d+ points met them: too few to state an error"):
+    with pytest.raises(ValueError, match=r"only \d+ points hit them: too few to estimate an error"):
         estimate(sign, columns_log2=10)
 
 
 @pytest.mark.parametrize("columns_log2", [0, 7, 9])
 def test_too_few_columns_are_refused(columns_log2: int) -> None:
     """Below 2^10 columns the intervals hold too seldom; nothing is estimated."""
-    with pytest.raises(ValueError, match="columns are too few for an honest error: at least 2\\^10"):
+    with pytest.raises(ValueError, match="columns are too few for a reliable error: at least 2\\^10"):
         estimate(UPRIGHT, columns_log2=columns_log2)
 
 
@@ -185,13 +184,13 @@ BOX = (np.array([-1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0]))
 @pytest.mark.parametrize(
     ("solid", "message"),
     [
-        (LevelSet(lambda p: np.ones(len(p)), *BOX), "nothing of the solid was met in the box from"),
+        (LevelSet(lambda p: np.ones(len(p)), *BOX), "no part of the solid was found in the box from"),
         (LevelSet(lambda p: np.full(len(p), np.nan), *BOX), "f is not a number at "),
         (LevelSet(lambda p: p, *BOX), r"f of points \(\d+, 3\) must be \(\d+,\), not \(\d+, 3\)"),
-        (LevelSet(lambda p: p[:, 0], BOX[1], BOX[0]), "the box from .* has no finite inside"),
-        (LevelSet(lambda p: p[:, 0], BOX[0] * np.nan, BOX[1]), "the box from .* has no finite inside"),
+        (LevelSet(lambda p: p[:, 0], BOX[1], BOX[0]), "the box from .* is empty or not finite"),
+        (LevelSet(lambda p: p[:, 0], BOX[0] * np.nan, BOX[1]), "the box from .* is empty or not finite"),
         (LevelSet(lambda p: p[:, 0], BOX[0][:2], BOX[1]), "the corners of the box must be"),
-        (ImplicitTorus(1.0, -0.4), "the box from .* has no finite inside"),
+        (ImplicitTorus(1.0, -0.4), "the box from .* is empty or not finite"),
     ],
 )
 def test_impossible_solids_are_refused(solid: ImplicitSolid, message: str) -> None:

@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 from scenario_text import HERE, parse_scenario
 
-from bodycheck.errors import InputError
-from bodycheck.reference_impl.scene import BlackBox, Drag, GravityGradient, SineTorque, Spring, TorsionSpring
+from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.scene import (
+    CallbackLoad,
+    Drag,
+    GravityGradient,
+    SineTorque,
+    Spring,
+    TorsionSpring,
+)
 from bodycheck.scenarios.library import PROBES, load_scenario, load_scenarios, scenario_names, suites
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import parse_members
@@ -121,9 +128,9 @@ BODY = 'name = "x"\nduration_s = 1\nsamples = 11\n[body]\n'
 FAULTS = {
     "unknown key": (
         GOOD.replace("mass_kg", "mas_kg"),
-        ["body.mass_kg: is required", "body.mas_kg: is no key"],
+        ["body.mass_kg: is required", "body.mas_kg: is not a key"],
     ),
-    "unknown table": (GOOD + "[other]\n", ["other: is no key"]),
+    "unknown table": (GOOD + "[other]\n", ["other: is not a key"]),
     "text for a number": (GOOD.replace("2.0\nsam", '"2"\nsam'), ["duration_s: should be a valid number"]),
     "truth for a number": (GOOD.replace("mass_kg = 2.0", "mass_kg = true"), ["body.mass_kg: should be"]),
     "number for text": (GOOD.replace('"good"', "3"), ["name: should be a valid string"]),
@@ -173,14 +180,14 @@ FAULTS = {
             (
                 "nowhere",
                 "key = 'forcing[0].at_m[0]'\nvalues = [1]",
-                "[0].key: 'forcing[0].at_m[0]' leads nowhere",
+                "[0].key: 'forcing[0].at_m[0]' is not a path",
             ),
             (
                 "beyond a list",
                 "key = 'body.inertia_kg_m2[3]'\nvalues = [1]",
                 "[0].key: 'body.inertia_kg_m2[3]'",
             ),
-            ("into a number", "key = 'duration_s.x'\nvalues = [1]", "[0].key: 'duration_s.x' leads nowhere"),
+            ("into a number", "key = 'duration_s.x'\nvalues = [1]", "[0].key: 'duration_s.x' is not a path"),
             ("twice", "key = 'samples'\nvalues = [3]\n[[sweep]]\nkey = 'samples'\nvalues = [4]", ": "),
             ("no list", "key = 3\nvalues = 3", "[0].values: should be"),
         )
@@ -257,15 +264,15 @@ FAULTS = {
             ("gravity-gradient", "orbit_rate_rad_s", "0", ": should be greater than 0"),
             ("sine-torque", "rate_rad_s", "nan", ": should be a finite number"),
             ("sine-torque", "axes", "'link'", ": should be 'body' or 'world'"),
-            ("sine-torque", "until_s", "1", ": is no key"),
+            ("sine-torque", "until_s", "1", ": is not a key"),
             ("pivot", "at_m", "[0, 0, nan]", "[2]: should be a finite number"),
             ("callable", "function", "3", ": needs the name of a function"),
-            ("callable", "function", "'wrench'", ": wrench: is no name of a function"),
+            ("callable", "function", "'wrench'", ": wrench: not the name of a function"),
             (
                 "callable",
                 "function",
                 "'os:getcwd'",
-                ": os:getcwd: to import it runs its code; add --allow-code",
+                ": os:getcwd: importing it runs its code; add --allow-code",
             ),
         )
     },
@@ -287,7 +294,7 @@ FAULTS = {
         GOOD
         + "[initial]\nomega_body_rad_s = [1, 0, 0]\nvelocity_m_s = [0, -1, 0]\n"
         + '[[forcing]]\nkind = "pivot"\nat_m = [0, 0, 1]\n',
-        ["forcing: the pivot stays where it is", "= [0.0, 1.0, 0.0]"],
+        ["forcing: the pivot is fixed", "= [0.0, 1.0, 0.0]"],
     ),
 }
 
@@ -362,7 +369,7 @@ def pivoted(initial: str) -> Scenario:
 @pytest.mark.parametrize(
     ("value", "why"),
     [
-        ("1" * 5000, "file.toml: has a whole number of too many digits"),
+        ("1" * 5000, "file.toml: has an integer with too many digits"),
         ("[" * 5000 + "]" * 5000, "file.toml: is nested too deeply"),
     ],
     ids=["digits", "lists"],
@@ -461,13 +468,13 @@ def broken(t, position, rotation, velocity, omega):
 STILL = (np.zeros(3), np.eye(3), np.zeros(3), np.ones(3))
 
 
-def called(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> BlackBox:
+def called(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> CallbackLoad:
     """Return the load that a function of WRENCH becomes, where code is allowed."""
     (folder / "user_wrench.py").write_text(WRENCH)
     monkeypatch.chdir(folder)
     text = f'[[forcing]]\nkind = "callable"\nfunction = "user_wrench:{name}"\n'
     (load,) = parse_scenario(GOOD + text, "file.toml", allow_code=True).scene.loads
-    assert isinstance(load, BlackBox)
+    assert isinstance(load, CallbackLoad)
     return load
 
 
@@ -485,7 +492,7 @@ def test_a_function_is_imported_where_code_is_allowed(
 @pytest.mark.parametrize(
     ("name", "part"),
     [
-        ("torque_only", "user_wrench:torque_only: must give force and torque"),
+        ("torque_only", "user_wrench:torque_only: must return force and torque"),
         ("broken", "user_wrench:broken: failed at t = 0.25 s: ZeroDivisionError"),
     ],
 )
@@ -535,9 +542,9 @@ def test_a_value_with_slashes_names_its_child(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("child", "part"),
     [
-        ("", "is a family; name one of it: "),
-        ("/7", "is none of the family; there are "),
-        ("/x", "is none of"),
+        ("", "is a family; name one of its scenarios: "),
+        ("/7", r"not in this family \(available: "),
+        ("/x", "not in this family"),
     ],
 )
 def test_a_child_that_is_not_named_rightly_is_refused(child: str, part: str, tmp_path: Path) -> None:
@@ -548,7 +555,7 @@ def test_a_child_that_is_not_named_rightly_is_refused(child: str, part: str, tmp
         load_scenario(f"{path}{child}")
     assert f"{path}/0.001, {path}/1e-12" in str(caught.value)
     path.write_text(GOOD)
-    with pytest.raises(InputError, match="is no family, but one scenario"):
+    with pytest.raises(InputError, match="is a single scenario, not a family"):
         load_scenario(f"{path}/7")
 
 
@@ -624,7 +631,7 @@ def test_two_different_scenarios_of_one_name_are_refused(tmp_path: Path) -> None
     """Rows of two scenarios must not be mixed up under one name."""
     path = tmp_path / "mine.toml"
     path.write_text(GOOD.replace("good", "sphere"))
-    with pytest.raises(InputError, match="another scenario of this run is named 'sphere'"):
+    with pytest.raises(InputError, match="another scenario of this run is also named 'sphere'"):
         load_scenarios(["sphere", str(path)])
 
 
@@ -662,4 +669,6 @@ def test_where_one_scenario_is_needed_a_suite_says_what_is_in_it() -> None:
     """The name is known, and the line does not say that it is not."""
     with pytest.raises(InputError) as refused:
         load_scenario("smoke")
-    assert str(refused.value) == f"smoke: is a suite; name one of it: {', '.join(suites()['smoke'])}"
+    assert (
+        str(refused.value) == f"smoke: is a suite; name one of its scenarios: {', '.join(suites()['smoke'])}"
+    )

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from scenario_text import parse_scenario
 
-from bodycheck.errors import InputError
-from bodycheck.reference_impl.mass_properties.primitives import PRIMITIVES
-from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.scenarios.quasi_monte_carlo import Estimate
+from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.mass_properties.solid import PRIMITIVES, MassProperties
+from bodycheck.scenarios.level_sets import Estimate
 from bodycheck.scenarios.shapes import primitive
-from bodycheck.scenarios.solids import Asked, as_toml, mass_properties
+from bodycheck.scenarios.solids import SolidRequest, as_toml, mass_properties
 
 TORUS = (1.0, 0.3)
 AROUND = (-1.4, -0.4, -1.4, 1.4, 0.4, 1.4)  # the torus about y
@@ -101,7 +100,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def estimated(name: str, box: tuple[float, ...] = AROUND) -> Estimate:
     """Return the estimate of a function of the user's module at 7 kg/m^3."""
-    found = mass_properties(Asked(f"users_shapes:{name}", 7.0, box=box, allow_code=True))
+    found = mass_properties(SolidRequest(f"users_shapes:{name}", 7.0, box=box, allow_code=True))
     assert isinstance(found, Estimate)
     return found
 
@@ -145,15 +144,15 @@ def test_a_solid_that_the_box_cuts_is_noted() -> None:
     """A slab without end fills the box's breadth: the four sides that it reaches are named."""
     found = estimated("slab", (-1.0, -2.0, -1.0, 1.0, 2.0, 1.0)).properties
     sides = "x = -1.0, x = 1.0, y = -2.0, y = 2.0"
-    assert found.notes == (f"the solid reaches the sides {sides} of the box: what lies beyond is cut off",)
+    assert found.notes == (f"the solid reaches the sides {sides} of the box and is cut off there",)
     assert found.mass == pytest.approx(2.0 * 4.0 * 0.5 * 7.0, rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize(("shape", "size"), [("torus", TORUS), ("ellipsoid", (1.0, 0.7, 0.4))])
 def test_monte_carlo_shows_its_error_against_the_closed_form(shape: str, size: tuple[float, ...]) -> None:
     """The estimate of a shape is near its closed form by its own standard errors, but not equal to it."""
-    exact = mass_properties(Asked(shape, 1000.0, size))
-    found = mass_properties(Asked(shape, 1000.0, size, monte_carlo=True))
+    exact = mass_properties(SolidRequest(shape, 1000.0, size))
+    found = mass_properties(SolidRequest(shape, 1000.0, size, monte_carlo=True))
     assert isinstance(exact, MassProperties)
     assert isinstance(found, Estimate)
     assert found.properties.mass != exact.mass
@@ -163,7 +162,7 @@ def test_monte_carlo_shows_its_error_against_the_closed_form(shape: str, size: t
 @pytest.mark.parametrize("shape", PRIMITIVES)
 def test_what_is_printed_goes_into_a_scenario(shape: str) -> None:
     """The printed [body], set into a scenario, is the very same body, to the last bit."""
-    solid = mass_properties(Asked(shape, 1000.0, [0.7, 0.3, 0.5][: len(PRIMITIVES[shape].sizes)]))
+    solid = mass_properties(SolidRequest(shape, 1000.0, [0.7, 0.3, 0.5][: len(PRIMITIVES[shape].sizes)]))
     assert isinstance(solid, MassProperties)
     body, _, _ = "\n".join(as_toml(solid)).partition("[solid]")
     pasted = parse_scenario(f'name = "x"\nduration_s = 1.0\nsamples = 11\n{body}', "x.toml").scene.body
@@ -182,54 +181,66 @@ def test_what_is_printed_of_an_estimate_has_an_error_for_each_number() -> None:
     assert set(told["body"]) == {"mass_kg", "inertia_kg_m2"}
 
 
-def users(function: str, **how: object) -> Asked:
+def users(function: str, **how: object) -> SolidRequest:
     """Ask for a function of the user's module."""
     options = {"density": 1.0, "box": AROUND, "allow_code": True, **how}
-    return Asked(f"users_shapes:{function}", **options)  # type: ignore[arg-type]
+    return SolidRequest(f"users_shapes:{function}", **options)  # type: ignore[arg-type]
 
 
 WRONG = {
     "nothing known": (
-        Asked("cone", 1.0),
+        SolidRequest("cone", 1.0),
         "cone: is neither a mesh file (.stl, .obj, .ply), nor a shape (box, ",
     ),
-    "shape without sizes": (Asked("torus", 1.0), "torus: a shape needs --size-m"),
-    "shape in a box": (Asked("torus", 1.0, TORUS, AROUND), "torus: a shape has no --box-m"),
+    "shape without sizes": (SolidRequest("torus", 1.0), "torus: a shape requires --size-m"),
+    "shape in a box": (SolidRequest("torus", 1.0, TORUS, AROUND), "torus: a shape does not take --box-m"),
     "shape of wrong sizes": (
-        Asked("torus", 1.0, [1.0]),
+        SolidRequest("torus", 1.0, [1.0]),
         "a torus has 2 sizes (major radius, minor radius), not 1",
     ),
-    "shape of no density": (Asked("torus", -1.0, TORUS), "density must be positive and finite, not -1.0"),
-    "estimate of wrong sizes": (Asked("torus", 1.0, [1.0], monte_carlo=True), "a torus has 2 sizes"),
-    "estimate of a box": (
-        Asked("box", 1.0, [1.0, 1.0, 1.0], monte_carlo=True),
-        "box: --monte-carlo is for ellipsoid, torus",
+    "shape of no density": (
+        SolidRequest("torus", -1.0, TORUS),
+        "density must be positive and finite, not -1.0",
     ),
-    "mesh with sizes": (Asked("part.stl", 1.0, [1.0]), "part.stl: a mesh file has no --size-m"),
-    "mesh in a box": (Asked("part.stl", 1.0, box=AROUND), "part.stl: a mesh file has no --box-m"),
+    "estimate of wrong sizes": (SolidRequest("torus", 1.0, [1.0], monte_carlo=True), "a torus has 2 sizes"),
+    "estimate of a box": (
+        SolidRequest("box", 1.0, [1.0, 1.0, 1.0], monte_carlo=True),
+        "box: --monte-carlo is only for ellipsoid, torus",
+    ),
+    "mesh with sizes": (SolidRequest("part.stl", 1.0, [1.0]), "part.stl: a mesh file does not take --size-m"),
+    "mesh in a box": (
+        SolidRequest("part.stl", 1.0, box=AROUND),
+        "part.stl: a mesh file does not take --box-m",
+    ),
     "mesh by estimate": (
-        Asked("part.stl", 1.0, monte_carlo=True),
-        "part.stl: --monte-carlo is for ellipsoid",
+        SolidRequest("part.stl", 1.0, monte_carlo=True),
+        "part.stl: --monte-carlo is only for ellipsoid",
     ),
     "shape in a unit": (
-        Asked("torus", 1.0, TORUS, unit="mm"),
+        SolidRequest("torus", 1.0, TORUS, unit="mm"),
         "torus: --unit is for mesh files, not for a sh",
     ),
     "overlapping function": (
         users("ring", overlap="count-twice"),
         "users_shapes:ring: --overlap is for mesh files, not for a function",
     ),
-    "no such mesh": (Asked("part.stl", 1.0), "part.stl: cannot be read: No such file"),
+    "no such mesh": (SolidRequest("part.stl", 1.0), "part.stl: cannot be read: No such file"),
     "code not allowed": (
         users("ring", allow_code=False),
-        "users_shapes:ring: to import it runs its code; add --allow-code if you trust it",
+        "users_shapes:ring: importing it runs its code; add --allow-code if you trust it",
     ),
-    "function without a box": (users("ring", box=None), "users_shapes:ring: a function needs --box-m"),
-    "function with sizes": (users("ring", size=[1.0]), "users_shapes:ring: a function has no --size-m"),
-    "function by estimate": (users("ring", monte_carlo=True), "users_shapes:ring: --monte-carlo is for "),
+    "function without a box": (users("ring", box=None), "users_shapes:ring: a function requires --box-m"),
+    "function with sizes": (
+        users("ring", size=[1.0]),
+        "users_shapes:ring: a function does not take --size-m",
+    ),
+    "function by estimate": (
+        users("ring", monte_carlo=True),
+        "users_shapes:ring: --monte-carlo is only for ",
+    ),
     "box of five": (
         users("ring", box=AROUND[:5]),
-        "users_shapes:ring: its box has 6 numbers, xmin,ymin,zmin,",
+        "users_shapes:ring: the box needs 6 numbers, xmin,ymin,zmin,",
     ),
     "box inside out": (
         users("ring", box=AROUND[3:] + AROUND[:3]),
@@ -238,23 +249,23 @@ WRONG = {
     "box of nan": (users("ring", box=(np.nan, *AROUND[1:])), "users_shapes:ring: the box from [nan, -0.4"),
     "function of no density": (users("ring", density=0.0), "users_shapes:ring: density must be positive"),
     "no name of a function": (
-        Asked("users shapes:f", 1.0, box=AROUND),
-        "users shapes:f: is no name of a function",
+        SolidRequest("users shapes:f", 1.0, box=AROUND),
+        "users shapes:f: not the name of a function",
     ),
     "two colons": (
-        Asked("users_shapes::ring", 1.0, box=AROUND),
-        "users_shapes::ring: is no name of a function",
+        SolidRequest("users_shapes::ring", 1.0, box=AROUND),
+        "users_shapes::ring: not the name of a function",
     ),
     "no such module": (
-        Asked("no_shapes:f", 1.0, box=AROUND, allow_code=True),
+        SolidRequest("no_shapes:f", 1.0, box=AROUND, allow_code=True),
         "no_shapes:f: cannot be imported: ModuleNotFoundError: No module named 'no_shapes'",
     ),
     "module that raises": (
-        Asked("broken_shapes:f", 1.0, box=AROUND, allow_code=True),
+        SolidRequest("broken_shapes:f", 1.0, box=AROUND, allow_code=True),
         "broken_shapes:f: cannot be imported: ZeroDivisionError: division by zero",
     ),
     "module that leaves": (
-        Asked("leaving_shapes:f", 1.0, box=AROUND, allow_code=True),
+        SolidRequest("leaving_shapes:f", 1.0, box=AROUND, allow_code=True),
         "leaving_shapes:f: cannot be imported: SystemExit: 3",
     ),
     "no such function": (users("nought"), "users_shapes:nought: users_shapes has no function 'nought'"),
@@ -269,23 +280,23 @@ WRONG = {
     ),
     "mask for a level set": (
         users("mask"),
-        "users_shapes:mask: f of points (266240, 3) must be numbers, f <= 0",
+        "users_shapes:mask: f(points) for points (266240, 3) must return numbers",
     ),
     "words": (
         users("words"),
-        "users_shapes:words: f of points (266240, 3) must be numbers, f <= 0 inside, not <U3",
+        "users_shapes:words: f(points) for points (266240, 3) must return numbers, not <U3",
     ),
     "complex numbers": (
         users("waves"),
-        "users_shapes:waves: f of points (266240, 3) must be numbers, f <= 0 inside",
+        "users_shapes:waves: f(points) for points (266240, 3) must return numbers",
     ),
     "None": (
         users("nothing"),
-        "users_shapes:nothing: f of points (266240, 3) must be numbers, f <= 0 inside, not ob",
+        "users_shapes:nothing: f(points) for points (266240, 3) must return numbers, not ob",
     ),
     "one number": (users("one"), "users_shapes:one: f of points (266240, 3) must be (266240,), not ()"),
     "no number": (users("gap"), "users_shapes:gap: f is not a number at ["),
-    "empty box": (users("outside"), "users_shapes:outside: nothing of the solid was met in the box from"),
+    "empty box": (users("outside"), "users_shapes:outside: no part of the solid was found in the box from"),
 }
 
 
@@ -303,5 +314,5 @@ def test_code_that_is_not_allowed_is_not_run(folder: Path) -> None:
     """Without permission the module is not imported: what it does on import does not happen."""
     (folder / "deed_shapes.py").write_text("open('deed', 'w')\n")
     with pytest.raises(InputError, match="--allow-code"):
-        mass_properties(Asked("deed_shapes:f", 1.0, box=AROUND))
+        mass_properties(SolidRequest("deed_shapes:f", 1.0, box=AROUND))
     assert not (folder / "deed").exists()

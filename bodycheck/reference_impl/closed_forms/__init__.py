@@ -1,1 +1,1 @@
-"""Forced motions with a closed form: rotation about a fixed axis or in stretched time, and flight."""
+"""Closed forms of forced motions: rotation about a fixed axis or in stretched time, and flight."""

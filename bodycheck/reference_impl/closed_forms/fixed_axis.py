@@ -1,22 +1,23 @@
-"""Rotation about one principal axis that neither the body nor the loads ever leave: J w' = tau(t) - d w."""
+"""J w' = tau(t) - d w: rotation about a principal axis along which omega and all torques stay."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
-from bodycheck.reference_impl import double_double as dd
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.closed_forms.decaying import DecayingMotion
-from bodycheck.reference_impl.closed_forms.loads import Loads
-from bodycheck.reference_impl.closed_forms.sine_swing import swing
-from bodycheck.reference_impl.double_double import DoubleDouble
+from bodycheck.reference_impl.closed_forms.flight import DecayingMotion
+from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import Loads
+from bodycheck.reference_impl.free_rotation.principal_state import turned
 from bodycheck.reference_impl.free_rotation.set_up import unit
-from bodycheck.reference_impl.free_rotation.state import turned
-from bodycheck.reference_impl.free_rotation.tumble import FOUR_PI
-from bodycheck.reference_impl.jit import exact_kernel, kernel
-from bodycheck.reference_impl.paired import pair, start_omega, unit_quaternion
+from bodycheck.reference_impl.free_rotation.tumbling_constants import FOUR_PI
+from bodycheck.reference_impl.kernels import double_double as dd
+from bodycheck.reference_impl.kernels.double_double import DoubleDouble, sine_and_cosine
+from bodycheck.reference_impl.kernels.jit import exact_kernel, kernel
+from bodycheck.reference_impl.kernels.small_vectors import Quat, Vec, quaternion_times
 from bodycheck.reference_impl.rational import (
     Vector,
     added,
@@ -27,15 +28,54 @@ from bodycheck.reference_impl.rational import (
     times,
     transposed,
 )
-from bodycheck.reference_impl.registers import Quat, Vec, quaternion_times
+from bodycheck.reference_impl.rational_rounding import pair, start_omega, unit_quaternion
 from bodycheck.reference_impl.scene import Scene
 
-_MOST_RADIANS = 2.0**50  # on the way: beyond, 106 bits would no longer hold the angle to 4e-15
+_SERIES_BELOW = 0.5
+_TERMS = 13  # 0.5^26 / 28! < 2^-123
+_EVEN = tuple(pair(Fraction((-1) ** j, math.factorial(2 * j + 2))) for j in range(_TERMS + 1))
+_ODD = tuple(pair(Fraction((-1) ** j, math.factorial(2 * j + 3))) for j in range(_TERMS + 1))
+
+
+@exact_kernel
+def _sine_means(z: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble]:
+    """sin z / z, (1 - cos z) / z^2, (z - sin z) / z^2; error some 2^-100 of their largest values near z."""
+    square = dd.multiply(z, z)
+    if abs(z[0]) < _SERIES_BELOW:
+        even, odd = _EVEN[_TERMS], _ODD[_TERMS]
+        for j in range(_TERMS - 1, -1, -1):
+            even = dd.add(_EVEN[j], dd.multiply(square, even))
+            odd = dd.add(_ODD[j], dd.multiply(square, odd))
+        return dd.subtract(dd.ONE, dd.multiply(square, odd)), even, dd.multiply(z, odd)
+    sine, cosine = sine_and_cosine(z)
+    return (
+        dd.divide(sine, z),
+        dd.divide(dd.subtract(dd.ONE, cosine), square),
+        dd.divide(dd.subtract(z, sine), square),
+    )
+
+
+@exact_kernel
+def swing(amplitude: DoubleDouble, rate: float, phase: float, t: float) -> tuple[DoubleDouble, DoubleDouble]:
+    """theta = a t^2 (sin p (1 - cos z) / z^2 + cos p (z - sin z) / z^2) and w, with z = r t.
+
+    w = a t (sin p sin z / z + cos p (1 - cos z) / z).
+    """
+    sine, cosine = sine_and_cosine((phase, 0.0))
+    z = dd.two_product(rate, t)
+    mean0, mean1, mean2 = _sine_means(z)
+    gained = dd.multiply(amplitude, (t, 0.0))
+    w = dd.add(dd.multiply(sine, mean0), dd.multiply(cosine, dd.multiply(z, mean1)))
+    angle = dd.add(dd.multiply(sine, mean1), dd.multiply(cosine, mean2))
+    return dd.multiply(dd.multiply(gained, (t, 0.0)), angle), dd.multiply(gained, w)
+
+
+_MOST_RADIANS = 2.0**50  # in all: beyond it, 106 bits no longer resolve the angle to 4e-15
 
 
 @exact_kernel
 def _add_swings(swings: Array, t_s: Array, angle: tuple[Array, Array], rate: tuple[Array, Array]) -> None:
-    """Add to angle and rate (n,), high and low parts, what the sines (k, 4) contribute."""
+    """Add the contribution of the sine torques (k, 4) to angle (n,) and rate (n,), high and low parts."""
     for i in range(len(t_s)):
         theta, w = (angle[0][i], angle[1][i]), (rate[0][i], rate[1][i])
         for sine in swings:
@@ -47,7 +87,7 @@ def _add_swings(swings: Array, t_s: Array, angle: tuple[Array, Array], rate: tup
 
 @kernel
 def _turn(start: Quat, axis: Vec, angle: tuple[Array, Array], quaternion: Array) -> None:
-    """Fill quaternion (n, 4) with start exp(axis angle / 2)."""
+    """Fill quaternion (n, 4) with start exp(axis angle / 2), angle (n,) in high and low parts."""
     for i in range(len(quaternion)):
         turns = dd.divide((angle[0][i], angle[1][i]), FOUR_PI)
         s, c = turned(turns, dd.ONE, 0.0)
@@ -58,21 +98,21 @@ def _turn(start: Quat, axis: Vec, angle: tuple[Array, Array], quaternion: Array)
 
 @dataclass(frozen=True, eq=False)
 class FixedAxisRotation:
-    """q(t) = q(0) exp(axis theta / 2), omega = axis w: theta and w in double-double arithmetic."""
+    """q(t) = q(0) exp(axis theta / 2), omega = axis w, with theta and w in double-double arithmetic."""
 
     _start: Quat
     _axis: Vec
     _motion: DecayingMotion
     _swings: Array
-    """(k, 4): angular acceleration, high and low part, rate and phase of each sine torque."""
+    """(k, 4): for each sine torque the angular acceleration (high and low part), rate and phase."""
 
     @classmethod
     def of(cls, scene: Scene, loads: Loads) -> FixedAxisRotation | None:
-        """Set up; None where omega, a torque or the drag leaves one principal axis, and where it is not one.
+        """Set up the motion, or return None where omega, the torques and the drag share no principal axis.
 
-        None too for a body at rest whose torques cancel, which is about no axis.
-        All of that is decided in rational arithmetic: an axis that is principal but for a rounding is none.
-        Sine torques and drag together are left to other methods.
+        Also returns None for a body at rest whose torques cancel, which has no axis, and for sine torques
+        together with drag, which other methods solve. Rational arithmetic decides all of this: an axis that
+        is principal only up to rounding does not count.
         """
         if any(any(piece.arms) for piece in loads.pieces) or (loads.sines and any(loads.angular_drag)):
             return None
@@ -92,7 +132,7 @@ class FixedAxisRotation:
         length = dd.square_root(pair(square))
 
         def about(vector: Vector) -> DoubleDouble:
-            """The component along the axis."""
+            """Return the component along the axis."""
             return dd.divide(pair(dot(axis, vector)), length)
 
         def acceleration(torque: Vector) -> DoubleDouble:
@@ -118,15 +158,15 @@ class FixedAxisRotation:
 
     @property
     def axis(self) -> Array:
-        """The axis (3,), a unit vector in body axes."""
+        """The rotation axis (3,), a unit vector in body axes."""
         return np.array(self._axis)
 
     def angle(self, t_s: Array) -> Array:
-        """Return theta (n,) at times t_s >= 0 (n,), in rad, rounded."""
+        """Return theta (n,), rounded, in rad, at times t_s >= 0 (n,)."""
         return self._angles_and_rates(t_s)[0][0]
 
     def _angles_and_rates(self, t_s: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Return theta and w, each (n,) in high and low parts."""
+        """Return theta and w at times t_s (n,), each as high (n,) and low (n,) parts."""
         angles, rates = self._motion.at(t_s)
         angle = np.ascontiguousarray(angles[0][:, 0]), np.ascontiguousarray(angles[1][:, 0])
         rate = np.ascontiguousarray(rates[0][:, 0]), np.ascontiguousarray(rates[1][:, 0])
@@ -136,7 +176,7 @@ class FixedAxisRotation:
     def at(self, t_s: Array) -> tuple[Array, Array]:
         """Return (quaternion (n, 4), omega_body (n, 3)) at times t_s >= 0 (n,).
 
-        Raises ValueError where the body has turned by some 1e15 rad: 106 bits would no longer hold the angle.
+        Raises ValueError where the body has turned by some 1e15 rad: 106 bits no longer resolve the angle.
         """
         angle, rate = self._angles_and_rates(t_s)
         phases = np.max(np.abs(self._swings[:, 2]), initial=0.0)
@@ -148,16 +188,16 @@ class FixedAxisRotation:
         return quaternion, rate[0][:, None] * np.array(self._axis)
 
     def largest_rate(self, t_s: Array) -> Array:
-        """The largest |w| that there may be until t (n,): where a piece begins + of sines a min(t, 2 / r)."""
+        """Bound |w| up to t (n,): the largest where a piece begins, plus a min(t, 2 / r) of each sine."""
         amplitude, _, rate, _ = np.abs(self._swings.T)[:, :, None]
-        # where r = 0 the first is the least
+        # for r = 0 the minimum is t
         with np.errstate(divide="ignore"):
             largest = amplitude * np.minimum(t_s, 2.0 / rate)
         return np.asarray(self._motion.largest_rate + np.sum(largest, axis=0))
 
 
 def _principal_axis_of(vectors: list[Vector], inertia: Vector, drag: Vector) -> Vector | None:
-    """Return the principal axis that all the vectors are along, and that drag does not leave, if any is."""
+    """Return the principal axis, also of the drag, that all vectors (3,) are parallel to, or None."""
     axis = next((vector for vector in vectors if any(vector)), None)
     if axis is None:
         return None

@@ -1,19 +1,19 @@
-"""Attitude and angular velocity of many bodies at many times, in one loop."""
+"""Evaluate the attitude and angular velocity of many bodies at many times, in one loop."""
 
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.free_rotation.rows import (
+from bodycheck.reference_impl.free_rotation.packing import (
     Steady,
     Tumbling,
     is_steady,
     steady_in,
     tumbling_in,
 )
+from bodycheck.reference_impl.free_rotation.principal_state import state_at, turned
 from bodycheck.reference_impl.free_rotation.set_up import unit
-from bodycheck.reference_impl.free_rotation.state import state_at, turned
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import quaternion_times, times
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import quaternion_times, times
 
 
 @kernel
@@ -43,7 +43,7 @@ def _steady_at(motion: Steady, high: Array, low: Array, quaternion: Array, omega
 
 @kernel
 def evaluate(rows: Array, high: Array, low: Array, quaternion: Array, omega: Array) -> None:
-    """Fill quaternion (m, n, 4) and omega (m, n, 3) of m bodies at the times high + low (n,), in s."""
+    """Fill quaternion (m, n, 4) and omega (m, n, 3) of m bodies at times high + low, (n,) each, in s."""
     for k in range(len(rows)):
         if is_steady(rows[k]):
             _steady_at(steady_in(rows[k]), high, low, quaternion[k], omega[k])

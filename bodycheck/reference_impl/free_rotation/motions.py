@@ -1,4 +1,4 @@
-"""The torque-free rotation of bodies, set up once and known at any time."""
+"""The torque-free rotation of bodies: set up once, evaluated at any time."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.free_rotation.classification import ExactState
 from bodycheck.reference_impl.free_rotation.evaluation import evaluate
-from bodycheck.reference_impl.free_rotation.exact_integers import ExactState
-from bodycheck.reference_impl.free_rotation.rows import HORIZON, QUARTER_PERIOD, WIDTH
+from bodycheck.reference_impl.free_rotation.packing import HORIZON, QUARTER_PERIOD, WIDTH
 from bodycheck.reference_impl.free_rotation.set_up import begin, begin_steady
 
 _SYMMETRY_TOLERANCE = 1e-12
@@ -19,7 +19,7 @@ _SYMMETRY_TOLERANCE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class FreeRotations:
-    """q(t) and omega(t) of m bodies by I omega' = (I omega) x omega, q' = q omega / 2, without stepping."""
+    """I omega' = (I omega) x omega, q' = q omega / 2: q(t) and omega(t) of m bodies, without stepping."""
 
     _rows: Array
     """(m, WIDTH)."""
@@ -29,12 +29,12 @@ class FreeRotations:
         """Set up the motions through states at t = 0.
 
         inertia (m, 3, 3): about the centre of mass, in body axes, kg m^2; any positive multiple gives the
-        same motion. quaternion (m, 4): scalar first, body to world, of any norm but zero. omega_body (m, 3):
-        body axes, rad/s; components below 1e-288 of the largest are taken as zero. All else is taken as
-        exact.
+        same motion. quaternion (m, 4): scalar first, body to world, of any non-zero norm. omega_body (m, 3):
+        body axes, rad/s; components below 1e-288 of the largest are taken as zero. All other numbers are
+        taken as exact.
 
         Raises ValueError for other shapes, NaN, infinities, a zero quaternion, and an inertia that is not
-        symmetric (to 1e-12 of its largest element; the symmetric part is used) or not positive definite.
+        positive definite or not symmetric to 1e-12 of its largest element (its symmetric part is used).
         """
         tensors = np.asarray(inertia, dtype=np.float64)
         m = len(tensors) if tensors.ndim else 0
@@ -45,9 +45,9 @@ class FreeRotations:
 
     @classmethod
     def from_checked(cls, inertia: Array, quaternion: Array, omega: Array, rest: Array) -> FreeRotations:
-        """Set up, the shapes and the finiteness of what is given being known.
+        """Set up the motions from arrays already checked for shape and finiteness.
 
-        rest (m, 3): what omega is beyond doubles.
+        inertia (m, 3, 3), quaternion (m, 4), omega (m, 3); rest (m, 3): the low part of omega.
         """
         if not quaternion.any(axis=1).all():
             raise ValueError(f"quaternion must not be zero, got {[0.0] * 4}")
@@ -78,18 +78,21 @@ class FreeRotations:
 
     @property
     def quarter_period_s(self) -> Array:
-        """K / lambda (m,): omega_body repeats after four of them; infinite if steady or on the separatrix."""
+        """K / lambda (m,) in s, where 4 K / lambda is the period of omega_body.
+
+        Infinite if the motion is steady or on the separatrix.
+        """
         return self._rows[:, QUARTER_PERIOD].copy()
 
     def at(self, t_s: ArrayLike) -> tuple[Array, Array]:
         """Return (quaternion (m, n, 4), omega_body (m, n, 3)) at the times t_s (n,).
 
-        Times are of either sign, in any order. The unit quaternions are scalar first, map body to world and
-        are continuous in t; omega is along body axes, in rad/s.
-        The attitude is within 4e-15 rad, and omega within 4e-15 of its size.
+        Times may be negative and in any order. The unit quaternions are scalar first, map body to world and
+        are continuous in t; omega is in body axes, in rad/s.
+        The error of the attitude is below 4e-15 rad, that of omega below 4e-15 of its size.
 
         Raises ValueError for another shape, NaN or infinite times, and times more than some 1e16 rad away,
-        where 106 bits would no longer hold that.
+        where 106 bits no longer suffice for that accuracy.
         """
         t = np.asarray(t_s, dtype=np.float64, order="C")
         if t.ndim != 1:
@@ -125,7 +128,7 @@ class FreeRotation:
     def from_pairs(
         cls, inertia: ArrayLike, quaternion: ArrayLike, high: ArrayLike, low: ArrayLike
     ) -> FreeRotation:
-        """Set up the same for an omega_body that is the sum of two doubles, high and low (3,)."""
+        """Set up the motion as `from_state`, with omega_body = high + low, (3,) each."""
         tensor = _checked("inertia", inertia, (3, 3))
         attitude = _checked("quaternion", quaternion, (4,))
         omega, rest = _checked("omega_body", high, (3,)), _checked("omega_body", low, (3,))
@@ -133,7 +136,10 @@ class FreeRotation:
 
     @property
     def quarter_period_s(self) -> float:
-        """K / lambda: omega_body repeats after four of them; infinite if steady or on the separatrix."""
+        """K / lambda in s, where 4 K / lambda is the period of omega_body.
+
+        Infinite if the motion is steady or on the separatrix.
+        """
         return float(self._alone.quarter_period_s[0])
 
     def at(self, t_s: ArrayLike) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""From a state at t = 0 to the constants of its motion, as one row."""
+"""Compute the constants of the motion from a state at t = 0, as one row."""
 
 from __future__ import annotations
 
@@ -6,32 +6,37 @@ import math
 
 import numpy as np
 
-from bodycheck.reference_impl import double_double as dd
-from bodycheck.reference_impl import registers
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import matrix_at, vector_at
-from bodycheck.reference_impl.free_rotation.decisions import is_certainly_tumbling, separation_of
-from bodycheck.reference_impl.free_rotation.numbered_axes import NumberedAxes, Separation, numbered
-from bodycheck.reference_impl.free_rotation.principal_axes import Frame, principal, quaternion_of
-from bodycheck.reference_impl.free_rotation.rows import Steady, Tumbling, put_steady, put_tumbling
-from bodycheck.reference_impl.free_rotation.state import Tumble, state_at
-from bodycheck.reference_impl.free_rotation.tumble import FOUR_PI, hypotenuse, tumble
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import Quat, Vec
+from bodycheck.reference_impl.free_rotation.classification import is_certainly_tumbling, separation_of
+from bodycheck.reference_impl.free_rotation.packing import Steady, Tumbling, put_steady, put_tumbling
+from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants, state_at
+from bodycheck.reference_impl.free_rotation.tensor_axes import Frame, principal, quaternion_of
+from bodycheck.reference_impl.free_rotation.tumbling_constants import (
+    FOUR_PI,
+    NumberedAxes,
+    Separation,
+    hypotenuse,
+    numbered,
+    tumble,
+)
+from bodycheck.reference_impl.kernels import double_double as dd
+from bodycheck.reference_impl.kernels import small_vectors
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import Quat, Vec, matrix_at, vector_at
 
 _NEGLIGIBLE = 2.0**-960  # of omega's largest component: smaller ones would leave the range of doubles
 
 
 @kernel
 def unit(q: Quat) -> Quat:
-    """q / |q|, |q| > 0 and of ordinary size."""
+    """q / |q| for |q| > 0 whose square neither overflows nor underflows."""
     shrink = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * shrink, q[1] * shrink, q[2] * shrink, q[3] * shrink
 
 
 @kernel
 def _exponent(values: Array) -> int:
-    """e with the largest |value| in [2^e, 2^(e + 1)); 0 where all are zero."""
+    """Return e with the largest |value| in [2^e, 2^(e + 1)), or 0 where all are zero."""
     largest = 0.0
     for value in values:
         largest = max(largest, abs(value))
@@ -40,7 +45,7 @@ def _exponent(values: Array) -> int:
 
 @kernel
 def _scaled(values: Array) -> Array:
-    """Return the values over a power of two, the largest in [1, 2)."""
+    """Return the values divided by a power of two, the largest in [1, 2)."""
     exponent = _exponent(values)
     scaled = np.empty(len(values))
     for i in range(len(values)):
@@ -50,7 +55,7 @@ def _scaled(values: Array) -> Array:
 
 @kernel
 def _frequency(omega: Array) -> float:
-    """What omega is divided by."""
+    """Return the power of two that divides omega."""
     return math.ldexp(1.0, _exponent(omega))
 
 
@@ -66,14 +71,14 @@ def _without_negligible(omega: Vec) -> Vec:
 
 @kernel
 def _scaled_rest(omega: Array, rest: Array) -> Vec:
-    """What omega is beyond doubles, over what that is divided by."""
+    """Return the low part of omega, divided by the same power of two."""
     back = -_exponent(omega)
     return math.ldexp(rest[0], back), math.ldexp(rest[1], back), math.ldexp(rest[2], back)
 
 
 @kernel
 def frame_of(inertia: Array, omega: Array, rest: Array) -> Frame:
-    """The principal frame of the scaled state."""
+    """Return the principal frame of the scaled state: inertia (9,), omega (3,), rest (3,)."""
     spin = _without_negligible(vector_at(_scaled(omega), 0))
     return principal(matrix_at(_scaled(inertia), 0), spin, _scaled_rest(omega, rest))
 
@@ -90,12 +95,12 @@ def _conjugate(q: Quat) -> Quat:
 
 
 @kernel
-def placed(motion: Tumble, axes: NumberedAxes, omega: Array, quaternion: Array) -> Tumbling:
-    """Let the motion start from the quaternion."""
+def placed(motion: TumblingConstants, axes: NumberedAxes, omega: Array, quaternion: Array) -> Tumbling:
+    """Return the motion that starts from the quaternion (4,); omega (3,) sets the time unit."""
     principal_axes = unit(quaternion_of(axes.columns))
     relative = unit(state_at(motion, dd.ZERO)[0])
-    left = registers.quaternion_times(
-        registers.quaternion_times(_attitude(quaternion), principal_axes), _conjugate(relative)
+    left = small_vectors.quaternion_times(
+        small_vectors.quaternion_times(_attitude(quaternion), principal_axes), _conjugate(relative)
     )
     return Tumbling(motion, _frequency(omega), left, _conjugate(principal_axes), axes.columns)
 
@@ -110,11 +115,11 @@ def begin(
     rows: Array,
     doubtful: Array,
 ) -> None:
-    """Fill the rows (m, WIDTH) of the bodies that surely tumble, and tell which are doubtful (m,).
+    """Fill the rows (m, WIDTH) of the bodies that certainly tumble, and mark doubtful ones in doubtful (m,).
 
-    inertia (m, 9), symmetric; quaternion (m, 4), not zero; omega (m, 3), body axes; rest
-    (m, 3): what it is beyond doubles. separations (m, 4): side,
-    size, its low part, exponent; a side of 0 leaves it to floating point to find out.
+    inertia (m, 9), symmetric; quaternion (m, 4), not zero; omega (m, 3), body axes; rest (m, 3): the low part
+    of omega. separations (m, 4): side, size, low part of the size, exponent; for a side of 0, floating point
+    determines the separation.
     """
     for k in range(len(rows)):
         frame = frame_of(inertia[k], omega[k], rest[k])
@@ -137,7 +142,7 @@ def begin(
 
 @kernel
 def begin_steady(quaternion: Array, omega: Array, rest: Array, row: Array) -> None:
-    """Fill one row with a rotation about a fixed axis, or none for omega = 0; omega + rest, (3,) each."""
+    """Fill one row with a rotation about a fixed axis, or with rest if omega = 0; omega + rest, (3,) each."""
     x, y, z = vector_at(_scaled(omega), 0)
     a, b, c = _scaled_rest(omega, rest)
     norm = hypotenuse(hypotenuse((x, a), (y, b)), (z, c))

@@ -1,33 +1,28 @@
-"""The fixed-step integrators, one file each."""
+"""The fixed-step integrators, one module each.
+
+To add an integrator:
+
+1. Add a module to this package that assigns an `Integrator` to METHOD. The registry, the reference engine and
+   `bodycheck list methods` find it there. An explicit Runge-Kutta method needs only its tableau and its
+   facts, as in `midpoint.py`. Any other method needs a kernel: the one in `explicit_gyro.py` holds loads
+   constant over the step (zero-order hold), the one in `cf4.py` evaluates them at every stage.
+2. Add its line to `docs/engines/reference.md`.
+3. Run `pytest tests/reference_impl tests/adapters -k NAME`. The facts select the laws that the method must
+   obey: order, turn per step, preserved structure. For a method without a tableau, add its formula in numpy
+   to FORMULAS in `tests/reference_impl/test_integrators.py`, which compares one step of the kernel with it.
+"""
 
 from __future__ import annotations
 
-from bodycheck.reference_impl.integrators.dop853 import DOP853
-from bodycheck.reference_impl.integrators.euler import EULER
-from bodycheck.reference_impl.integrators.euler_svd import EULER_SVD
-from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.lie_group import LIE4
-from bodycheck.reference_impl.integrators.m1 import M1
-from bodycheck.reference_impl.integrators.m2 import M2
-from bodycheck.reference_impl.integrators.m3 import M3
-from bodycheck.reference_impl.integrators.quaternion_euler import QUATERNION_EULER
-from bodycheck.reference_impl.integrators.rk4 import RK4
-from bodycheck.reference_impl.integrators.rotation_first import ROTATION_FIRST
-from bodycheck.reference_impl.integrators.splitting import SPLITTING6
+import pkgutil
+from importlib import import_module
 
-INTEGRATORS: dict[str, Integrator] = {
-    integrator.name: integrator
-    for integrator in (
-        EULER,
-        EULER_SVD,
-        ROTATION_FIRST,
-        QUATERNION_EULER,
-        RK4,
-        M1,
-        M2,
-        M3,
-        LIE4,
-        SPLITTING6,
-        DOP853,
-    )
+from bodycheck.reference_impl.integrators.facts import Integrator
+
+_MODULES = [import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
+_METHODS: list[Integrator] = [module.METHOD for module in _MODULES if hasattr(module, "METHOD")]
+
+INTEGRATORS = {
+    method.name: method for method in sorted(_METHODS, key=lambda method: (method.order, method.name))
 }
+"""The integrators by name, sorted by order and name."""

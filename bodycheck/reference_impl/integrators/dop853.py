@@ -1,21 +1,22 @@
-"""The Runge-Kutta method of order 8 of Dormand and Prince, on the quaternion and on Euler's equations."""
+"""The Runge-Kutta method of order 8 of Dormand and Prince, for the quaternion and Euler's equations."""
 
 from __future__ import annotations
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.dormand_prince import B_REMAINING, TABLEAU, A, B, Turning, combined
-from bodycheck.reference_impl.equations import (
-    acceleration,
-    body_torque,
-    gyroscopic,
+from bodycheck.reference_impl.integrators.dormand_prince import B_REMAINING, TABLEAU, A, B, Turning, combined
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
+from bodycheck.reference_impl.integrators.runge_kutta import runge_kutta
+from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel
+from bodycheck.reference_impl.kernels.small_vectors import (
+    Vec,
     matrix_at,
+    matrix_of,
+    quaternion_times,
+    scaled_add,
     store,
+    times,
     vector_at,
 )
-from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.staged import stage_by_stage
-from bodycheck.reference_impl.jit import inlined_kernel, kernel
-from bodycheck.reference_impl.registers import Vec, matrix_of, quaternion_times, scaled_add, times
 
 
 @kernel
@@ -25,8 +26,8 @@ def _rates(y: Turning, body: Array, load: Array) -> tuple[Turning, Vec]:
     rotation = matrix_of(q)
     turning = quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2]))
     torque = scaled_add(body_torque(rotation, load), -1.0, gyroscopic(matrix_at(body, 1), omega))
-    speeding = times(matrix_at(body, 10), torque)
-    return turning + speeding, acceleration(rotation, load, body[0])
+    linear_acceleration = times(matrix_at(body, 10), torque)
+    return turning + linear_acceleration, acceleration(rotation, load, body[0])
 
 
 @inlined_kernel
@@ -40,7 +41,7 @@ def _weighted(weights: tuple[float, ...], a: tuple[Vec, ...]) -> Vec:
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place, omega in body axes."""
+    """Advance the state by the steps, in place. omega is in body axes."""
     x, v, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     y = (state[9], state[10], state[11], state[12], omega[0], omega[1], omega[2])
     for _ in range(steps):
@@ -56,7 +57,7 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
         k10, a10 = _rates(combined(y, dt, A[10], (k1, k4, k5, k6, k7, k8, k9)), body, load)
         k11, a11 = _rates(combined(y, dt, A[11], (k1, k4, k5, k6, k7, k8, k9, k10)), body, load)
         k12, a12 = _rates(combined(y, dt, A[12], (k1, k4, k5, k6, k7, k8, k9, k10, k11)), body, load)
-        # x'' depends on q alone: x and v need no stages of their own
+        # x'' depends on q alone: x and v need no separate stages
         a = (a1, a6, a7, a8, a9, a10, a11, a12)
         x = scaled_add(scaled_add(x, dt, v), dt * dt, _weighted(B_REMAINING, a))
         v = scaled_add(v, dt, _weighted(B, a))
@@ -67,18 +68,12 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     state[9], state[10], state[11], state[12] = y[0], y[1], y[2], y[3]
 
 
-DOP853 = Integrator(
+METHOD = runge_kutta(
     name="dop853",
     formula="y+ = y + dt sum b_i k_i over 12 stages, y = (x, v, omega, q)",
     order=8,
-    evaluations=12,
-    torque="every stage",
+    tableau=TABLEAU,
     keeps="nothing exactly; |q| to order 9",
     source="Dormand and Prince (1989); Hairer, Norsett and Wanner (1993), Solving ODEs I, II.5 and dop853.f",
-    attitude="quaternion",
-    spin="omega_body",
     advance=advance,
-    advance_under=stage_by_stage(*TABLEAU),
-    lasting="every stage",
-    tableau=TABLEAU,
 )

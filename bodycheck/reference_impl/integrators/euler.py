@@ -1,20 +1,31 @@
-"""Forward Euler on the rotation matrix: R+ = R + dt [omega]x R, which leaves SO(3) at once."""
+"""Forward Euler on the rotation matrix: R+ = R + dt [omega]x R, which leaves SO(3) in the first step."""
 
 from __future__ import annotations
 
+import math
+
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import acceleration, body_torque, matrix_at, store, vector_at
+from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.held import held_over_steps
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import cross, scaled_add, times, transposed_times
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import (
+    cross,
+    matrix_at,
+    scaled_add,
+    store,
+    times,
+    transposed_times,
+    vector_at,
+)
 
 
 @kernel
 def step(state: Array, body: Array, load: Array, dt: float) -> None:
     """x+ = x + dt v, v+ = v + dt a, L+ = L + dt tau, R+ = R + dt [omega]x R; omega = R I0^-1 R^T L.
 
-    state (18,): x, v, L and R, row by row, in place; body (19,) and load (21,) as in equations.py.
+    state (18,): x, v, L and R in row-major order, updated in place; body (19,) and load (21,) as in
+    right_hand_sides.py.
     """
     velocity, momentum, rotation = vector_at(state, 3), vector_at(state, 6), matrix_at(state, 9)
     torque_world = times(rotation, body_torque(rotation, load))
@@ -30,21 +41,24 @@ def step(state: Array, body: Array, load: Array, dt: float) -> None:
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place: state (18,), body (19,), load (21,), as for `step`."""
+    """Advance the state by the steps, in place: state (18,), body (19,), load (21,), as for `step`."""
     for _ in range(steps):
         step(state, body, load, dt)
 
 
-EULER = Integrator(
+METHOD = Integrator(
     name="euler",
     formula="R+ = R + dt [omega]x R, L+ = L + dt tau",
     order=1,
     evaluations=1,
     torque="held over the step",
     keeps="the L that it carries, where no torque acts; not R in SO(3), nor I(R) omega with it",
+    preserves=frozenset(),
     source="Baraff and Witkin (1997), Physically based modeling: rigid body simulation, part 1",
+    turn=math.atan,
+    position_weight=0.0,
     attitude="matrix",
     spin="angular_momentum",
     advance=advance,
-    advance_under=held_over_steps(advance, "angular_momentum"),
+    advance_forced=held_over_steps(advance, "angular_momentum"),
 )

@@ -1,23 +1,22 @@
-"""Forward Euler on the rotation matrix, taken back to SO(3) by the SVD after every step."""
+"""Forward Euler on the rotation matrix, projected onto SO(3) by an SVD after every step."""
 
 from __future__ import annotations
 
 import math
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import matrix_at
 from bodycheck.reference_impl.integrators.euler import step
+from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
 from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.held import held_over_steps
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import Mat, Vec, dot
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import Mat, Vec, dot, matrix_at
 
 _EPS = 2.0**-52
-_MOST_SWEEPS = 30  # three or four are enough; more are made only where the state is not finite
+_MOST_SWEEPS = 30  # three or four suffice; more are needed only if the state is not finite
 
 
 @kernel
-def _turned(a: Vec, b: Vec, c: float, s: float) -> tuple[Vec, Vec]:
+def _rotated(a: Vec, b: Vec, c: float, s: float) -> tuple[Vec, Vec]:
     """c a - s b and s a + c b."""
     return (
         (c * a[0] - s * b[0], c * a[1] - s * b[1], c * a[2] - s * b[2]),
@@ -27,15 +26,15 @@ def _turned(a: Vec, b: Vec, c: float, s: float) -> tuple[Vec, Vec]:
 
 @kernel
 def _made_orthogonal(a: Vec, b: Vec, v: Vec, w: Vec) -> tuple[Vec, Vec, Vec, Vec, bool]:
-    """Turn the columns a, b, and v, w with them, so that a . b = 0; True if they were so already."""
+    """Rotate the columns a, b, and v, w with them, so that a . b = 0; True if that already holds."""
     aa, bb, ab = dot(a, a), dot(b, b), dot(a, b)
     if abs(ab) <= _EPS * math.sqrt(aa * bb):
         return a, b, v, w, True
     ratio = (bb - aa) / (2.0 * ab)
     tangent = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
     c = 1.0 / math.sqrt(1.0 + tangent * tangent)
-    a, b = _turned(a, b, c, c * tangent)
-    v, w = _turned(v, w, c, c * tangent)
+    a, b = _rotated(a, b, c, c * tangent)
+    v, w = _rotated(v, w, c, c * tangent)
     return a, b, v, w, False
 
 
@@ -66,9 +65,9 @@ def nearest_rotation(m: Mat) -> Mat:
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place; each ends with R = U V^T of the SVD U S V^T.
+    """Advance the state by the steps, in place; each ends with R = U V^T of the SVD U S V^T.
 
-    state (18,), body (19,) and load (21,) as for euler.step. det U V^T = +1 needs no repair here:
+    state (18,), body (19,) and load (21,) as for euler.step. det U V^T = +1 needs no correction:
     det (I + dt [omega]x) = 1 + dt^2 omega^2 > 0.
     """
     for _ in range(steps):
@@ -78,16 +77,19 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
             state[9 + i] = rotation[i]
 
 
-EULER_SVD = Integrator(
+METHOD = Integrator(
     name="euler-svd",
     formula="R+ = the rotation nearest to R + dt [omega]x R, L+ = L + dt tau",
     order=1,
     evaluations=1,
     torque="held over the step",
     keeps="L exactly where no torque acts; orthogonality of R",
+    preserves=frozenset({"angular momentum", "rotation group"}),
     source="Baraff and Witkin (1997), part 1; projection: Higham (1986)",
+    turn=math.atan,
+    position_weight=0.0,
     attitude="matrix",
     spin="angular_momentum",
     advance=advance,
-    advance_under=held_over_steps(advance, "angular_momentum"),
+    advance_forced=held_over_steps(advance, "angular_momentum"),
 )

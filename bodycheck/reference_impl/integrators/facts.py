@@ -1,4 +1,4 @@
-"""What an integrator says of itself; lists, reports and tests are made from it."""
+"""The facts of an integrator, from which lists, reports and tests are generated."""
 
 from __future__ import annotations
 
@@ -7,21 +7,26 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.black_box import Tableau
+from bodycheck.reference_impl.integrators.tableau import Tableau
 
 Spin: TypeAlias = Literal["omega_body", "omega_world", "angular_momentum"]
 
-Advance: TypeAlias = Callable[[Array, Array, Array, float, int], None]
-"""advance(state, body, load, dt, steps) makes the steps in place, compiled.
+Structure: TypeAlias = Literal["angular momentum", "rotation group", "symplectic form", "time reversal"]
+"""Structure that the steps preserve to round-off: the angular momentum in world axes if no torque acts; R in
+SO(3); the symplectic form, which bounds the energy error; the initial state if the motion is reversed midway.
+"""
 
-state (13,) or (18,): position, velocity, spin, then the attitude as quaternion or matrix, row by row.
-body and load as in equations.py.
+Advance: TypeAlias = Callable[[Array, Array, Array, float, int], None]
+"""advance(state, body, load, dt, steps), compiled, advances the state by the steps, in place.
+
+state (13,) or (18,): position, velocity, spin, then the attitude as a quaternion or a row-major matrix.
+body and load as in right_hand_sides.py.
 """
 
 AdvanceUnder: TypeAlias = Callable[[Array, Array, Array, Array, float, float, int], None]
-"""advance_under(state, body, load, lasting, begin, dt, steps): the same under lasting loads as well.
+"""advance_forced(state, body, load, lasting, begin, dt, steps): the same, with continuous loads.
 
-lasting as `lasting.packed_lasting` makes it; begin: the time in s at which the first step begins.
+lasting: as `continuous_loads.packed_lasting` returns it; begin: the time in s at the start of the first step.
 """
 
 
@@ -29,11 +34,16 @@ lasting as `lasting.packed_lasting` makes it; begin: the time in s at which the 
 class Integrator:
     """One fixed-step method.
 
-    attitude and spin name what the state holds: spin is omega in body axes, omega in world axes, or the
-    angular momentum about the centre of mass in world axes. order is that of the orientation error.
-    torque says when constant loads are turned with the body, lasting when lasting loads are evaluated;
-    refused: the kinds of lasting loads that the method cannot take. tableau: of an explicit Runge-Kutta
-    method on the whole state, which can so be driven stage by stage from outside its kernel.
+    order: of the orientation error; evaluations: of the right-hand side, per step.
+    keeps: the conserved quantities in words; preserves: those that tests measure.
+    turn: the rotation angle in rad of one step at constant omega, a function of x = dt |omega|; exact is x.
+    position_weight: w in x+ = x + dt v + w dt^2 F / m under a constant force; 0 if the pose is explicit, 1 if
+    it uses the new velocity, 1/2 if the order is 2 or more.
+    attitude and spin: the content of the state; spin is omega in body axes, omega in world axes, or the
+    angular momentum about the centre of mass in world axes.
+    torque: when constant loads are rotated with the body; lasting: when continuous loads are evaluated;
+    refused: the kinds of continuous loads that the method does not support. tableau: of an explicit
+    Runge-Kutta method on the whole state, whose stages can then be evaluated outside its kernel.
     """
 
     name: str
@@ -42,11 +52,19 @@ class Integrator:
     evaluations: int
     torque: Literal["every stage", "held over the step"]
     keeps: str
+    preserves: frozenset[Structure]
     source: str
+    turn: Callable[[float], float]
+    position_weight: float
     attitude: Literal["quaternion", "matrix"]
     spin: Spin
     advance: Advance
-    advance_under: AdvanceUnder
+    advance_forced: AdvanceUnder
     lasting: Literal["every stage", "held over the step"] = "held over the step"
     refused: tuple[type[Any], ...] = ()
     tableau: Tableau | None = None
+
+
+def exact_turn(x: float) -> float:
+    """x: the exponential map rotates by the exact angle."""
+    return x

@@ -1,25 +1,31 @@
-"""Forward Euler on the quaternion and on Euler's equations: q+ = q + dt/2 q omega, not normalised."""
+"""Forward Euler for the quaternion, not normalised, and Euler's equations: q+ = q + dt/2 q omega."""
 
 from __future__ import annotations
 
+import math
+
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.equations import (
-    acceleration,
-    body_torque,
-    gyroscopic,
+from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
+from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import (
     matrix_at,
+    matrix_of,
+    quaternion_times,
+    scaled_add,
     store,
+    times,
     vector_at,
 )
-from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.held import held_over_steps
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.registers import matrix_of, quaternion_times, scaled_add, times
 
 
 @kernel
 def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
-    """Make the steps in place: state (13,): x, v, omega in body axes, q; body (19,), load (21,)."""
+    """Advance the state by the steps, in place.
+
+    state (13,): x, v, omega in body axes, q; body (19,) and load (21,) as in right_hand_sides.py.
+    """
     inertia, inertia_inverse = matrix_at(body, 1), matrix_at(body, 10)
     position, velocity, omega = vector_at(state, 0), vector_at(state, 3), vector_at(state, 6)
     q = (state[9], state[10], state[11], state[12])
@@ -37,16 +43,19 @@ def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> No
     state[9], state[10], state[11], state[12] = q
 
 
-QUATERNION_EULER = Integrator(
+METHOD = Integrator(
     name="quaternion-euler",
     formula="q+ = q + dt/2 q omega, omega+ = omega + dt I^-1 (tau - omega x I omega)",
     order=1,
     evaluations=1,
     torque="held over the step",
     keeps="nothing; |q| grows by (dt omega)^2 / 8 a step",
+    preserves=frozenset(),
     source="Euler (1768), Institutiones calculi integralis, on q' = q omega / 2",
+    turn=lambda x: 2.0 * math.atan(0.5 * x),
+    position_weight=0.0,
     attitude="quaternion",
     spin="omega_body",
     advance=advance,
-    advance_under=held_over_steps(advance, "omega_body"),
+    advance_forced=held_over_steps(advance, "omega_body"),
 )

@@ -1,4 +1,4 @@
-"""Whether two surfaces cross: whether an edge of one passes through a triangle of the other."""
+"""Detect crossing surfaces: an edge of one passes through a triangle of the other."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import Vec, cross
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.reference_impl.registers import Vec, cross
 
 _CLEAR = 1e-9
-"""The least sine, about, that counts as to one side: touching and sharing a plane are not crossing."""
+"""Roughly the least sine that counts as lying on one side: touching or coplanar surfaces do not cross."""
 
 
 @kernel
 def _side(a: Vec, b: Vec, c: Vec, d: Vec) -> int:
-    """1 or -1 as d is on the side of the plane abc from which they run counter-clockwise, or 0 near it."""
+    """Return 1 if d is on the side of plane abc that sees abc counter-clockwise, -1 opposite, 0 near it."""
     ab = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     ac = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     ad = d[0] - a[0], d[1] - a[1], d[2] - a[2]
@@ -34,7 +34,7 @@ def _side(a: Vec, b: Vec, c: Vec, d: Vec) -> int:
 
 @kernel
 def _pierces(p: Vec, q: Vec, a: Vec, b: Vec, c: Vec) -> bool:
-    """Say whether the segment pq passes through the inside of the triangle abc."""
+    """Return whether the segment pq passes through the interior of the triangle abc."""
     if _side(a, b, c, p) * _side(a, b, c, q) >= 0:
         return False
     turn = _side(p, q, a, b)
@@ -49,7 +49,7 @@ def _corner(vertices: Array, i: int) -> Vec:
 
 @kernel
 def _pierces_triangle(vertices: Array, one: Triangles, other: Triangles, i: int, j: int) -> bool:
-    """Say whether an edge of triangle i of one passes through the inside of triangle j of the other."""
+    """Return whether an edge of triangle i of one passes through the interior of triangle j of the other."""
     a, b, c = _corner(vertices, other[j, 0]), _corner(vertices, other[j, 1]), _corner(vertices, other[j, 2])
     for k in range(3):
         if _pierces(_corner(vertices, one[i, k]), _corner(vertices, one[i, (k + 1) % 3]), a, b, c):
@@ -66,7 +66,10 @@ def _any_pierces(
     other_boxes: Array,
     begin: NDArray[np.int64],
 ) -> bool:
-    """Say whether an edge of one passes through the other, whose boxes ascend along x, from begin (k,) on."""
+    """Return whether an edge of one passes through the other.
+
+    The other's boxes ascend along x; triangle i of one can meet those from begin[i] on, begin (k,).
+    """
     for i in range(one.shape[0]):
         lower, upper = boxes[0, i], boxes[1, i]
         for j in range(begin[i], other.shape[0]):
@@ -82,7 +85,7 @@ def _any_pierces(
 
 @kernel
 def _boxes(vertices: Array, triangles: Triangles) -> Array:
-    """Return the least and greatest coordinates (2, m, 3) of each triangle."""
+    """Return the bounding boxes (2, m, 3) of the triangles: least and greatest coordinates."""
     boxes = np.empty((2, triangles.shape[0], 3))
     for t in range(triangles.shape[0]):
         a, b, c = triangles[t]
@@ -94,7 +97,7 @@ def _boxes(vertices: Array, triangles: Triangles) -> Array:
 
 @kernel
 def box(vertices: Array, triangles: Triangles) -> tuple[Array, Array]:
-    """Return the least and greatest coordinates (3,), (3,) of all triangles."""
+    """Return the least (3,) and greatest (3,) coordinates of the triangles (m, 3) on vertices (n, 3)."""
     lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
     for t in range(triangles.shape[0]):
         for k in range(3):
@@ -106,7 +109,7 @@ def box(vertices: Array, triangles: Triangles) -> tuple[Array, Array]:
 
 @kernel
 def _near(vertices: Array, triangles: Triangles, lower: Array, upper: Array) -> NDArray[np.bool_]:
-    """Say which triangles (m,) have a box that meets the one from lower (3,) to upper (3,)."""
+    """Return which triangles (m,) have a bounding box that meets the box from lower (3,) to upper (3,)."""
     near = np.ones(triangles.shape[0], dtype=np.bool_)
     for t in range(triangles.shape[0]):
         a, b, c = triangles[t]
@@ -117,10 +120,10 @@ def _near(vertices: Array, triangles: Triangles, lower: Array, upper: Array) -> 
 
 
 def crosses(vertices: Array, one: Triangles, other: Triangles) -> bool:
-    """Say whether an edge of one surface passes through the inside of a triangle of the other.
+    """Return whether an edge of one surface passes through the interior of a triangle of the other.
 
-    Shapes: (n, 3), (k, 3), (l, 3). Where edge meets edge or corner exactly, no edge passes through the inside
-    of anything. The other's triangles are sorted along x, so that each triangle meets those beside it only.
+    Shapes: (n, 3), (k, 3), (l, 3). An edge that exactly meets an edge or a corner passes through no interior.
+    The other's triangles are sorted along x, so that each triangle is compared only with those near it.
     """
     one = one[_near(vertices, one, *box(vertices, other))]
     other = other[_near(vertices, other, *box(vertices, one))]

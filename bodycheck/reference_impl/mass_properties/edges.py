@@ -1,30 +1,33 @@
-"""Which triangles meet at which edge: in a closed surface, exactly two at each.
+"""Find the triangles that meet at each edge, and separate closed surfaces that touch along an edge.
 
 Half-edge 3 t + k runs from corner k of triangle t to its next corner.
 """
 
 from __future__ import annotations
 
-from typing import NoReturn
+import math
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.jit import kernel
-from bodycheck.reference_impl.mass_properties.places import first_few, place
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import Vec, cross, dot
+from bodycheck.reference_impl.mass_properties.message_locations import first_few, place
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 OPEN, SHARED, SHARED_TOO = -1, -2, -3
-"""In place of a partner: the edge is that of one triangle only; or of more, as their first; or not."""
+"""In place of a partner. OPEN: the edge has only one triangle. SHARED, SHARED_TOO: the edge has more than
+two; SHARED marks the first of its half-edges, SHARED_TOO the others."""
 
 
 @kernel
 def partners(triangles: Triangles, vertices: int) -> NDArray[np.int32]:
-    """Return for each half-edge (3 m,) the other one on the same two of so many vertices.
+    """Return for each half-edge (3 m,) the other one on the same edge; vertices is the number of vertices.
 
-    OPEN, SHARED and SHARED_TOO stand where there is none, or more than one. Half-edges are sorted by
-    counting, first by the greater of their vertices and then by the lesser: in linear time.
+    triangles (m, 3). OPEN, SHARED and SHARED_TOO mark half-edges with none or more than one other. Two
+    counting sorts, by the greater and then by the lesser vertex, take linear time.
     """
     lower, upper = _ends(triangles)
     order = _sorted_by(lower, _sorted_by(upper, np.arange(lower.size).astype(np.int32), vertices), vertices)
@@ -59,7 +62,7 @@ def _ends(triangles: Triangles) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
 
 @kernel
 def _sorted_by(key: NDArray[np.int32], items: NDArray[np.int32], keys: int) -> NDArray[np.int32]:
-    """Return the items (k,) by ascending key[item] < keys, stably: a counting sort."""
+    """Return the items (k,) sorted by key[item] < keys, stably, by counting."""
     begin = np.zeros(keys + 1, dtype=np.int32)
     for item in items:
         begin[key[item] + 1] += 1
@@ -80,6 +83,139 @@ def described(vertices: Array, triangles: Triangles, half_edge: int) -> str:
 
 
 def refuse_edges(vertices: Array, triangles: Triangles, faulty: NDArray[np.int64], what: str) -> NoReturn:
-    """Raise ValueError naming the first of the faulty edges (k,), each by one of its half-edges."""
+    """Raise ValueError naming the first few faulty edges (k,), each given by one of its half-edges."""
     shown = first_few(described(vertices, triangles, half_edge) for half_edge in np.sort(faulty))
     raise ValueError(f"the mesh {what.format(len(faulty))}: {shown}")
+
+
+_SAME_ANGLE = 1e-9
+"""The angle, in about rad, within which two triangles count as coincident."""
+
+
+class Parted(NamedTuple):
+    """Triangles (m, 3), the partner (3 m,) of each half-edge, and notes on the changes, one sentence each."""
+
+    triangles: Triangles
+    partner: NDArray[np.int32]
+    notes: tuple[str, ...]
+
+
+def taken_apart(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> Parted:
+    """Pair the half-edges of edges that more than two triangles share.
+
+    Shapes: (n, 3), (m, 3), (3 m,) from edges.partners without open edges. Triangles back to back, as where
+    two parts share a wall, bound nothing and are removed. Raises ValueError naming the first edges around
+    which matter and void do not alternate: edges of three triangles, of a part drawn twice, or of
+    overlapping parts.
+    """
+    at_shared_edges = np.any((partner <= SHARED).reshape(-1, 3), axis=1)
+    cancelled = _back_to_back(triangles, at_shared_edges)
+    notes: tuple[str, ...] = ()
+    if cancelled.any():
+        where = first_few(place(vertices[triangle[0]]) for triangle in triangles[cancelled])
+        notes = (f"{cancelled.sum()} of the triangles lie back to back and were left out, at {where}",)
+        triangles = triangles[~cancelled]
+        if not len(triangles):
+            raise ValueError("the mesh is degenerate: all its triangles lie back to back")
+        partner = partners(triangles, len(vertices))
+    shared = partner == SHARED
+    if shared.any():
+        _pair(vertices, triangles, partner)
+        notes += (f"at {shared.sum()} edges parts touch; they were told apart by where matter is",)
+    return Parted(triangles, partner, notes)
+
+
+def _back_to_back(triangles: Triangles, asked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of the selected triangles (m,) cancel one with the same corners, oppositely oriented."""
+    cancelled = np.zeros(len(triangles), dtype=np.bool_)
+    rows = np.flatnonzero(asked)
+    corners = triangles[rows]
+    a, b, c = corners.T
+    even = (a < b).astype(int) + (b < c) + (c < a) == 2  # a cyclic shift of ascending corners
+    order = np.lexsort(np.sort(corners, axis=1).T)
+    ascending = np.sort(corners, axis=1)[order]
+    group = np.cumsum((np.diff(ascending, axis=0, prepend=-1) != 0).any(axis=1)) - 1
+    turned = ~even[order]
+    pairs = np.minimum(np.bincount(group, ~turned), np.bincount(group, turned))
+    for side in (turned, ~turned):
+        rank = np.cumsum(side) - side  # how many of this side precede, over all groups
+        rank -= rank[np.searchsorted(group, group)]
+        cancelled[rows[order[side & (rank < pairs[group])]]] = True
+    return cancelled
+
+
+def _pair(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> None:
+    """Write the partners (3 m,) of half-edges on shared edges, or raise ValueError."""
+    shared = np.flatnonzero(partner <= SHARED)
+    start, end = triangles.ravel()[shared], np.roll(triangles, -1, axis=1).ravel()[shared]
+    lower, upper = np.minimum(start, end), np.maximum(start, end)
+    order = np.lexsort((upper, lower))
+    changes = np.diff(lower[order], prepend=-1) | np.diff(upper[order], prepend=-1)
+    begin = np.append(np.flatnonzero(changes), len(order))
+    faulty = _pair_by_angle(vertices, triangles, shared[order], begin, partner)
+    if faulty.any():
+        refuse_edges(
+            vertices,
+            triangles,
+            shared[order[begin[:-1][faulty]]],
+            "is not a surface: {} edges are shared by more than two triangles, and matter and void do not "
+            "alternate around them",
+        )
+
+
+@kernel
+def _difference(vertices: Array, i: int, j: int) -> Vec:
+    """Return vertex i relative to vertex j."""
+    return vertices[i, 0] - vertices[j, 0], vertices[i, 1] - vertices[j, 1], vertices[i, 2] - vertices[j, 2]
+
+
+@kernel
+def _angles(vertices: Array, triangles: Triangles, half_edges: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the angle (k,), in [0, 2 pi), of each triangle about the first one's edge, and its sense (k,).
+
+    The sense is 1 for a half-edge from the edge's lesser vertex: matter is then at lesser angles. Otherwise
+    matter is at greater angles.
+    """
+    angle, sense = np.empty(len(half_edges)), np.empty(len(half_edges))
+    first, corner = divmod(half_edges[0], 3)
+    ends = triangles[first, corner], triangles[first, (corner + 1) % 3]
+    low, high = min(ends), max(ends)
+    axis = _difference(vertices, high, low)
+    length2 = dot(axis, axis)
+    e1 = e2 = axis
+    for k in range(len(half_edges)):
+        t, corner = divmod(half_edges[k], 3)
+        sense[k] = 1.0 if triangles[t, corner] == low else -1.0
+        w = _difference(vertices, triangles[t, (corner + 2) % 3], low)
+        share = dot(w, axis) / length2
+        w = w[0] - share * axis[0], w[1] - share * axis[1], w[2] - share * axis[2]
+        if k == 0:
+            e1 = w
+            e2 = cross(axis, w)
+        angle[k] = math.atan2(dot(w, e2) / math.sqrt(length2), dot(w, e1))
+        # of coincident triangles, the one with matter at lesser angles comes first
+        angle[k] = (angle[k] - 0.5 * sense[k] * _SAME_ANGLE) % (2.0 * math.pi)
+    return angle, sense
+
+
+@kernel
+def _pair_by_angle(
+    vertices: Array,
+    triangles: Triangles,
+    half_edges: NDArray[np.int64],
+    begin: NDArray[np.int64],
+    partner: NDArray[np.int32],
+) -> NDArray[np.bool_]:
+    """Pair the half-edges (k,) of each shared edge, delimited by begin (e + 1,); return the failures (e,)."""
+    faulty = np.zeros(len(begin) - 1, dtype=np.bool_)
+    for e in range(len(faulty)):
+        group = half_edges[begin[e] : begin[e + 1]]
+        angle, sense = _angles(vertices, triangles, group)
+        order = np.argsort(angle)
+        for k in range(len(order)):
+            this, following = order[k], order[(k + 1) % len(order)]
+            if sense[this] == sense[following]:
+                faulty[e] = True
+            elif sense[this] < 0.0:
+                partner[group[this]], partner[group[following]] = group[following], group[this]
+    return faulty

@@ -1,4 +1,4 @@
-"""Solids f(x) <= 0, cut along chords parallel to z: what an estimate of their mass properties needs."""
+"""Solids f(x) <= 0 and their chords parallel to z, from which mass properties are estimated."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 from bodycheck.reference_impl.arrays import Array
 
 _BISECTIONS = 48
-"""From the cell of a grid to the last bits: no error beside the sampling's, also of an f that jumps."""
+"""From a grid cell to the last bits: negligible relative to the sampling error, even if f jumps."""
 
 _SECTIONS = 40
-"""Of the bracket of an extremum, by the golden ratio: to 4e-9 of a cell."""
+"""Golden-section steps per extremum: these narrow its bracket to 4e-9 of a cell."""
 
 _MARGIN = 1.01
-"""For round-off, and for an f that is steeper within a cell than its ends show."""
+"""Allows for round-off and for an f that is steeper within a cell than the values at its ends show."""
 
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 
 
 class Chords(NamedTuple):
-    """Pieces of columns within the solid: the column (k,) that each lies in, its bottom and top (k,), m."""
+    """Pieces of columns within the solid: the column (k,) of each, its bottom (k,) and its top (k,), m."""
 
     column: NDArray[np.int64]
     bottom: Array
@@ -43,7 +43,7 @@ class ImplicitSolid(Protocol):
         """The box's greatest corner (3,), m."""
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
-        """Say which points (n, 3) are in the solid."""
+        """Return which points (n, 3) are in the solid."""
 
     def chords(self, xy: Array) -> Chords:
         """Return the pieces within the solid of the columns at xy (n, 2)."""
@@ -68,7 +68,7 @@ class ImplicitEllipsoid:
         return np.array([self.a, self.b, self.c])
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
-        """Say which points (n, 3) are in the solid."""
+        """Return which points (n, 3) are in the solid."""
         return np.asarray(np.sum((points / self.upper) ** 2, axis=1) <= 1.0)
 
     def chords(self, xy: Array) -> Chords:
@@ -94,7 +94,7 @@ class ImplicitTorus:
         return np.array([self.major + self.minor, self.major + self.minor, self.minor])
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
-        """Say which points (n, 3) are in the solid."""
+        """Return which points (n, 3) are in the solid."""
         return np.asarray(points[:, 2] ** 2 <= self._half_chords2(points[:, :2]))
 
     def chords(self, xy: Array) -> Chords:
@@ -106,7 +106,7 @@ class ImplicitTorus:
 
 
 def _symmetric_chords(half2: Array) -> Chords:
-    """Return the chords |z| <= sqrt(half2), one a column where that is real."""
+    """Return the chords |z| <= sqrt(half2), one per column where the root is real; half2 (n,), m^2."""
     column = np.flatnonzero(half2 > 0.0)
     half = np.sqrt(half2[column])
     return Chords(column, -half, half)
@@ -116,10 +116,10 @@ def _symmetric_chords(half2: Array) -> Chords:
 class LevelSet:
     """f(x) <= 0 within a box; f maps points (n, 3) in m to values (n,), and need not be smooth.
 
-    What of the solid lies beyond the box is cut off. The ends of chords are found where f changes sign
-    between two neighbours of `cells` + 1 points evenly spaced along a column, then by bisection. Where f has
-    an extremum near 0 within a cell, a wall or a gap that is thinner than the cell is looked for by golden
-    section. What slips through is left to the estimate, which corrects the chords by points of its own.
+    The box cuts off any part of the solid beyond it. f is sampled at `cells` + 1 points evenly spaced along
+    each column; bisection refines the chord ends between neighbours of opposite sign. Where f may have an
+    extremum near 0 within a cell, a golden-section search looks for a wall or a gap thinner than the cell.
+    The estimate corrects for missed features by sampling points of its own.
     """
 
     function: Callable[[Array], Array]
@@ -128,11 +128,11 @@ class LevelSet:
     cells: int = 64
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
-        """Say which points (n, 3) are in the solid. Raises ValueError for values that are not n numbers."""
+        """Return which points (n, 3) are in the solid. Raises ValueError if f does not return n numbers."""
         return self._values(points) <= 0.0
 
     def chords(self, xy: Array) -> Chords:
-        """Return the pieces of the columns at xy (n, 2) within the solid, as far as f tells."""
+        """Return the pieces of the columns at xy (n, 2) within the solid that the sampling of f detects."""
         grid = np.linspace(self.lower[2], self.upper[2], self.cells + 1)
         points = np.column_stack([np.repeat(xy, len(grid), axis=0), np.tile(grid, len(xy))])
         values = self._values(points).reshape(len(xy), len(grid))
@@ -151,7 +151,7 @@ class LevelSet:
         return Chords(column[entered], bottom, top)
 
     def _values(self, points: Array) -> Array:
-        """Return f, or raise ValueError for what is not n numbers."""
+        """Return f at points (n, 3), or raise ValueError if f does not return n numbers."""
         values = np.asarray(self.function(points), dtype=np.float64)
         if values.shape != (len(points),):
             raise ValueError(f"f of points {points.shape} must be ({len(points)},), not {values.shape}")
@@ -164,9 +164,9 @@ class LevelSet:
     ) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
         """Return columns (k,) and heights (k,) of points in thin walls and gaps, and which are in walls (k,).
 
-        values (n, g): f on the grid (g,). Sought in the cells next to an extremum over the grid if their ends
-        have one sign and are so small that f can reach 0 between them without being steeper than between
-        some neighbours on the column. A column that grazes a shell meets it once in each of two such cells.
+        values (n, g): f on the grid (g,). A cell next to an extremum over the grid is searched if f has one
+        sign at both ends and is small enough to reach 0 between them without being steeper than between some
+        neighbours on the column. A column that grazes a shell meets it once in each of two such cells.
         """
         steepest = _MARGIN * np.max(np.abs(np.diff(values, axis=1)), axis=1, keepdims=True)
         found = []
@@ -182,7 +182,7 @@ class LevelSet:
         return column, z, inside
 
     def _below_zero(self, xy: Array, low: Array, high: Array, sign: float) -> Array:
-        """Return where sign f < 0 between low (k,) and high (k,) on columns at xy (k, 2), else NaN."""
+        """Return heights (k,) with sign f < 0 between low (k,) and high (k,) on columns (k, 2), or NaN."""
         found = np.full(len(xy), np.nan)
         open_ = np.arange(len(xy))
         left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
@@ -204,7 +204,7 @@ class LevelSet:
         return found
 
     def _boundary(self, xy: Array, outside: Array, within: Array) -> Array:
-        """Bisect to where each column (k, 2) passes from outside (k,) to within (k,)."""
+        """Bisect for the height (k,) where each column (k, 2) passes from outside (k,) to within (k,)."""
         for _ in range(_BISECTIONS):
             middle = 0.5 * (outside + within)
             inside = self.inside(np.column_stack([xy, middle]))

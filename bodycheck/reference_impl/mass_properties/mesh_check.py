@@ -1,4 +1,4 @@
-"""From any triangles to a mesh that bounds a solid: put right where that is clear, refused where not."""
+"""Check that triangles bound a solid: repair unambiguous faults and reject the rest."""
 
 from __future__ import annotations
 
@@ -8,21 +8,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.mass_properties.edges import OPEN, SHARED, partners, refuse_edges
-from bodycheck.reference_impl.mass_properties.facing import faced
-from bodycheck.reference_impl.mass_properties.gaps import without_slits
-from bodycheck.reference_impl.mass_properties.merging import merged
-from bodycheck.reference_impl.mass_properties.orientation import consistent, with_turned
-from bodycheck.reference_impl.mass_properties.places import first_few, place
+from bodycheck.reference_impl.mass_properties.edges import (
+    OPEN,
+    SHARED,
+    Parted,
+    partners,
+    refuse_edges,
+    taken_apart,
+)
+from bodycheck.reference_impl.mass_properties.message_locations import first_few, place
+from bodycheck.reference_impl.mass_properties.outward_orientation import consistent, faced, with_turned
 from bodycheck.reference_impl.mass_properties.solid import LENGTHS, Overlap, Triangles
-from bodycheck.reference_impl.mass_properties.touching import Parted, taken_apart
+from bodycheck.reference_impl.mass_properties.vertex_merge import merged, without_slits
 
 _MOST_TRIANGLES = (1 << 31) // 3
-"""Half-edges are numbered in 32 bits."""
+"""Half-edges have 32-bit numbers."""
 
 
 class Mesh(NamedTuple):
-    """Vertices (n, 3) in m, triangles (m, 3) that face outward, and what was put right, a sentence each."""
+    """Vertices (n, 3) in m, triangles (m, 3) that face outward, and notes on repairs, one sentence each."""
 
     vertices: Array
     triangles: Triangles
@@ -30,15 +34,17 @@ class Mesh(NamedTuple):
 
 
 def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, overlap: Overlap = "refuse") -> Mesh:
-    """Return the mesh, its equal vertices made one and its triangles facing outward, if it bounds a solid.
+    """Return the mesh with equal vertices merged and its triangles facing outward, if it bounds a solid.
 
-    Shapes: (n, 3) in m, (m, 3) numbers of vertices. Triangles with two equal corners and those that lie back
-    to back are left out, corners that only round-off keeps apart are joined, flipped triangles and an
-    inside-out mesh are turned; the notes say so. Raises ValueError, naming what and where, for coordinates
-    that are not finite, numbers of no vertex, an open mesh, edges around which matter and void do not
-    alternate, a one-sided surface, one that encloses nothing, and nested or crossing ones that can be read in
-    two ways; where the overlap is "count-twice", matter within matter counts as often as it is drawn. A
-    surface that crosses itself is not looked for: what it winds around twice counts twice.
+    Shapes: vertices (n, 3) in m, triangles (m, 3) of vertex numbers. Repairs, each reported in a note:
+    triangles with two equal corners and triangles back to back are removed, corners that only round-off
+    separates are joined, and flipped triangles and inside-out meshes are turned.
+
+    Raises ValueError, naming the fault and its place, for coordinates that are not finite, invalid vertex
+    numbers, an open mesh, edges around which matter and void do not alternate, a one-sided surface, a surface
+    that encloses nothing, and ambiguous nested or crossing surfaces. If the overlap is "count-twice", matter
+    within matter counts as often as it is drawn. Self-crossing surfaces are not detected: what they wind
+    around twice counts twice.
     """
     points, corners = _arrays(vertices, triangles)
     points, corners = _merged(points, corners)
@@ -57,7 +63,7 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, overlap: Overlap = "
 
 
 def _arrays(vertices: ArrayLike, triangles: ArrayLike) -> tuple[Array, Triangles]:
-    """Return both as arrays, or refuse their shapes and numbers."""
+    """Return vertices (n, 3) and triangles (m, 3) as arrays; raise ValueError for bad shapes or numbers."""
     points, corners = np.asarray(vertices, dtype=np.float64), np.asarray(triangles)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"vertices must be (n, 3), not {points.shape}")
@@ -84,14 +90,14 @@ def _arrays(vertices: ArrayLike, triangles: ArrayLike) -> tuple[Array, Triangles
 
 
 def _merged(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles]:
-    """Return the different vertices (k, 3), and the triangles (m, 3) by their numbers."""
+    """Return the distinct vertices (k, 3), and the triangles (m, 3) renumbered accordingly."""
     points, number = merged(vertices)
     same = len(points) == len(vertices)
     return points, triangles if same else number.astype(np.int64)[triangles]
 
 
 def _is_collapsed(triangles: Triangles) -> NDArray[np.bool_]:
-    """Say which triangles (m,) have two equal corners: they bound nothing, their neighbours still meet."""
+    """Return which triangles (m,) have two equal corners: these bound nothing, and their neighbours meet."""
     a, b, c = triangles.T
     collapsed = (a == b) | (b == c) | (c == a)
     if collapsed.all():
@@ -100,7 +106,7 @@ def _is_collapsed(triangles: Triangles) -> NDArray[np.bool_]:
 
 
 def _closed(vertices: Array, triangles: Triangles) -> Parted:
-    """Return the triangles with the partners of all their half-edges, or refuse an open mesh."""
+    """Return the triangles with the partners of all their half-edges; raise ValueError for an open mesh."""
     partner = partners(triangles, len(vertices))
     notes: tuple[str, ...] = ()
     if (partner == OPEN).any():
@@ -116,7 +122,7 @@ def _closed(vertices: Array, triangles: Triangles) -> Parted:
 
 
 def _turned_note(vertices: Array, triangles: Triangles, turned: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Say which triangles were turned, if any."""
+    """Return a note on the turned triangles, if any."""
     if turned.all():
         return ("the mesh was inside-out; all its triangles were turned",)
     return _note(vertices, triangles[turned], "faced the wrong way and were turned")

@@ -1,8 +1,8 @@
-"""Exact integrals over a closed triangle mesh, as a sum of signed tetrahedra about its own centroid.
+"""Exact integrals over a closed triangle mesh, as a sum of signed tetrahedra about the mesh's centroid.
 
 Sources: Mirtich (1996), Fast and accurate computation of polyhedral mass properties, J. Graphics Tools 1;
 Tonon (2004), Explicit exact formulas for the 3-D tetrahedron inertia tensor in terms of its vertex
-coordinates, J. Math. Stat. 1; the sums are compensated: Neumaier (1974), with Knuth's branch-free two-sum.
+coordinates, J. Math. Stat. 1. Compensated sums: Neumaier (1974), with Knuth's branch-free two-sum.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import math
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.double_double import two_sum
-from bodycheck.reference_impl.jit import kernel
+from bodycheck.reference_impl.kernels.double_double import two_sum
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.small_vectors import Vec, cross, dot
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles
-from bodycheck.reference_impl.registers import Vec, cross, dot
 
 _LANES = 32
-"""How many triangles are taken at once: a row for every quantity, so that one instruction serves several."""
+"""Triangles per block, with one row per quantity, so that one instruction processes several triangles."""
 
 _CORNERS, _TERMS = 9, 10
 _FIRST_TERM = _CORNERS * _LANES
@@ -28,7 +28,7 @@ _MULTIPLES = np.array([6.0, 24.0, 24.0, 24.0, 120.0, 120.0, 120.0, 120.0, 120.0,
 
 @kernel
 def _corner(vertices: Array, i: int, origin: Vec) -> Vec:
-    """Vertex i from the origin given."""
+    """Return vertex i relative to the given origin."""
     return vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
 
 
@@ -40,10 +40,10 @@ def _subtract(a: Vec, b: Vec) -> Vec:
 
 @kernel
 def _determinant(a: Vec, b: Vec, c: Vec) -> float:
-    """det(a, b, c) = a . (b - a) x (c - a), the cross product taken at the corner between the shorter edges.
+    """det(a, b, c) = a . (b - a) x (c - a), with the cross product at the corner between the shorter edges.
 
-    The plain triple product of a fine mesh's near-equal corners cancels to the triangle's share of the
-    surface; the edges are nearly exact. Between two long edges of a sliver their cross product would cancel.
+    The plain triple product of a fine mesh's nearly equal corners cancels down to the triangle's share of the
+    surface, whereas the edges are nearly exact. The cross product of a sliver's two long edges would cancel.
     """
     ab, bc, ca = _subtract(b, a), _subtract(c, b), _subtract(a, c)
     ab2, bc2, ca2 = dot(ab, ab), dot(bc, bc), dot(ca, ca)
@@ -58,7 +58,7 @@ def _determinant(a: Vec, b: Vec, c: Vec) -> float:
 
 @kernel
 def volume_area_reach(vertices: Array, triangles: Triangles) -> tuple[float, float, float]:
-    """V = sum D / 6, A = sum |(b - a) x (c - a)| / 2, r = max |x - x0|, by plain sums, for signs and scales.
+    """V = sum D / 6, A = sum |(b - a) x (c - a)| / 2, r = max |x - x0|, uncompensated, for signs and scales.
 
     Shapes: (n, 3), (m, 3) -> m^3, m^2, m. The round-off of V is about 1e-16 A r.
     """
@@ -77,7 +77,7 @@ def volume_area_reach(vertices: Array, triangles: Triangles) -> tuple[float, flo
 
 @kernel
 def _gather(work: Array, vertices: Array, triangles: Triangles, origin: Vec, begin: int) -> None:
-    """Put the corners of the triangles from `begin` on into the lanes; past the last they bound nothing."""
+    """Copy the corners of the triangles from `begin` on into the lanes; pad with triangles of no volume."""
     count = min(_LANES, triangles.shape[0] - begin)
     for i in range(count):
         for k in range(3):
@@ -93,8 +93,8 @@ def _gather(work: Array, vertices: Array, triangles: Triangles, origin: Vec, beg
 def _expand(work: Array) -> None:
     """Write D, D s and D (a a^T + b b^T + c c^T + s s^T), s = a + b + c, of the triangles in the lanes.
 
-    Each is a tetrahedron with its apex at the origin, D = det(a, b, c); they are 6 times its volume, 24
-    times its first and 120 times its second moments xx, yy, zz, xy, yz, zx.
+    Each triangle spans a tetrahedron with its apex at the origin, D = det(a, b, c). The terms are 6 times its
+    volume, 24 times its first moments and 120 times its second moments xx, yy, zz, xy, yz, zx.
     """
     n, to = _LANES, _FIRST_TERM
     for i in range(_LANES):
@@ -117,7 +117,7 @@ def _expand(work: Array) -> None:
 
 @kernel
 def _add(high: Array, low: Array, work: Array) -> None:
-    """Add the lanes' terms to sums of their own, and what rounding takes from those to the low parts."""
+    """Add each lane's terms to its own sums, and the rounding errors of these sums to the low parts."""
     for i in range(_TERMS * _LANES):
         high[i], error = two_sum(high[i], work[_FIRST_TERM + i])
         low[i] += error
@@ -125,7 +125,7 @@ def _add(high: Array, low: Array, work: Array) -> None:
 
 @kernel
 def _moments(vertices: Array, triangles: Triangles, origin: Vec) -> Array:
-    """Integrals of 1, x, y, z, xx, yy, zz, xy, yz, zx over the solid, about the origin given: (10,)."""
+    """Integrals of 1, x, y, z, xx, yy, zz, xy, yz, zx over the solid, about the given origin: (10,)."""
     high, low = np.zeros(_TERMS * _LANES), np.zeros(_TERMS * _LANES)
     work = np.empty((_CORNERS + _TERMS) * _LANES)
     for begin in range(0, triangles.shape[0], _LANES):
@@ -144,7 +144,7 @@ def _moments(vertices: Array, triangles: Triangles, origin: Vec) -> Array:
 
 @kernel
 def _mean(vertices: Array) -> Vec:
-    """Mean of all vertices, in a tenth of the time of mean(axis=0)."""
+    """Return the mean of all vertices, ten times as fast as mean(axis=0)."""
     x = y = z = 0.0
     for i in range(vertices.shape[0]):
         x += vertices[i, 0]
@@ -156,11 +156,11 @@ def _mean(vertices: Array) -> Vec:
 def polyhedron(vertices: Array, triangles: Triangles) -> MassProperties:
     """Return the mass properties, at unit density, of the solid that a closed outward mesh bounds.
 
-    Shapes: (n, 3) in m, (m, 3). The mesh must have passed mesh_check. Errors: 1e-15 relative, wherever the
-    mesh lies, for it is integrated about a point amid its corners; and about its own centroid where that
-    point proves so far out that the parallel-axis theorem would cancel digits. What stays is the price of a
-    thin shell (as many digits as the cavity leaves of the whole), and of a small part far from the rest
-    (1e-16 times its distance over its size).
+    Shapes: vertices (n, 3) in m, triangles (m, 3). The mesh must have passed mesh_check. The relative error
+    is 1e-15 wherever the mesh lies: the integrals are taken about the mean of the vertices, and again about
+    the centroid where the mean is so far off that the parallel-axis theorem would cancel digits. Two cases
+    lose more: a thin shell, by the ratio of the whole to what the cavity leaves; and a small part far from
+    the rest, 1e-16 times its distance over its size.
     """
     origin = np.array(_mean(vertices))
     solid = MassProperties.of_moments(_moments(vertices, triangles, tuple(origin)))

@@ -1,1 +1,1 @@
-"""What changed between two runs: pure functions of their tables, then the words and the page."""
+"""Compare two runs: pure functions of their tables, then text, Markdown and HTML."""

@@ -1,4 +1,4 @@
-"""Whether the accuracy of a case changed: two-sided, by more than round-off could, and whether it matters."""
+"""Detect changes of accuracy beyond round-off, in both directions, and apply the threshold."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from bodycheck.reports.bounds import FLOOR_BOUNDS, TRUTH_BOUNDS, bound_of
 from bodycheck.reports.comparison.change import Change, Status
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.measures import MEASURES
+from bodycheck.reports.gates.thresholds import Thresholds
+from bodycheck.reports.measurement.measure_bounds import FLOOR_BOUNDS, TRUTH_BOUNDS, bound_of
+from bodycheck.reports.measurement.measures import MEASURES
 
 _EPS = float(np.finfo(np.float64).eps)
 _ROUND_OFFS = 8.0
-_TWO_VALUES = 2.0  # either of the two compared values may be off by the noise
+_TWO_VALUES = 2.0  # each of the two compared values has this noise
 
 _LARGEST_OF = {"orientation_error_final_rad": "orientation_error_rad"}
-"""An error at one instant -> its maximum over time: the instant's may pass through zero by accident."""
+"""Error at one instant -> its maximum over time, because the former may pass through zero by chance."""
 
 _UNRESOLVED = ("energy_balance",)
-"""Empty where the samples cannot resolve it, so that its absence says nothing; energy_drift is there too."""
+"""Empty where the samples cannot resolve it, so its absence means nothing; energy_drift is also present."""
 
 Floors = Mapping[str, float]
-"""Quantity -> floor, of one method on one scenario."""
+"""Quantity -> floor, for one method on one scenario."""
 
 
 def noise(measure: str, row: Mapping[str, Any], floors: Floors) -> float:
-    """max(3 bound, floor, eps (8 + sqrt(steps)) max(1, value)): by how much one value may be off.
+    """max(3 bound, floor, eps (8 + sqrt(steps)) max(1, value)): the noise of one value.
 
-    row: of results.csv. floors: of its method on its scenario; they know the motion's sensitivity.
+    row: a row of results.csv. floors: of its method on its scenario; they include the motion's sensitivity.
     """
     least = _EPS * (_ROUND_OFFS + math.sqrt(row.get("steps", 0))) * _size(measure, row)
     if measure not in TRUTH_BOUNDS:
@@ -40,9 +40,9 @@ def noise(measure: str, row: Mapping[str, Any], floors: Floors) -> float:
 
 
 def _drift_of_round_off(measure: str, row: Mapping[str, Any]) -> float:
-    """eps steps max(1, value): what roundings that all fall the same way add up to.
+    """eps steps max(1, value): the sum of roundings that all have the same sign.
 
-    Another compiler may make them do so; a change within that is no fault of a method.
+    Another compiler may cause such a drift; a change of this size is not a fault of the method.
     """
     return _EPS * float(row.get("steps", 0)) * _size(measure, row)
 
@@ -59,10 +59,10 @@ def accuracy_changes(
 ) -> Iterator[Change]:
     """Yield the measures of one case that changed by more than the noise of both values.
 
-    A change is worse or improved where what exceeds the noise, and the drift of round-off, is more than the
-    threshold, relative to the smaller value; a value below its noise counts as the noise. before, after: rows
-    of results.csv; floors: of their method in either run. The smaller noise of the two counts: a method whose
-    floor rose does not hide behind that.
+    A change is worse or improved if the part beyond the noise and the drift of round-off exceeds the
+    threshold, relative to the smaller value. A value below its noise counts as the noise. The smaller noise
+    of the two is used, so that a risen floor cannot hide a change. before, after: rows of results.csv.
+    floors: of their method in each run.
     """
     setting = after.get("dt_s"), after.get("tolerance")
     fineness = next((number for number in setting if number is not None), None)
@@ -81,7 +81,7 @@ def accuracy_changes(
                 yield changed(measure, old, new, "new" if old is None else "missing")
             continue
         rows = before, after
-        scale = 1.0 if measure == pure else max(old, new)  # without a scale of the scene's: its own size
+        scale = 1.0 if measure == pure else max(old, new)  # no scale of the scene: use its own size
         least = scale * min(noise(pure, *side) for side in zip(rows, floors, strict=True))
         drift = scale * min(_drift_of_round_off(pure, row) for row in rows)
         low, high = sorted((max(old, least), max(new, least)))
@@ -96,13 +96,13 @@ def accuracy_changes(
 
 
 def _reference(measure: str, low: float, *rows: Mapping[str, Any]) -> float:
-    """Return what a change is relative to: the smaller value, or the maximum over time of its error."""
+    """Return the reference of a relative change: the smaller value, or the error's maximum over time."""
     largest = _LARGEST_OF.get(measure, measure)
     return low if largest == measure else max(low, *(row.get(largest, 0.0) for row in rows))
 
 
 def _present(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the measures that either row has; where it has no scale, as `_abs`."""
+    """Yield the measures that either row has; those without a scale as `_abs`."""
     for measure in MEASURES:
         if measure in before or measure in after:
             yield measure

@@ -1,4 +1,4 @@
-"""What changed between two runs, as a pure function of their tables: symmetric in the two."""
+"""Compare two runs: a pure function of their tables, symmetric in the two."""
 
 from __future__ import annotations
 
@@ -7,19 +7,74 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from bodycheck.adapters.versions.pins import pin_of
 from bodycheck.reports.comparison.accuracy import Floors, accuracy_changes
 from bodycheck.reports.comparison.change import FAILING, Change, Status, by_rank
-from bodycheck.reports.comparison.circumstances import circumstances, redefined, same_machine
+from bodycheck.reports.comparison.environment_diff import (
+    circumstances,
+    is_refinement,
+    redefined,
+    same_machine,
+)
 from bodycheck.reports.comparison.judgements import changed_judgements
-from bodycheck.reports.comparison.refinement import is_refinement
-from bodycheck.reports.comparison.speeds import Ratio, ratio, speed_changes
-from bodycheck.reports.comparison.stable_steps import stability_change
-from bodycheck.reports.comparison.thresholds import DEFAULT_THRESHOLDS, Thresholds
-from bodycheck.reports.comparison.versions_paired import paired_versions
-from bodycheck.reports.stored import Tables
+from bodycheck.reports.comparison.speed_changes import Ratio, ratio, speed_changes, stability_change
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.run_files.run_reader import Tables
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+def paired_versions(before: Tables, after: Tables) -> tuple[Tables, Tables]:
+    """Return both runs with `mujoco==3.17.0` of one and `mujoco==4.0.0` of the other renamed to `mujoco`.
+
+    An engine that either run has in several versions keeps its names: each version counts as an engine.
+    """
+    old, new = _names(before), _names(after)
+    alone = [
+        base
+        for base in old.keys() & new.keys()
+        if len(old[base]) == len(new[base]) == 1 and old[base] != new[base]
+    ]
+    return _renamed(before, {name: base for base in alone for name in old[base]}), _renamed(
+        after, {name: base for base in alone for name in new[base]}
+    )
+
+
+def _names(tables: Tables) -> dict[str, set[str]]:
+    """Return the names of each engine in a run, with and without versions."""
+    found: dict[str, set[str]] = {}
+    for name in _engines(tables):
+        pin = pin_of(name)
+        found.setdefault(name if pin is None else pin.engine, set()).add(name)
+    return found
+
+
+def _engines(tables: Tables) -> Iterable[str]:
+    return dict.fromkeys((*tables.manifest["engines"], *(case.columns["engine"] for case in tables.cases)))
+
+
+def _renamed(tables: Tables, names: Mapping[str, str]) -> Tables:
+    if not any(name != base for name, base in names.items()):
+        return tables
+
+    def case(one: CaseResult) -> CaseResult:
+        engine = one.columns["engine"]
+        return replace(one, columns={**one.columns, "engine": names.get(engine, engine)})
+
+    engines: dict[str, Any] = {
+        names.get(name, name): about for name, about in tables.manifest["engines"].items()
+    }
+    return replace(
+        tables,
+        results=tables.results.replace({"engine": names}),
+        methods=tables.methods.replace({"engine": names}),
+        stability=tables.stability.replace({"engine": names}),
+        manifest={**tables.manifest, "engines": engines},
+        cases=tuple(map(case, tables.cases)),
+    )
+
 
 _Row: TypeAlias = Mapping[str, Any]
 _Key: TypeAlias = tuple[Any, ...]
@@ -29,11 +84,12 @@ _Key: TypeAlias = tuple[Any, ...]
 class Comparison:
     """What changed from one run to another.
 
-    before, after: the two runs, an engine in two versions under one name. circumstances: what of machine,
-    versions and settings differs. redefined: scenarios whose name means something else in either run; their
-    cases are not compared. paired: how many cases both runs have and were compared; timed: how many of them
-    by their speed too; refined: how many cases only one run has, at steps that it chose itself. thresholds:
-    from which size on a change is worse or improved. changes: the largest first.
+    before, after: the two runs, with one name for both versions of an engine. circumstances: differences of
+    machine, versions and settings. redefined: scenarios whose definitions differ between the runs; their
+    cases are not compared. paired: the number of cases that both runs have and that were compared. timed: how
+    many of them were also compared by speed. refined: the number of cases that only one run has, at steps
+    that it chose itself. thresholds: the sizes above which a change is worse or improved. changes: the
+    largest first.
     """
 
     before: Tables
@@ -52,15 +108,15 @@ class Comparison:
 
     @property
     def failing(self) -> tuple[Change, ...]:
-        """What became worse or is not measured any more."""
+        """The changes that became worse or are no longer measured."""
         return self.of_status(*FAILING)
 
 
 def compare(before: Tables, after: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Comparison:
-    """Return what changed: cases, outcomes, verdicts, orders, stable steps, accuracy, speed.
+    """Return the changes of cases, outcomes, verdicts, orders, stable steps, accuracy and speed.
 
-    Accuracy is deterministic, so that a change counts where it exceeds what round-off can do; speed is
-    judged by the quartiles of the laps and the noise of both machines.
+    Accuracy is deterministic, so a change counts if it exceeds round-off. Speed is judged by the quartiles of
+    the laps and the noise of both machines.
     """
     before, after = paired_versions(before, after)
     apart = redefined(before.manifest, after.manifest)
@@ -95,7 +151,7 @@ def compare(before: Tables, after: Tables, thresholds: Thresholds = DEFAULT_THRE
 
 
 def ended_well_anew(before: Tables, after: Tables) -> Tables:
-    """Return the tables after with those cases alone that end well there and not, or not at all, before."""
+    """Return `after` with only the cases that ended well there, but did not end well or exist in `before`."""
     well = {_case_key(case.columns) for case in before.cases if case.ok}
     anew = (case for case in after.cases if case.ok and _case_key(case.columns) not in well)
     return replace(after, cases=tuple(anew))
@@ -117,7 +173,7 @@ def _case_key(row: _Row) -> _Key:
 def _one_run_only(
     here: Mapping[_Key, _Row], there: Mapping[_Key, _Row], manifest: Mapping[str, Any]
 ) -> dict[_Key, _Row]:
-    """Return the cases that only the first of two runs has, without those at steps that it chose itself."""
+    """Return the cases that only the first run has, except those at steps that it chose itself."""
     return {key: row for key, row in here.items() if key not in there and not is_refinement(row, manifest)}
 
 
@@ -154,13 +210,13 @@ def _ratios(both: Iterable[tuple[_Row, _Row]], *, same: bool) -> list[Ratio]:
 
 
 def _judged(tables: Tables, apart: tuple[str, ...] = ()) -> dict[_Key, dict[str, Any]]:
-    """Return the rows of methods.csv by scenario, engine, method and quantity, without what is empty."""
+    """Return the rows of methods.csv by scenario, engine, method and quantity, without empty cells."""
     rows = _rows(tables.methods, ("scenario", "engine", "method", "quantity"))
     return {key: row for key, row in rows.items() if key[0] not in apart}
 
 
 def _theories(*runs: Tables) -> dict[tuple[str, str], float | None]:
-    """Return the higher order that theory gives each method in either run."""
+    """Return the theoretical order of each method; the higher one if the runs differ."""
     found: dict[tuple[str, str], float | None] = {}
     for tables in runs:
         for engine, about in tables.manifest["engines"].items():
@@ -195,13 +251,13 @@ def _stable_steps(
         if key in old and key[0] not in apart:
             change = stability_change(old[key], new[key], thresholds.of("stability.dt_stable_s"))
             if change is not None:
-                # where nearby motions part, the step at which one breaks down is chance
-                by_chance = key[0] in chaotic and change.what == "dt_stable_s"
+                # in a chaotic motion the step at which a method becomes unstable is random
+                by_chance = key[0] in chaotic and change.quantity == "dt_stable_s"
                 yield replace(change, status="moved") if by_chance else change
 
 
 def _chaotic(tables: Tables) -> set[str]:
-    """Return the scenarios whose truth ends before they do."""
+    """Return the scenarios whose truth ends before their duration does."""
     rows = (case.columns for case in tables.cases)
     return {
         row["scenario"] for row in rows if row.get("compared_until_s", math.inf) < row.get("duration_s", 0.0)

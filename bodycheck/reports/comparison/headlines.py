@@ -1,4 +1,4 @@
-"""What changed between two runs in one sentence per engine: net per method, the largest factor first."""
+"""Summarise a comparison in one sentence per engine: the net change per method, the largest factor first."""
 
 from __future__ import annotations
 
@@ -6,34 +6,34 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from bodycheck._util.formatting import count, number, setting
 from bodycheck.reports.comparison.change import FAILING, Change, Status
 from bodycheck.reports.comparison.compare import Comparison
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.wording import count, number, setting
+from bodycheck.reports.gates.thresholds import Thresholds
 
 ORIENTATION = "orientation_error_rad"
 _MOST_METHODS = 6
-_FARTHER_DECADES = 1.0  # a measure that changed by so much more than the orientation is named next to it
-_DIGITS_BELOW = 1e-3  # a relative change beneath it is worded by the digit it is in, above it in percent
+_FARTHER_DECADES = 1.0  # a measure that changed by this much more than the orientation is named as well
+_DIGITS_BELOW = 1e-3  # a smaller relative change is reported as a digit, a larger one in percent
 
 
 @dataclass(frozen=True)
 class MethodChanges:
-    """All that changed of one method, the largest first."""
+    """All changes of one method, the largest first."""
 
     engine: str
     method: str
     changes: tuple[Change, ...]
 
     def of(self, status: Status) -> list[Change]:
-        """Return the changes of one status."""
+        """Return the changes with one status."""
         return [change for change in self.changes if change.status == status]
 
     @property
     def net(self) -> Status:
-        """What dominates: worse or improved by the larger factor, where there is either; else the rest.
+        """The dominant status: worse or improved by the larger factor, if there is either, else the others.
 
-        A case that ends otherwise, which has no factor, outweighs any; a lost case outweighs an improvement.
+        A case with another outcome has no factor and outweighs any; a worse change wins a tie.
         """
         worse, improved = (_weight(self.of(status)) for status in ("worse", "improved"))
         if self.of("improved") and improved > worse:
@@ -45,19 +45,19 @@ class MethodChanges:
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """By what methods are sorted: those that fail first, then by factor."""
+        """The sort key of methods: failing ones first, then by factor."""
         failing = bool(self.of("worse") or self.of("missing"))
         return not failing, -max(_weight(self.of("worse")), _weight(self.of("improved")))
 
 
 def _weight(changes: Iterable[Change]) -> float:
-    """Return the largest size in decades; infinite where cases end otherwise, 0 of what has no size."""
+    """Return the largest size in decades: infinite for a changed outcome, 0 for a change without a size."""
     sizes = (math.inf if change.kind == "outcome" else abs(change.decades or 0.0) for change in changes)
     return max(sizes, default=-1.0)
 
 
 def by_method(changes: Iterable[Change]) -> list[MethodChanges]:
-    """Return the changes of each method together; what fails first, then by the factor."""
+    """Return the changes grouped by method; failing methods first, then by factor."""
     found: dict[tuple[str, str], list[Change]] = {}
     for change in changes:
         found.setdefault((change.engine, change.method), []).append(change)
@@ -65,7 +65,7 @@ def by_method(changes: Iterable[Change]) -> list[MethodChanges]:
 
 
 def headlines(comparison: Comparison) -> list[str]:
-    """Return one sentence for each engine of which anything changed; the engine that fails worst first."""
+    """Return one sentence for each engine with changes; the engine with the worst failure first."""
     found: dict[str, list[MethodChanges]] = {}
     for one in by_method(comparison.changes):
         found.setdefault(one.engine, []).append(one)
@@ -78,7 +78,7 @@ def headlines(comparison: Comparison) -> list[str]:
 
 
 def _versions(comparison: Comparison, engine: str) -> str:
-    """Return "mujoco 3.17.0 -> 4.0.0", or "mujoco 4.0.0" where the version is the same."""
+    """Return "mujoco 3.17.0 -> 4.0.0", or "mujoco 4.0.0" if the version is the same."""
     runs = comparison.before, comparison.after
     both = [run.manifest["engines"].get(engine, {}).get("version") for run in runs]
     versions = [str(version) for version in dict.fromkeys(both) if version]
@@ -86,7 +86,7 @@ def _versions(comparison: Comparison, engine: str) -> str:
 
 
 def _clauses(methods: Sequence[MethodChanges], thresholds: Thresholds, *, several: bool) -> list[str]:
-    """Return what there is to say of each method, those that moved and those that are new together."""
+    """Return one clause per method; methods that only moved share a clause, and so do new ones."""
     told = [one for one in methods if one.net in ("worse", "missing", "improved")]
     clauses = [_clause(one, several=several) for one in told[:_MOST_METHODS]]
     rest = [one.net for one in told[_MOST_METHODS:]]
@@ -100,7 +100,7 @@ def _clauses(methods: Sequence[MethodChanges], thresholds: Thresholds, *, severa
 
 
 def _clause(one: MethodChanges, *, several: bool) -> str:
-    """Return one method in words; what stands against its net direction is named after "but"."""
+    """Return the clause of one method; changes against its net direction follow after "but"."""
     parts: dict[Status, str] = {
         "worse": _direction("worse", one.of("worse"), several=several),
         "missing": _missing(one.of("missing")),
@@ -117,9 +117,9 @@ def _clause(one: MethodChanges, *, several: bool) -> str:
 
 
 def _missing(changes: Sequence[Change]) -> str:
-    """Return what is not measured any more."""
+    """Return what is no longer measured."""
     cases = sum(change.kind == "case" for change in changes)
-    measures = dict.fromkeys(change.what for change in changes if change.kind != "case")
+    measures = dict.fromkeys(change.quantity for change in changes if change.kind != "case")
     lost = [count(cases, "case")] if cases else []
     return f"missing ({', '.join([*lost, *measures])})" if changes else ""
 
@@ -129,12 +129,12 @@ def _direction(status: Status, changes: Sequence[Change], *, several: bool) -> s
     if not changes:
         return ""
     errors = [change for change in changes if change.kind == "accuracy"]
-    of_orientation = [change for change in errors if change.what == ORIENTATION]
+    of_orientation = [change for change in errors if change.quantity == ORIENTATION]
     parts = []
     largest = max(of_orientation or errors, key=lambda change: change.size, default=None)
     orders = [change for change in changes if change.kind == "order"]
     if order := _of_scenario(orders, largest):
-        quantity = order.what.removeprefix("order of ")
+        quantity = order.quantity.removeprefix("order of ")
         of_it = "" if quantity == ORIENTATION else f" of {quantity}"
         parts.append(f"order{of_it} {_pair(order)}")
     if largest is not None:
@@ -148,30 +148,30 @@ def _direction(status: Status, changes: Sequence[Change], *, several: bool) -> s
 
 
 def _of_scenario(orders: Sequence[Change], error: Change | None) -> Change | None:
-    """Return the order that belongs to an error: of its quantity, if any, and of its scenario."""
+    """Return the change of order that matches an error by quantity and, if possible, by scenario."""
     if error is not None:
-        wanted = f"order of {error.what}"
-        of_it = [one for one in orders if one.what == wanted]
+        wanted = f"order of {error.quantity}"
+        of_it = [one for one in orders if one.quantity == wanted]
         return next((one for one in of_it if one.scenario == error.scenario), next(iter(of_it), None))
     return next(iter(orders), None)
 
 
 def error_text(change: Change) -> str:
-    """Return "error at 1 ms 4.3e-7 -> 2.3e-13 rad (factor 1.9e6)" of one change of accuracy."""
-    name, unit = ("error", " rad") if change.what == ORIENTATION else (change.what, "")
+    """Return "error at 1 ms 4.3e-7 -> 2.3e-13 rad (factor 1.9e6)" for one change of accuracy."""
+    name, unit = ("error", " rad") if change.quantity == ORIENTATION else (change.quantity, "")
     at = "" if change.fineness is None else f" at {_step(change)}"
     factor = "" if change.decades is None else f" (factor {number(10.0**change.size, 2)})"
     return f"{name}{at} {_pair(change)}{unit}{factor}"
 
 
 def _other(change: Change, *, several: bool) -> str:
-    """Return an outcome, a verdict, a stable step or a speed in words."""
+    """Return a change of an outcome, a verdict, a stable step or a speed as text."""
     if change.kind == "speed":
         assert change.decades is not None
         how = "slower" if change.decades > 0.0 else "faster"
         return f"{number(10.0**change.size, 3)} times {how}{_where(change, several=several)}"
     at = "" if change.fineness is None else f" at {_step(change)}"
-    return f"{change.what}{at} {_pair(change)}{_where(change, several=several)}"
+    return f"{change.quantity}{at} {_pair(change)}{_where(change, several=several)}"
 
 
 def _where(change: Change, *, several: bool) -> str:
@@ -187,7 +187,7 @@ def _step(change: Change) -> str:
 
 
 def _pair(change: Change) -> str:
-    """Return both values, to as many digits as tell them apart, but at least two."""
+    """Return both values with as many digits as distinguish them, at least two."""
     for digits in range(2, 18):
         texts = [_value(value, digits) for value in (change.before, change.after)]
         if texts[0] != texts[1]:
@@ -202,11 +202,11 @@ def _value(value: float | str | None, digits: int) -> str:
 
 
 def moved_text(changes: Iterable[Change], thresholds: Thresholds) -> str:
-    """Return the largest size of what moved: " by up to 1.2 %", " in the 12th digit"; "" without a size.
+    """Return the largest size of the moved changes: " by up to 1.2 %", " in the 12th digit"; "" without one.
 
-    What differs by more than the threshold and has moved all the same is within round-off, or left to chance.
+    A moved change larger than the threshold is within round-off, or random.
     """
-    sizes = [(one.relative, thresholds.of(one.what)) for one in changes if one.relative is not None]
+    sizes = [(one.relative, thresholds.of(one.quantity)) for one in changes if one.relative is not None]
     below = [size for size, threshold in sizes if size <= threshold]
     if not sizes:
         return ""

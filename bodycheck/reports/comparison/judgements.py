@@ -1,4 +1,4 @@
-"""Whether what a method's cases say together changed: its verdicts and orders."""
+"""Compare the verdicts and orders of methods."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
 from bodycheck.reports.comparison.change import Change, Status, by_rank
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.measures import MEASURES
-from bodycheck.reports.states import UNDECIDED, severity
+from bodycheck.reports.gates.thresholds import Thresholds
+from bodycheck.reports.measurement.measures import MEASURES
+from bodycheck.reports.measurement.verdicts import UNDECIDED, severity
 
 _LEAST_ORDER_CHANGE = 0.05
 
@@ -16,11 +16,12 @@ _Row: TypeAlias = Mapping[str, Any]
 
 
 def verdict_change(before: _Row, after: _Row, errors: Sequence[Change]) -> Change | None:
-    """Return how the verdict of one quantity changed; None where it did not.
+    """Return the change of the verdict of one quantity; None if it did not change.
 
-    before, after: rows of methods.csv without what is empty. errors: the changes of accuracy of the method on
-    the scenario. A more severe verdict is worse. Between sound and undecided it is so only where an error of
-    the quantity changed that way too: smaller errors, or other steps, show an order no more.
+    A more severe verdict is worse. A change between sound and undecided counts only if an error of the
+    quantity changed in the same direction, because with smaller errors or other steps an order may no longer
+    be observable. before, after: rows of methods.csv without empty cells. errors: the changes of accuracy of
+    the method on the scenario.
     """
     old, new = before["verdict"], after["verdict"]
     if old == new:
@@ -28,17 +29,17 @@ def verdict_change(before: _Row, after: _Row, errors: Sequence[Change]) -> Chang
     status = by_rank(-severity(old), -severity(new))
     if max(severity(old), severity(new)) <= UNDECIDED:
         quantity = after["quantity"]
-        of_it = {one.status for one in errors if one.what == quantity or quantity not in MEASURES}
+        of_it = {one.status for one in errors if one.quantity == quantity or quantity not in MEASURES}
         status = status if status in of_it else "moved"
     return _change("verdict", after, old, new, status)
 
 
 def order_change(before: _Row, after: _Row, theory: float | None, thresholds: Thresholds) -> Change | None:
-    """Return how the order of one quantity changed; None where the intervals meet, or it is of no size.
+    """Return the change of the order of one quantity; None if the intervals overlap or it is negligible.
 
-    theory: the higher order that theory gives the method in either run; None: the higher of the two observed.
-    An order is worse where its whole interval fell below theory by more than the threshold; one that fell
-    towards theory, or rose above it, moved.
+    An order is worse if its whole interval fell below theory by more than the threshold; an order that fell
+    towards theory, or rose above it, moved. theory: the higher theoretical order of the two runs; if None,
+    the higher of the two observed orders.
     """
     if "order" not in before or "order" not in after:
         return None
@@ -63,8 +64,8 @@ def changed_judgements(
 ) -> Iterator[Change]:
     """Yield the changes of all verdicts and orders that both runs have.
 
-    before, after: rows of methods.csv by scenario, engine, method and quantity. theories: of a method of
-    an engine.
+    before, after: rows of methods.csv by scenario, engine, method and quantity. theories: the theoretical
+    order by engine and method.
     """
     by_method: dict[tuple[Any, ...], list[Change]] = {}
     for one in errors:

@@ -1,1 +1,1 @@
-"""Tolerance gates: a file of bounds with a reason each, and what a run has to say to them."""
+"""Tolerance gates: a file of bounds, each with its reason, checked against a run."""

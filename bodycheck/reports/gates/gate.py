@@ -1,4 +1,4 @@
-"""A tolerance file: [[gate]] for bounds, [[change]] for thresholds; refused with all its errors."""
+"""Read and validate a tolerance file: [[gate]] bounds and [[change]] thresholds; report all its errors."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import Field, StrictStr, ValidationError, field_validator
 
-from bodycheck.errors import InputError
-from bodycheck.outside import parse_toml
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.gates.measure import UNCOMPARED, Measure, measure_of
-from bodycheck.reports.wording import number, step
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import number, step
+from bodycheck._util.untrusted import parse_toml
+from bodycheck.reports.gates.gate_measure import UNCOMPARED, Measure, measure_of
+from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.scenarios.fields import NotNegative, Number, Positive, Table
 from bodycheck.scenarios.reader import fault_lines
 
 _Pattern = Annotated[StrictStr, Field(min_length=1)]
-"""A name, with * for any letters, ? for any one, [ab] for one of these."""
+"""A name pattern: * matches any characters, ? any one character, [ab] one of these."""
 
-_MOST_DECADES = 300.0  # a factor of more would be no number
+_MOST_DECADES = 300.0  # 10^300 still fits in a double
 
 _Made = TypeVar("_Made")
 
@@ -33,9 +33,9 @@ _BOUNDS = ("upper", "lower", "near", "equals")
 class Gate(Table):
     """One bound on one measure of all the cases that its patterns match.
 
-    scenario matches a name or the family's, engine and method theirs; dt_s in s or tolerance choose one
-    step. upper and lower include the bound itself; near and decades stand for near x 10^-decades and
-    near x 10^decades; equals is a word. Values and bounds below floor count as floor.
+    scenario matches the name of a scenario or of its family, engine and method match those names. dt_s (in s)
+    or tolerance selects one step. upper and lower are inclusive; near and decades mean the interval from
+    near x 10^-decades to near x 10^decades; equals is a word. Values and bounds below floor count as floor.
     """
 
     scenario: _Pattern = "*"
@@ -62,27 +62,27 @@ class Gate(Table):
     @classmethod
     def _says_something(cls, value: str) -> str:
         if not value.strip():
-            raise ValueError("must say why this bound")
+            raise ValueError("must give the reason for this bound")
         return value
 
     @cached_property
     def looks_at(self) -> Measure:
-        """What `measure` stands for."""
+        """The measure that the key `measure` names."""
         return measure_of(self.measure)
 
     @property
     def least(self) -> float | None:
-        """The smallest value that passes, if there is one."""
+        """The smallest value that passes; None if any small value does."""
         return self.lower if self.near is None else self.near / 10.0 ** (self.decades or 0.0)
 
     @property
     def most(self) -> float | None:
-        """The largest value that passes, if there is one."""
+        """The largest value that passes; None if any large value does."""
         return self.upper if self.near is None else self.near * 10.0 ** (self.decades or 0.0)
 
     @property
     def bound(self) -> str:
-        """The bound in words: "<= 1e-9", "within 0.1 decades of 1.4e-2", "= converges"."""
+        """The bound as text: "<= 1e-9", "within 0.1 decades of 1.4e-2", "= converges"."""
         if self.equals is not None:
             return f"= {self.equals}"
         if self.near is not None:
@@ -92,32 +92,32 @@ class Gate(Table):
 
     @property
     def title(self) -> str:
-        """The gate in one line: what it looks at, and its bound."""
+        """The gate on one line: its patterns, measure and bound."""
         at = f" at {step(self.dt_s)} s" if self.dt_s is not None else ""
         at += f" at tolerance {step(self.tolerance)}" if self.tolerance is not None else ""
         return f"{self.scenario} {self.engine}:{self.method}{at}: {self.measure} {self.bound}"
 
     def wants_scenario(self, name: str) -> bool:
-        """Whether the pattern is met by a scenario's name, or by the name of its family."""
+        """Whether the pattern matches the name of a scenario or of its family."""
         return fnmatchcase(name, self.scenario) or fnmatchcase(name.partition("/")[0], self.scenario)
 
     def wants_engine(self, engine: str) -> bool:
-        """Whether the pattern is met by an engine's name."""
+        """Whether the pattern matches the name of an engine."""
         return fnmatchcase(engine, self.engine)
 
     def wants_method(self, engine: str, method: str) -> bool:
-        """Whether the patterns are met by an engine and one of its methods."""
+        """Whether the patterns match an engine and one of its methods."""
         return self.wants_engine(engine) and fnmatchcase(method, self.method)
 
     def wants_setting(self, dt_s: float | None, tolerance: float | None) -> bool:
-        """Whether a case was told the step or the tolerance that the gate names, if it names one."""
+        """Whether a case has the step or the tolerance that the gate names, if it names one."""
         return _same(self.dt_s, dt_s) and _same(self.tolerance, tolerance)
 
 
 class ChangeThreshold(Table):
-    """From which size on a change of one measure matters.
+    """The size above which a change of one measure is worse or improved.
 
-    measure: one that runs are compared by. threshold: relative to the smaller of the two values; of
+    measure: one by which runs are compared. threshold: relative to the smaller of the two values; for
     order.MEASURE, how far an order may lie below theory.
     """
 
@@ -137,7 +137,7 @@ class ChangeThreshold(Table):
     @classmethod
     def _says_something(cls, value: str) -> str:
         if not value.strip():
-            raise ValueError("must say why this threshold")
+            raise ValueError("must give the reason for this threshold")
         return value
 
 
@@ -146,24 +146,27 @@ def _same(asked: float | None, found: float | None) -> bool:
 
 
 def read_gates(path: Path) -> tuple[Gate, ...]:
-    """Read a tolerance file; raises InputError with one line an error, each with its place in the file."""
+    """Read the gates of a tolerance file.
+
+    Raises InputError with one line per error, each with its place in the file.
+    """
     return parse_gates(text_of(path), str(path))
 
 
 def parse_gates(text: str, where: str) -> tuple[Gate, ...]:
-    """Read TOML text as read_gates does; `where` names it in messages."""
+    """Parse TOML text as read_gates does; `where` is its name in messages."""
     gates, _, faults = parsed(text, where)
     if not gates and not any(fault.startswith((f"{where}: gate[", f"{where}: gate:")) for fault in faults):
-        faults.append(f"{where}: gate: needs at least one [[gate]] table: what gates nothing must not pass")
+        faults.append(f"{where}: gate: needs at least one [[gate]] table: a file without gates must not pass")
     if faults:
         raise InputError("\n".join(faults))
     return gates
 
 
 def read_thresholds(path: Path, default: float) -> Thresholds:
-    """Read the [[change]] tables of a tolerance file; default: the threshold of all other measures.
+    """Read the [[change]] tables of a tolerance file.
 
-    Raises InputError as read_gates does.
+    default: the threshold of all other measures. Raises InputError as read_gates does.
     """
     _, changes, faults = parsed(text_of(path), str(path))
     if faults:
@@ -172,7 +175,7 @@ def read_thresholds(path: Path, default: float) -> Thresholds:
 
 
 def text_of(path: Path) -> str:
-    """Read the text of a tolerance file; InputError where it cannot be read."""
+    """Read the text of a tolerance file; raise InputError if it cannot be read."""
     try:
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
@@ -182,19 +185,19 @@ def text_of(path: Path) -> str:
 
 
 def parsed(text: str, where: str) -> tuple[tuple[Gate, ...], tuple[ChangeThreshold, ...], list[str]]:
-    """Return the [[gate]] and [[change]] tables of TOML text, and all that is wrong with them."""
+    """Return the [[gate]] and [[change]] tables of TOML text, and all errors in it."""
     data = parse_toml(text, where)
     gates, faults = _tables(data.pop("gate", []), "gate", gate_of)
     changes, more = _tables(data.pop("change", []), "change", threshold_of)
     faults += more
     twice = [name for name, times in Counter(change.measure for change in changes).items() if times > 1]
     faults += [f"change: {name} has more than one threshold" for name in twice]
-    unknown = [f"{key}: is no key of this file: it has [[gate]] and [[change]] tables" for key in data]
+    unknown = [f"{key}: unknown key (a tolerance file has [[gate]] and [[change]] tables)" for key in data]
     return tuple(gates), tuple(changes), [f"{where}: {fault}" for fault in (*unknown, *faults)]
 
 
 def _tables(tables: Any, name: str, made: Callable[[Any, str], _Made]) -> tuple[list[_Made], list[str]]:
-    """Return what is made of each table of one name, and the faults of those of which nothing can be made."""
+    """Return the parsed tables of one name, and the errors of those that cannot be parsed."""
     if not isinstance(tables, list):
         return [], [f"{name}: needs [[{name}]] tables, not one [{name}]"]
     found: list[_Made] = []
@@ -208,7 +211,10 @@ def _tables(tables: Any, name: str, made: Callable[[Any, str], _Made]) -> tuple[
 
 
 def threshold_of(table: Any, where: str) -> ChangeThreshold:
-    """Return the threshold of one table; raises InputError with one line an error, `where` before each."""
+    """Return the threshold that one table describes.
+
+    Raises InputError with one line per error, each beginning with `where`.
+    """
     try:
         return ChangeThreshold.model_validate(table)
     except ValidationError as error:
@@ -217,7 +223,10 @@ def threshold_of(table: Any, where: str) -> ChangeThreshold:
 
 
 def gate_of(table: Any, where: str) -> Gate:
-    """Return the gate of one table; raises InputError with one line an error, `where` before each."""
+    """Return the gate that one table describes.
+
+    Raises InputError with one line per error, each beginning with `where`.
+    """
     faults = [f"{where}: {fault}" for fault in _faults_together(table)]
     try:
         gate = Gate.model_validate(table)
@@ -230,18 +239,18 @@ def gate_of(table: Any, where: str) -> Gate:
 
 
 def _faults_together(table: Any) -> Iterator[str]:
-    """Yield what is wrong between the keys of a gate, whether or not each is right by itself."""
+    """Yield the errors between the keys of a gate, whether or not each key is valid by itself."""
     if not isinstance(table, Mapping):
         return
     given = [name for name in _BOUNDS if name in table]
     if not given:
         yield "needs a bound: upper, lower, near with decades, or equals"
     if ("near" in table) != ("decades" in table):
-        yield "near and decades belong together: 0.3 decades are a factor of 2"
+        yield "near and decades must be given together (0.3 decades is a factor of 2)"
     elif "near" in given and {"upper", "lower"} & set(given):
         yield "give near and decades, or upper and lower, not both"
     if {"dt_s", "tolerance"} <= table.keys():
-        yield "dt_s and tolerance: a case is told one of them; leave the other out"
+        yield "dt_s and tolerance: a case has only one of them; remove the other"
     if _is_number(table.get("lower")) and _is_number(table.get("upper")) and table["lower"] > table["upper"]:
         yield f"lower {table['lower']!r} is above upper {table['upper']!r}"
     try:
@@ -255,16 +264,16 @@ def _faults_of_measure(table: Mapping[str, Any], given: list[str], measure: Meas
     name = table["measure"]
     if measure.words:
         if given and given != ["equals"]:
-            yield f"{name} is a word: its bound is equals, one of {', '.join(measure.words)}"
+            yield f"{name} is a word: use equals (available: {', '.join(measure.words)})"
         elif given and table["equals"] not in measure.words:
-            yield f"equals: {name} is never {table['equals']!r}, but one of {', '.join(measure.words)}"
+            yield f"equals: unknown {name} {table['equals']!r} (available: {', '.join(measure.words)})"
     elif "equals" in given:
-        yield f"equals: {name} is a number: its bounds are upper, lower, or near with decades"
+        yield f"equals: {name} is a number: use upper, lower, or near with decades"
     if "floor" in table and (measure.words or not measure.in_decades):
-        yield f"floor: {name} has none: below a floor lies noise of an error or a time"
+        yield f"floor: does not apply to {name}: only errors and times have a floor"
     if measure.source != "results":
         for key in {"dt_s", "tolerance"} & table.keys():
-            yield f"{key}: {name} is of all steps together; leave it out"
+            yield f"{key}: {name} covers all steps; remove {key}"
 
 
 def _is_number(value: Any) -> bool:

@@ -1,26 +1,73 @@
-"""New bounds by what a run measured: tighter ones freely, looser ones only for a reason."""
+"""Propose new bounds from the values of a run, and write them into a tolerance file, keeping its comments."""
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Literal
 
-from bodycheck.reports.gates.gate import Gate
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import number, step
+from bodycheck.reports.gates.gate import Gate, parse_gates
 from bodycheck.reports.gates.verdict import GateResult
-from bodycheck.reports.wording import number
+
+_HEADER = re.compile(r"^[ \t]*\[\[[ \t]*gate[ \t]*\]\]", flags=re.MULTILINE)
+_STRING = r'"(?:[^"\\\n]|\\.)*"|' + r"'[^'\n]*'"
+
+
+def edited(text: str, where: str, changes: Sequence[Change], why: str | None) -> str:
+    """Return the text of a tolerance file with the changes applied, after parsing it again to check them.
+
+    why: text that is added, once, to the reason of each loosened gate. Raises InputError if a bound is not on
+    a line of its own under its [[gate]].
+    """
+    before = parse_gates(text, where)
+    starts = [found.start() for found in _HEADER.finditer(text)]
+    parts = [text[a:b] for a, b in zip([0, *starts], [*starts, len(text)], strict=True)]
+    wanted = list(before)
+    for change in changes:
+        gate = wanted[change.place]
+        told: dict[str, object] = {change.key: change.new}
+        lines: dict[str, tuple[str, str]] = {change.key: (r"[^\s#]+", step(change.new))}
+        if change.loosens and why is not None and not gate.reason.endswith(added := f"; loosened: {why}"):
+            told["reason"] = gate.reason + added
+            lines["reason"] = (_STRING, json.dumps(told["reason"], ensure_ascii=False))
+        wanted[change.place] = gate.model_copy(update=told)
+        if change.place + 1 < len(parts):
+            parts[change.place + 1] = _with_lines(parts[change.place + 1], lines)
+    new = "".join(parts)
+    if not _says(new, where, wanted):
+        raise InputError(f"{where}: cannot be edited: write each key of a [[gate]] on one line of its own")
+    return new
+
+
+def _with_lines(table: str, lines: dict[str, tuple[str, str]]) -> str:
+    for key, (old, new) in lines.items():
+        line = re.compile(rf"^([ \t]*{key}[ \t]*=[ \t]*)(?:{old})", flags=re.MULTILINE)
+        table = line.sub(lambda found, new=new: found[1] + new, table, count=1)  # type: ignore[misc]
+    return table
+
+
+def _says(text: str, where: str, wanted: Sequence[Gate]) -> bool:
+    try:
+        return list(parse_gates(text, where)) == list(wanted)
+    except InputError:
+        return False
+
 
 MARGIN_DECADES = 0.3
-"""What a proposed bound leaves between itself and the worst that was measured: a factor of 2."""
+"""The distance from a proposed bound to the worst measured value: a factor of 2."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """One bound of the gate at a place of the file, as it is and as it is proposed.
+    """The current and the proposed value of one bound, of the gate at index `place` of the file.
 
-    measured: the worst value of the run, from which the margin is counted.
+    measured: the worst value of the run, to which the margin is added.
     """
 
     place: int
@@ -32,11 +79,11 @@ class Change:
 
 
 def proposals(results: Sequence[GateResult], margin: float, *, loosen: bool) -> list[Change]:
-    """Return the bounds that lie the margin, in decades, from the worst measured, to two digits.
+    """Return new bounds at the margin, in decades, from the worst measured value, rounded to two digits.
 
-    A bound is changed where that is tighter, or, with `loosen`, where the gate fails. Orders and words come
-    from theory and are never changed; nor is a bound of which a case was not measured, or one below its
-    floor.
+    A bound is changed where the new one is tighter, or, with `loosen`, where the gate fails. Orders and words
+    come from theory and are never changed; nor is a bound if one of its cases was not measured, or if it lies
+    below its floor.
     """
     return [
         change
@@ -54,7 +101,7 @@ def _proposed(place: int, result: GateResult, margin: float) -> Iterator[Change]
         return
     least, most = min(numbers), max(numbers)
     if gate.near is not None:
-        if result.failed and (moved := _moved(gate, least, most)) is not None:
+        if result.failed and (moved := _advanced(gate, least, most)) is not None:
             yield Change(place, "near", gate.near, moved, most, loosens=True)
         return
     floor = gate.floor or 0.0
@@ -68,8 +115,8 @@ def _proposed(place: int, result: GateResult, margin: float) -> Iterator[Change]
             yield Change(place, "lower", gate.lower, new, least, loosens=new < gate.lower)
 
 
-def _moved(gate: Gate, least: float, most: float) -> float | None:
-    """Return the middle of the values on a log scale; None where they lie farther apart than allowed."""
+def _advanced(gate: Gate, least: float, most: float) -> float | None:
+    """Return the geometric mean of both values; None if they lie farther apart than the gate allows."""
     middle = float(number(math.sqrt(least) * math.sqrt(most), 3))
     reach = 10.0 ** (gate.decades or 0.0)
     return middle if middle / reach <= least and most <= middle * reach else None

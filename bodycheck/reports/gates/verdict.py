@@ -1,24 +1,178 @@
-"""Whether a gate holds: every row that it matches within its bounds, and at least one that was measured."""
+"""Check gates against a run: the rows that each gate matches, with their commands, and its bounds."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from itertools import accumulate, pairwise
+from typing import TYPE_CHECKING, Any, Literal
 
-from bodycheck.reports.findings import Findings
+from bodycheck._util.formatting import names, number, setting, step
+from bodycheck._util.untrusted import joined, parted
 from bodycheck.reports.gates.gate import Gate
-from bodycheck.reports.gates.rows import Row, rows_of, why_none
-from bodycheck.reports.wording import number
+from bodycheck.reports.measurement.verdicts import QuantityVerdict, method_verdict
+from bodycheck.reports.run_files.run_tables import RunTables
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Row:
+    """The value of one case, or of one method on one scenario, or the reason why there is none.
+
+    at: the step or the tolerance as text; "" if the row covers all steps. obtained: a finite number or a
+    word; None if there is none, and then why. about: the quantity that decided a word, with size and step.
+    """
+
+    scenario: str
+    engine: str
+    method: str
+    at: str
+    obtained: float | str | None
+    why: str
+    reproduce: str
+    about: str = ""
+
+
+def rows_of(gate: Gate, run: RunTables) -> list[Row]:
+    """Return all rows that the gate's patterns match, in the order of the run."""
+    measure = gate.looks_at
+    if measure.source == "results":
+        return [_row_of_case(gate, case.columns) for case in run.cases if _wanted(gate, case.columns)]
+    table: pd.DataFrame = run.methods if measure.source == "methods" else run.stability
+    rows = [_present(row) for row in table.to_dict("records")]
+    found: Mapping[tuple[str, str, str], Mapping[str, Any]] = (
+        _worst_verdicts(rows)
+        if measure.column == "verdict" and measure.quantity is None
+        else {_pair(row): row for row in rows if measure.quantity in (None, row.get("quantity"))}
+    )
+    # a method without a verdict on a scenario has no row in the table, but has cases, and must not pass
+    pairs = {_pair(case.columns): case.columns for case in run.cases}
+    return [
+        _row_of_method(gate, columns, found.get(pair, {}), run)
+        for pair, columns in pairs.items()
+        if _wanted(gate, columns)
+    ]
+
+
+def _pair(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    return row["scenario"], row["engine"], row["method"]
+
+
+def _worst_verdicts(rows: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str, str], Mapping[str, Any]]:
+    """Return the most severe verdict of each method on each scenario, with the quantity that decided it."""
+    quantities: dict[tuple[str, str, str], dict[str, QuantityVerdict]] = {}
+    for row in rows:
+        quantities.setdefault(_pair(row), {})[row["quantity"]] = QuantityVerdict.of(row)
+    worst = {pair: method_verdict(verdicts) for pair, verdicts in quantities.items()}
+    return {
+        pair: {"verdict": one.state, "about": one.text if one.is_wrong else ""}
+        for pair, one in worst.items()
+        if one is not None
+    }
+
+
+def _wanted(gate: Gate, columns: Mapping[str, Any]) -> bool:
+    return all(wanted(gate, columns) for wanted in _KEYS.values())
+
+
+def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> Row:
+    value: Any = columns.get(gate.looks_at.column)
+    why = ""
+    if gate.looks_at.column != "outcome":
+        if columns["outcome"] != "ok":
+            value, why = None, f"{columns['outcome']}: {columns['message']}"
+        elif not _is_finite(value):
+            value, why = None, f"{gate.measure} was not measured"
+    return Row(**_who(columns), at=_at(columns), obtained=value, why=why, reproduce=columns["reproduce"])
+
+
+def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: RunTables) -> Row:
+    measure = gate.looks_at
+    value = found.get(measure.column)
+    why = ""
+    if value is None or (not measure.words and not _is_finite(value)):
+        value = None
+        told = found.get("verdict") or found.get("message") or columns["message"] or "no result"
+        why = f"no {gate.measure}: {told}"
+    command = _whole_command(columns, run.manifest)
+    about = found.get("about", "")
+    return Row(**_who(columns), at="", obtained=value, why=why, reproduce=command, about=about)
+
+
+def _who(columns: Mapping[str, Any]) -> dict[str, str]:
+    return {name: columns[name] for name in ("scenario", "engine", "method")}
+
+
+def _is_finite(value: Any) -> bool:
+    return value is not None and abs(value) < float("inf")
+
+
+def _present(row: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the cells that are not empty."""
+    import pandas as pd
+
+    return {name: value for name, value in row.items() if not pd.isna(value)}
+
+
+def _whole_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
+    """Return the command that runs a case's method at all steps of the run."""
+    words = parted(columns["reproduce"])
+    for option, asked in (("--dt", manifest["dt_s"]), ("--tolerance", manifest["tolerances"])):
+        if option in words:
+            place = words.index(option)
+            words[place : place + 2] = [option, ",".join(map(repr, asked))] if asked else []
+    return joined(words)
+
+
+def why_none(gate: Gate, run: RunTables) -> str:
+    """Return which key of a gate without rows is the first to match no case, and the available values."""
+    cases: list[Mapping[str, Any]] = [case.columns for case in run.cases]
+    left_by_each = accumulate(
+        _KEYS.values(), lambda left, wanted: [one for one in left if wanted(gate, one)], initial=cases
+    )
+    key, there = next(
+        (key, there) for key, (there, left) in zip(_KEYS, pairwise(left_by_each), strict=True) if not left
+    )
+    has = names(list(dict.fromkeys(_shown(columns, key) for columns in there)))
+    lost = [told["unavailable"] for told in run.manifest["engines"].values() if "unavailable" in told]
+    return "; ".join([f"no {key} of the run matches {_asked(gate, key)} (available: {has or 'none'})", *lost])
+
+
+_KEYS: dict[str, Callable[[Gate, Mapping[str, Any]], bool]] = {
+    "scenario": lambda gate, columns: gate.wants_scenario(columns["scenario"]),
+    "engine": lambda gate, columns: gate.wants_engine(columns["engine"]),
+    "method": lambda gate, columns: gate.wants_method(columns["engine"], columns["method"]),
+    "step": lambda gate, columns: gate.wants_setting(columns.get("dt_s"), columns.get("tolerance")),
+}
+"""The conditions that a case must meet, in the order in which an unmatched one is reported."""
+
+
+def _asked(gate: Gate, key: str) -> str:
+    if key == "step":
+        return f"{step(gate.dt_s or gate.tolerance)}"
+    return str(getattr(gate, key))
+
+
+def _shown(columns: Mapping[str, Any], key: str) -> str:
+    if key == "step":
+        return _at(columns)
+    return str(columns[key])
+
+
+def _at(columns: Mapping[str, Any]) -> str:
+    dt_s: float | None = columns.get("dt_s")
+    return setting(columns["control"], columns.get("tolerance") if dt_s is None else dt_s)
 
 
 @dataclass(frozen=True)
 class Check:
-    """One row held against the gate's bounds.
+    """One row compared with the gate's bounds.
 
-    beyond: how far outside the nearest bound, negative inside: in decades where the measure is compared so,
-    else in its unit; None for words and for what was not measured.
+    beyond: the distance outside the nearest bound, negative inside, in decades if the measure is compared by
+    ratios, else in its unit; None for words and for values that were not measured.
     """
 
     row: Row
@@ -28,10 +182,10 @@ class Check:
 
 @dataclass(frozen=True)
 class GateResult:
-    """A gate with all that it matched.
+    """A gate with all the rows that it matched.
 
-    status: passed, failed, or nothing where no row matched or none was measured, which never passes.
-    why: of the status nothing, the reason. floor, bound and title are the gate's.
+    status: passed, failed, or nothing if no row matched or none was measured, which never passes. why: the
+    reason of the status nothing.
     """
 
     gate: Gate
@@ -46,7 +200,7 @@ class GateResult:
 
     @property
     def worst(self) -> Check | None:
-        """The measured row that is the farthest out, or the least far in; None where there is none."""
+        """The measured row farthest outside, or least far inside, its bound; None if there is none."""
 
         def badness(check: Check) -> tuple[bool, float]:
             return not check.passed, -math.inf if check.beyond is None else check.beyond
@@ -54,12 +208,12 @@ class GateResult:
         return max((c for c in self.checks if c.row.obtained is not None), key=badness, default=None)
 
 
-def held(gates: Sequence[Gate], run: Findings) -> tuple[GateResult, ...]:
-    """Return what a run has to say to each gate; nothing is asked of an engine."""
+def held(gates: Sequence[Gate], run: RunTables) -> tuple[GateResult, ...]:
+    """Check each gate against a stored run; no engine is run."""
     return tuple(_held(gate, run) for gate in gates)
 
 
-def _held(gate: Gate, run: Findings) -> GateResult:
+def _held(gate: Gate, run: RunTables) -> GateResult:
     checks = tuple(_checked(gate, row) for row in rows_of(gate, run))
     if not checks:
         return GateResult(gate, (), "nothing", why_none(gate, run))
@@ -86,7 +240,7 @@ def _checked(gate: Gate, row: Row) -> Check:
 
 
 def _beyond(larger: float, smaller: float, gate: Gate) -> float:
-    """Return how far the first is above the second, negative below: exact in its sign."""
+    """Return how far the first value is above the second, negative below; the sign is exact."""
     if larger == smaller:
         return 0.0
     if not gate.looks_at.in_decades:
@@ -94,12 +248,12 @@ def _beyond(larger: float, smaller: float, gate: Gate) -> float:
     sign = 1.0 if larger > smaller else -1.0
     if min(larger, smaller) <= 0.0:
         return sign * math.inf
-    # two neighbouring doubles have the same logarithm, and are not the same
+    # the logarithms of two neighbouring doubles may be equal
     return sign * max(abs(math.log10(larger) - math.log10(smaller)), math.ulp(0.0))
 
 
 def distance(check: Check, gate: Gate) -> str:
-    """Return how far a value is from its bound, in words."""
+    """Return the distance of a value from its bound as text."""
     if check.beyond is None or math.isinf(check.beyond):
         return ""
     size = number(abs(check.beyond), 2)

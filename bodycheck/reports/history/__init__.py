@@ -1,1 +1,1 @@
-"""What every night found, kept for good, and what tonight is beside it."""
+"""Store nightly runs, and compare the newest with its baseline runs."""

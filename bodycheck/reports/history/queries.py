@@ -1,4 +1,4 @@
-"""Questions to a history in SQL: DuckDB over the nights' Parquet files."""
+"""Query a history in SQL: DuckDB over the Parquet files of its nightly runs."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bodycheck.errors import InputError
-from bodycheck.outside import escaped
-from bodycheck.reports.history.past import told_of
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import escaped
+from bodycheck.reports.history.baseline import told_of
 
 if TYPE_CHECKING:
     import duckdb
     import pandas as pd
 
 TABLES = ("results", "methods", "stability", "changes")
-"""Of each night, as Parquet and as CSV; the views of a query, beside `nights`."""
+"""The tables of each nightly run, as Parquet and CSV; with `nights`, the views of a query."""
 
 _CASE = (
     "scenario",
@@ -31,9 +31,9 @@ _CASE = (
 
 
 def recorded_cases(nights: Sequence[Path]) -> pd.DataFrame:
-    """Return one row a case that ended well, with its night: what it is, its speed and its error.
+    """Return one row per case that ended well: its run, its identity, its speed and its error.
 
-    nights: their folders. Raises InputError where a night's file cannot be read.
+    nights: folders of nightly runs. Raises InputError if a file cannot be read.
     """
     import pandas as pd
 
@@ -45,9 +45,9 @@ def recorded_cases(nights: Sequence[Path]) -> pd.DataFrame:
 
 
 def query(nights: Sequence[Path], sql: str) -> pd.DataFrame:
-    """Return what one SQL statement finds in the views nights, results, methods, stability and changes.
+    """Run one SQL statement over the views nights, results, methods, stability and changes.
 
-    nights: their folders. Raises InputError where the statement is wrong, or a night cannot be read.
+    nights: folders of nightly runs. Raises InputError if the statement is invalid or a file cannot be read.
     """
     with _asking() as database:
         database.register("nights", nights_table(nights))
@@ -55,7 +55,7 @@ def query(nights: Sequence[Path], sql: str) -> pd.DataFrame:
             database.read_parquet(_files(nights, table), union_by_name=True).create_view(table)
         found = database.sql(sql)
         if found is None:
-            raise InputError(f"{sql}: returns no table; a query is a SELECT")
+            raise InputError(f"{sql}: returns no table; a query must be a SELECT")
         table = found.df()
     for name in table.columns:
         if table[name].dtype == object or str(table[name].dtype) in ("str", "string"):
@@ -64,7 +64,7 @@ def query(nights: Sequence[Path], sql: str) -> pd.DataFrame:
 
 
 def nights_table(nights: Sequence[Path]) -> pd.DataFrame:
-    """Return one row a night: when, on what, how many cases, what was told of it."""
+    """Return one row per nightly run: time, machine, engines, number of cases, status and changes."""
     import pandas as pd
 
     return pd.DataFrame([told_of(night) for night in nights])
@@ -76,7 +76,7 @@ def _files(nights: Sequence[Path], table: str) -> list[str]:
 
 @contextmanager
 def _asking() -> Iterator[duckdb.DuckDBPyConnection]:
-    """Give a database in memory; what it refuses is an InputError of one line."""
+    """Give a database in memory; turn its errors into InputError with one line."""
     import duckdb
 
     try:

@@ -1,4 +1,4 @@
-"""How each method's speed and error went, night by night, as small lines."""
+"""The speed and the error of each method over the nightly runs, as small SVG lines."""
 
 from __future__ import annotations
 
@@ -7,19 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bodycheck._util.formatting import number
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.history.levels import Step
-from bodycheck.reports.history.series import Key, Series
-from bodycheck.reports.history.speeds import Speeds
-from bodycheck.reports.wording import number
+from bodycheck.reports.history.regression import Speeds
+from bodycheck.reports.history.step_detection import Key, Series, Step
 
 _WIDTH, _HEIGHT, _EDGE = 240, 32, 4
-_LEAST_HALF_RANGE = 0.05  # decades: what moves less than a tenth up or down looks flat
+_LEAST_HALF_RANGE = 0.05  # decades: a change of less than about 10 % looks flat
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line in an SVG picture of width x height; zero: the usual level; marks: (x, y) of told steps."""
+    """A line in an SVG picture of width x height; zero: the median level; marks: (x, y) of detected steps."""
 
     width: int
     height: int
@@ -32,7 +31,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Trend:
-    """How one method went; None where that was not measured."""
+    """The lines of one method; None if not measured."""
 
     engine: str
     method: str
@@ -41,7 +40,7 @@ class Trend:
 
 
 def trends_of(speeds: Speeds, errors: Series) -> list[Trend]:
-    """Return one row a method that was measured on any night."""
+    """Return one row per method that was measured in any nightly run."""
     times = _lines(speeds.series, speeds.steps, "time")
     off = _lines(errors, {}, "error")
     return [Trend(*key, times.get(key), off.get(key)) for key in sorted({**times, **off})]
@@ -53,7 +52,7 @@ def _lines(series: Series, steps: Mapping[Key, Sequence[Step]], what: str) -> di
 
 
 def _line(decades: Array, steps: Sequence[Step], what: str) -> Line:
-    """Return the line of decades (nights,); a night that is missing breaks it."""
+    """Return the line of decades (nights,); a run without a value interrupts it."""
     nights = len(decades)
     x = np.linspace(_EDGE, _WIDTH - _EDGE, nights) if nights > 1 else np.array([_WIDTH / 2.0])
     half = max(_LEAST_HALF_RANGE, float(np.nanmax(np.abs(decades))))
@@ -74,5 +73,5 @@ def _line(decades: Array, steps: Sequence[Step], what: str) -> Line:
         zero=f"M0 {middle:g}H{_WIDTH}",
         marks=tuple(told),
         tonight=f"× {factor}" if factor else "",
-        label=f"{what} over the usual one on {int(there.sum())} nights, tonight {factor or 'not measured'}",
+        label=f"{what} relative to the median of {int(there.sum())} runs, latest {factor or 'not measured'}",
     )

@@ -1,1 +1,1 @@
-"""Probes: one short extra case per method, which checks its readings and its loads without the truth."""
+"""Probes: short extra cases per method, which check its readings and its loads without the truth."""

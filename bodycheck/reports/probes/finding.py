@@ -1,18 +1,80 @@
-"""One check of a probe: what was measured, what any consistent method gives, and how far that may be off."""
+"""One check of a probe: the measured value, the value that any consistent method gives, and the tolerance.
+
+The error of a one-step method has an expansion in powers of the step h (Gragg 1964; Hairer, Norsett and
+Wanner, Solving ODEs I, II.8), so the limit is the value at h = 0 of the polynomial through several steps.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+
+_SAFETY = 10.0  # multiples of the estimated uncertainty: a limit within it counts as zero
+# Relative. A smaller deviation is not a wrong formula: an implicit method may stop its iterations there.
+_LEAST = float(np.sqrt(np.finfo(np.float64).eps))
+_DIFFERENCE_NORM = float(np.sqrt(70.0))  # of a fourth difference of independent errors: 1, -4, 6, -4, 1
+
+
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """A relative limit for h -> 0, (cells, components), and the largest size that still counts as zero."""
+
+    value: Array
+    tolerance: float
+
+    @property
+    def size(self) -> float:
+        """The largest norm over the cells."""
+        return largest(self.value)
+
+
+def largest(values: Array) -> float:
+    """max |v| over the rows of (n, components)."""
+    return float(np.max(np.linalg.norm(values, axis=-1)))
+
+
+def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: float) -> Limit:
+    """Extrapolate relative mismatches, each (cells, components), to h = 0.
+
+    The uncertainty is the larger of two: the change of the extrapolated value without the coarsest step, and
+    the round-off of a mismatch times the condition number of the extrapolation.
+    """
+    weights = _weights(steps_s)
+    value = np.einsum("h,hij->ij", weights, np.array(mismatches))
+    without_coarsest = np.einsum("h,hij->ij", _weights(steps_s[1:]), np.array(mismatches[1:]))
+    uncertainty = max(largest(value - without_coarsest), float(np.sum(np.abs(weights))) * round_off)
+    return Limit(value, max(_SAFETY * uncertainty, _LEAST))
+
+
+def _weights(steps_s: Sequence[float]) -> Array:
+    """Lagrange basis polynomials at 0: prod over j != i of h_j / (h_j - h_i)."""
+    h = np.array(steps_s)
+    return np.array([np.prod([other / (other - one) for other in h if other != one]) for one in h])
+
+
+def noise(series: Array) -> float:
+    """Median |fourth difference| / sqrt(70): the round-off of samples (n, components) of a smooth motion.
+
+    It is the round-off of the engine's own arithmetic, also in single precision. The median ignores the kinks
+    where loads switch, and single wrong samples. Use the finest step, where these are few.
+    """
+    if len(series) < 5:
+        return 0.0
+    return float(np.max(np.median(np.abs(np.diff(series, 4, axis=0)), axis=0))) / _DIFFERENCE_NORM
+
 
 Verdict: TypeAlias = Literal["consistent", "inconsistent", "not-measured"]
 
 LONGEST_DELAY = 0.75
-"""Steps. A consistent method may hold its velocities half a step off; a whole step is a delay."""
+"""In steps. A consistent method may store its velocities half a step off; a whole step is a delay."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +90,13 @@ class Sampled:
         return self.scene.sample_interval_s
 
     def index(self, t_s: float) -> int:
-        """The sample at this time."""
+        """Return the index of the sample at this time."""
         return round(t_s / self.dt_s)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found; without a measured value, why there is none; without a tolerance, a property."""
+    """The result of one check. If nothing was measured, message says why. A property has no tolerance."""
 
     check: str
     measured: float | None = None
@@ -45,7 +107,7 @@ class Finding:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the deviation is within the tolerance; a property is wrong at no size."""
+        """Whether the deviation is within the tolerance; a property is never inconsistent."""
         if self.deviation is None:
             return "not-measured"
         within = self.tolerance is None or self.deviation <= self.tolerance
@@ -55,7 +117,7 @@ class Finding:
 def delay_finding(check: str, steps: float, late: str) -> Finding:
     """Return a delay in steps as a finding; late: what is delayed, for the message."""
     if not math.isfinite(steps):
-        return Finding(check, message="no motion whose delay could be measured")
+        return Finding(check, message="no motion from which to measure a delay")
     message = ""
     if abs(steps) > LONGEST_DELAY:
         amount = f"{abs(steps):.3g}"

@@ -1,4 +1,4 @@
-"""The probes of one method: two short scenes, each at several steps, and what they say of it."""
+"""The probes of one method: two short scenes, each at several steps, and their findings."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from bodycheck.adapters.breakdown import defect
 from bodycheck.adapters.contract import Engine, Method, Setting, read_back_mismatch
-from bodycheck.adapters.drive import Answer, Case
+from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.stability_check import invalid_state
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.probes.finding import Finding, Sampled
@@ -22,14 +22,14 @@ from bodycheck.scenarios.library import PROBES, load_scenario
 from bodycheck.scenarios.model import Scenario
 
 Asking: TypeAlias = Callable[[Engine, Case], Answer]
-"""How a case comes to its answer: from the engine, or from what it answered before."""
+"""A function that answers a case, from the engine or from a stored answer."""
 
 _EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
 
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """A short scene and the steps that it is made at, coarsest first; name: of its built-in scenario."""
+    """A short scene and its steps, coarsest first; name: of its built-in scenario."""
 
     name: str
     scene: Scene
@@ -38,7 +38,7 @@ class Probe:
 
 @cache
 def built_in_probes() -> tuple[Probe, Probe]:
-    """Return the one under loads, from rest, and the one that is free."""
+    """Return the probe under loads, which starts from rest, and the free probe."""
     loaded, free = (load_scenario(name) for name in PROBES)
     return _probe_of(loaded), _probe_of(free)
 
@@ -49,9 +49,9 @@ def _probe_of(scenario: Scenario) -> Probe:
 
 @dataclass(frozen=True, eq=False)
 class _Probed:
-    """A probe's motions at all its steps, coarsest first, or why there are none.
+    """The motions of a probe at all its steps, coarsest first, or the reason why there are none.
 
-    mismatch: what the engine held wrongly before the first step.
+    mismatch: which of the engine's parameters differed from the given ones before the first step.
     """
 
     probe: Probe
@@ -61,13 +61,13 @@ class _Probed:
 
     @property
     def timed_out(self) -> bool:
-        """Whether the engine did not answer."""
+        """Whether the engine did not answer in time."""
         return self.reason.startswith("timeout")
 
     def resolution(self, tolerance: float | None) -> float:
-        """Return the relative round-off of the finest motion: each step may add one, always the same way.
+        """Return the relative round-off of the finest motion: one per step, all with the same sign.
 
-        tolerance: what the method was given, which a step may use up.
+        tolerance: of the method, which a step may use in full.
         """
         if not self.motions:
             return 0.0
@@ -81,15 +81,15 @@ class _Probed:
 def probe_rows(
     engine: Engine, method: Method, ask: Asking, probes: tuple[Probe, Probe] | None = None
 ) -> list[dict[str, Any]]:
-    """Return the rows of probes.csv of one method, all but their run_id; whatever goes wrong is in them.
+    """Return the rows of probes.csv of one method without run_id; failures are rows too.
 
-    probes: under loads from rest, and free; the built-in ones by default.
+    probes: the probe under loads, from rest, and the free probe [default: the built-in ones].
     """
     first, second = probes or built_in_probes()
     tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
     rows: list[dict[str, Any]] = []
     loaded = _probed(first, engine, method, tolerance, ask)
-    # what did not answer in time is not waited for again
+    # do not wait a second time for an engine that timed out
     free = (
         replace(loaded, probe=second) if loaded.timed_out else _probed(second, engine, method, tolerance, ask)
     )
@@ -110,7 +110,7 @@ def probe_rows(
 
 
 def _is_single(values: Array) -> bool:
-    """Whether all of it is what single precision can hold, as where an engine computes in that."""
+    """Whether all values fit in single precision, as those of an engine that computes in it do."""
     return bool(np.all(values == values.astype(np.float32)))
 
 
@@ -119,7 +119,7 @@ def _cells(finding: Finding) -> dict[str, Any]:
 
 
 def _probed(probe: Probe, engine: Engine, method: Method, tolerance: float | None, ask: Asking) -> _Probed:
-    """Have one probe answered at each of its steps, sampled after every step, until one fails."""
+    """Run one probe at each of its steps, sampled after every step, until one fails."""
     motions = []
     mismatch = None
     for dt_s in probe.steps_s:
@@ -129,7 +129,7 @@ def _probed(probe: Probe, engine: Engine, method: Method, tolerance: float | Non
         if answer.trajectory is None or answer.read_back is None:
             return _Probed(probe, reason=f"{answer.outcome}: {answer.message}")
         mismatch = mismatch or read_back_mismatch(scene, told, answer.read_back)
-        if reason := defect(answer.trajectory):
+        if reason := invalid_state(answer.trajectory):
             return _Probed(probe, reason=f"unstable: {reason}", mismatch=mismatch)
         motions.append(Sampled(scene, answer.trajectory))
     return _Probed(probe, tuple(motions), "", mismatch)
@@ -138,7 +138,7 @@ def _probed(probe: Probe, engine: Engine, method: Method, tolerance: float | Non
 def _loaded_findings(loaded: _Probed, resolution: float) -> Iterator[Finding]:
     yield from _read_back("read_back", loaded)
     if loaded.motions:
-        with np.errstate(all="ignore"):  # finite numbers may still be beyond all bounds
+        with np.errstate(all="ignore"):  # finite states may still overflow in the formulas
             yield from response_findings(loaded.motions, resolution)
     else:
         yield Finding("responses", message=loaded.reason)
@@ -156,13 +156,13 @@ def _free_findings(free: _Probed, loaded: _Probed, resolution: float) -> Iterato
 
 
 def _read_back(check: str, probed: _Probed) -> Iterator[Finding]:
-    """Yield a finding where the engine holds other numbers than it was given: how many, none being right."""
+    """Yield a finding with deviation 1 where the engine's parameters differ from those it was given."""
     if probed.mismatch is not None:
         yield Finding(check, 1.0, 0.0, 1.0, 0.0, probed.mismatch)
 
 
 def _command(name: str, engine: Engine, method: Method, dt_s: float | None, tolerance: float | None) -> str:
-    """Return the command line that runs a probe again, with this one method."""
+    """Return the command line that reproduces a probe with this one method."""
     words = ["bodycheck", "run", name, "--engine", f"{engine.name}:{method.name}"]
     if dt_s is not None:
         words += ["--dt", repr(dt_s)]

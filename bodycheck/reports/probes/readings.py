@@ -1,7 +1,7 @@
-"""The readings of a motion against one another: omega against the attitude, velocity against the position.
+"""Consistency of the readings of a motion: omega with the attitude, velocity with the position.
 
-Between two samples, h apart, log(q_k^-1 q_k+1) / h is the mean of omega_k and omega_k+1 up to O(h), whatever
-the method, and (x_k+1 - x_k) / h is that of v_k and v_k+1.
+Between two samples, h apart, log(q_k^-1 q_k+1) / h is the mean of omega_k and omega_k+1 up to O(h), for any
+method, and (x_k+1 - x_k) / h is the mean of v_k and v_k+1.
 """
 
 from __future__ import annotations
@@ -20,16 +20,15 @@ from bodycheck.reference_impl.rotations import (
     quaternion_product,
 )
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.probes.finding import Finding, Sampled, delay_finding
-from bodycheck.reports.probes.limits import Limit, limit, noise
+from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
 
-_UNIT = 1e-12  # an attitude that is off by more is not normalised after each step
+_UNIT = 1e-12  # an attitude with a larger error is not normalised after each step
 
 
 def reading_findings(motions: Sequence[Sampled], resolution: float) -> Iterator[Finding]:
-    """Yield how the readings of one free motion agree, and what it conserves.
+    """Yield whether the readings of one free motion are consistent, and what the motion conserves.
 
-    motions: the same scene, coarsest step first. resolution: relative, of the states after all steps.
+    motions: of one scene, coarsest step first. resolution: relative, of the states after all steps.
     """
     yield from _omega_findings(motions, resolution)
     yield from _velocity_findings(motions, resolution)
@@ -67,9 +66,9 @@ def _turning(path: Trajectory, axes: str, dt_s: float) -> Array:
 
 
 class _Agreement:
-    """How far a derivative is from the reading of it, over the largest, at several steps.
+    """The mismatch between a derivative and its reading, over the largest reading, at several steps.
 
-    In cells of the coarsest step: means over as many steps as each has.
+    Values are means over cells, where a cell is one coarsest step and holds several finer ones.
     """
 
     def __init__(
@@ -80,10 +79,10 @@ class _Agreement:
         resolution: float,
         largest_state: float,
     ) -> None:
-        """rates (n, 3): derivatives of a state between samples; held (n + 1, 3): the readings at them."""
+        """rates (n, 3): derivatives of a state between samples; held (n + 1, 3): readings at the samples."""
         self._cells = len(rates[0])
         self._steps_s = [motion.dt_s for motion in motions]
-        scale = np.max(np.linalg.norm(held[-1], axis=-1))  # no Python float: a reading of zeros gives NaN
+        scale = np.max(np.linalg.norm(held[-1], axis=-1))  # not float(): readings of zero must give NaN
         mismatches = [
             (rate - 0.5 * (read[:-1] + read[1:])) / scale for rate, read in zip(rates, held, strict=True)
         ]
@@ -107,10 +106,10 @@ class _Agreement:
         return Finding(check, found.size, 0.0, found.size, found.tolerance, message)
 
     def delay(self, check: str, late: str) -> Finding:
-        """Return how many steps the state is behind the motion that its derivative describes.
+        """Return by how many steps the state lags behind the motion that its derivative describes.
 
-        A state that is k steps behind has lost k h times the derivative once, at the start: of a mean over n
-        steps that is k / n.
+        A state that lags by k steps loses k h times the derivative once, at the start. Relative to a mean
+        over n steps that is k / n.
         """
         lost = self._limit.value[0] - self._mismatches[-1][0]
         return delay_finding(
@@ -119,7 +118,7 @@ class _Agreement:
 
 
 def _conserved(motions: Sequence[Sampled], resolution: float) -> Iterator[Finding]:
-    """What a free body conserves: L in world axes, and 1/2 omega . I omega."""
+    """Yield the changes of what a free body conserves: L in world axes, and 1/2 omega . I omega."""
     inertia = motions[0].scene.body.inertia
     momenta, energies = [], []
     for motion in motions:
@@ -158,7 +157,7 @@ def _attitude_findings(motions: Sequence[Sampled], resolution: float) -> Iterato
 
 
 def _same_attitude(motions: Sequence[Sampled], resolution: float) -> Finding:
-    """Return the angle between the quaternion and the matrix that an engine gives for the same states."""
+    """Return the angle between the engine's quaternion and its rotation matrix for the same states."""
     cells = len(motions[0].trajectory.t_s)
     angles, scatter = [], 0.0
     for motion in motions:
@@ -169,7 +168,7 @@ def _same_attitude(motions: Sequence[Sampled], resolution: float) -> Finding:
         scatter = noise(between)
         angles.append(between[:: (len(between) - 1) // (cells - 1)])
     found = limit([m.dt_s for m in motions], angles, max(resolution, scatter))
-    message = "the rotation matrix is not that of the quaternion" if found.size > found.tolerance else ""
+    message = "the rotation matrix differs from the quaternion" if found.size > found.tolerance else ""
     return Finding("rotation_reading", found.size, 0.0, found.size, found.tolerance, message)
 
 
@@ -185,9 +184,9 @@ def _largest_orthogonality_error(path: Trajectory) -> float:
 
 
 def _normalisation(check: str, steps_s: Sequence[float], sizes: Sequence[float], what: str) -> Finding:
-    """Return a property, which is wrong at no size: it is the design of some engines.
+    """Return a property, which is never inconsistent, because some engines do not normalise by design.
 
-    Its order is that of the last two steps.
+    The order is that of the last two steps.
     """
     message = ""
     if sizes[-1] > _UNIT:

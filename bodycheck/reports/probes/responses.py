@@ -1,9 +1,9 @@
-"""The response to loads: what each one adds to the momentum while it acts, against its impulse.
+"""The response to loads: the momentum gained while a load acts, compared with its impulse.
 
-dP = integral of F dt, dL = integral of tau dt, with P = m v and L = R I omega of the engine's own readings:
-what differs is a load's size, axes or point, the mass or inertia as they act, or the readings. In a window of
-n steps, under a constant load, any consistent method gives n h F; one that responds k steps late gives
-(n - k) h F, and one that lets go k steps late gives k h F after the window.
+dP = integral of F dt, dL = integral of tau dt, with P = m v and L = R I omega from the engine's own readings.
+A difference is due to the load's size, axes or point, the effective mass or inertia, or the readings. In a
+window of n steps under a constant load, any consistent method gives n h F. One that responds k steps late
+gives (n - k) h F, and one that releases the load k steps late gives k h F after the window.
 """
 
 from __future__ import annotations
@@ -16,22 +16,21 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
 from bodycheck.reference_impl.scene import PointForce, Scene, Timed, Torque
-from bodycheck.reports.probes.finding import Finding, Sampled, delay_finding
-from bodycheck.reports.probes.limits import Limit, limit, noise
+from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
 
-_SMALLEST_RESPONSE = 0.1  # below it there is too little of a response for a delay to be seen in it
+_SMALLEST_RESPONSE = 0.1  # a smaller response is too small to measure a delay
 
 
 @dataclass(frozen=True, eq=False)
 class _Momenta:
-    """P without what gravity adds (n, 3), and L (n, 3) about the centre of mass, world axes."""
+    """P without the contribution of gravity (n, 3), and L (n, 3) about the centre of mass, in world axes."""
 
     linear: Array
     angular: Array
 
     @classmethod
     def of(cls, motion: Sampled, gravity: Array) -> _Momenta:
-        """gravity (3,): as it acts, so that what is wrong with it is not blamed on other loads."""
+        """Return the momenta; gravity (3,): as measured, so that its error does not count for other loads."""
         body, path = motion.scene.body, motion.trajectory
         weight = body.mass * np.outer(path.t_s, gravity)
         return cls(
@@ -42,10 +41,10 @@ class _Momenta:
 
 @dataclass(frozen=True, eq=False)
 class _Window:
-    """One load's part of the motion: what it adds to a momentum, and what it should, at each step.
+    """The part of the motion under one load: the gained momentum and the load's impulse, for each step.
 
-    gained, impulse: (3,) each, at each of the steps. kept: (3,) each, gained from the load's end to the next
-    load; nothing for gravity, which has no end. round_off: of what is gained.
+    gained, impulse: (3,) for each of the steps. kept: (3,) for each step, gained between the end of the load
+    and the next load; empty for gravity, which does not end. round_off: of the gained momentum.
     """
 
     name: str
@@ -57,21 +56,21 @@ class _Window:
 
     @property
     def size(self) -> float:
-        """The impulse."""
+        """The magnitude of the impulse."""
         return _norm(self.impulse[-1])
 
     @property
     def excess(self) -> list[Array]:
-        """(gained - impulse) / size at each step, (1, 3)."""
+        """(gained - impulse) / size for each step, (1, 3)."""
         pairs = zip(self.gained, self.impulse, strict=True)
         return [(gained - impulse)[np.newaxis] / self.size for gained, impulse in pairs]
 
     def limit(self, steps_s: Sequence[float]) -> Limit:
-        """Return the excess in the limit."""
+        """Return the excess in the limit h -> 0."""
         return limit(steps_s, self.excess, self.round_off / self.size)
 
     def kept_at_first_order(self, steps_s: Sequence[float], along: Array) -> float:
-        """Return what of the impulse is gained after the load has ended, but not in the limit."""
+        """Return the share of the impulse gained after the load has ended, less its limit for h -> 0."""
         if not self.kept:
             return 0.0
         kept = [gained[np.newaxis] / self.size for gained in self.kept]
@@ -80,9 +79,9 @@ class _Window:
 
 
 def response_findings(motions: Sequence[Sampled], resolution: float) -> Iterator[Finding]:
-    """Yield the response to gravity and to each timed load, its delay, and the response to none.
+    """Yield the response to gravity and to each timed load, each delay, and the response without loads.
 
-    motions: one scene from rest, coarsest step first. resolution: relative, of the states after all steps.
+    motions: of one scene from rest, coarsest step first. resolution: relative, of the states after all steps.
     """
     steps_s = [motion.dt_s for motion in motions]
     weight = _gravity(motions, resolution)
@@ -97,14 +96,14 @@ def response_findings(motions: Sequence[Sampled], resolution: float) -> Iterator
 
 
 def gravity_finding(motions: Sequence[Sampled], resolution: float) -> Finding:
-    """Return the response to gravity over a whole motion that nothing else acts in."""
+    """Return the response to gravity over a motion without other loads."""
     return next(_response(_gravity(motions, resolution), [motion.dt_s for motion in motions]))
 
 
 def _alone_until(motions: Sequence[Sampled]) -> float:
-    """Until when gravity is the only force: a torque adds nothing to the linear momentum."""
+    """Return the time until which gravity is the only force; a torque adds no linear momentum."""
     scene = motions[0].scene
-    forces = (load.from_s for load in scene.timed_loads if isinstance(load, PointForce))
+    forces = (load.from_s for load in scene.piecewise_constant_loads if isinstance(load, PointForce))
     return min(forces, default=scene.duration_s)
 
 
@@ -131,8 +130,8 @@ def _loads(motions: Sequence[Sampled], momenta: Sequence[_Momenta], resolution: 
 
 
 def _loads_and_ends(scene: Scene) -> tuple[list[Timed], list[float]]:
-    """Return the timed loads by their start, and until when nothing else acts after each."""
-    loads = sorted(scene.timed_loads, key=lambda load: load.from_s)
+    """Return the timed loads by start, and for each the start of the next one or the end of the scene."""
+    loads = sorted(scene.piecewise_constant_loads, key=lambda load: load.from_s)
     return loads, [*(load.from_s for load in loads[1:]), scene.duration_s]
 
 
@@ -145,7 +144,7 @@ def _window(
     part: int,
     resolution: float,
 ) -> _Window:
-    """Return what a load does to one of the momenta, series; part: of its rates, 0 force, 1 torque."""
+    """Return the effect of a load on one of the momenta, series; part: 0 for force, 1 for torque."""
     gained, impulse, kept, steps = [], [], [], []
     for motion, values in zip(motions, series, strict=True):
         first, last, end = (motion.index(t) for t in (load.from_s, load.until_s, pause_ends_s))
@@ -160,7 +159,7 @@ def _window(
 
 
 def _rates(load: Timed, rotation: Array) -> tuple[Array, Array]:
-    """Return force and torque about the centre of mass (n, 3) in world axes, at attitudes (n, 3, 3)."""
+    """Return force and torque about the centre of mass, (n, 3), world axes, at attitudes (n, 3, 3)."""
     value = np.einsum("nij,j->ni", rotation, load.value) if load.axes == "body" else load.value
     value = np.broadcast_to(value, (len(rotation), 3))
     if isinstance(load, Torque):
@@ -169,12 +168,12 @@ def _rates(load: Timed, rotation: Array) -> tuple[Array, Array]:
 
 
 def _integral(rate: Array, dt_s: float) -> Array:
-    """The trapezoidal rule over (n, 3)."""
+    """Integrate rates (n, 3) by the trapezoidal rule."""
     return dt_s * (np.sum(rate, axis=0) - 0.5 * (rate[0] + rate[-1]))
 
 
 def _round_off(series: Sequence[Array], mass: float, motions: Sequence[Sampled], resolution: float) -> float:
-    """Return what of a momentum is round-off: each step's scatter, or resolution, of all that is in it."""
+    """Return the round-off of a momentum: the larger of the scatter of all steps and the resolution."""
     weight = mass * float(np.max(np.abs(motions[0].scene.gravity))) * motions[0].scene.duration_s
     size = weight + max(float(np.max(np.abs(values))) for values in series)
     return max(len(series[-1]) * noise(series[-1]), resolution * size)
@@ -189,7 +188,7 @@ def _response(window: _Window, steps_s: Sequence[float]) -> Iterator[Finding]:
     )
     check = f"{window.name}_delay"
     if measured < _SMALLEST_RESPONSE:
-        yield Finding(check, message="no response whose delay could be measured")
+        yield Finding(check, message="no response from which to measure a delay")
         return
     starts = window.steps[-1] * (measured - 1.0 - float(window.excess[-1][0] @ along)) / measured
     ends = window.steps[-1] * window.kept_at_first_order(steps_s, along) / measured
@@ -203,17 +202,22 @@ def _response_text(found: Limit, along: Array) -> str:
     lengthwise = float(found.value[0] @ along)
     across = float(np.linalg.norm(found.value[0] - lengthwise * along))
     gained = _nearly(1.0 + lengthwise, found.tolerance)
-    text = f"the momentum gained is {gained:.6g} of the impulse"
-    return f"{text}, and {across:.3g} of it across its direction" if across > found.tolerance else text
+    text = f"the momentum gained is {gained:.6g} times the impulse"
+    return (
+        f"{text}, plus {across:.3g} times its size perpendicular to it" if across > found.tolerance else text
+    )
 
 
 def _nearly(value: float, tolerance: float) -> float:
-    """Return the value, or 0 where it cannot be told from that."""
+    """Return the value, or 0 where it is within the tolerance."""
     return value if abs(value) > tolerance else 0.0
 
 
 def _unloaded(motions: Sequence[Sampled], momenta: Sequence[_Momenta], resolution: float) -> Finding:
-    """What is gained after each load has ended, over its weight's impulse and over the largest moment's."""
+    """Return the momenta gained in the pauses between loads, which should be zero.
+
+    They are relative to the impulse of the weight in the shortest pause, and to the largest angular impulse.
+    """
     scene = motions[0].scene
     loads, ends = _loads_and_ends(scene)
     pauses = [(load.until_s, end) for load, end in zip(loads, ends, strict=True)]
@@ -230,12 +234,12 @@ def _unloaded(motions: Sequence[Sampled], momenta: Sequence[_Momenta], resolutio
         _round_off([held.angular for held in momenta], 0.0, motions, resolution) / moment,
     )
     found = limit([motion.dt_s for motion in motions], gains, round_off)
-    message = "" if found.size <= found.tolerance else "momentum changes while nothing but gravity acts"
+    message = "" if found.size <= found.tolerance else "momentum changes while only gravity acts"
     return Finding("unloaded_response", found.size, 0.0, found.size, found.tolerance, message)
 
 
 def _moment(load: Timed) -> float:
-    """Return the size of the angular impulse of a load, N m s."""
+    """Return the magnitude of the angular impulse of a load, in N m s."""
     torque = load.value if isinstance(load, Torque) else np.cross(load.at, load.value)
     return _norm(torque) * (load.until_s - load.from_s)
 

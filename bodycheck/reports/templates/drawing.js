@@ -3,14 +3,14 @@ const FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6,
 
 const askew = v => (Math.abs(v[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]);
 
-// Three axes of a camera: to the right, up, and towards the eye, which is 25 degrees above the plane across `up`.
+// The axes of a camera: right, up, and towards the eye, which is 25 degrees above the plane normal to `up`.
 function camera(up, side = askew(up)) {
   const right = unit(cross(up, side));
   const eye = unit(added(scaled(up, Math.sin(0.44)), scaled(cross(right, up), Math.cos(0.44))));
   return [right, cross(eye, right), eye];
 }
 
-// A square of the canvas: puts points of a space where [-reach, reach] fits on it.
+// A square view on the canvas: maps coordinates in [-reach, reach] to its pixels.
 class View {
   constructor(context, axes, size, top, reach) {
     Object.assign(this, { context, axes, size, top, scale: size / 2 / reach });
@@ -51,7 +51,7 @@ class View {
     context.fill();
   }
 
-  // Only the faces that look at the eye, the more askew the darker; one pair of faces is marked.
+  // Only the faces towards the eye, darker at a larger angle to it; one pair of faces is marked.
   box(corners, paint) {
     const { context } = this;
     const [, , eye] = this.axes;
@@ -75,7 +75,7 @@ class View {
     });
   }
 
-  // The outline of the ellipsoid with these semiaxes, which lies where its normal is across the eye's direction.
+  // The outline of the ellipsoid with these semiaxes: the points whose normal is perpendicular to the line of sight.
   ellipsoid(semiaxes, paint) {
     const { context } = this;
     const [, , eye] = this.axes;
@@ -98,7 +98,7 @@ class View {
     context.stroke();
   }
 
-  // The part of a curve on the ellipsoid that looks at the eye is drawn full, the part behind it pale.
+  // The part of a curve on the front of the ellipsoid is opaque, the part behind it pale.
   curve(points, moments, ink, width) {
     const [, , eye] = this.axes;
     const seen = v => v.reduce((sum, x, i) => sum + x * moments[i] * eye[i], 0) >= 0;

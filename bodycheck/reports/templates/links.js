@@ -1,4 +1,4 @@
-// A link to a cell opens its part; a button copies the command beside it.
+// A link to a cell opens its part; a button copies the command next to it.
 function openTarget() {
   const target = document.getElementById(location.hash.slice(1));
   if (target?.matches("details")) {
@@ -12,7 +12,7 @@ openTarget();
 
 document.addEventListener("click", async event => {
   const link = event.target.closest("a[href^='#']");
-  if (link && link.hash === location.hash) openTarget(); // the same cell once more: no hash changes
+  if (link && link.hash === location.hash) openTarget(); // the same cell again: the hash does not change
   const button = event.target.closest("[data-copy]");
   if (!button) return;
   const code = button.parentElement.querySelector("code");
@@ -20,6 +20,6 @@ document.addEventListener("click", async event => {
     await navigator.clipboard.writeText(code.textContent);
     button.textContent = "copied";
   } catch {
-    getSelection().selectAllChildren(code); // no access to the clipboard: left to the user's keys
+    getSelection().selectAllChildren(code); // without clipboard access the user copies the selection
   }
 });

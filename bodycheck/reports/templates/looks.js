@@ -1,13 +1,13 @@
-// How plots look: axes, lines, the strip at the edge for what has no place on them.
-const LEAST = 1e-17; // a logarithmic axis has no place for 0
+// The style of plots: axes, lines, and the strip at the edge for points without coordinates.
+const LEAST = 1e-17; // stands for 0 on a logarithmic axis
 const touch = matchMedia("(pointer: coarse)").matches;
 const config = {
   responsive: true,
-  displayModeBar: false, // it would lie on the data; a double click takes a zoom back
+  displayModeBar: false, // it would cover the data; a double click resets the zoom
 };
 const logarithmic = value => Math.max(value, LEAST);
 
-// Plotly reads some HTML in texts; a name must stay text.
+// Plotly interprets some HTML in texts; names must stay plain text.
 const plain = text => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
 const hover = parts => parts.filter(Boolean).map(plain).join("<br>");
 
@@ -24,7 +24,7 @@ function axis(title, more) {
   };
 }
 
-// A logarithmic axis of little more than a decade would have one number or none: it has 1, 2 and 5 of each.
+// A short logarithmic axis would have one tick label or none: label 1, 2 and 5 of each decade.
 function logAxis(title, values, more) {
   const [least, most] = [Math.min(...values), Math.max(...values)];
   if (!values.length || most > 30 * least) return axis(title, { type: "log", ...more });
@@ -47,7 +47,7 @@ function layout(more) {
   };
 }
 
-// rank: how many engines will be drawn on top of this line
+// rank: the number of engines that are drawn on top of this line
 function look(m, rank = 0) {
   const { marker, dash } = methods[m];
   const ink = engineColour(m);
@@ -59,7 +59,7 @@ function look(m, rank = 0) {
   };
 }
 
-// What has no place on the axes stands in a strip of its own at their edge: open marks, one lane a method.
+// Points without coordinates are open markers in a strip at the edge of the axes, one lane per method.
 function marks(faults, where) {
   return faults.map(fault => ({
     ...look(fault.m),
@@ -98,7 +98,7 @@ const floorLabel = floor => ({
 });
 const withFloor = floor => ({ shapes: [floorLine(floor)], annotations: [floorLabel(floor)] });
 
-// The points that no other beats in both x and y, as one stair beneath the lines.
+// The Pareto front of the points in x and y, as a staircase below the lines.
 function frontOf(points) {
   let least = Infinity;
   const ahead = points.toSorted((a, b) => a.x - b.x || a.y - b.y).filter(p => p.y < least && ((least = p.y), true));

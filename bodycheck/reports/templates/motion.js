@@ -1,5 +1,5 @@
-// Plays the motions of a scenario: the truth beside engines, all at the time of one slider.
-const LEAST_PLAY_S = 6; // a shorter motion is slowed down, a longer one hurried to at most MOST_PLAY_S
+// Plays the motions of a scenario, the truth and the engines, synchronised by one slider.
+const LEAST_PLAY_S = 6; // shorter motions are slowed down, longer ones sped up to at most MOST_PLAY_S
 const MOST_PLAY_S = 20;
 
 function rows(text, width) {
@@ -7,7 +7,7 @@ function rows(text, width) {
   return Array.from({ length: numbers.length / width }, (_, k) => numbers.slice(width * k, width * (k + 1)));
 }
 
-// omega over sqrt(2K) of the truth, in body axes: of the truth it lies on the ellipsoid of inertia.
+// omega / sqrt(2 K_truth) in body axes; for the truth it lies on the ellipsoid of inertia.
 function polhode(track, truth, moments) {
   const twice = truth.omega.map(w => w.reduce((sum, x, i) => sum + moments[i] * x * x, 0));
   const least = 1e-6 * Math.max(...twice);

@@ -1,4 +1,4 @@
-// The plot over all scenarios: the error that a method keeps against what that costs.
+// The plot over all scenarios: error tolerance against the cost of meeting it.
 plots.overall = (data, shown, chosen) => {
   const { name, points, faults } = data[chosen.error];
   const missing = faults.filter(shown);
@@ -15,16 +15,16 @@ plots.overall = (data, shown, chosen) => {
     text: own.map(p => hover([
       methods[m].name,
       `${name} at most ${p.y}`,
-      `${short(p.x)} s for 1 s (${short(p.cost[0])} to ${p.cost[2] === null ? "not kept" : short(p.cost[2])})`,
+      `${short(p.x)} CPU s per simulated s (${short(p.cost[0])} to ${p.cost[2] === null ? "not met" : short(p.cost[2])})`,
       `in ${p.kept} of ${p.scenarios} scenarios`,
     ])),
   }));
   return [
     [frontOf(kept), ...traces, ...besideMarks(missing)],
     layout({
-      xaxis: logAxis("processor time for a simulated second, s", kept.map(p => p.x), beside(missing)),
-      yaxis: axis(`${name}, at most`, { type: "log" }),
-      ...sideStrip(missing, "kept nowhere"),
+      xaxis: logAxis("CPU seconds per simulated second", kept.map(p => p.x), beside(missing)),
+      yaxis: axis(`tolerance of ${name}`, { type: "log" }),
+      ...sideStrip(missing, "met nowhere"),
     }),
   ];
 };

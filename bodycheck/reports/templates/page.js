@@ -1,11 +1,11 @@
-// What all scripts of the page share: its methods, its colours, its data.
+// Shared by all scripts of the page: methods, colours, data.
 const root = document.documentElement;
 const methods = JSON.parse(document.getElementById("methods-data").textContent);
 const colour = name => getComputedStyle(root).getPropertyValue(name).trim();
 const engineColour = m => colour(`--engine-${methods[m].colour}`);
 const short = (value, digits = 4) => String(Number(value.toPrecision(digits)));
 
-// Numbers come as the base64 of their float32 values, low byte first.
+// Numbers are stored as base64 of little-endian float32.
 function floats(text) {
   const bytes = Uint8Array.from(atob(text), letter => letter.charCodeAt(0));
   const view = new DataView(bytes.buffer);
@@ -20,11 +20,11 @@ function dataOf(element) {
   return parsed.get(element);
 }
 
-// The class gives what is drawn the size and the colours of paper before it is measured for it.
+// The class sets the size and the colours of paper before plots are measured for printing.
 addEventListener("beforeprint", () => root.classList.add("printing"));
 addEventListener("afterprint", () => root.classList.remove("printing"));
 
-// Calls once, when the element is about to come into view or to be printed.
+// Calls back once, before the element comes into view or is printed.
 function whenSeen(element, call) {
   const start = () => {
     observer.disconnect();

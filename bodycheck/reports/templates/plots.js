@@ -9,16 +9,16 @@ function pointText(p, error, fit) {
     `${error.name} ${short(p.error)}`,
     fit && `order ${short(fit[0], 3)}, floor ${short(fit[1], 2)}`,
     p.cpu && `processor ${short(p.cpu[1])} s (${short(p.cpu[0])} to ${short(p.cpu[2])})`,
-    p.ns !== undefined && `${short(p.ns)} ns a step`,
+    p.ns !== undefined && `${short(p.ns)} ns per step`,
     p.stepping && `${p.stepping} stepping`,
   ]);
 }
 
-// The points that have the chosen error, with it.
+// The points that have the chosen error.
 const having = (points, choice) =>
   points.filter(p => p.errors[choice] !== null).map(p => ({ ...p, error: p.errors[choice] }));
 
-// C dt^order down to the floor, C by the median of the errors that the order can rest on.
+// C dt^order down to the floor; C from the median of the errors used for the order.
 function fitLine(own, [order, floor], steps) {
   const usable = own.filter(p => p.error > 10 * floor && p.error < 0.3);
   if (!usable.length) return null;
@@ -64,7 +64,7 @@ const plots = {
     const faults = data.faults.filter(fault => fault.dt !== null && shown(fault));
     const error = data.errors[chosen.error];
     const steps = [...data.points, ...data.faults].map(p => p.dt).filter(dt => dt !== null);
-    const points = having(data.points, chosen.error).filter(p => p.tolerance === null && shown(p)); // a tolerance is no step
+    const points = having(data.points, chosen.error).filter(p => p.tolerance === null && shown(p)); // a tolerance is not a step
     const fits = [];
     const traces = byMethod(points).map(([m, own]) => {
       const stepless = own[0].dt === null; // one error, drawn across all steps
@@ -99,7 +99,7 @@ const plots = {
     const missing = data.missing.filter(shown);
     const lines = Object.entries(drift ? drift.lines : {}).map(([m, values]) => [Number(m), values]);
     const traces = lines.filter(([m]) => shown({ m })).map(([m, values]) => {
-      const line = typeof values === "number" ? data.t.map(() => values) : floats(values); // a constant is one number
+      const line = typeof values === "number" ? data.t.map(() => values) : floats(values); // a constant line is stored as one number
       const looks = look(m, data.ranks[m]);
       return {
         ...looks,

@@ -18,7 +18,7 @@ function draw(section) {
   }
 }
 
-// Of the tables that there are one an error of, only the chosen one is shown.
+// Of the tables with one instance per error, show only the chosen one.
 function showChosen(section) {
   const select = section.querySelector("select[data-choice=error]");
   for (const part of select ? section.querySelectorAll("[data-error]") : []) {

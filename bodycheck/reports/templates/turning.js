@@ -1,4 +1,4 @@
-// Quaternions (w, x, y, z) that take body axes to world axes, and the states between the stored ones.
+// Quaternions (w, x, y, z) that rotate body axes to world axes, and interpolation between stored states.
 const product = ([a, b, c, d], [w, x, y, z]) => [
   a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
   a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w,
@@ -14,7 +14,7 @@ function turned([w, ...v], x) {
   return added(added(x, scaled(c, w)), cross(v, c));
 }
 
-// exp of half a rotation vector
+// exp(v / 2) of a rotation vector v
 function turn(vector) {
   const angle = Math.hypot(...vector);
   const half = angle ? Math.sin(angle / 2) / angle : 0.5;
@@ -26,7 +26,7 @@ function angleBetween(p, q) {
   return 2 * Math.atan2(Math.hypot(...v), Math.abs(w));
 }
 
-// Between two samples each is turned on with its own omega, and the two are mixed: a body may turn far in between.
+// Extrapolate both neighbouring samples with their own omega and blend them: a body may turn far in between.
 function stateAt({ q, omega }, times, t) {
   const k = Math.min(Math.max(times.findLastIndex(sample => sample <= t), 0), times.length - 2);
   const span = times[k + 1] - times[k];

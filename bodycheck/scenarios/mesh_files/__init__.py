@@ -1,4 +1,4 @@
-"""Triangle meshes from STL, OBJ and PLY files, as the file has them: nothing is judged here."""
+"""Read triangle meshes from STL, OBJ and PLY files, without checking the mesh."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from io import BufferedIOBase
 from pathlib import PurePath
 from typing import TypeAlias, cast
 
-from bodycheck.errors import InputError
+from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios.mesh_files.obj import parse_obj
@@ -24,7 +24,7 @@ _MOST_BYTES = 1 << 30
 
 
 def open_mesh(path: Traversable) -> BufferedIOBase:
-    """Open a file that has a mesh's name, to be read and to be closed by the caller.
+    """Open a mesh file for reading; the caller closes it.
 
     Raises InputError with one line: the file, and why it cannot be read.
     """
@@ -37,15 +37,15 @@ def open_mesh(path: Traversable) -> BufferedIOBase:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     if size > _MOST_BYTES:
         file.close()
-        raise InputError(f"{path}: has {size} bytes; at most {_MOST_BYTES} are read")
+        raise InputError(f"{path}: too large, {size} bytes (limit: {_MOST_BYTES})")
     return file
 
 
 def parse_mesh(path: Traversable, file: BufferedIOBase) -> tuple[Array, Triangles]:
-    """Return the vertices (n, 3), taken as m, and triangles (m, 3) of a file, its format told by its suffix.
+    """Return the vertices (n, 3), taken as m, and triangles (m, 3) of a file; its suffix selects the format.
 
-    Polygons become fans about their first corner, which is exact for plane ones, convex or not. Raises
-    InputError with one line: the file, where in it, what is wrong.
+    Polygons become fans about their first corner, which is exact for plane polygons, convex or not. Raises
+    InputError with one line: the file, the position in it, what is wrong.
     """
     try:
         vertices, triangles = _parser(path)(file)
@@ -59,8 +59,8 @@ def parse_mesh(path: Traversable, file: BufferedIOBase) -> tuple[Array, Triangle
 
 
 def _parser(path: Traversable) -> Parser:
-    """Return the parser that a file's suffix asks for, or refuse the file."""
+    """Return the parser for a file's suffix; raises InputError for an unsupported format."""
     parse = _PARSERS.get(PurePath(path.name).suffix.lower())
     if parse is None:
-        raise InputError(f"{path}: is no mesh file by its name; known are {', '.join(MESH_SUFFIXES)}")
+        raise InputError(f"{path}: unsupported mesh format (supported: {', '.join(MESH_SUFFIXES)})")
     return parse

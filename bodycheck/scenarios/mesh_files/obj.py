@@ -1,4 +1,4 @@
-"""Wavefront OBJ: `v` lines are vertices, `f` lines polygons; everything else is left aside.
+"""Wavefront OBJ: `v` lines are vertices, `f` lines polygons; everything else is ignored.
 
 Source: Alias|Wavefront (1993), Advanced Visualizer manual, appendix B1.
 """
@@ -13,7 +13,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files.words import (
+from bodycheck.scenarios.mesh_files.text_formats import (
     fans,
     floats,
     integer,
@@ -27,23 +27,23 @@ _CONTINUATION = re.compile(rb"\\\r?\n")
 
 
 def parse_obj(file: BufferedIOBase) -> tuple[Array, Triangles]:
-    """Return vertices (n, 3) and triangles (m, 3). Raises ValueError naming the line and what is wrong.
+    """Return vertices (n, 3) and triangles (m, 3). Raises ValueError with the line and what is wrong.
 
     All objects and groups of the file are one mesh. A corner is `v`, `v/vt`, `v//vn` or `v/vt/vn`; a
     negative v counts back from the last vertex before its line.
     """
     vertices, lengths, corners = array("d"), array("i"), array("i")
-    ahead: list[tuple[int, int]] = []  # lines that name a vertex which is still to come, farther on each time
+    ahead: list[tuple[int, int]] = []  # lines with a reference to a later vertex than any before
     data = file.read()
     for line, words in lines_of_words(BytesIO(_CONTINUED.sub(_joined, data) if b"\\" in data else data)):
         match words[0]:
             case "v":
                 if len(words) < 4:
-                    raise ValueError(f"line {line}: {shown(words)} has not three coordinates")
+                    raise ValueError(f"line {line}: {shown(words)} has fewer than three coordinates")
                 vertices.extend(floats(words[1:4], line))
             case "f":
                 if len(words) < 4:
-                    raise ValueError(f"line {line}: {shown(words)} has not three corners")
+                    raise ValueError(f"line {line}: {shown(words)} has fewer than three corners")
                 before = len(vertices) // 3
                 face = [_corner(word, line, before) for word in words[1:]]
                 if max(face) >= max(before, ahead[-1][1] + 1 if ahead else 0):
@@ -58,13 +58,13 @@ def parse_obj(file: BufferedIOBase) -> tuple[Array, Triangles]:
 
 
 def _joined(lines: re.Match[bytes]) -> bytes:
-    """Return continued lines as one, and empty ones after it: those that follow keep their numbers."""
+    """Join continued lines, and append empty ones, so that the lines that follow keep their numbers."""
     one, continuations = _CONTINUATION.subn(b" ", lines[0])
     return one + b"\n" * continuations
 
 
 def _corner(word: str, line: int, before: int) -> int:
-    """Return the vertex, counted from 0, of a face's corner, with `before` vertices before its line."""
+    """Return the vertex index, from 0, of a face's corner; `before`: number of vertices before its line."""
     number = integer(word.partition("/")[0], line)
     if number == 0 or number < -before:
         raise ValueError(f"line {line}: corner {number} is not one of the {before} vertices before it")

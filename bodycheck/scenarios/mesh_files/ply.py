@@ -1,4 +1,4 @@
-"""PLY, ASCII and binary of either byte order: a header that describes elements, then their rows.
+"""PLY, ASCII or binary in either byte order: a header that describes elements, then their rows.
 
 Source: Turk (1994), The PLY polygon file format.
 """
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files.words import fans, floats, integer, lines_of_words, shown
+from bodycheck.scenarios.mesh_files.text_formats import fans, floats, integer, lines_of_words, shown
 
 _TYPES = {
     name: code
@@ -41,19 +41,19 @@ _NEEDED = (*_AXES, *_CORNERS)
 
 
 class _Lists(NamedTuple):
-    """The length (k,) of each row's list, and the numbers of all lists, one after the other."""
+    """The length (k,) of each row's list, and the concatenated numbers of all lists."""
 
     lengths: NDArray[Any]
     numbers: NDArray[Any]
 
 
 Columns: TypeAlias = dict[str, NDArray[Any] | _Lists]
-"""Property -> its value in each row."""
+"""Property -> its values, one per row."""
 
 
 @dataclass(frozen=True)
 class _Property:
-    """A number a row, or a list of them with its length before it."""
+    """A number per row, or a list of numbers preceded by its length."""
 
     name: str
     item: str
@@ -62,7 +62,7 @@ class _Property:
 
 @dataclass
 class _Element:
-    """What the header says of one kind of rows."""
+    """An element of the header: its name, number of rows and properties."""
 
     name: str
     count: int
@@ -70,7 +70,7 @@ class _Element:
 
 
 def parse_ply(file: BufferedIOBase) -> tuple[Array, Triangles]:
-    """Return vertices (n, 3) and triangles (m, 3). Raises ValueError saying where and what is wrong.
+    """Return vertices (n, 3) and triangles (m, 3). Raises ValueError with the position and what is wrong.
 
     The vertices are the x, y, z of element `vertex`, the faces the list `vertex_indices` (or `vertex_index`)
     of element `face`; everything else is skipped.
@@ -79,7 +79,7 @@ def parse_ply(file: BufferedIOBase) -> tuple[Array, Triangles]:
     header, end, body = data.partition(b"end_header")
     rest_of_line, _, body = body.partition(b"\n")
     if not data.startswith(b"ply") or not end or rest_of_line.strip():
-        raise ValueError("is no PLY: it lacks 'ply' at its start or the line 'end_header'")
+        raise ValueError("not a PLY file: 'ply' at its start or the line 'end_header' is missing")
     byte_order, elements = _parse_header(header)
     if byte_order:
         tables = _binary_tables(elements, body, byte_order)
@@ -90,7 +90,7 @@ def parse_ply(file: BufferedIOBase) -> tuple[Array, Triangles]:
 
 
 def _parse_header(header: bytes) -> tuple[str, list[_Element]]:
-    """Return the byte order ('' for ASCII) and the elements in their order."""
+    """Return the byte order ('' for ASCII) and the elements in the order of the file."""
     byte_order: str | None = None
     elements: list[_Element] = []
     for line, words in lines_of_words(BytesIO(header)):
@@ -106,7 +106,7 @@ def _parse_header(header: bytes) -> tuple[str, list[_Element]]:
             case _:
                 raise ValueError(f"line {line}: {shown(words)} is out of place in a PLY header")
     if byte_order is None:
-        raise ValueError("the header says no format")
+        raise ValueError("the header has no format line")
     return byte_order, elements
 
 
@@ -115,7 +115,7 @@ def _names(element: _Element) -> set[str]:
 
 
 def _property(name: str, kinds: Sequence[str], line: int) -> _Property:
-    """Return a property from its name and the words of its type."""
+    """Return the property with this name and the words of its type."""
     corners = name in _CORNERS
     match [_TYPES.get(kind, kind) for kind in kinds]:
         case ["list", length, item] if length in _INTEGERS and item in (
@@ -124,18 +124,18 @@ def _property(name: str, kinds: Sequence[str], line: int) -> _Property:
             return _Property(name, item, length)
         case [item] if item in _TYPES.values() and not corners:
             return _Property(name, item, None)
-    raise ValueError(f"line {line}: {shown(kinds)} is no type of a property {name!r}")
+    raise ValueError(f"line {line}: {shown(kinds)} is not a valid type of property {name!r}")
 
 
 def _length(number: int, where: str) -> int:
-    """Return a count or the length of a list, unless it is negative."""
+    """Return a count or the length of a list; raises ValueError if it is negative."""
     if number < 0:
-        raise ValueError(f"{where}: {number} is no count")
+        raise ValueError(f"{where}: a count cannot be {number}")
     return number
 
 
 class _Rows:
-    """An element's rows as they are read one by one: what is needed of them."""
+    """Collects the needed properties of an element's rows."""
 
     def __init__(self, element: _Element) -> None:
         self._kept = [known for known in element.properties if known.name in _NEEDED]
@@ -143,7 +143,7 @@ class _Rows:
         self._lengths = {known.name: array("q") for known in self._kept if known.length is not None}
 
     def add(self, row: dict[str, Sequence[Any]]) -> None:
-        """Add the numbers of each property of a row."""
+        """Add a row: property -> its numbers."""
         for known in self._kept:
             self._numbers[known.name].extend(row[known.name])
             if known.length is not None:
@@ -157,7 +157,7 @@ class _Rows:
 
 
 def _ascii_tables(elements: Sequence[_Element], body: bytes, first_line: int) -> dict[str, Columns]:
-    """Return the columns of each element, one line of the body a row."""
+    """Return the columns of each element; each line of the body is a row."""
     lines = lines_of_words(BytesIO(body), first_line)
     tables: dict[str, Columns] = {}
     for element in elements:
@@ -172,7 +172,7 @@ def _ascii_tables(elements: Sequence[_Element], body: bytes, first_line: int) ->
 
 
 def _ascii_row(element: _Element, words: list[str], line: int) -> dict[str, Sequence[Any]]:
-    """Return the numbers of each property in a line."""
+    """Return property -> its numbers in a line."""
     row: dict[str, Sequence[Any]] = {}
     at = 0
     for known in element.properties:
@@ -188,12 +188,12 @@ def _ascii_row(element: _Element, words: list[str], line: int) -> dict[str, Sequ
             [integer(word, line) for word in taken] if known.item in _INTEGERS else floats(taken, line)
         )
     if at < len(words):
-        raise ValueError(f"line {line}: {shown(words)} goes on after its last property")
+        raise ValueError(f"line {line}: {shown(words)} continues after its last property")
     return row
 
 
 def _binary_tables(elements: Sequence[_Element], body: bytes, byte_order: str) -> dict[str, Columns]:
-    """Return the columns of each element, row upon row without gaps."""
+    """Return the columns of each element, whose rows are stored without gaps."""
     tables: dict[str, Columns] = {}
     offset = 0
     for element in elements:
@@ -202,7 +202,7 @@ def _binary_tables(elements: Sequence[_Element], body: bytes, byte_order: str) -
         )
         if least > len(body) - offset or (element.count and not element.properties):
             raise ValueError(
-                f"element {element.name!r} has {element.count} rows of at least {least} bytes in all, "
+                f"element {element.name!r} has {element.count} rows of at least {least} bytes in total, "
                 f"but {len(body) - offset} are left"
             )
         if element.count:
@@ -211,7 +211,7 @@ def _binary_tables(elements: Sequence[_Element], body: bytes, byte_order: str) -
 
 
 def _binary_columns(element: _Element, body: bytes, offset: int, byte_order: str) -> tuple[Columns, int]:
-    """Return an element's columns and where they end: at once where all rows are as long as the first."""
+    """Return an element's columns and their end; read them at once if all rows are as long as the first."""
     first, _ = _binary_row(element, body, offset, byte_order)
     fields: list[Any] = []
     for known in element.properties:
@@ -260,7 +260,7 @@ def _binary_row(
 
 
 def _take(body: bytes, code: str, count: int, offset: int, name: str) -> tuple[NDArray[Any], int]:
-    """Return `count` numbers at an offset and the offset behind them."""
+    """Return `count` numbers at an offset, and the offset after them."""
     end = offset + count * np.dtype(code).itemsize
     if end > len(body):
         raise ValueError(

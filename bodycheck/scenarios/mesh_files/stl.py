@@ -1,4 +1,4 @@
-"""STL, binary and ASCII: triangles one after the other, each with its own three corners.
+"""STL, binary or ASCII: a sequence of triangles, each with its own three corners.
 
 Source: 3D Systems (1989), StereoLithography interface specification.
 """
@@ -15,18 +15,19 @@ from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import Triangles
-from bodycheck.scenarios.mesh_files.words import floats, lines_of_words, points, shown
+from bodycheck.scenarios.mesh_files.text_formats import floats, lines_of_words, points, shown
 
 _HEADER = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def parse_stl(file: BufferedIOBase) -> tuple[Array, Triangles]:
-    """Return the different vertices (n, 3) and triangles (m, 3). Raises ValueError: what is wrong, where.
+    """Return the distinct vertices (n, 3) and triangles (m, 3).
 
-    A file is binary where its size is what its count of triangles says: "solid", with which an ASCII file
-    begins, stands at the head of binary ones too. Normals are not used; the order of the corners is. An ASCII
-    file, which takes 250 bytes a triangle, is read line by line.
+    Raises ValueError with the position and what is wrong. A file is binary if its size matches its count of
+    triangles; "solid", with which an ASCII file begins, also occurs at the start of binary files. The order
+    of the corners gives the orientation; normals are ignored. An ASCII file, which takes 250 bytes per
+    triangle, is read line by line.
     """
     header = file.read(_HEADER)
     size = file.seek(0, os.SEEK_END)
@@ -38,16 +39,16 @@ def parse_stl(file: BufferedIOBase) -> tuple[Array, Triangles]:
     if header.lstrip()[:5].lower() == b"solid":
         return _numbered(_ascii_corners(file))
     if size < _HEADER:
-        raise ValueError(f"is no STL: {size} bytes are less than the {_HEADER} of a binary header")
+        raise ValueError(f"not an STL file: {size} bytes are less than the {_HEADER} of a binary header")
     raise ValueError(
-        f"is no STL: its header says {said} triangles, which take {expected} bytes, but there are {size}"
+        f"not an STL file: its header states {said} triangles, which take {expected} bytes, but it has {size}"
     )
 
 
 def _numbered(corners: NDArray[np.floating[Any]]) -> tuple[Array, Triangles]:
-    """Return corners (3 m, 3), those of one facet after those of another, as vertices and triangles."""
-    # late: it is compiled, and numba takes a second to begin with
-    from bodycheck.reference_impl.mass_properties.merging import merged
+    """Return vertices (n, 3) and triangles (m, 3) of the corners (3 m, 3) of consecutive facets."""
+    # imports numba, which takes a second
+    from bodycheck.reference_impl.mass_properties.vertex_merge import merged
 
     vertices, number = merged(corners)
     return vertices, number.astype(np.int64).reshape(-1, 3)
@@ -65,13 +66,13 @@ def _ascii_corners(file: BufferedIOBase) -> Array:
             case "endfacet", _:
                 facets += 1
                 if len(corners) != 9 * facets:
-                    raise ValueError(f"line {line}: a facet ends that has not three corners")
+                    raise ValueError(f"line {line}: a facet does not have three corners")
             case ("facet", 5) | ("outer", 2) | ("endloop", 1):
                 pass
             case ("solid" | "endsolid", _):
                 pass
             case _:
-                raise ValueError(f"line {line}: {shown(words)} is no line of an ASCII STL")
+                raise ValueError(f"line {line}: {shown(words)} is not a line of an ASCII STL file")
     if keyword != "endsolid":
         raise ValueError("ends without endsolid")
     return points(corners)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron, volume_area_reach
-from bodycheck.reference_impl.mass_properties.primitives import primitive
+from bodycheck.reference_impl.mass_properties.solid import primitive
 from bodycheck.reference_impl.rotations import exp_matrix
 
 TILT = exp_matrix(np.array([0.3, 0.5, 0.7]))

@@ -9,7 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from bodycheck.reference_impl.mass_properties.primitives import PRIMITIVES, primitive
+from bodycheck.reference_impl.mass_properties.solid import PRIMITIVES, primitive
 
 SIZES: dict[str, list[float]] = {
     "box": [1.1, 0.7, 0.4],

@@ -13,13 +13,12 @@ from mirrored import mirrored
 
 from bodycheck.reports.comparison.accuracy import accuracy_changes, noise
 from bodycheck.reports.comparison.change import Change, Kind, by_rank
-from bodycheck.reports.comparison.circumstances import circumstances, redefined
 from bodycheck.reports.comparison.compare import compare, ended_well_anew
-from bodycheck.reports.comparison.speeds import Ratio, ratio, speed_changes
-from bodycheck.reports.comparison.stable_steps import stability_change
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.comparison.words import change_text, groups, identity, sentences
-from bodycheck.reports.stored import Tables
+from bodycheck.reports.comparison.describe import change_text, groups, identity, sentences
+from bodycheck.reports.comparison.environment_diff import circumstances, redefined
+from bodycheck.reports.comparison.speed_changes import Ratio, ratio, speed_changes, stability_change
+from bodycheck.reports.gates.thresholds import Thresholds
+from bodycheck.reports.run_files.run_reader import Tables
 
 EPS = float(np.finfo(np.float64).eps)
 WHO = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "control": "dt", "dt_s": 0.01}
@@ -35,7 +34,7 @@ def run(*cases: dict[str, Any], **parts: Any) -> Tables:
 
 def change(**cells: Any) -> Change:
     """Return a worse error of one case, but for what is told."""
-    usual = {"kind": "accuracy", "scenario": "brick", "engine": "mujoco", "method": "rk4", "what": ERROR}
+    usual = {"kind": "accuracy", "scenario": "brick", "engine": "mujoco", "method": "rk4", "quantity": ERROR}
     told = {"before": 1e-3, "after": 1e-2, "status": "worse", "control": "dt", "fineness": 0.01}
     return Change(**{**usual, **told, "decades": 1.0, **cells})
 
@@ -110,7 +109,7 @@ def test_what_has_no_scale_is_measured_by_its_own_size() -> None:
     for roundings, told in ((4.0, 0), (100.0, 1)):
         after = {"energy_drift_abs": large * (1.0 + roundings * EPS)}
         found = accuracies({"energy_drift_abs": large}, after)
-        assert [one.what for one in found] == told * ["energy_drift_abs"]
+        assert [one.quantity for one in found] == told * ["energy_drift_abs"]
 
 
 def test_a_body_that_does_not_turn_can_be_compared() -> None:
@@ -119,7 +118,7 @@ def test_a_body_that_does_not_turn_can_be_compared() -> None:
     before = {**still, "rotational_energy_drift_abs": 1e-20}
     assert accuracies(before, before) == []
     (worse,) = accuracies(before, {**still, "rotational_energy_drift_abs": 1e-19})
-    assert (worse.what, worse.status) == ("rotational_energy_drift_abs", "worse")
+    assert (worse.quantity, worse.status) == ("rotational_energy_drift_abs", "worse")
 
 
 @pytest.mark.parametrize(
@@ -183,7 +182,7 @@ def test_a_stable_step_moved_by_the_ratio_of_the_stable_ones(
     assert found is not None
     direction, decades = told
     texts = (old[0] or "none", new[0] or "none")
-    assert (found.kind, found.what, found.before, found.after) == ("stability", "dt_stable_s", *texts)
+    assert (found.kind, found.quantity, found.before, found.after) == ("stability", "dt_stable_s", *texts)
     assert found.status == direction
     assert found.decades == (None if decades is None else pytest.approx(decades))
 
@@ -279,7 +278,7 @@ def test_a_method_is_slower_where_three_quarters_of_its_cases_are_beyond_the_noi
     assert list(speed_changes(moved(*4 * [sign * slack]), (0.1, 0.2), 0.02)) == []
     (found,) = speed_changes(moved(*4 * [sign * beyond]), (0.1, 0.2), 0.02)
     assert found.status == ("worse" if sign > 0.0 else "improved")
-    assert (found.kind, found.scenario, found.what) == ("speed", None, "relative_cpu")
+    assert (found.kind, found.scenario, found.quantity) == ("speed", None, "relative_cpu")
     assert (found.before, found.after, found.decades) == (None, None, pytest.approx(2.0 * sign * slack))
     assert len(list(speed_changes(moved(*3 * [sign], 0.0), (0.1, 0.2), 0.02))) == 1
     assert len(list(speed_changes(moved(sign), (0.1, 0.2), 0.02))) == 1
@@ -413,7 +412,7 @@ def test_an_outcome_is_good_or_not(old: str, new: str, direction: str) -> None:
     """Between two ways of failing neither is the better, and no accuracy is compared beside it."""
     (found,) = compare(run({"outcome": old}), run({"outcome": new, ERROR: 1.0})).changes
     assert found == change(
-        kind="outcome", what="outcome", before=old, after=new, status=direction, decades=None
+        kind="outcome", quantity="outcome", before=old, after=new, status=direction, decades=None
     )
 
 
@@ -421,7 +420,7 @@ def test_cases_are_told_apart_by_step_and_tolerance() -> None:
     """A case of another step came, one of a tolerance went; each has its own outcome."""
     tolerance = {"control": "tolerance", "dt_s": None, "tolerance": 1e-6, "outcome": "timeout"}
     found = compare(run({}, tolerance), run({}, {"dt_s": 0.02})).changes
-    cells = {"kind": "case", "what": "case", "decades": None}
+    cells = {"kind": "case", "quantity": "case", "decades": None}
     gone = change(**cells, before="timeout", after=None, status="missing", control="tolerance", fineness=1e-6)
     assert set(found) == {gone, change(**cells, before=None, after="ok", status="new", fineness=0.02)}
 
@@ -520,10 +519,10 @@ def test_words_about_a_scenario_make_it_no_other(idle: str) -> None:
         ),
         ({"kind": "speed", "decades": math.log10(2.0)}, "2 times as slow"),
         ({"kind": "speed", "decades": -math.log10(2.0)}, "2 times as fast"),
-        ({"kind": "case", "before": None, "after": "ok"}, "only in the run after at dt 0.01 s (ok)"),
-        ({"kind": "case", "before": "failed", "after": None}, "only in the run before at dt 0.01 s (failed)"),
+        ({"kind": "case", "before": None, "after": "ok"}, "new case at dt 0.01 s (ok)"),
+        ({"kind": "case", "before": "failed", "after": None}, "missing case at dt 0.01 s (failed)"),
         (
-            {"what": "outcome", "before": "ok", "after": "failed", "decades": None},
+            {"quantity": "outcome", "before": "ok", "after": "failed", "decades": None},
             "outcome ok -> failed at dt 0.01 s",
         ),
     ],
@@ -569,22 +568,22 @@ def test_the_sentences_say_how_much_was_compared_and_what_changed() -> None:
     assert sentences(compare(same, same)) == [
         "Nothing changed beyond round-off and the noise of the machines.",
         "The same machine, versions and settings.",
-        "2 cases compared, 0 of them by their speed too; 0 only in the run after, 0 only in the run before.",
+        "2 cases compared, 0 of them also by speed; 0 new cases, 0 missing cases.",
     ]
     after = run({ERROR: 1e-6}, {"method": "euler"}, {"method": "implicit"}, cpu="other")
     assert sentences(compare(same, after)) == [
         "mujoco: rk4 worse, error at 10 ms 1e-9 -> 1e-6 rad (factor 1e3), and missing (1 case);"
         " euler, implicit new.",
-        "Changes that are not listed: 2 new.",
+        "Changes not listed: 2 new.",
         "Different circumstances: cpu: none -> other.",
-        "1 case compared, 0 of them by their speed too; 2 only in the run after, 1 only in the run before.",
+        "1 case compared, 0 of them also by speed; 2 new cases, 1 missing case.",
     ]
     other = run({}, scenarios={"brick": {"duration_s": 2.0}})
     assert sentences(compare(run({}), other)) == [
-        "There is nothing that could be compared.",
+        "Nothing could be compared.",
         "The same machine, versions and settings.",
-        "Not compared, as the name means another scenario: brick.",
-        "0 cases compared, 0 of them by their speed too; 0 only in the run after, 0 only in the run before.",
+        "Not compared (scenario definition changed): brick.",
+        "0 cases compared, 0 of them also by speed; 0 new cases, 0 missing cases.",
     ]
 
 

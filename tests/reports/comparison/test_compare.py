@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from mirrored import mirrored
 
-from bodycheck.reports.case import CaseResult
+from bodycheck._util.formatting import count
 from bodycheck.reports.comparison.compare import Comparison, compare
-from bodycheck.reports.comparison.one_measure import OneMeasure
-from bodycheck.reports.comparison.page import render_comparison
-from bodycheck.reports.comparison.text import print_comparison
-from bodycheck.reports.comparison.words import groups, sentences
-from bodycheck.reports.stored import Tables, read_tables
-from bodycheck.reports.wording import count
+from bodycheck.reports.comparison.comparison_output import print_comparison, render_comparison
+from bodycheck.reports.comparison.describe import groups, sentences
+from bodycheck.reports.comparison.measure_track import OneMeasure
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.run_files.run_reader import Tables, read_tables
 
 MEASURES = ("orientation_error_rad", "energy_drift", "omega_error", "position_error", "quaternion_norm_error")
 
@@ -80,7 +79,12 @@ def test_a_change_of_a_billionth_is_named_and_no_other(tables: Tables, measure: 
     where = of(scenario, "m1", 0.01)
     before = with_rows(tables, where, lambda row: row | {measure: 1e-3})
     (change,) = compare(before, planted(before, where, **{measure: amount})).changes
-    assert (change.what, change.scenario, change.method, change.fineness) == (measure, scenario, "m1", 0.01)
+    assert (change.quantity, change.scenario, change.method, change.fineness) == (
+        measure,
+        scenario,
+        "m1",
+        0.01,
+    )
     assert change.status == "moved"
     assert change.decades == pytest.approx(amount / 1e-3 / np.log(10.0), rel=1e-5)
 
@@ -107,7 +111,7 @@ def test_a_planted_change_is_weighed_by_its_size(
     before = with_rows(tables, where, lambda row: row | {measure: 1e-3})
     after = with_rows(before, where, lambda row: row | {measure: factor * row[measure]})
     found = compare(before, after).changes
-    assert [(change.what, change.status) for change in found] == ([(measure, status)] if status else [])
+    assert [(change.quantity, change.status) for change in found] == ([(measure, status)] if status else [])
     assert [mirrored(change) for change in found] == list(compare(after, before).changes)
 
 
@@ -171,7 +175,7 @@ def test_a_measure_that_is_gone_is_told(tables: Tables) -> None:
         lambda row: {name: value for name, value in row.items() if name != "energy_drift"},
     )
     change = compare(tables, gone).changes[0]
-    assert (change.what, change.after, change.status) == ("energy_drift", None, "missing")
+    assert (change.quantity, change.after, change.status) == ("energy_drift", None, "missing")
 
 
 def test_cases_of_one_run_alone_are_told(tables: Tables) -> None:
@@ -180,7 +184,7 @@ def test_cases_of_one_run_alone_are_told(tables: Tables) -> None:
     gone = compare(tables, few).changes
     assert [change.kind for change in gone] == 4 * ["case"]
     assert all(change.after is None for change in gone)
-    assert sentences(compare(tables, few))[-1].endswith("0 only in the run after, 4 only in the run before.")
+    assert sentences(compare(tables, few))[-1].endswith("0 new cases, 4 missing cases.")
 
 
 def test_another_verdict_and_another_order_are_told(tables: Tables) -> None:
@@ -223,7 +227,7 @@ def test_a_stable_step_changed_where_the_two_searches_cannot_mean_one(
 
     before, after = with_span(0.5, 0.505), with_span(*span)
     found = compare(before, after).changes
-    assert [(change.what, change.status) for change in found] == (
+    assert [(change.quantity, change.status) for change in found] == (
         [("dt_stable_s", direction)] if direction else []
     )
     assert [mirrored(change) for change in found] == list(compare(after, before).changes)
@@ -279,7 +283,7 @@ def test_a_scenario_that_is_another_by_the_same_name_is_not_compared(tables: Tab
 
     found = told(duration_s=2.0)
     assert (found.redefined, found.changes) == (("free",), ())
-    assert "another scenario: free" in " ".join(sentences(found))
+    assert "(scenario definition changed): free" in " ".join(sentences(found))
     assert told(summary="reworded").changes
 
 

@@ -11,18 +11,20 @@ from gated import a_run
 from markupsafe import escape
 from mirrored import TURNED
 
+from bodycheck._util.formatting import escaped_markdown
 from bodycheck.reports.comparison.change import Status
 from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.comparison.comparison_output import (
+    comparison_markdown,
+    print_comparison,
+    render_comparison,
+)
+from bodycheck.reports.comparison.describe import sentences
+from bodycheck.reports.comparison.environment_diff import is_refinement
 from bodycheck.reports.comparison.headlines import by_method, headlines
-from bodycheck.reports.comparison.markdown import comparison_markdown
-from bodycheck.reports.comparison.page import render_comparison
-from bodycheck.reports.comparison.refinement import is_refinement
 from bodycheck.reports.comparison.release_search import release_searches
-from bodycheck.reports.comparison.text import print_comparison
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.comparison.words import sentences
-from bodycheck.reports.markdown import escaped
-from bodycheck.reports.stored import Tables
+from bodycheck.reports.gates.thresholds import Thresholds
+from bodycheck.reports.run_files.run_reader import Tables
 
 ERROR = "orientation_error_rad"
 ORDER = ("order", "order_low", "order_high")
@@ -202,7 +204,7 @@ def test_an_instant_error_is_weighed_against_its_maximum_over_time() -> None:
     before = run({ERROR: 1e-2, final: 1e-9})
     for now, status in ((1e-4, "moved"), (1e-3, "worse")):
         (change,) = compare(before, run({ERROR: 1e-2, final: now})).changes
-        assert (change.what, change.status) == (final, status)
+        assert (change.quantity, change.status) == (final, status)
 
 
 def test_round_off_that_drifts_accuses_nobody() -> None:
@@ -229,7 +231,7 @@ def test_a_balance_that_the_samples_cannot_resolve_is_not_missing() -> None:
     there, empty = run({"energy_balance": 1e-9}), run({})
     assert compare(there, empty).changes == compare(empty, there).changes == ()
     gone = compare(run({"omega_error": 1e-9}), empty).changes
-    assert [(one.what, one.status) for one in gone] == [("omega_error", "missing")]
+    assert [(one.quantity, one.status) for one in gone] == [("omega_error", "missing")]
 
 
 def test_each_measure_has_its_own_threshold() -> None:
@@ -245,7 +247,7 @@ def test_each_measure_has_its_own_threshold() -> None:
         )
         for place, factor in enumerate((1.0, 1.3))
     )
-    found = {(one.kind, one.what): one.status for one in compare(before, after, thresholds).changes}
+    found = {(one.kind, one.quantity): one.status for one in compare(before, after, thresholds).changes}
     assert found == {
         ("accuracy", ERROR): "worse",
         ("accuracy", "energy_drift"): "moved",
@@ -315,12 +317,12 @@ def test_terminal_markdown_and_page_say_the_same(capsys: pytest.CaptureFixture[s
         words = line.split(maxsplit=2)
         for text in words:
             assert str(escape(text)) in page
-            assert escaped(text) in markdown
+            assert escaped_markdown(text) in markdown
     for sentence in sentences(found):
         assert sentence in lines
-        assert escaped(sentence) in markdown
+        assert escaped_markdown(sentence) in markdown
         assert str(escape(sentence)) in page
-    for heading in ("Worse", "Not measured any more"):
+    for heading in ("Worse", "No longer measured"):
         assert heading in lines
         assert f"{heading}</h2>" in page
         assert f"| {heading.lower()} |" in markdown

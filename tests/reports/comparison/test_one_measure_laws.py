@@ -12,16 +12,15 @@ from gated import a_run
 from markupsafe import escape
 from rich.console import Console
 
-from bodycheck.errors import InputError
-from bodycheck.reports.comparison import text
+from bodycheck._util.errors import InputError
+from bodycheck.reports.comparison import comparison_output
 from bodycheck.reports.comparison.change import FAILING, Change, Status
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.comparison.one_measure import Finding, OneMeasure, comparable, under_one_name
-from bodycheck.reports.comparison.page import render_comparison
-from bodycheck.reports.comparison.text import print_changes, print_comparison
-from bodycheck.reports.comparison.words import HEADINGS, sentences
-from bodycheck.reports.run import Run
-from bodycheck.reports.stored import Tables
+from bodycheck.reports.comparison.comparison_output import print_changes, print_comparison, render_comparison
+from bodycheck.reports.comparison.describe import HEADINGS, sentences
+from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
+from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import Run
 
 ERROR = "orientation_error_rad"
 
@@ -51,8 +50,8 @@ def differs(asked: OneMeasure, before: Tables, after: Tables) -> bool:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("energy", "--measure energy: no measure is named 'energy'"),
-        ("cpu_s", "--measure cpu_s: a speed is not looked for, it varies from run to run"),
+        ("energy", "--measure energy: unknown measure 'energy'"),
+        ("cpu_s", "--measure cpu_s: cannot search by speed: it varies from run to run"),
         ("steps", "--measure steps: runs are not compared by it; see bodycheck list measures"),
     ],
 )
@@ -166,7 +165,7 @@ def test_two_versions_of_an_engine_are_compared_under_one_name() -> None:
     """In the cases, and in all three tables; nothing else is another."""
     stable = {"scenario": "brick", "engine": "mujoco==3", "method": "rk4", "outcome": "ok"}
     tables = run({"engine": "mujoco==3"}, methods=[{"engine": "mujoco==3"}], stability=[stable])
-    made = Run(**vars(tables), subjects=())
+    made = Run(**vars(tables), problems=())
     found = under_one_name(made, "mujoco")
     assert {table["engine"].item() for table in (found.results, found.methods, found.stability)} == {"mujoco"}
     assert [case.columns["engine"] for case in found.cases] == ["mujoco"]
@@ -213,7 +212,7 @@ def test_of_a_long_list_twenty_lines_are_shown(
     assert all("mujoco:m" in line for line in shown[2:end])
     assert shown[end:] == [
         *more,
-        *["", "Not measured any more", "brick  mujoco:o  orientation_error_rad 1 -> not measured"],
+        *["", "No longer measured", "brick  mujoco:o  orientation_error_rad 1 -> not measured"],
     ]
 
 
@@ -222,7 +221,7 @@ def test_on_a_terminal_what_fails_is_red(status: Status, monkeypatch: pytest.Mon
     """And bold."""
     shown = StringIO()
     console = Console(file=shown, width=100, force_terminal=True, color_system="standard", highlight=False)
-    monkeypatch.setattr(text, "console", lambda: console)
+    monkeypatch.setattr(comparison_output, "console", lambda: console)
     print_changes([Change("case", "brick", "mujoco", "rk4", "case", "ok", None, status)], "there")
     assert f"\x1b[1;31m{HEADINGS[status]}" in shown.getvalue()
 
@@ -235,9 +234,9 @@ def test_the_page_has_all_of_it_under_the_tints_of_a_report() -> None:
     page = render_comparison(found)
     for words in ("made-up, today, bodycheck 1", "other, today, bodycheck 1", *sentences(found)):
         assert str(escape(words)) in page
-    heads = ("Worse</h2>", "Not measured any more</h2>", "Improved</h2>", "New</h2>")
+    heads = ("Worse</h2>", "No longer measured</h2>", "Improved</h2>", "New</h2>")
     places = [page.index(head) for head in heads]
     assert places == sorted(places)
     assert math.isclose(page.count("orientation_error_rad 0.001 -&gt; 0.01"), 1)
-    assert "only in the run after at dt 0.04 s (ok)" in page
+    assert "new case at dt 0.04 s (ok)" in page
     assert "--good" in page  # the report's own style

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from bodycheck.reports.comparison.one_measure import Finding
-from bodycheck.reports.version_text import Found, Track, print_found
+from bodycheck.reports.comparison.measure_track import Finding
+from bodycheck.reports.render.answer_text import Found, Track, print_found
 
 VERSIONS = ("1.0", "1.1", "1.2", "2.0", "2.1")
 
@@ -47,10 +47,10 @@ def said(
             said({"1.0": 2.0, "2.1": None, "2.0": 2.0}, (("2.0", "2.1"),), "order.omega_error"),
             "toy:m: 2.00 up to 2.0, none (too-few-points) from 2.1",
         ),
-        (said({"1.0": 1e-3}, ()), "toy:m: 0.001 in 1.0, the only one that was run"),
+        (said({"1.0": 1e-3}, ()), "toy:m: 0.001 in 1.0, the only release run"),
         (
             said({"1.0": 1e-3, "2.1": 1e-3}, ()),
-            "toy:m: 0.001 in 2.1, as in 1.0; a change between them that was undone would not be seen",
+            "toy:m: 0.001 in 2.1, as in 1.0; a change that was undone between them would be missed",
         ),
     ],
 )
@@ -85,7 +85,7 @@ def test_where_every_release_was_run_it_is_said_in_which_anything_changed(
     )
     print_found(Found("toy", "free", "energy_drift", VERSIONS, tracks, {}, every=True))
     lines = capsys.readouterr().out.splitlines()
-    assert "toy:a: 0.001 in all 5 that were run" in lines
+    assert "toy:a: 0.001 in all 5 releases run" in lines
     assert lines[-1] == "changed in 1.1 (b, c), 1.2 (b, c), 2.1 (b, c)"
     print_found(Found("toy", "free", "energy_drift", VERSIONS, tracks[:1], {}, every=True))
     assert capsys.readouterr().out.splitlines()[-1] == "changed in no release"

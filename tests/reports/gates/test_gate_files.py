@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck.errors import InputError
-from bodycheck.reports.comparison.thresholds import THRESHOLD, Thresholds
+from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.gate import parse_gates, read_gates, read_thresholds
-from bodycheck.reports.gates.measure import measure_of
-from bodycheck.reports.study import QUANTITIES
-from bodycheck.reports.tables import METHOD_COLUMNS, RESULT_COLUMNS
+from bodycheck.reports.gates.gate_measure import measure_of
+from bodycheck.reports.gates.thresholds import THRESHOLD, Thresholds
+from bodycheck.reports.measurement.study import QUANTITIES
+from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS
 
 GATE = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "because"\n'
 
@@ -20,20 +20,20 @@ WRONG = {
     "empty": ("", "gate: needs at least one [[gate]] table"),
     "one table": ("[gate]\nupper = 1\n", "gate: needs [[gate]] tables, not one [gate]"),
     "gates that are numbers": ("gate = [1]\n", "gate[0]: should be a table (it is 1)"),
-    "other tables": (GATE + "[gates]\n", "gates: is no key of this file"),
-    "unknown key": (GATE + "margin = 1.0\n", "gate[0].margin: is no key of this table"),
+    "other tables": (GATE + "[gates]\n", "gates: unknown key"),
+    "unknown key": (GATE + "margin = 1.0\n", "gate[0].margin: is not a key of this table"),
     "no reason": (GATE.replace("reason", "#"), "gate[0].reason: is required"),
-    "empty reason": (GATE.replace("because", " "), "gate[0].reason: must say why this bound"),
+    "empty reason": (GATE.replace("because", " "), "gate[0].reason: must give the reason for this bound"),
     "no measure": (GATE.replace("measure", "#"), "gate[0].measure: is required"),
     "unknown measure": (
         GATE.replace("energy_drift", "energy"),
-        "gate[0].measure: no measure is named 'energy'",
+        "gate[0].measure: unknown measure 'energy'",
     ),
     "measure that is no text": (
         GATE.replace('"energy_drift"', "3"),
         "gate[0].measure: should be a valid string",
     ),
-    "order of nothing": (GATE.replace("energy_drift", "order.speed"), "no measure is named 'order.speed'"),
+    "order of nothing": (GATE.replace("energy_drift", "order.speed"), "unknown measure 'order.speed'"),
     "no bound": (
         GATE.replace("upper", "#"),
         "gate[0]: needs a bound: upper, lower, near with decades, or equals",
@@ -41,15 +41,15 @@ WRONG = {
     "bound that is text": (GATE.replace("1e-3", '"1e-3"'), "gate[0].upper: should be a valid number"),
     "bound that is no number": (GATE.replace("1e-3", "nan"), "gate[0].upper: should be a finite number"),
     "bounds crossed": (GATE + "lower = 1.0\n", "gate[0]: lower 1.0 is above upper 0.001"),
-    "near alone": (GATE.replace("upper", "near"), "gate[0]: near and decades belong together"),
-    "decades alone": (GATE + "decades = 1.0\n", "gate[0]: near and decades belong together"),
+    "near alone": (GATE.replace("upper", "near"), "gate[0]: near and decades must be given together"),
+    "decades alone": (GATE + "decades = 1.0\n", "gate[0]: near and decades must be given together"),
     "more decades than doubles have": (
         GATE.replace("upper = 1e-3", "near = 1.0\ndecades = 400.0"),
         "gate[0].decades: should be less than or equal to 300",
     ),
     "a step and a tolerance": (
         GATE + "dt_s = 0.1\ntolerance = 1e-6\n",
-        "gate[0]: dt_s and tolerance: a case is told one of them",
+        "gate[0]: dt_s and tolerance: a case has only one of them",
     ),
     "near and upper": (
         GATE + "near = 1.0\ndecades = 1.0\n",
@@ -62,19 +62,19 @@ WRONG = {
     "word for a number": (GATE.replace("upper = 1e-3", 'equals = "ok"'), "equals: energy_drift is a number"),
     "number for a word": (
         GATE.replace("energy_drift", "verdict"),
-        "verdict is a word: its bound is equals, one of",
+        "verdict is a word: use equals (available: ",
     ),
     "no such word": (
         '[[gate]]\nmeasure = "outcome"\nequals = "fine"\nreason = "r"\n',
-        "equals: outcome is never 'fine', but one of ok, unstable",
+        "equals: unknown outcome 'fine' (available: ok, unstable",
     ),
     "step of an order": (
         GATE.replace("energy_drift", "order.energy_drift") + "dt_s = 0.1\n",
-        "dt_s: order.energy_drift is of all steps together; leave it out",
+        "dt_s: order.energy_drift covers all steps; remove dt_s",
     ),
     "floor of an order": (
         GATE.replace("energy_drift", "order.energy_drift") + "floor = 0.1\n",
-        "floor: order.energy_drift has none",
+        "floor: does not apply to order.energy_drift",
     ),
     "step below 0": (GATE + "dt_s = -0.1\n", "gate[0].dt_s: should be greater than 0"),
     "floor below 0": (GATE + "floor = -0.1\n", "gate[0].floor: should be greater than or equal to 0"),
@@ -98,7 +98,7 @@ def test_all_errors_of_a_file_are_told_at_once() -> None:
     with pytest.raises(InputError) as refused:
         parse_gates(text, "t")
     assert str(refused.value).splitlines() == [
-        "t: gate[1].uper: is no key of this table",
+        "t: gate[1].uper: is not a key of this table",
         "t: gate[1]: needs a bound: upper, lower, near with decades, or equals",
         "t: gate[2].upper: should be a finite number (it is inf)",
     ]
@@ -150,13 +150,13 @@ def test_thresholds_stand_next_to_gates(tmp_path: Path) -> None:
     [
         (CHANGE + CHANGE, "change: energy_drift has more than one threshold"),
         (CHANGE.replace("0.05", "-0.05"), "change[0].threshold: "),
-        (CHANGE.replace("energy_drift", "beauty"), "change[0].measure: no measure is named 'beauty'"),
+        (CHANGE.replace("energy_drift", "beauty"), "change[0].measure: unknown measure 'beauty'"),
         (CHANGE.replace("energy_drift", "verdict"), "change[0].measure: verdict has no threshold"),
         (CHANGE.replace("energy_drift", "cpu_s"), "change[0].measure: cpu_s has no threshold"),
-        (CHANGE.replace("noisy", " "), "change[0].reason: must say why"),
+        (CHANGE.replace("noisy", " "), "change[0].reason: must give the reason"),
         (CHANGE.replace("[[change]]", "[change]"), "change: needs [[change]] tables, not one [change]"),
         (CHANGE + 'scenario = "x"\n', "change[0].scenario: "),
-        (CHANGE + "[other]\n", "other: is no key of this file: it has [[gate]] and [[change]] tables"),
+        (CHANGE + "[other]\n", "other: unknown key (a tolerance file has [[gate]] and [[change]] tables)"),
     ],
 )
 def test_a_wrong_threshold_is_refused_with_its_place_in_the_file(

@@ -106,11 +106,11 @@ def test_an_outcome_is_held_to_its_word(outcome: str) -> None:
 
 
 PATTERNS = {
-    "scenario": ({"scenario": "lake"}, "no scenario of the run is lake; it has brick"),
-    "engine": ({"engine": "mujoc"}, "no engine of the run is mujoc; it has mujoco"),
-    "method": ({"method": "RK4"}, "no method of the run is RK4; it has rk4"),
-    "step": ({"dt_s": 0.001}, "no step of the run is 0.001; it has dt 0.01 s"),
-    "tolerance": ({"tolerance": 1e-6}, "no step of the run is 1e-6; it has dt 0.01 s"),
+    "scenario": ({"scenario": "lake"}, "no scenario of the run matches lake (available: brick)"),
+    "engine": ({"engine": "mujoc"}, "no engine of the run matches mujoc (available: mujoco)"),
+    "method": ({"method": "RK4"}, "no method of the run matches RK4 (available: rk4)"),
+    "step": ({"dt_s": 0.001}, "no step of the run matches 0.001 (available: dt 0.01 s)"),
+    "tolerance": ({"tolerance": 1e-6}, "no step of the run matches 1e-6 (available: dt 0.01 s)"),
 }
 
 
@@ -127,7 +127,7 @@ def test_an_engine_that_is_not_there_is_told_with_its_reason() -> None:
     run = a_run([{}], engines={"dart": {"unavailable": "dart cannot be imported: no module"}})
     (result,) = held([gate(upper=1.0, engine="dart")], run)
     assert result.status == "nothing"
-    assert result.why.endswith("it has mujoco; dart cannot be imported: no module")
+    assert result.why.endswith("(available: mujoco); dart cannot be imported: no module")
 
 
 def test_a_run_of_nothing_passes_no_gate() -> None:
@@ -177,7 +177,7 @@ def test_a_method_without_a_row_of_its_own_does_not_pass_with_the_others() -> No
     cases = [{}, {"method": "euler", "outcome": "unsupported", "message": "no pivot"}]
     result = one(gate(measure="verdict", equals="converges"), *cases, methods=[{}])
     assert result.status == "failed"
-    assert [check.row.why for check in result.failed] == ["there is no verdict: no pivot"]
+    assert [check.row.why for check in result.failed] == ["no verdict: no pivot"]
 
 
 @pytest.mark.parametrize(

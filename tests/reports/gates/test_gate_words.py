@@ -12,14 +12,19 @@ import pytest
 from gated import a_run
 from rich.console import Console
 
-from bodycheck.errors import InputError
-from bodycheck.reports.gates import text
-from bodycheck.reports.gates.editing import edited
-from bodycheck.reports.gates.files import as_json, as_junit
+from bodycheck._util.errors import InputError
+from bodycheck.reports.gates import gate_output
 from bodycheck.reports.gates.gate import Gate, gate_of
-from bodycheck.reports.gates.measure import Measure, measure_of
-from bodycheck.reports.gates.proposal import Change, proposals
-from bodycheck.reports.gates.text import failure_rows, line_of, print_changes, print_results
+from bodycheck.reports.gates.gate_measure import Measure, measure_of
+from bodycheck.reports.gates.gate_output import (
+    as_json,
+    as_junit,
+    failure_rows,
+    line_of,
+    print_changes,
+    print_results,
+)
+from bodycheck.reports.gates.proposal import Change, edited, proposals
 from bodycheck.reports.gates.verdict import GateResult, held
 
 ERROR = "orientation_error_rad"
@@ -54,7 +59,7 @@ LINES = (
     f"{TITLES[0]}: 1 case; worst 1e-9, 1 decades within",
     f"{TITLES[1]}: 2 of 3 cases failed; worst 0.01, 1 decades beyond",
     f"{TITLES[2]}: 1 of 3 cases failed; worst failed",
-    f"{TITLES[3]}: measured nothing: no engine of the run is dart; it has mujoco",
+    f"{TITLES[3]}: measured nothing: no engine of the run matches dart (available: mujoco)",
 )
 
 
@@ -87,7 +92,7 @@ def test_a_case_is_told_by_its_step_its_tolerance_or_neither() -> None:
 def test_a_run_without_cases_has_none() -> None:
     """Nothing was measured, which never passes."""
     (result,) = held([gate(upper=1.0)], a_run([]))
-    assert (result.status, result.why) == ("nothing", "no scenario of the run is *; it has none")
+    assert (result.status, result.why) == ("nothing", "no scenario of the run matches * (available: none)")
 
 
 def test_each_row_that_failed_is_told_with_its_command() -> None:
@@ -135,7 +140,7 @@ def test_on_a_terminal_the_status_alone_is_coloured_and_no_line_is_broken(
     """Green where it passed, red else; a line that is longer than the terminal is left to that."""
     shown = StringIO()
     narrow = Console(file=shown, width=30, force_terminal=True, color_system="standard", highlight=False)
-    monkeypatch.setattr(text, "console", lambda: narrow)
+    monkeypatch.setattr(gate_output, "console", lambda: narrow)
     print_results(results())
     lines = shown.getvalue().splitlines()
     colours = ("\x1b[32mpassed ", "\x1b[31mfailed ", "\x1b[31mfailed ", "\x1b[31mnothing")
@@ -150,7 +155,7 @@ def test_on_a_terminal_the_status_alone_is_coloured_and_no_line_is_broken(
 
 
 def test_changes_are_told_with_what_was_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    """And how many gates are left as they are although they did not pass."""
+    """And how many gates are left unchanged although they did not pass."""
     changes = [
         Change(0, "upper", 1e-8, 2e-9, 1e-9, loosens=False),
         Change(1, "near", 1e-3, 1e-2, 1e-2, loosens=True),
@@ -160,12 +165,12 @@ def test_changes_are_told_with_what_was_measured(capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().out.splitlines() == [
         f"[0] {about} upper 1e-8 -> 2e-9; measured 1e-9, margin 0.3 decades",
         f"[1] {about} near 0.001 -> 0.01; measured 0.01; loosened",
-        "2 gates that did not pass left as they are: loosen with --loosen REASON",
+        "2 gates that did not pass left unchanged: loosen with --loosen REASON",
         "2 bounds replaced",
     ]
     both = [Change(1, key, 1e-3, 1e-2, 1e-2, loosens=True) for key in ("lower", "upper")]
     print_changes(both, results(), 0.3)
-    assert "2 gates that did not pass left as they are" in capsys.readouterr().out
+    assert "2 gates that did not pass left unchanged" in capsys.readouterr().out
     print_changes(changes[:1], results()[:1], 0.3)
     assert capsys.readouterr().out.splitlines()[1:] == ["1 bound replaced"]
 
@@ -207,7 +212,7 @@ def test_json_has_every_number_in_full() -> None:
     assert first["gate"]["upper"] == 1e-8
     assert "lower" not in first["gate"]
     assert [one["status"] for one in found["gates"]] == ["passed", "failed", "failed", "nothing"]
-    assert fourth["why"] == "no engine of the run is dart; it has mujoco"
+    assert fourth["why"] == "no engine of the run matches dart (available: mujoco)"
     assert first["rows"] == [
         {
             "scenario": "brick",
@@ -236,7 +241,7 @@ def test_json_has_every_number_in_full() -> None:
     [
         ("energy_drift", Measure("results", "energy_drift")),
         ("energy_drift_abs", Measure("results", "energy_drift_abs")),
-        ("step_change_rad", Measure("results", "step_change_rad")),
+        ("successive_difference_rad", Measure("results", "successive_difference_rad")),
         ("steps", Measure("results", "steps", in_decades=False)),
         ("rhs_evaluations", Measure("results", "rhs_evaluations", in_decades=False)),
         ("cpu_s", Measure("results", "cpu_s", is_speed=True)),
@@ -293,7 +298,7 @@ def test_a_verdict_is_of_all_quantities_unless_one_is_named(name: str, quantity:
 )
 def test_what_is_no_measure_is_refused_with_what_there_is(name: str) -> None:
     """The message names it and lists the others."""
-    with pytest.raises(ValueError, match=f"no measure is named '{name}'; there are the columns of"):
+    with pytest.raises(ValueError, match=rf"unknown measure '{name}' \(available: the columns"):
         measure_of(name)
 
 

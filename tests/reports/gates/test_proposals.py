@@ -8,10 +8,9 @@ from typing import Any
 import pytest
 from gated import a_run
 
-from bodycheck.errors import InputError
-from bodycheck.reports.gates.editing import edited
+from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.gate import gate_of, parse_gates
-from bodycheck.reports.gates.proposal import Change, proposals
+from bodycheck.reports.gates.proposal import Change, edited, proposals
 from bodycheck.reports.gates.verdict import held
 
 GATE = {"measure": "orientation_error_rad", "reason": "r"}

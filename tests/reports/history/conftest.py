@@ -4,7 +4,7 @@ import pytest
 from scenario_file import tumbling
 
 import bodycheck
-from bodycheck.reports.run import Run
+from bodycheck.reports.run_files.run_tables import Run
 
 
 @pytest.fixture(scope="session")

@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from bodycheck import cli
-from bodycheck.errors import InputError
-from bodycheck.reports.history.past import TOLD
+from bodycheck._util.errors import InputError
+from bodycheck.cli import commands
+from bodycheck.reports.history.baseline import TOLD
 from bodycheck.reports.history.queries import TABLES
-from bodycheck.reports.table_formats import as_parquet
+from bodycheck.reports.run_files.table_formats import as_parquet
 
 NAMES = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
 
@@ -39,7 +39,7 @@ def history(tmp_path: Path) -> Path:
 
 def asked(*words: str | Path) -> Result:
     """Return what `bodycheck history words` did in this process."""
-    return CliRunner().invoke(cli.app, ["history", *map(str, words)])
+    return CliRunner().invoke(commands.app, ["history", *map(str, words)])
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"run_id": "x"}', None])
@@ -56,7 +56,7 @@ def test_a_damaged_night_is_named_and_the_others_answer(
     assert done.exit_code == 1
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"{damaged}: ")
-    assert line.endswith("; this night is left out")
+    assert line.endswith("; this nightly run is left out")
     assert [name in done.stdout for name in NAMES] == [True, False, True]
 
 
@@ -67,7 +67,7 @@ def test_a_query_leaves_a_night_with_a_torn_table_out(history: Path, table: str)
     torn.write_bytes(torn.read_bytes()[:-10])
     sql = " UNION ALL ".join(f"SELECT run_id FROM {name}" for name in ("nights", *TABLES))
     done = asked("query", history, sql)
-    assert (done.exit_code, done.stderr) == (1, f"{torn}: is damaged; this night is left out\n")
+    assert (done.exit_code, done.stderr) == (1, f"{torn}: is damaged; this nightly run is left out\n")
     assert [done.stdout.count(name) for name in NAMES] == [5, 5, 0]
 
 

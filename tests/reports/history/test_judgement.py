@@ -12,16 +12,16 @@ import pandas as pd
 import pytest
 from made_nights import Change, run_of_night, slower, stored, unchanged
 
-from bodycheck.errors import InputError
-from bodycheck.reports.comparison.thresholds import Thresholds
-from bodycheck.reports.history.accepted import read_accepted
-from bodycheck.reports.history.judgement import Judgement
-from bodycheck.reports.history.nights import History
+from bodycheck._util.errors import InputError
+from bodycheck.reports.gates.thresholds import Thresholds
+from bodycheck.reports.history.accepted_levels import read_accepted
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import seal_night
+from bodycheck.reports.history.history_output import night_sentences
 from bodycheck.reports.history.queries import nights_table, query
-from bodycheck.reports.history.sums import seal_night
-from bodycheck.reports.history.words import night_sentences
-from bodycheck.reports.run import Run
-from bodycheck.reports.stored import read_tables
+from bodycheck.reports.history.regression import Judgement
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import Run
 
 pytestmark = pytest.mark.slow
 
@@ -69,7 +69,7 @@ def ended(outcome: str, method: str = "m1", dt_s: float = 0.01) -> Change:
 def told(judged: Judgement) -> list[tuple[str, str, str]]:
     """Return kind, what and status of each change."""
     assert judged.comparison is not None
-    return [(change.kind, change.what, change.status) for change in judged.comparison.changes]
+    return [(change.kind, change.quantity, change.status) for change in judged.comparison.changes]
 
 
 @pytest.fixture(scope="module")
@@ -94,9 +94,9 @@ def one_worse(night_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Histo
 
 
 def test_the_first_night_has_no_past_and_the_second_has(night_run: Run, tmp_path: Path) -> None:
-    """The past is too thin on the first; an unchanged second is no regression."""
+    """History is insufficient on the first; an unchanged second is no regression."""
     first, second = stored(night_run, tmp_path, [unchanged, unchanged])
-    assert (first.status, first.comparison) == ("past too thin", None)
+    assert (first.status, first.comparison) == ("insufficient history", None)
     assert second.status == "no regression"
     assert told(second) == []
 
@@ -130,7 +130,7 @@ def test_a_change_is_named_and_only_what_is_worse_fails(
         "m1",
         0.01,
     )
-    assert (change.what, change.status) == ("orientation_error_rad", status)
+    assert (change.quantity, change.status) == ("orientation_error_rad", status)
     assert judged.status == ("regression" if status == "worse" else "no regression")
 
 
@@ -158,7 +158,7 @@ def test_a_threshold_of_its_own_holds_for_the_nights_that_are_given_it(
     """Half of it moves, and what passes it is worse."""
     thresholds = Thresholds(0.2)
     nights = stored(night_run, tmp_path, map(scaled, (1.0, 1.1, 1.3)), thresholds=thresholds)
-    assert [judged.status for judged in nights] == ["past too thin", "no regression", "regression"]
+    assert [judged.status for judged in nights] == ["insufficient history", "no regression", "regression"]
 
 
 def test_a_history_without_levels_is_compared_with_what_was_measured(
@@ -176,7 +176,7 @@ def test_a_change_is_told_once(night_run: Run, tmp_path: Path) -> None:
     """The night after is compared with the night that told it."""
     worse = planted("energy_drift", 0.1)
     nights = stored(night_run, tmp_path, [unchanged, worse, worse])
-    assert [judged.status for judged in nights] == ["past too thin", "regression", "no regression"]
+    assert [judged.status for judged in nights] == ["insufficient history", "regression", "no regression"]
 
 
 def test_what_is_not_measured_any_more_is_a_regression(night_run: Run, tmp_path: Path) -> None:
@@ -250,7 +250,7 @@ def test_a_slower_engine_is_told_and_then_usual(night_run: Run, tmp_path: Path) 
 def test_nights_of_other_machines_are_another_past(night_run: Run, two_nights: Path) -> None:
     """Two classes of machines share a folder, and each night is compared with its own."""
     (other,) = stored(night_run, two_nights, [planted("energy_drift", 0.1)], first=2, cpu="another processor")
-    assert other.status == "past too thin"
+    assert other.status == "insufficient history"
     (mine,) = stored(night_run, two_nights, [unchanged], first=3)
     assert mine.status == "no regression"
     assert mine.comparison is not None
@@ -258,11 +258,11 @@ def test_nights_of_other_machines_are_another_past(night_run: Run, two_nights: P
 
 
 def test_a_scenario_that_means_another_thing_is_not_compared(night_run: Run, two_nights: Path) -> None:
-    """Where no scenario is what it was, there is nothing to compare with: the past is too thin."""
+    """Where no scenario is what it was, there is nothing to compare with: insufficient history."""
     known = night_run.manifest["scenarios"]
     longer = {name: {**scenario, "duration_s": 2.0} for name, scenario in known.items()}
     (judged,) = stored(night_run, two_nights, [slower_all], first=2, scenarios=longer)
-    assert judged.status == "past too thin"
+    assert judged.status == "insufficient history"
     assert judged.comparison is not None
     assert set(judged.comparison.redefined) == {"slow", "quick"}
     assert float(np.nanmax(np.abs(judged.speeds.series.decades))) == 0.0
@@ -298,7 +298,7 @@ def test_a_night_keeps_all_that_was_measured_and_told(night_run: Run, one_worse:
         *(1, 0, 0, 0),
     ]
     (change,) = pd.read_csv(night / "changes.csv").to_dict("records")
-    assert (change["what"], change["method"], change["fineness"]) == ("energy_drift", "m1", 0.01)
+    assert (change["quantity"], change["method"], change["fineness"]) == ("energy_drift", "m1", 0.01)
     for page in ("night.html", "report.html", "night.md"):
         assert "m1" in (night / page).read_text()
 
@@ -323,7 +323,7 @@ def test_a_history_is_asked_in_sql(night_run: Run, one_worse: History) -> None:
         "methods": 2 * len(night_run.methods),
         "stability": 2 * len(night_run.stability),
     }
-    assert nights_table(one_worse.nights())["status"].tolist() == ["past too thin", "regression"]
+    assert nights_table(one_worse.nights())["status"].tolist() == ["insufficient history", "regression"]
 
 
 @pytest.mark.parametrize("sql", ["SELECT * FROM absent", "SELEC", ""])

@@ -12,10 +12,10 @@ import pandas as pd
 import pytest
 from gated import a_run
 
-from bodycheck.reports.case import CaseResult
-from bodycheck.reports.history import judgement
-from bodycheck.reports.history.judgement import Judgement, judge_night
-from bodycheck.reports.stored import Tables
+from bodycheck.reports.history import regression
+from bodycheck.reports.history.regression import Judgement, judge_night
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.run_files.run_reader import Tables
 
 ERROR = "orientation_error_rad"
 COLUMNS = ["engine", "method", "scenario", "control", "dt_s", "tolerance", "relative_cpu", ERROR]
@@ -65,8 +65,8 @@ def judged_after(
         return pd.concat(well) if well else pd.DataFrame(columns=["night", *COLUMNS])
 
     past = SimpleNamespace(nights=list(before))
-    monkeypatch.setattr(judgement, "past_of", lambda _, manifest: past if manifest else None)
-    monkeypatch.setattr(judgement, "recorded_cases", recorded)
+    monkeypatch.setattr(regression, "past_of", lambda _, manifest: past if manifest else None)
+    monkeypatch.setattr(regression, "recorded_cases", recorded)
     return judge_night(None, tonight)  # type: ignore[arg-type]
 
 
@@ -83,13 +83,13 @@ WORSE = {ERROR: 1e-6}
 @pytest.mark.parametrize(
     ("nights", "status"),
     [
-        ((tables(0),), "past too thin"),
+        ((tables(0),), "insufficient history"),
         ((tables(0), tables(1)), "no regression"),
         ((tables(0), tables(1, WORSE)), "regression"),
         ((tables(0, WORSE), tables(1)), "no regression"),
         ((tables(0), tables(1, FAILED)), "nothing measured"),
         ((tables(0), tables(1, FAILED, {"dt_s": 0.02})), "regression"),
-        ((tables(0), tables(1, {"method": "euler"})), "past too thin"),
+        ((tables(0), tables(1, {"method": "euler"})), "insufficient history"),
         ((tables(0, {}, {"dt_s": 0.02}), tables(1)), "regression"),
         ((tables(0), tables(1, {}, {"dt_s": 0.02})), "no regression"),
         ((tables(0, {"omega_error": 1.0}), tables(1)), "regression"),
@@ -170,7 +170,7 @@ def test_each_measure_has_its_own_level(monkeypatch: pytest.MonkeyPatch) -> None
     ]
     found = judged(*nights, monkeypatch=monkeypatch)
     assert found.comparison is not None
-    assert [(one.what, one.status, one.before) for one in found.comparison.changes] == [
+    assert [(one.quantity, one.status, one.before) for one in found.comparison.changes] == [
         ("omega_error", "worse", 1e-3)
     ]
 

@@ -9,9 +9,15 @@ import pandas as pd
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.history.judgement import _farthest
-from bodycheck.reports.history.levels import Step, least_told, level_steps, usual_spread
-from bodycheck.reports.history.series import Series, series_of
+from bodycheck.reports.history.regression import _farthest
+from bodycheck.reports.history.step_detection import (
+    Series,
+    Step,
+    detect_steps,
+    pooled_spread,
+    series_of,
+    smallest_detectable_step,
+)
 
 LEAST = math.log10(1.08)
 
@@ -27,25 +33,25 @@ def test_without_noise_a_step_is_told_beyond_a_twelfth(
     size: float, told: int, sign: float, told_on: int
 ) -> None:
     """Up on the fifth night of the new level, down on the third, with its first night and its size."""
-    (found,) = level_steps(column((0.0, 10), (sign * size, 6)))
-    assert [(step.first, step.told) for step in found] == told * [(10, told_on)]
+    (found,) = detect_steps(column((0.0, 10), (sign * size, 6)))
+    assert [(step.first, step.detected_at) for step in found] == told * [(10, told_on)]
     assert [step.size for step in found] == pytest.approx(told * [sign * size])
 
 
 def test_each_step_is_told_once_and_from_its_own_level_on() -> None:
     """Up by a half after 9 nights, and back after 10 more; what was before a step counts no more."""
-    (found,) = level_steps(column((0.0, 9), (0.5, 10), (0.0, 6)))
+    (found,) = detect_steps(column((0.0, 9), (0.5, 10), (0.0, 6)))
     assert found == [Step(9, 13, 0.5), Step(19, 21, -0.5)]
 
 
 def test_the_first_night_that_can_tell_is_the_thirteenth() -> None:
     """Eight nights before and five after; a night without a figure tells nothing, and shifts no other."""
-    (found,) = level_steps(column((0.0, 8), (0.5, 5)))
+    (found,) = detect_steps(column((0.0, 8), (0.5, 5)))
     assert found == [Step(8, 12, 0.5)]
-    assert level_steps(column((0.0, 7), (0.5, 5))) == [[]]
+    assert detect_steps(column((0.0, 7), (0.5, 5))) == [[]]
     holed = np.insert(column((0.0, 8), (0.5, 5)), 2, math.nan, axis=0)
-    assert level_steps(holed) == [[Step(9, 13, 0.5)]]
-    assert level_steps(np.append(holed, [[math.nan]], axis=0)) == [[Step(9, 13, 0.5)]]
+    assert detect_steps(holed) == [[Step(9, 13, 0.5)]]
+    assert detect_steps(np.append(holed, [[math.nan]], axis=0)) == [[Step(9, 13, 0.5)]]
 
 
 def test_one_quick_night_shows_that_a_method_is_not_slower() -> None:
@@ -53,18 +59,18 @@ def test_one_quick_night_shows_that_a_method_is_not_slower() -> None:
     for quickest, told in ((1.001 * LEAST, 1), (0.999 * LEAST, 0)):
         series = column((0.0, 8), (0.5, 5))
         series[10, 0] = quickest
-        assert [len(steps) for steps in level_steps(series)] == [told]
+        assert [len(steps) for steps in detect_steps(series)] == [told]
     for slow, told in (([9, 11], 1), ([9, 11, 12], 0)):
         series = column((0.0, 8), (-0.5, 5))
         series[slow, 0] = 0.3
-        assert [len(steps) for steps in level_steps(series)] == [told]
+        assert [len(steps) for steps in detect_steps(series)] == [told]
 
 
 def test_a_method_that_became_quicker_is_told_so_whatever_disturbs_two_of_its_nights() -> None:
     """Even where the two disturbed ones, and the least quick one, lie closest together."""
     series = column((0.0, 8), (0.0, 5))
     series[8:, 0] = [-0.5, -0.3, -0.1, 0.0, 0.01]
-    assert level_steps(series) == [[Step(8, 12, -0.1)]]
+    assert detect_steps(series) == [[Step(8, 12, -0.1)]]
 
 
 def test_disturbed_nights_before_are_not_the_level() -> None:
@@ -72,11 +78,11 @@ def test_disturbed_nights_before_are_not_the_level() -> None:
     for disturbed, told in ((9, 1), (11, 0)):
         series = column((0.0, 20), (0.1, 5))
         series[1 : 1 + disturbed, 0] = 0.3
-        assert [len(steps) for steps in level_steps(series)] == [told]
+        assert [len(steps) for steps in detect_steps(series)] == [told]
     for sign in (1.0, -1.0):
         series = column((0.0, 20), (sign * 0.1, 5))
         series[7, 0] = -0.2
-        assert [len(steps) for steps in level_steps(series)] == [int(sign > 0.0)]
+        assert [len(steps) for steps in detect_steps(series)] == [int(sign > 0.0)]
 
 
 def test_the_night_after_has_no_say_in_what_is_usual() -> None:
@@ -84,9 +90,11 @@ def test_the_night_after_has_no_say_in_what_is_usual() -> None:
     rng = np.random.default_rng(5)
     series = 0.01 * rng.normal(size=(24, 30))
     series[12:] += rng.uniform(0.02, 0.08, 30)
-    late = level_steps(series)
+    late = detect_steps(series)
     for cut in range(8, 24):
-        assert level_steps(series[:cut]) == [[one for one in steps if one.told < cut] for steps in late]
+        assert detect_steps(series[:cut]) == [
+            [one for one in steps if one.detected_at < cut] for steps in late
+        ]
 
 
 def test_the_usual_spread_is_the_median_over_the_methods() -> None:
@@ -94,26 +102,26 @@ def test_the_usual_spread_is_the_median_over_the_methods() -> None:
     steps = np.arange(30.0)[:, None] * np.array([0.01, 0.03, 0.02])
     # eleven of twenty nights, a step apart, and the factor for so few
     expected = 0.5 * 10.0 * 0.02 / 0.6745 * (1.0 + 5.0 / 19.0)
-    assert usual_spread(steps, [[]] * 3) == pytest.approx(expected)
+    assert pooled_spread(steps, [[]] * 3) == pytest.approx(expected)
     steps[:5] = steps[25:] = 7.0
-    assert usual_spread(steps, [[]] * 3) == pytest.approx(expected)
+    assert pooled_spread(steps, [[]] * 3) == pytest.approx(expected)
     unmeasured = np.insert(steps, 1, math.nan, axis=1)
-    assert usual_spread(unmeasured, [[]] * 4) == pytest.approx(expected)
+    assert pooled_spread(unmeasured, [[]] * 4) == pytest.approx(expected)
     # of a method that moved only what came after counts, once it is long enough
-    assert usual_spread(steps, [[], [Step(17, 21, 1.0)], []]) == pytest.approx(
+    assert pooled_spread(steps, [[], [Step(17, 21, 1.0)], []]) == pytest.approx(
         np.median(
             [0.5 * 0.01 * 10.0 * (1.0 + 5.0 / 19.0), 0.5 * 0.03 * 4.0 * (1.0 + 5.0 / 7.0), expected * 0.6745]
         )
         / 0.6745
     )
-    assert usual_spread(steps, [[Step(18, 22, 1.0)]] * 3) == 0.0
+    assert pooled_spread(steps, [[Step(18, 22, 1.0)]] * 3) == 0.0
 
 
 def test_what_is_sure_to_be_told_is_the_edge_and_what_chance_does() -> None:
     """max(8 %, 2.5 sigma) + 3.5 sigma."""
-    assert least_told(0.1) == pytest.approx(0.6)
-    assert least_told(0.001) == pytest.approx(LEAST + 0.0035)
-    assert least_told(0.0) == LEAST
+    assert smallest_detectable_step(0.1) == pytest.approx(0.6)
+    assert smallest_detectable_step(0.001) == pytest.approx(LEAST + 0.0035)
+    assert smallest_detectable_step(0.0) == LEAST
 
 
 def test_a_step_is_told_beyond_two_and_a_half_sigma() -> None:
@@ -122,10 +130,10 @@ def test_a_step_is_told_beyond_two_and_a_half_sigma() -> None:
     for factor, told in ((0.999, 0), (1.001, 1)):
         series = np.zeros((25, 4))
         series[:20, 1:] = spread[:, None]
-        edge = 2.5 * usual_spread(series, [[]] * 4)
+        edge = 2.5 * pooled_spread(series, [[]] * 4)
         assert edge > LEAST
         series[20:, 0] = factor * edge
-        assert [len(steps) for steps in level_steps(series)] == [told, 0, 0, 0]
+        assert [len(steps) for steps in detect_steps(series)] == [told, 0, 0, 0]
 
 
 # ------------------------------------------------------------------------------------------------- series

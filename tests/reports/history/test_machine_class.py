@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from bodycheck.reports.history.machine_class import machine_class
+from bodycheck.reports.history.baseline import machine_class
 
 MANIFEST: dict[str, Any] = {
     "cpu": "a processor",

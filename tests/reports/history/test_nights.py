@@ -10,8 +10,8 @@ import pytest
 from full_disk import no_file_longer_than
 from storing_nights import name, write, write_and_die, write_some
 
-from bodycheck.errors import InputError
-from bodycheck.reports.history.nights import History
+from bodycheck._util.errors import InputError
+from bodycheck.reports.history.archive import History
 
 
 def test_nights_are_in_the_order_in_which_they_began(tmp_path: Path) -> None:
@@ -108,5 +108,5 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(tmp_path: Path) -> No
 def test_a_history_without_nights_cannot_be_asked(tmp_path: Path) -> None:
     """Neither can a folder that is not there; the line says how a night is stored."""
     for folder in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(InputError, match="holds no night; `bodycheck nightly --history"):
+        with pytest.raises(InputError, match="no nightly runs; `bodycheck nightly --history"):
             History.existing(folder)

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from made_nights import run_of_night, stored, unchanged
 
-from bodycheck.errors import InputError
-from bodycheck.night import store_night
-from bodycheck.reports.history.nights import History
-from bodycheck.reports.history.past import told_of
+from bodycheck._util.errors import InputError
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import told_of
 from bodycheck.reports.history.queries import query
-from bodycheck.reports.run import Run
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.nightly_run import store_night
 
 pytestmark = pytest.mark.slow
 
@@ -26,7 +26,7 @@ def test_night_that_cannot_be_judged_is_stored(night_run: Run, tmp_path: Path) -
     with pytest.raises(InputError, match="is damaged"):
         store_night(run_of_night(night_run, 1, outcomes={"ok": 1}), History(tmp_path))
     nights = History(tmp_path).nights()
-    assert [told_of(night)["status"] for night in nights] == ["past too thin", "not judged"]
+    assert [told_of(night)["status"] for night in nights] == ["insufficient history", "not judged"]
     (judged,) = stored(night_run, tmp_path, [unchanged], first=2)
     assert judged.comparison is not None
     assert judged.comparison.before.run_id == nights[0].name
@@ -41,7 +41,7 @@ def test_fault_of_judging_costs_no_night(
     def broken(*_: object) -> None:
         raise TypeError("nobody expected this")
 
-    monkeypatch.setattr("bodycheck.night.judge_night", broken)
+    monkeypatch.setattr("bodycheck.runs.nightly_run.judge_night", broken)
     with pytest.raises(TypeError) as raised:
         stored(night_run, tmp_path, [unchanged])
     (night,) = History(tmp_path).nights()

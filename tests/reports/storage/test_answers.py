@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodycheck.adapters import protocol
 from bodycheck.adapters.contract import Build, BuildKind, Engine, Setting
-from bodycheck.adapters.drive import Case, record
-from bodycheck.adapters.host import Hosts
+from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.stable_step import Search
-from bodycheck.reference_impl.scene import BlackBox, RigidBody, Scene, State
-from bodycheck.reports.storage.answers import Answers
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.storage.journal import Journal
-from bodycheck.reports.storage.reuse import Reuse
+from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
+from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.cache.journal import Journal
+from bodycheck.reports.cache.reuse import Reuse
 
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
 SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (), np.zeros(3), 1.0, 3)
@@ -29,8 +29,8 @@ ENGINE = Engine("counted", "1", {}, Build("c0de", "installed"))
 GOOD = protocol.answer_message(record(Reference(), CASE))
 
 
-class Counting(Hosts):
-    """Hosts of an engine that says the same to everybody, and counts how often."""
+class Counting(EnginePool):
+    """EnginePool of an engine that says the same to everybody, and counts how often."""
 
     def __init__(self, said: dict[str, Any]) -> None:
         super().__init__()
@@ -44,10 +44,10 @@ class Counting(Hosts):
 
 def asked_twice(said: dict[str, Any], cache: Cache | None, engine: Engine = ENGINE) -> int:
     """Return how often an engine is asked in two runs of the same case."""
-    hosts = Counting(said)
-    first, again = (Answers(None, cache, 1.0).ask(hosts, engine, CASE) for _ in range(2))
+    engine_pool = Counting(said)
+    first, again = (Answers(None, cache, 1.0).ask(engine_pool, engine, CASE) for _ in range(2))
     assert (first.outcome, first.message) == (again.outcome, again.message)
-    return hosts.asked
+    return engine_pool.asked
 
 
 SHORT = {**GOOD, "trajectory": {**GOOD["trajectory"], "t_s": protocol.packed(np.zeros(2))}}
@@ -111,7 +111,7 @@ def test_search_that_is_none_is_a_failure_with_a_reason(what: str) -> None:
 @pytest.mark.parametrize("seconds", [10**400, 1e308, -1.0, float("nan"), "1", None, True, []])
 def test_lap_that_is_none_is_refused(seconds: Any) -> None:
     """Nothing but a finite time, of a length that a person can wait for, counts as one."""
-    with pytest.raises(protocol.ProtocolError, match="a lap that is none: cpu_s"):
+    with pytest.raises(protocol.ProtocolError, match="invalid lap: cpu_s"):
         protocol.lap_of({"outcome": "ok", "cpu_s": seconds})
 
 
@@ -156,12 +156,12 @@ def test_answers_are_reused_of_those_engines_alone_that_a_run_allows(
     kind: BuildKind, reuse: Reuse, tmp_path: Path
 ) -> None:
     """By default those that are installed; on request all, but never an object of the run's own process."""
-    hosts, engine = Counting(GOOD), replace(ENGINE, build=Build("c0de", kind))
-    Answers(None, Cache(tmp_path), 1.0).ask(hosts, engine, CASE)
-    answer = Answers(None, Cache(tmp_path), 1.0, reuse=reuse).ask(hosts, engine, CASE)
+    engine_pool, engine = Counting(GOOD), replace(ENGINE, build=Build("c0de", kind))
+    Answers(None, Cache(tmp_path), 1.0).ask(engine_pool, engine, CASE)
+    answer = Answers(None, Cache(tmp_path), 1.0, reuse=reuse).ask(engine_pool, engine, CASE)
     allowed = kind in REUSES.get(reuse, KINDS[:3])
     assert answer.reused is allowed
-    assert hosts.asked == (1 if allowed else 2)
+    assert engine_pool.asked == (1 if allowed else 2)
 
 
 @pytest.mark.parametrize(("said", "asked"), [({}, 1), ({"build": "c0de"}, 1), ({"build": "0dd"}, 2)])
@@ -178,14 +178,14 @@ def test_an_answer_of_another_build_than_was_announced_is_not_kept(
 @pytest.mark.parametrize("cached", [False, True])
 def test_a_run_that_goes_on_knows_which_answers_were_its_own(cached: bool, tmp_path: Path) -> None:
     """An answer of its journal is reused where an earlier run gave it, and not where itself did."""
-    cache, hosts = Cache(tmp_path / "cache"), Counting(GOOD)
+    cache, engine_pool = Cache(tmp_path / "cache"), Counting(GOOD)
     if cached:
-        Answers(None, cache, 1.0, run_id="earlier").ask(hosts, ENGINE, CASE)
+        Answers(None, cache, 1.0, run_id="earlier").ask(engine_pool, ENGINE, CASE)
     for _ in range(2):
         with Journal(tmp_path / "journal") as journal:
-            answer = Answers(journal, cache, 1.0, run_id="this").ask(hosts, ENGINE, CASE)
+            answer = Answers(journal, cache, 1.0, run_id="this").ask(engine_pool, ENGINE, CASE)
         assert answer.reused is cached
-    assert hosts.asked == 1
+    assert engine_pool.asked == 1
 
 
 CHANGES: dict[str, tuple[Engine, Case]] = {
@@ -207,12 +207,12 @@ CHANGES: dict[str, tuple[Engine, Case]] = {
 @pytest.mark.parametrize("what", CHANGES)
 def test_a_change_of_anything_is_asked_anew(what: str, tmp_path: Path) -> None:
     """Neither the cache nor the journal takes another engine's or another case's answer for this one."""
-    hosts, (engine, case) = Counting(GOOD), CHANGES[what]
+    engine_pool, (engine, case) = Counting(GOOD), CHANGES[what]
     with Journal(tmp_path / "journal") as journal:
-        Answers(journal, Cache(tmp_path), 1.0).ask(hosts, ENGINE, CASE)
+        Answers(journal, Cache(tmp_path), 1.0).ask(engine_pool, ENGINE, CASE)
     with Journal(tmp_path / "journal") as journal:
-        Answers(journal, Cache(tmp_path), 1.0).ask(hosts, engine, case)
-    assert hosts.asked == 2
+        Answers(journal, Cache(tmp_path), 1.0).ask(engine_pool, engine, case)
+    assert engine_pool.asked == 2
 
 
 def test_a_fresh_run_asks_anew_and_what_it_hears_counts_from_then_on(tmp_path: Path) -> None:
@@ -227,29 +227,29 @@ def test_a_fresh_run_asks_anew_and_what_it_hears_counts_from_then_on(tmp_path: P
 @pytest.mark.parametrize("what", [*LASTING, *PASSING])
 def test_a_run_that_goes_on_asks_nothing_twice(what: str, tmp_path: Path) -> None:
     """Whatever was answered, failures too, is in the run's journal, and is read as it was at first."""
-    hosts = Counting({**LASTING, **PASSING}[what])
+    engine_pool = Counting({**LASTING, **PASSING}[what])
     endings = []
     for _ in range(2):
         with Journal(tmp_path / "journal") as journal:
-            answer = Answers(journal, None, 1.0).ask(hosts, ENGINE, CASE)
+            answer = Answers(journal, None, 1.0).ask(engine_pool, ENGINE, CASE)
             endings.append((answer.outcome, answer.message))
-    assert hosts.asked == 1
+    assert engine_pool.asked == 1
     assert endings[0] == endings[1]
 
 
 @pytest.mark.parametrize("fresh", [False, True])
 def test_a_run_that_goes_on_needs_no_cache_for_what_it_had_from_there(fresh: bool, tmp_path: Path) -> None:
     """An answer that came from the cache is in the journal, whole: the cache may be pruned or removed."""
-    cache, hosts = Cache(tmp_path / "cache"), Counting(GOOD)
-    Answers(None, cache, 1.0).ask(hosts, ENGINE, CASE)
+    cache, engine_pool = Cache(tmp_path / "cache"), Counting(GOOD)
+    Answers(None, cache, 1.0).ask(engine_pool, ENGINE, CASE)
     with Journal(tmp_path / "journal") as journal:
-        first = Answers(journal, cache.write_only() if fresh else cache, 1.0).ask(hosts, ENGINE, CASE)
-    asked = hosts.asked
+        first = Answers(journal, cache.write_only() if fresh else cache, 1.0).ask(engine_pool, ENGINE, CASE)
+    asked = engine_pool.asked
     assert asked == (2 if fresh else 1)
     shutil.rmtree(tmp_path / "cache")
     with Journal(tmp_path / "journal") as journal:
-        again = Answers(journal, cache, 1.0).ask(hosts, ENGINE, CASE)
-    assert hosts.asked == asked
+        again = Answers(journal, cache, 1.0).ask(engine_pool, ENGINE, CASE)
+    assert engine_pool.asked == asked
     assert protocol.answer_message(again) == protocol.answer_message(first)
 
 
@@ -275,35 +275,35 @@ def test_a_search_that_an_engine_would_answer_again_is_asked_once(
     said: dict[str, Any], tmp_path: Path
 ) -> None:
     """The second run has it from the cache; another limit of the search is another search."""
-    hosts, answers = Counting(said), Answers(None, Cache(tmp_path), 1.0)
-    first, again = (answers.search(hosts, ENGINE, SEARCH) for _ in range(2))
+    engine_pool, answers = Counting(said), Answers(None, Cache(tmp_path), 1.0)
+    first, again = (answers.search(engine_pool, ENGINE, SEARCH) for _ in range(2))
     assert first == replace(again, reused=False)
     assert again.reused
-    assert hosts.asked == 1
-    answers.search(hosts, ENGINE, replace(SEARCH, highest_s=3.0))
-    answers.ask(hosts, ENGINE, CASE)
-    assert hosts.asked == 3
+    assert engine_pool.asked == 1
+    answers.search(engine_pool, ENGINE, replace(SEARCH, highest_s=3.0))
+    answers.ask(engine_pool, ENGINE, CASE)
+    assert engine_pool.asked == 3
 
 
 @pytest.mark.parametrize("said", [{}, {"outcome": "failed", "message": "it crashed"}, {"outcome": "ok"}])
 def test_a_search_that_failed_is_asked_again_by_another_run(said: dict[str, Any], tmp_path: Path) -> None:
     """It is a failure with a reason."""
-    hosts = Counting(said)
+    engine_pool = Counting(said)
     for _ in range(2):
-        found = Answers(None, Cache(tmp_path), 1.0).search(hosts, ENGINE, SEARCH)
+        found = Answers(None, Cache(tmp_path), 1.0).search(engine_pool, ENGINE, SEARCH)
         assert found.outcome == "failed"
         assert found.message
-    assert hosts.asked == 2
+    assert engine_pool.asked == 2
 
 
 def test_what_a_function_did_is_asked_for_again(tmp_path: Path) -> None:
     """Its code may change under its name, between two runs as before one goes on: nothing of it is kept."""
-    load = BlackBox("loads:f", lambda t, x, r, v, w: (-v, -w))  # noqa: ARG005 - the contract's arguments
-    case, hosts = replace(CASE, scene=replace(SCENE, loads=(load,))), Counting(GOOD)
+    load = CallbackLoad("loads:f", lambda t, x, r, v, w: (-v, -w))  # noqa: ARG005 - the contract's arguments
+    case, engine_pool = replace(CASE, scene=replace(SCENE, loads=(load,))), Counting(GOOD)
     for _ in range(2):
         with Journal(tmp_path / "journal") as journal:
             answers = Answers(journal, Cache(tmp_path), 1.0)
-            assert answers.ask(hosts, ENGINE, case).outcome == "ok"
+            assert answers.ask(engine_pool, ENGINE, case).outcome == "ok"
             assert answers.laps(ENGINE, case) is None
             answers.keep_laps(ENGINE, case, {"cpu_s": [0.5]})
-    assert hosts.asked == 2
+    assert engine_pool.asked == 2

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from full_disk import no_file_longer_than
 
-from bodycheck.reference_impl import truth
-from bodycheck.reference_impl.bounded_motion import Truth
+from bodycheck._util.checksummed_json import sealed
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
-from bodycheck.reference_impl.seal import sealed
-from bodycheck.reports.storage import truths
-from bodycheck.reports.storage.cache import Cache
-from bodycheck.reports.storage.sealed import key_of
-from bodycheck.reports.storage.truths import is_known, known_truth
+from bodycheck.reference_impl.truth import certification as truth
+from bodycheck.reference_impl.truth.truth import Truth
+from bodycheck.reports.cache import truths
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.cache.entries import key_of
+from bodycheck.reports.cache.truths import is_known, known_truth
 
 KEY, OTHER = key_of(case=1), key_of(case=2)
 MESSAGE = {"outcome": "ok", "message": "as it was"}
@@ -143,7 +143,7 @@ def test_pruning_keeps_to_its_size_by_removing_the_longest_unused(
     for age, key in enumerate(keys):
         cache.put(key, MESSAGE)
         os.utime(place_of(tmp_path, key), (1000.0 - age, 1000.0 - age))
-    monkeypatch.setattr("bodycheck.reports.storage.cache._MOST_BYTES", 2 * size)
+    monkeypatch.setattr("bodycheck.reports.cache.disk_cache._MOST_BYTES", 2 * size)
     cache.prune(now_s=1000.0)
     assert [key for key in keys if place_of(tmp_path, key).exists()] == keys[:2]
 

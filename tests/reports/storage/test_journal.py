@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from full_disk import no_file_longer_than
 
-from bodycheck.errors import InputError
-from bodycheck.reference_impl.seal import opened, sealed
-from bodycheck.reports.storage.journal import Journal
-from bodycheck.reports.storage.sealed import key_of
+from bodycheck._util.checksummed_json import opened, sealed
+from bodycheck._util.errors import InputError
+from bodycheck.reports.cache.entries import key_of
+from bodycheck.reports.cache.journal import Journal
 
 ENTRIES: dict[str, dict[str, Any]] = {
     "a": {"outcome": "ok", "trajectory": "x" * 300},
@@ -101,7 +101,7 @@ def test_a_full_disk_leaves_what_was_written_and_no_half_line(room: int, torn: b
 def test_a_second_process_is_told_that_the_journal_is_in_use(tmp_path: Path) -> None:
     """One process at a time holds it; the other gets one line, and neither harms what is written."""
     path = tmp_path / "journal"
-    code = "import sys; from pathlib import Path; from bodycheck.reports.storage.journal import Journal; "
+    code = "import sys; from pathlib import Path; from bodycheck.reports.cache.journal import Journal; "
     words = [sys.executable, "-c", f"{code} Journal(Path({str(path)!r}))"]
     with Journal(path) as journal:
         journal.put("a", ENTRIES["a"])
@@ -109,7 +109,7 @@ def test_a_second_process_is_told_that_the_journal_is_in_use(tmp_path: Path) -> 
         journal.put("b", ENTRIES["b"])
     assert done.returncode == 1
     last_line = done.stderr.splitlines()[-1]
-    assert last_line.endswith(f"InputError: {path}: another process is at work on this run")
+    assert last_line.endswith(f"InputError: {path}: another process is using this run")
     assert subprocess.run(words, check=False).returncode == 0
     assert held(path) == {key: ENTRIES[key] for key in "ab"}
 

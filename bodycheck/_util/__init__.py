@@ -1,0 +1,1 @@
+"""Helpers without mechanics, which every package may import."""

@@ -1,0 +1,45 @@
+"""The folder of compiled kernels: another one for other sources, or another compiler."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from bodycheck._util.cache_dir import cache_home, folder_for_this_command
+from bodycheck._util.file_digests import digest_of
+from bodycheck._util.platform_identity import compiler
+
+_PROBE = bytes(1 << 16)  # on a full disk a file can be created but not written
+KERNELS_FOR_NOW = "BODYCHECK_KERNELS_FOR_NOW"
+"""Passes the temporary folder that replaces the user's to child processes."""
+
+
+@cache
+def cache_directory() -> Path:
+    """Return the folder of compiled kernels, named by a hash of reference_impl's sources and the compiler.
+
+    numba's own cache keeps using an old callee when only the callee's file has changed, so a change in any
+    file of reference_impl starts an empty folder. numba's cache distinguishes numba's version and the
+    processor, but not a patched numba, another llvmlite, or another NUMBA_OPT: these start an empty folder
+    too. ``BODYCHECK_CACHE_DIR`` moves the folder. If it cannot be written, print a warning and return a
+    temporary folder, which is removed when this process ends: numba by itself would write next to the
+    sources, where changed callees go unnoticed, or give up.
+    """
+    if for_now := os.environ.get(KERNELS_FOR_NOW):
+        return Path(for_now)
+    sources = digest_of(Path(__file__).parents[1] / "reference_impl")
+    made_of = f"{sources} {compiler()}"
+    kept = cache_home() / "kernels" / hashlib.sha256(made_of.encode()).hexdigest()[:16]
+    try:
+        kept.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=kept, buffering=0) as probe:
+            if probe.write(_PROBE) == len(_PROBE):
+                return kept
+        why = os.strerror(errno.ENOSPC)
+    except OSError as error:
+        why = error.strerror or str(error)
+    return folder_for_this_command(f"{cache_home()}: cannot be written: {why}", KERNELS_FOR_NOW)

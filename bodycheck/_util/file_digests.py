@@ -1,0 +1,131 @@
+"""Hashes of file contents, cached until a file changes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from bodycheck._util.cache_dir import cache_home
+from bodycheck._util.checksummed_json import opened, sealed
+
+_RACY_NS = 2_000_000_000
+"""A file modified this recently may change again within one time stamp: FAT has a resolution of 2 s."""
+
+Entry = tuple[str, os.stat_result]
+"""A path and its os.stat_result."""
+Wanted = Callable[[str], bool]
+
+
+def files_below(folder: str, wanted: Wanted = lambda name: True) -> dict[str, Entry]:  # noqa: ARG005
+    """Return relative path -> entry of the files in and below a folder whose names are wanted.
+
+    Skips __pycache__, hidden folders, and files that vanish or cannot be read.
+    """
+    begin = len(folder) + 1  # faster than os.path.relpath, which would take half of the time
+    return {path[begin:]: (path, status) for path, status in _walk(folder, wanted)}
+
+
+def _walk(folder: str, wanted: Wanted) -> Iterator[Entry]:
+    try:
+        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError:
+        return
+    for entry in entries:
+        with suppress(OSError):
+            if entry.is_dir(follow_symlinks=False):
+                if entry.name != "__pycache__" and not entry.name.startswith("."):
+                    yield from _walk(entry.path, wanted)
+            elif wanted(entry.name):
+                yield entry.path, entry.stat()
+
+
+def files_at(paths: Iterable[str]) -> Iterator[Entry]:
+    """Yield the entries of those paths that exist."""
+    for path in paths:
+        with suppress(OSError):
+            yield path, Path(path).stat()
+
+
+def content_digest(label: str, files: Mapping[str, Entry]) -> str:
+    """Return a hash of the contents and names of files.
+
+    files: name -> path and its status. The hash is computed once per state of the files: path, size, times of
+    modification and of change in ns, inode and device. label: key of the cache file that stores the newest
+    state and its hash; if that file cannot be written, nothing is cached.
+    """
+    named = sorted(files.items())
+    state = _state(named)
+    memory = cache_home() / "digests" / hashlib.sha256(label.encode()).hexdigest()[:32]
+    if (found := _remembered(memory, state)) is not None:
+        return found
+    begin_ns = time.time_ns()
+    digest = hashlib.sha256()
+    for name, (path, _) in named:
+        digest.update(f"{name}\0{_file_digest(path)}\n".encode())
+    again = _state([(name, (path, _status(path))) for name, (path, _) in named])
+    newest = max((max(s.st_mtime_ns, s.st_ctime_ns) for _, (_, s) in named), default=0)
+    if again == state and newest < begin_ns - _RACY_NS:
+        _remember(memory, state, digest.hexdigest())
+    return digest.hexdigest()
+
+
+def _state(named: Sequence[tuple[str, tuple[str, os.stat_result | None]]]) -> str:
+    facts = [
+        (name, path, s and (s.st_size, s.st_mtime_ns, s.st_ctime_ns, s.st_ino, s.st_dev))
+        for name, (path, s) in named
+    ]
+    return hashlib.sha256(repr(facts).encode()).hexdigest()
+
+
+def _status(path: str) -> os.stat_result | None:
+    try:
+        return Path(path).stat()
+    except OSError:
+        return None
+
+
+def _file_digest(path: str) -> str:
+    try:
+        with Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        return f"cannot be read: {error.errno}"
+
+
+def _remembered(memory: Path, state: str) -> str | None:
+    try:
+        known = opened(memory.read_bytes())
+    except (OSError, ValueError):
+        return None
+    if known is None or known.get("state") != state:
+        return None
+    return str(known["digest"])
+
+
+def _remember(memory: Path, state: str, digest: str) -> None:
+    """Write the cache file atomically, because other processes may write it at the same time."""
+    with suppress(OSError):
+        memory.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, unfinished = tempfile.mkstemp(dir=memory.parent, prefix=f".{memory.name}-")
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(sealed({"state": state, "digest": digest}))
+            Path(unfinished).replace(memory)
+        except BaseException:
+            with suppress(OSError):
+                Path(unfinished).unlink()
+            raise
+
+
+def digest_of(folder: Path) -> str:
+    """Return a hash of all the Python sources in and below a folder, and of their places in it."""
+    digest = hashlib.sha256()
+    for source in sorted(folder.rglob("*.py")):
+        digest.update(source.relative_to(folder).as_posix().encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()

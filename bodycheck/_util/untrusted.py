@@ -1,0 +1,146 @@
+"""Handle untrusted input: text for a terminal, JSON and TOML files, words of a shell command."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import tomllib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from bodycheck._util.errors import BodycheckError, InputError
+
+LONGEST_LINE = 500
+_TAIL = 200  # the end of a message says what to do
+_CUT = " ... "
+_SHORT = 200
+
+
+def printable(text: str, longest: int = LONGEST_LINE) -> str:
+    """Return text as one line: escape control characters, and leave out the middle of long text."""
+    if len(text) > 2 * longest:  # escaping can only lengthen it
+        text = text[:longest] + text[-longest:]
+    line = _escaped(text)
+    tail = min(_TAIL, longest // 2)
+    return line if len(line) <= longest else line[: longest - tail - len(_CUT)] + _CUT + line[-tail:]
+
+
+def printable_lines(text: str) -> str:
+    """Return text with each of its lines made printable."""
+    return "\n".join(printable(line) for line in text.split("\n"))
+
+
+def _escaped(text: str) -> str:
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def escaped(value: Any) -> Any:
+    """Return plain data with the control characters of its strings escaped, so that it can be printed."""
+    match value:
+        case str():
+            return value if value.isprintable() else "".join(_kept(c) for c in value)
+        case list():
+            return [escaped(part) for part in value]
+        case dict():
+            return {escaped(name): escaped(part) for name, part in value.items()}
+    return value
+
+
+def _kept(c: str) -> str:
+    return c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii")
+
+
+@contextmanager
+def doing(what: str) -> Iterator[None]:
+    """Add a note to an unexpected exception that says what was being done, for the line that reports it."""
+    try:
+        yield
+    except BodycheckError:
+        raise
+    except Exception as error:
+        error.add_note(what)
+        raise
+
+
+@contextmanager
+def from_outside(where: Path) -> Iterator[None]:
+    """Turn any exception caused by outside data into an InputError that names its file."""
+    try:
+        yield
+    except BodycheckError:
+        raise
+    except Exception as error:
+        why = printable(f"{type(error).__name__}: {error}", _SHORT)
+        raise InputError(f"{where}: cannot be used: {why}") from error
+
+
+def read_json(path: Path, *, escape: bool = True) -> Any:
+    """Return the content of a JSON file; escape: whether to escape control characters in its strings.
+
+    Raises FileNotFoundError if there is no file, InputError with one line if it cannot be read.
+    """
+    try:
+        content = json.loads(path.read_bytes().decode("utf-8"))
+        return escaped(content) if escape else content
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: is not JSON: it is nested too deeply") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON: {error}") from None
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """Return the content of TOML text; raises InputError with one line, which names `where`, if invalid."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise InputError(f"{where}: is nested too deeply") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{where}: is not TOML: {error}") from None
+    except ValueError:  # int() limits the number of digits
+        raise InputError(f"{where}: has an integer with too many digits") from None
+
+
+_PLAIN = "A-Za-z0-9_./+@%:,=-"
+_BYTES = re.compile(rf"(?:^|(?<= ))\$'((?:[{_PLAIN}]|\\x[0-9a-f]{{2}})*)'(?= |$)")
+_SPECIAL = re.compile(r"['\"\\#]")
+_ESCAPE = re.compile(rb"\\x([0-9a-f]{2})")
+
+
+def joined(words: Iterable[str]) -> str:
+    """Return the words as one line that a shell splits into the same words."""
+    return " ".join(quoted(word) for word in words)
+
+
+def quoted(word: str) -> str:
+    """Return a word quoted for a shell; escape the bytes of an unprintable word for bash."""
+    if word.isprintable():
+        return shlex.quote(word)
+    return "$'" + re.sub(rb"[^" + _PLAIN.encode() + rb"]", _escape, os.fsencode(word)).decode() + "'"
+
+
+def _escape(found: re.Match[bytes]) -> bytes:
+    return f"\\x{found[0][0]:02x}".encode()
+
+
+def parted(line: str) -> list[str]:
+    """Return the words of a line made by `joined`; raises ValueError for an unclosed quotation mark."""
+    if not _SPECIAL.search(line):  # the common case; shlex is slow
+        return line.split()
+    words: list[str] = []
+    end = 0
+    for found in _BYTES.finditer(line):
+        words += shlex.split(line[end : found.start()])
+        content = _ESCAPE.sub(lambda hexadecimal: bytes.fromhex(hexadecimal[1].decode()), found[1].encode())
+        words.append(os.fsdecode(content))
+        end = found.end()
+    return words + shlex.split(line[end:])

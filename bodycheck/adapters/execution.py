@@ -1,0 +1,201 @@
+"""Run an engine through one case: once to record its trajectory, then repeatedly to time it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeAlias, cast
+
+import numpy as np
+
+from bodycheck.adapters.contract import (
+    Adapter,
+    ReadBack,
+    Reading,
+    Setting,
+    Simulation,
+    Solver,
+    SolvingAdapter,
+    Stepping,
+)
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.wrench import Leg, StepPlan, Wrench, plan_steps
+
+_LAP_S = 2e-3  # a lap is the whole case, or its first steps for about this long
+_TRIAL_STEPS = 100
+
+Ending: TypeAlias = Literal["ok", "unsupported", "failed", "timeout"]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene, the name of a method, and its step size or tolerance."""
+
+    scene: Scene
+    method: str
+    setting: Setting
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The result of a case: a trajectory and the model read back, or why there is none.
+
+    steps: number of steps of a solver. build: id of the build that the worker had loaded. reused: whether the
+    answer comes from an earlier run.
+    """
+
+    outcome: Ending
+    message: str = ""
+    trajectory: Trajectory | None = None
+    read_back: ReadBack | None = None
+    stepping: Stepping | None = None
+    steps: int | None = None
+    build: str = ""
+    reused: bool = False
+
+
+def record(adapter: Adapter, case: Case) -> Answer:
+    """Build, read back and step one case through its samples; exceptions of the engine propagate."""
+    scene, method, setting = case.scene, case.method, case.setting
+    if reason := adapter.unsupported(scene, method):
+        return Answer("unsupported", reason)
+    if setting.dt_s is None:
+        solver = cast(SolvingAdapter, adapter).solver(scene, method, setting.tolerance)
+        try:
+            held = solver.read_back()
+            solved = solver.solve()
+            return Answer("ok", "", solved, held, "native", solver.steps)
+        finally:
+            solver.close()
+    plan = plan_steps(scene, setting.dt_s)
+    simulation = adapter.build(scene, method, plan.dt_s)
+    try:
+        held = simulation.read_back()
+        readings = readings_along(simulation, plan.legs())
+        return Answer("ok", "", trajectory_of(scene.sample_times, readings), held, simulation.stepping)
+    finally:
+        simulation.close()
+
+
+def readings_along(simulation: Simulation, legs: Iterable[Leg]) -> list[Reading]:
+    """Step a fresh simulation along the legs, and return the states at the start and at the samples."""
+    readings = [simulation.read()]
+    wrench: Wrench | None = None
+    for leg in legs:
+        if leg.wrench is not wrench:
+            wrench = leg.wrench
+            simulation.apply(wrench)
+        simulation.advance(leg.steps)
+        if leg.ends_at_sample:
+            readings.append(simulation.read())
+    return readings
+
+
+def trajectory_of(t_s: Array, readings: list[Reading]) -> Trajectory:
+    """Return the readings at the times t_s (n,) as one trajectory.
+
+    Raises TypeError if a reading has no position or no velocity.
+    """
+
+    def column(name: str) -> Array | None:
+        values = [getattr(reading, name) for reading in readings]
+        return None if values[0] is None else np.array(values)
+
+    position, velocity = column("position"), column("velocity")
+    if position is None or velocity is None:
+        raise TypeError("a reading without position or velocity")
+    return Trajectory(
+        t_s=t_s,
+        position_m=position,
+        velocity_m_s=velocity,
+        quaternion=column("quaternion"),
+        rotation=column("rotation"),
+        omega_world_rad_s=column("omega_world"),
+        omega_body_rad_s=column("omega_body"),
+    )
+
+
+class Stopwatch(Protocol):
+    """A case that is built, warmed up and ready to be timed."""
+
+    def lap(self) -> float:
+        """Return the CPU time in s of the whole case."""
+
+    def close(self) -> None:
+        """Free the engine's resources."""
+
+
+def stopwatch(adapter: Adapter, case: Case) -> Stopwatch:
+    """Build a case and run it once without timing, so that it is ready to be timed."""
+    if case.setting.dt_s is None:
+        solver = cast(SolvingAdapter, adapter).solver(case.scene, case.method, case.setting.tolerance)
+        with _closed_on_failure(solver):
+            return _SolverWatch(solver)
+    plan = plan_steps(case.scene, case.setting.dt_s)
+    simulation = adapter.build(case.scene, case.method, plan.dt_s)
+    with _closed_on_failure(simulation):
+        return _StepWatch(simulation, plan)
+
+
+@contextmanager
+def _closed_on_failure(built: Simulation | Solver) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        built.close()
+        raise
+
+
+class _SolverWatch:
+    def __init__(self, solver: Solver) -> None:
+        self._solver = solver
+        solver.solve()
+
+    def lap(self) -> float:
+        begin = time.process_time()
+        self._solver.solve()
+        return time.process_time() - begin
+
+    def close(self) -> None:
+        self._solver.close()
+
+
+class _StepWatch:
+    """Times the first steps of a case without stopping at samples, and scales to all of its steps."""
+
+    def __init__(self, simulation: Simulation, plan: StepPlan) -> None:
+        self._simulation = simulation
+        trial = min(_TRIAL_STEPS, plan.steps)
+        self._legs, self._scale = list(_first_steps(plan, trial)), 1.0
+        self.lap()
+        per_step = max(self.lap() / trial, 1e-9)
+        timed = int(min(max(_LAP_S / per_step, trial), plan.steps))
+        self._legs, self._scale = list(_first_steps(plan, timed)), plan.steps / timed
+
+    def lap(self) -> float:
+        self._simulation.reset()
+        begin = time.process_time()
+        _step_through(self._simulation, self._legs)
+        return (time.process_time() - begin) * self._scale
+
+    def close(self) -> None:
+        self._simulation.close()
+
+
+def _first_steps(plan: StepPlan, steps: int) -> Iterator[Leg]:
+    """Yield the legs of the first steps of a run that does not stop at samples."""
+    for leg in plan.uninterrupted():
+        if steps <= 0:
+            return
+        yield Leg(min(leg.steps, steps), leg.wrench, ends_at_sample=False)
+        steps -= leg.steps
+
+
+def _step_through(simulation: Simulation, legs: Iterable[Leg]) -> None:
+    for leg in legs:
+        simulation.apply(leg.wrench)
+        simulation.advance(leg.steps)

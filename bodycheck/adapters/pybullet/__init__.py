@@ -1,0 +1,293 @@
+"""PyBullet: one body without a shape, as btMultiBody or, in maximal coordinates, as btRigidBody.
+
+The engine's own frame is the body's principal frame at its centre of mass. A constant rotation turns every
+state into body axes; it is the identity for a diagonal inertia tensor. Bullet clears forces after each call
+of stepSimulation, and rotates torques from body axes into world axes once per call.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from importlib.metadata import version
+
+import numpy as np
+import pybullet
+
+from bodycheck.adapters.contract import DEFAULTS, VARIANT, Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.frames import EngineAxes, link_frame
+from bodycheck.adapters.pybullet.bullet_calls import powers_of_two, read_back, set_substeps
+from bodycheck.adapters.pybullet.spherical_joint import PivotedPyBulletSimulation
+from bodycheck.adapters.zero_order_hold import HeldLoads
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import diagonalised
+from bodycheck.reference_impl.rotations import hat, matrix_to_quaternion
+from bodycheck.reference_impl.scene import PointForce, Scene, Timed
+from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
+
+_REFRESHED = "one step at rest before the start, to refresh the world inertia"
+
+_MULTIBODY = Method(
+    name="multibody",
+    formula="omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
+    order=1,
+    evaluations=1,
+    torque="held over the step",
+    keeps="|q| = 1; linear momentum",
+    source="Bullet btMultiBody::computeAccelerationsArticulatedBodyAlgorithmMultiDof, stepPositionsMultiDof",
+    changed_defaults=(
+        "damping 0",
+        "velocity clamp removed",
+        "deactivation off",
+    ),
+)
+
+_MAXIMAL = Method(
+    name="maximal",
+    formula="omega += h I^-1 tau - h (I + h D)^-1 (omega x I omega), "
+    "D = d(omega x I omega)/domega; q = q exp(h omega)",
+    order=1,
+    evaluations=1,
+    torque="held over the step",
+    keeps="|q| = 1; linear momentum",
+    source="Bullet btRigidBody::computeGyroscopicImpulseImplicit_Body (Catto 2015)",
+    changed_defaults=("deactivation off", _REFRESHED),
+)
+
+_SUBSTEPS, _SUBSTEPPED = 4, f"{VARIANT}substeps"
+
+_VARIANTS = tuple(
+    variant
+    for method, untouched in ((_MULTIBODY, ()), (_MAXIMAL, (_REFRESHED,)))
+    for variant in (
+        replace(method, name=f"{method.name}{DEFAULTS}", changed_defaults=untouched),
+        replace(
+            method,
+            name=f"{method.name}{_SUBSTEPPED}",
+            formula=f"{_SUBSTEPS} times, by h / {_SUBSTEPS}: {method.formula}",
+            evaluations=_SUBSTEPS,
+            changed_defaults=(*method.changed_defaults, f"numSubSteps {_SUBSTEPS}"),
+        ),
+    )
+)
+
+
+class PyBullet:
+    """PyBullet (Coumans and Bai 2016-2025)."""
+
+    name = "pybullet"
+    version: str = version("pybullet")
+    methods: Mapping[str, Method] = {method.name: method for method in (_MULTIBODY, _MAXIMAL, *_VARIANTS)}
+
+    def __init__(self) -> None:
+        self._idle_clients: list[int] = []  # connecting costs a hundred times as much as building a body
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:
+        """Refuse some pivots.
+
+        Where |omega| h exceeds pi/4 in a step, Bullet rotates the body by less than |omega| h.
+        """
+        if scene.pivot is None:
+            return None
+        if method.startswith(_MAXIMAL.name):
+            return "in maximal coordinates a pivot is a soft constraint, about 1e-5 m wide at 1e-3 s"
+        if method.endswith(DEFAULTS):
+            return "by default, Bullet's own motor would hold a pivoted body; it has to be disabled"
+        if method.endswith(_SUBSTEPPED):
+            return "pivoted bodies are only measured without substeps"
+        if scene.link is not None:
+            return "Bullet supports a pivoted link only in its principal axes at the pivot"
+        return None
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> PyBulletSimulation | PivotedPyBulletSimulation:
+        """Build the body in its own world."""
+        client = self._idle_clients.pop() if self._idle_clients else pybullet.connect(pybullet.DIRECT)
+        give_back = self._idle_clients.append
+        try:
+            if scene.pivot is not None:
+                return PivotedPyBulletSimulation(scene, dt_s, client, give_back)
+            return PyBulletSimulation(scene, method, dt_s, client, give_back)
+        except BaseException:
+            pybullet.disconnect(client)  # its world may hold a half-built body
+            raise
+
+
+class PyBulletSimulation:
+    """One client's world with one body; close removes the body and returns the client to the adapter."""
+
+    stepping: Stepping
+
+    def __init__(
+        self, scene: Scene, method: str, dt_s: float, client: int, give_back: Callable[[int], None]
+    ) -> None:
+        turning = scene.lasting_loads or not all(_is_uniform(load) for load in scene.piecewise_constant_loads)
+        self.stepping = "python" if turning else "native"
+        self._client, self._give_back, self._closed = client, give_back, False
+        self._gravity = scene.gravity
+        # dt_s / substeps is exact, because the number of substeps is a power of two
+        self._substeps = _SUBSTEPS if method.endswith(_SUBSTEPPED) else 1
+        self._substep_s = dt_s / self._substeps
+        moments, axes = diagonalised(scene.body.inertia)
+        self._axes = EngineAxes(axes)
+        self._initial = scene.initial
+        self._lasting = HeldLoads(scene, dt_s)
+        self._is_maximal = method.startswith(_MAXIMAL.name)
+        self._body = _add_body(client, scene, method, moments, axes)
+        self.reset()
+
+    def read_back(self) -> ReadBack:
+        """Return the model as read from the engine."""
+        held = read_back(self._client, self._body, -1, self._axes.matrix, self.read())
+        assert held.dt_s is not None
+        return replace(held, dt_s=held.dt_s * self._substeps)
+
+    def reset(self) -> None:
+        """Restore the initial state, without a wrench, as freshly built."""
+        set_substeps(self._client, self._substep_s, self._substeps)
+        if self._is_maximal:
+            self._refresh_world_inertia()
+        self.apply(NO_WRENCH)
+        pybullet.setGravity(*self._gravity, physicsClientId=self._client)
+        self._set_state(self._initial.velocity, self._initial.omega_world)
+        self._lasting.reset()
+
+    def _refresh_world_inertia(self) -> None:
+        """Make one step at rest in the initial pose.
+
+        A btRigidBody updates its world inertia only in a step. Without this one, its first torque would act
+        on a zero inverse inertia, which does not happen for a body loaded from a file.
+        """
+        at_rest = np.zeros(3)
+        self._set_state(at_rest, at_rest)
+        pybullet.setGravity(0.0, 0.0, 0.0, physicsClientId=self._client)
+        pybullet.stepSimulation(self._client)
+
+    def apply(self, wrench: Wrench) -> None:
+        """Prepare the engine's calls, which advance makes before each step or group of steps."""
+        to_engine = self._axes.engine_vector
+        torque_body, force_body = to_engine(wrench.torque_body), to_engine(wrench.force_body)
+        force_world, turning = wrench.force_world, np.zeros((3, 9))
+        for at, force in wrench.point_forces:
+            force_world = force_world + force
+            turning += np.kron(hat(-force), to_engine(at))
+
+        self._turns_with_body = bool(np.any(torque_body) or np.any(force_body) or np.any(turning))
+        push_torque = partial(pybullet.applyExternalTorque, self._body, -1, physicsClientId=self._client)
+        push_force = partial(pybullet.applyExternalForce, self._body, -1, physicsClientId=self._client)
+        body_axes, world_axes, centre = pybullet.LINK_FRAME, pybullet.WORLD_FRAME, (0.0, 0.0, 0.0)
+        self._pushes: list[Callable[[], None]] = []
+        if np.any(torque_body):
+            self._pushes.append(partial(push_torque, tuple(torque_body), body_axes))
+        if np.any(wrench.torque_world):
+            self._pushes.append(partial(push_torque, tuple(wrench.torque_world), world_axes))
+        if np.any(force_body):
+            self._pushes.append(partial(push_force, tuple(force_body), centre, body_axes))
+        if np.any(force_world) or np.any(turning):
+            self._pushes.append(partial(self._push_in_world, tuple(force_world), turning))
+
+    def advance(self, steps: int) -> None:
+        """Make many steps in one call, unless the wrench rotates with the body and changes at every step."""
+        if self._turns_with_body or self._lasting:
+            set_substeps(self._client, self._substep_s, self._substeps)
+            for _ in range(steps):
+                if self._lasting:
+                    self._push_lasting()
+                self._step()
+        else:
+            for substeps in powers_of_two(steps * self._substeps):
+                set_substeps(self._client, self._substep_s, substeps)
+                self._step()
+
+    def read(self) -> Reading:
+        """Copy the state; the matrix is getMatrixFromQuaternion of the engine's own quaternion."""
+        position, (x, y, z, w) = pybullet.getBasePositionAndOrientation(self._body, self._client)
+        velocity, omega_world = pybullet.getBaseVelocity(self._body, self._client)
+        return Reading(
+            position=np.array(position),
+            velocity=np.array(velocity),
+            quaternion=self._axes.body_quaternion(np.array((w, x, y, z))),
+            rotation=self._axes.body_rotation(_matrix((x, y, z, w))),
+            omega_world=np.array(omega_world),
+        )
+
+    def close(self) -> None:
+        """Remove the body from its world and return the client."""
+        if not self._closed:
+            self._closed = True
+            pybullet.removeBody(self._body, self._client)  # resetSimulation takes five times as long
+            self._give_back(self._client)
+
+    def _step(self) -> None:
+        for push in self._pushes:
+            push()
+        pybullet.stepSimulation(self._client)
+
+    def _push_lasting(self) -> None:
+        """Apply the continuous loads at the present state, constant over the step (zero-order hold)."""
+        position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
+        velocity, omega = pybullet.getBaseVelocity(self._body, self._client)
+        rotation = self._axes.body_rotation(_matrix(quaternion))
+        held = self._lasting.next_step_size(np.array(position), rotation, np.array(velocity), np.array(omega))
+        world = pybullet.WORLD_FRAME
+        pybullet.applyExternalForce(self._body, -1, held[:3], position, world, self._client)
+        pybullet.applyExternalTorque(self._body, -1, held[3:], world, self._client)
+
+    def _set_state(self, velocity: Array, omega_world: Array) -> None:
+        """Set the initial pose and a velocity."""
+        w, x, y, z = self._axes.engine_quaternion(self._initial.quaternion)
+        position = self._initial.position
+        pybullet.resetBasePositionAndOrientation(self._body, position, (x, y, z, w), self._client)
+        pybullet.resetBaseVelocity(self._body, velocity, omega_world, self._client)
+
+    def _push_in_world(self, force: tuple[float, ...], turning: Array) -> None:
+        """Apply a world force at the centre of mass, and the torque sum R at x F = turning vec(R).
+
+        The engine's own call takes absolute points, whose arms would be rounded far from the origin.
+        """
+        position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
+        torque = turning @ pybullet.getMatrixFromQuaternion(quaternion)
+        world = pybullet.WORLD_FRAME
+        pybullet.applyExternalForce(self._body, -1, force, position, world, self._client)
+        pybullet.applyExternalTorque(self._body, -1, torque, world, self._client)
+
+
+def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Array) -> int:
+    """Put one body into an empty world, its inertial frame placed relative to the link."""
+    frame = {}
+    if scene.link is not None:
+        link = link_frame(scene)
+        w, x, y, z = link.turned(matrix_to_quaternion(axes))
+        frame = {
+            "baseInertialFramePosition": link.point(np.zeros(3)),
+            "baseInertialFrameOrientation": (x, y, z, w),
+        }
+    maximal, mass = method.startswith(_MAXIMAL.name), scene.body.mass
+    body: int = pybullet.createMultiBody(
+        baseMass=mass, useMaximalCoordinates=maximal, physicsClientId=client, **frame
+    )
+    # A body without a shape has no inertia; setting it without the mass makes a btRigidBody static.
+    give = partial(
+        pybullet.changeDynamics, body, -1, mass=mass, localInertiaDiagonal=moments, physicsClientId=client
+    )
+    if method.endswith(DEFAULTS):
+        give()
+    else:
+        give(
+            linearDamping=0.0,
+            angularDamping=0.0,
+            maxJointVelocity=math.inf,  # it also clamps the components of the base's velocities
+            activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+        )
+    return body
+
+
+def _is_uniform(load: Timed) -> bool:
+    """Return whether the load is constant in world axes for any rotation of the body."""
+    return load.axes == "world" and not (isinstance(load, PointForce) and bool(np.any(load.at)))
+
+
+def _matrix(quaternion: tuple[float, ...]) -> Array:
+    """getMatrixFromQuaternion(q): (x, y, z, w) -> (3, 3)."""
+    return np.array(pybullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)

@@ -1,0 +1,1 @@
+"""Pinned versions of engines: pins, environments, releases."""

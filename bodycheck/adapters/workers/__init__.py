@@ -1,0 +1,1 @@
+"""Worker processes: the protocol, its messages, and both of its ends."""

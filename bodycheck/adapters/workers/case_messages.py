@@ -1,0 +1,133 @@
+"""What a worker is asked, as plain data: cases with their scenes, and searches for the largest stable step.
+
+Numbers are JSON numbers, which Python and all serious parsers read back to the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.execution import Case
+from bodycheck.adapters.stable_step import Search
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.reference_impl.loads import load_kinds
+from bodycheck.reference_impl.loads.load import checked
+from bodycheck.reference_impl.scene import CallbackLoad, Link, Load, RigidBody, Scene, State
+from bodycheck.scenarios.user_functions import UserWrench, user_function
+
+
+def case_message(case: Case) -> Message:
+    """Return a case as plain data."""
+    return {
+        "scene": scene_message(case.scene),
+        "method": case.method,
+        "dt_s": case.setting.dt_s,
+        "tolerance": case.setting.tolerance,
+    }
+
+
+def case_of(message: Message) -> Case:
+    """Return the case of a message."""
+    setting = Setting(message["dt_s"], message["tolerance"])
+    return Case(scene_of(message["scene"]), message["method"], setting)
+
+
+def search_bounds(search: Search) -> dict[str, float | None]:
+    """Return within what the largest stable step of a case is looked for, as plain data."""
+    return {
+        "lowest_s": search.lowest_s,
+        "highest_s": search.highest_s,
+        "kinetic_limit_j": None if search.kinetic_limit_j == math.inf else search.kinetic_limit_j,
+    }
+
+
+def search_message(search: Search) -> Message:
+    """Return a search for the largest stable step as plain data."""
+    return {"case": case_message(search.case), **search_bounds(search)}
+
+
+def search_of(message: Message) -> Search:
+    """Return the search of a message."""
+    limit = message["kinetic_limit_j"]
+    return Search(
+        case_of(message["case"]),
+        message["lowest_s"],
+        message["highest_s"],
+        math.inf if limit is None else limit,
+    )
+
+
+def scene_message(scene: Scene) -> Message:
+    """Return a scene as plain data, in SI units, loads by the kinds of the scenario format.
+
+    A pivot and a link frame stand there only where the scene has them.
+    """
+    message = {
+        "body": _plain(scene.body),
+        "initial": {name: value for name, value in _plain(scene.initial).items() if value is not None},
+        "loads": [_load_message(load) for load in scene.loads],
+        "gravity": scene.gravity.tolist(),
+        "duration_s": scene.duration_s,
+        "samples": scene.samples,
+    }
+    if scene.pivot is not None:
+        message["pivot"] = scene.pivot.tolist()
+    if scene.link is not None:
+        message["link"] = _plain(scene.link)
+    return message
+
+
+def scene_of(message: Message) -> Scene:
+    """Return the scene of a message."""
+    return Scene(
+        body=RigidBody(**_arrays(message["body"])),
+        initial=State(**_arrays(message["initial"])),
+        loads=tuple(_load(load) for load in message["loads"]),
+        gravity=np.array(message["gravity"], dtype=np.float64),
+        duration_s=message["duration_s"],
+        samples=message["samples"],
+        pivot=np.array(message["pivot"], dtype=np.float64) if "pivot" in message else None,
+        link=Link(**_arrays(message["link"])) if "link" in message else None,
+    )
+
+
+def _load_message(load: Load) -> Message:
+    """Return a load as plain data; a function travels as its name."""
+    kind = checked(load, "a message to a worker").kind
+    if isinstance(load, CallbackLoad):
+        return {"kind": kind, "name": load.name}
+    return {"kind": kind, **_plain(load)}
+
+
+def _load(message: Message) -> Load:
+    if message["kind"] == CallbackLoad.kind:
+        # the run that sends it was allowed to run code
+        return CallbackLoad(
+            message["name"], UserWrench(message["name"], user_function(message["name"], allow_code=True))
+        )
+    values = _arrays({name: value for name, value in message.items() if name != "kind"})
+    if "until_s" in values and values["until_s"] is None:
+        values["until_s"] = math.inf
+    return load_kinds()[message["kind"]](**values)
+
+
+def _plain(holder: Any) -> Message:
+    """Return the fields as JSON has them: infinity, which it has not, as null."""
+    plain = {}
+    for field in fields(holder):
+        value = getattr(holder, field.name)
+        value = value.tolist() if isinstance(value, np.ndarray) else value
+        plain[field.name] = None if value == math.inf else value
+    return plain
+
+
+def _arrays(message: Message) -> Message:
+    return {
+        name: np.array(value, dtype=np.float64) if isinstance(value, list) else value
+        for name, value in message.items()
+    }

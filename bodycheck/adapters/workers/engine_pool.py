@@ -1,0 +1,241 @@
+"""The engines of a run: each in a worker process, or in this process if it cannot be moved to a worker."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from typing import Protocol, TypeAlias
+
+from bodycheck._util.compiled_cache import cache_directory
+from bodycheck._util.errors import UnavailableError, WorkerLostError
+from bodycheck.adapters.contract import Adapter, Build, Engine
+from bodycheck.adapters.registry import registered_adapter
+from bodycheck.adapters.versions.environments import python_of
+from bodycheck.adapters.versions.pins import pin_of
+from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.adapters.workers.worker import HANDED_OVER, RequestHandler, handed_over
+from bodycheck.adapters.workers.worker_process import WorkerProcess
+
+
+class Host(Protocol):
+    """Runs the cases of one engine."""
+
+    @property
+    def engine(self) -> Engine:
+        """The announced engine; raises UnavailableError or WorkerLostError if there is no announcement."""
+
+    @property
+    def pid(self) -> int | None:
+        """The process id of the worker; None if there is no worker."""
+
+    def ask(self, request: Message, timeout_s: float) -> Message:
+        """Return the answer to a request; raises UnavailableError or WorkerLostError if there is none."""
+
+    def kill(self) -> None:
+        """Kill the worker process, if there is one, from any thread."""
+
+    def close(self) -> None:
+        """End the host; a second call does nothing."""
+
+
+Announcement: TypeAlias = Callable[[], dict[str, Engine | str]]
+"""Waits for the announcements and returns name -> engine, or why it is unavailable."""
+
+
+def announced(engines: Sequence[str]) -> dict[str, Engine | str]:
+    """Start the engines' workers in parallel, and return name -> engine, or why it is unavailable."""
+    with announcing(engines) as announcement:
+        return announcement()
+
+
+@contextmanager
+def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
+    """Start the engines' workers, which import them in the background, and end them with the with block.
+
+    An engine with a pinned version starts only when waited for, because its environment may have to be made.
+    """
+    cache_directory()  # before any worker, so that all share the temporary folder of an unwritable cache
+    engine_pool = EnginePool()
+
+    def announcement() -> dict[str, Engine | str]:
+        return {name: _announced(engine_pool, name) for name in engines}
+
+    try:
+        for name in engines:
+            if pin_of(name) is None:
+                engine_pool.start(name)
+        yield announcement
+    finally:
+        engine_pool.close()
+
+
+def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
+    try:
+        engine = engine_pool.announced(name)
+    except UnavailableError as error:
+        told = str(error)
+        return told if told.startswith(name) else f"{name}: {told}"  # a worker does not know its pin
+    except WorkerLostError as error:
+        return f"{name} cannot be started: {error}"
+    pin = pin_of(name)
+    if engine.name != (name if pin is None else pin.engine):
+        return f"{name} announces itself as {engine.name!r}"
+    if pin is None:
+        return engine
+    if engine.version != pin.version:
+        return f"{name} announces version {engine.version}; request {engine.name}=={engine.version}"
+    return replace(engine, name=name)
+
+
+class EnginePool:
+    """The engines of one thread of a run: each starts when first needed, and again after a failure.
+
+    core: the only processor core that they may use; None for any. turn: held by the thread that uses the
+    pool, and released while an engine works, so that another thread can measure.
+    """
+
+    def __init__(self, core: int | None = None, turn: threading.Lock | None = None) -> None:
+        self._core, self._turn = core, turn
+        self._open: dict[str, Host] = {}
+        self._lock, self._closed = threading.Lock(), False
+
+    def __contains__(self, engine: str) -> bool:
+        return engine in self._open
+
+    def start(self, engine: str) -> Host:
+        """Return the engine's host, without waiting for its announcement.
+
+        Raises WorkerLostError if the pool was stopped or no process can be started, UnavailableError if the
+        environment of a pinned engine cannot be made.
+        """
+        if engine in self._open:
+            return self._open[engine]
+        if pin := pin_of(engine):
+            return self._kept(engine, WorkerProcess(pin.engine, python=python_of(pin)))
+        adapter = registered_adapter(engine)
+        if adapter is None:
+            return self._kept(engine, WorkerProcess(engine))
+        line = handed_over(adapter)
+        return self._kept(engine, InProcess(adapter) if line is None else WorkerProcess(HANDED_OVER, line))
+
+    def announced(self, engine: str) -> Engine:
+        """Return the announced engine; run a registered one that no worker can import in this process.
+
+        Raises UnavailableError if the engine cannot be imported, WorkerLostError if nothing is announced.
+        """
+        try:
+            return self.start(engine).engine
+        except UnavailableError:
+            adapter = registered_adapter(engine)
+            if adapter is None:
+                raise
+            self._dismiss(engine)
+            return self._kept(engine, InProcess(adapter)).engine
+
+    def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
+        """Return the engine's answer; a lost worker or an engine that does not start gives a failed answer.
+
+        Run a failed case once more in a new worker if the worker had run other cases, which may have caused
+        the failure, or was killed from outside. Raises WorkerLostError only if the pool was stopped.
+        """
+        with released(self._turn):
+            return self._asked_twice(engine, request, timeout_s)
+
+    def _asked_twice(self, engine: str, request: Message, timeout_s: float) -> Message:
+        used = engine in self._open
+        answer, killed = self._asked(engine, request, timeout_s)
+        if answer.get("outcome") != "failed" or not (used or killed) or request["do"] == "lap":
+            return answer
+        again, _ = self._asked(engine, request, timeout_s)
+        if again.get("outcome") == "ok" and not killed:
+            again["message"] = f"ran twice; failed in a worker that had run other cases: {answer['message']}"
+        return again
+
+    def _asked(self, engine: str, request: Message, timeout_s: float) -> tuple[Message, bool]:
+        """Return the answer and whether the worker was killed; dismiss a worker that failed."""
+        try:
+            self.announced(engine)
+            host = self.start(engine)
+            answer, killed = host.ask(request, timeout_s), False
+            spoilt = answer.get("outcome") == "failed" and host.pid is not None
+        except (WorkerLostError, UnavailableError) as lost:
+            if self._closed:
+                raise
+            spoilt, killed = True, isinstance(lost, WorkerLostError) and lost.killed
+            timed_out = isinstance(lost, WorkerLostError) and lost.timed_out
+            answer = {"outcome": "timeout" if timed_out else "failed", "message": str(lost)}
+        if spoilt:
+            self._dismiss(engine)
+        return answer, killed
+
+    def _kept(self, engine: str, host: Host) -> Host:
+        with self._lock:
+            if not self._closed:
+                self._open[engine] = host
+                if self._core is not None and host.pid is not None:
+                    with suppress(ProcessLookupError):
+                        os.sched_setaffinity(host.pid, {self._core})
+                return host
+        host.close()
+        raise WorkerLostError("the run was stopped")
+
+    def _dismiss(self, engine: str) -> None:
+        with self._lock:
+            host = self._open.pop(engine, None)
+        if host is not None:
+            host.close()
+
+    def stop(self) -> None:
+        """Kill the workers, from any thread; pending requests raise WorkerLostError."""
+        with self._lock:
+            self._closed = True
+            for host in self._open.values():
+                host.kill()
+
+    def close(self) -> None:
+        """End all hosts, from the thread that uses them."""
+        self.stop()
+        for host in self._open.values():
+            host.close()
+
+
+@contextmanager
+def released(lock: threading.Lock | None) -> Iterator[None]:
+    """Release a lock that this thread holds, and take it again at the end."""
+    if lock is None:
+        yield
+        return
+    lock.release()
+    try:
+        yield
+    finally:
+        lock.acquire()
+
+
+class InProcess:
+    """An engine that exists in this process only: the same requests, but without isolation from the run."""
+
+    pid = None
+
+    def __init__(self, adapter: Adapter) -> None:
+        try:
+            protocol.check_engine(adapter)
+        except protocol.ProtocolError as error:
+            raise UnavailableError(str(error)) from None
+        self.engine = Engine(adapter.name, adapter.version, adapter.methods, Build(kind="handed over"))
+        self._desk = RequestHandler(adapter, interruptible=True)
+
+    def ask(self, request: Message, timeout_s: float) -> Message:  # noqa: ARG002 - it cannot be stopped
+        """Return the answer; the time limit has no effect."""
+        return self._desk.answer(request)
+
+    def kill(self) -> None:
+        """Do nothing: there is no process."""
+
+    def close(self) -> None:
+        """Free the prepared case."""
+        self._desk.close()

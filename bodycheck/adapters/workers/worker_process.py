@@ -1,0 +1,205 @@
+"""The run's end of a worker process, which may crash, hang, flood its output or exhaust memory."""
+
+from __future__ import annotations
+
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from bodycheck._util.errors import UnavailableError, WorkerLostError
+from bodycheck.adapters.contract import Engine
+from bodycheck.adapters.workers import protocol, worker_bootstrap
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.adapters.workers.worker import RUN_PID
+
+_START_S = 120.0  # time limit for an engine to be imported and announced
+_LAST_OUTPUT = 4096  # bytes of the engine's last output that are stored
+_SHOWN_OUTPUT = 400  # characters of it in a message
+_PIECE = 1 << 20
+_DYING_S = 5.0
+_LONGEST_WAIT_S = 3600.0  # per select, because selectors limit their timeout
+_LEAST_MEMORY = 2 << 30
+
+
+class WorkerProcess:
+    """An engine in its own process, with limits on memory and on the time of each request.
+
+    python: the interpreter of an environment, which need not have bodycheck; None for the current one.
+    Raises WorkerLostError if the system cannot start a process.
+    """
+
+    def __init__(self, engine: str, first_line: bytes = b"", *, python: Path | None = None) -> None:
+        environment = {**os.environ, RUN_PID: str(os.getpid())}
+        if python is None:
+            # the worker must import what this process can: an engine may lie next to the user's script
+            environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
+            command = [sys.executable, "-P", "-m", "bodycheck.adapters.workers.worker"]
+        else:
+            environment.pop("PYTHONPATH", None)  # it may contain another version of the engine
+            command = [str(python), "-P", str(Path(worker_bootstrap.__file__).resolve())]
+        try:
+            self._process = subprocess.Popen(
+                [*command, engine, str(_memory_bytes())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                env=environment,
+                start_new_session=True,  # only the run receives Ctrl-C; it then ends its workers
+            )
+        except OSError as error:  # no more processes, or no more memory
+            raise WorkerLostError(f"no worker can be started: {error.strerror or error}") from None
+        self.pid = self._process.pid
+        # watch the process itself, because a process that it left behind may hold its pipes open
+        self._ending = os.pidfd_open(self.pid) if hasattr(os, "pidfd_open") else None
+        process: Any = self._process  # has all three pipes, which its type leaves optional
+        self._pipes: list[Any] = [process.stdin, process.stdout, process.stderr]
+        for pipe in self._pipes:
+            os.set_blocking(pipe.fileno(), False)
+        self._unread, self._last_output, self._asked = bytearray(), b"", 0
+        self._first_line, self._open = first_line, True
+
+    @cached_property
+    def engine(self) -> Engine:
+        """The announced engine; the first access waits for the announcement.
+
+        Raises UnavailableError if the engine cannot be imported, WorkerLostError if nothing is announced.
+        """
+        message = self._exchange(self._first_line, _START_S, protocol.LONGEST_ANNOUNCEMENT)
+        if message.get("bodycheck") != protocol.VERSION:
+            told = protocol.shown(repr(message.get("bodycheck")))
+            raise WorkerLostError(f"the worker uses another protocol version: {told}")
+        if "unavailable" in message:
+            raise UnavailableError(protocol.shown(protocol.text_of(message, "unavailable")))
+        try:
+            self._takes = protocol.request_limit_of(message)
+            return protocol.engine_of(message)
+        except protocol.ProtocolError as error:
+            raise WorkerLostError(str(error)) from None
+
+    def ask(self, request: Message, timeout_s: float) -> Message:
+        """Return the answer to a request; raises UnavailableError or WorkerLostError if there is none."""
+        self.engine  # noqa: B018 - wait for the announcement first
+        self._asked += 1
+        self._last_output = b""
+        line = protocol.line_of({"id": self._asked, **request})
+        if len(line) > self._takes:
+            return {"outcome": "failed", "message": f"a request of {len(line)} bytes (limit: {self._takes})"}
+        answer = self._exchange(line, timeout_s, protocol.answer_limit_of(request))
+        if answer.get("id") != self._asked:
+            told = protocol.shown(repr(answer.get("id")))
+            raise WorkerLostError(f"the worker answered request {told}, not {self._asked}")
+        answer.setdefault("build", self.engine.build.id)
+        if answer.get("outcome") == "failed":
+            answer["message"] = self._with_output(protocol.text_of(answer, "message"))
+        return answer
+
+    def close(self) -> None:
+        """Kill the process and all that it started; a second call does nothing."""
+        if self._open:
+            self.kill()
+            self._open = False
+            self._process.wait()
+            for pipe in self._pipes:
+                pipe.close()
+            if self._ending is not None:
+                os.close(self._ending)
+
+    def kill(self) -> None:
+        """Kill the process group of the worker, which includes all that it started, from any thread."""
+        if not self._open:
+            return  # its process id may have been reused
+        with suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+
+    def _exchange(self, sent: bytes, timeout_s: float, most: int) -> Message:
+        """Send a line, and wait for one line of at most `most` bytes.
+
+        Meanwhile read what the engine prints, because a full pipe would block it.
+        """
+        to_worker, answers, chatter = (pipe.fileno() for pipe in self._pipes)
+        end = time.monotonic() + timeout_s
+        with selectors.DefaultSelector() as waiting:
+            for source in (answers, chatter, self._ending):
+                if source is not None:
+                    waiting.register(source, selectors.EVENT_READ)
+            unsent = memoryview(sent)
+            if unsent:
+                waiting.register(to_worker, selectors.EVENT_WRITE)
+            while not self._unread.endswith(b"\n"):
+                left = end - time.monotonic()
+                if left <= 0.0:
+                    late = self._with_output(f"no answer within {timeout_s:g} s")
+                    raise WorkerLostError(late, timed_out=True)
+                ready = {key.fd for key, _ in waiting.select(min(left, _LONGEST_WAIT_S))}
+                if to_worker in ready:
+                    unsent = self._left_of(unsent, to_worker)
+                    if not unsent:
+                        waiting.unregister(to_worker)
+                if chatter in ready and not self._heard():
+                    waiting.unregister(chatter)
+                if answers in ready:
+                    self._received(answers, most)
+                elif self._ending in ready:
+                    raise self._death()
+        line, self._unread = bytes(self._unread), bytearray()
+        self._heard()  # output printed before the answer
+        try:
+            return protocol.message_of(line)
+        except protocol.ProtocolError as error:
+            raise WorkerLostError(self._with_output(str(error))) from None
+
+    def _left_of(self, data: memoryview, fd: int) -> memoryview:
+        """Write what the pipe accepts and return the rest as a view; copying would take quadratic time."""
+        try:
+            return data[os.write(fd, data[:_PIECE]) :]
+        except BlockingIOError:
+            return data
+        except BrokenPipeError:
+            return data[:0]  # the end of its output will show how it died
+
+    def _heard(self) -> bool:
+        """Store the end of what the engine prints; return False once its output has ended."""
+        try:
+            piece = os.read(self._pipes[2].fileno(), _PIECE)
+        except BlockingIOError:
+            return True
+        self._last_output = (self._last_output + piece)[-_LAST_OUTPUT:]
+        return bool(piece)
+
+    def _received(self, fd: int, most: int) -> None:
+        piece = os.read(fd, _PIECE)
+        if not piece:
+            raise self._death()
+        if len(self._unread) + len(piece) > most:
+            raise WorkerLostError(f"an answer of more than {most} bytes")
+        self._unread += piece
+
+    def _death(self) -> WorkerLostError:
+        """Return an error that says how the worker ended."""
+        try:
+            code = self._process.wait(_DYING_S)
+        except subprocess.TimeoutExpired:
+            return WorkerLostError(self._with_output("the worker closed its output and kept running"))
+        self.kill()  # processes that it left behind, which could keep printing
+        self._heard()
+        if code < 0:
+            how = f"the worker was killed by {signal.Signals(-code).name}"
+            return WorkerLostError(self._with_output(how), killed=-code == signal.SIGKILL)
+        return WorkerLostError(self._with_output(f"the worker exited with status {code}"))
+
+    def _with_output(self, message: str) -> str:
+        shown = protocol.shown(self._last_output.decode("utf-8", "replace"))[-_SHOWN_OUTPUT:]
+        return f"{message}; its last output: {shown}" if shown else message
+
+
+def _memory_bytes() -> int:
+    """Return the memory limit of a worker: half of the machine's memory over the number of cores."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return max(memory // (2 * (os.cpu_count() or 1)), _LEAST_MEMORY)

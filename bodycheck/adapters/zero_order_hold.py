@@ -1,0 +1,49 @@
+"""Lasting loads for engines that take forces between steps only: evaluated at a step's start, then held."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.loads_at import lasting_wrench_of
+from bodycheck.reference_impl.scene import Scene
+
+
+class HeldLoads:
+    """The lasting loads of one scene, and the clock of one simulation: t = steps made x dt."""
+
+    def __init__(self, scene: Scene, dt_s: float) -> None:
+        self._dt_s, self._steps = dt_s, 0
+        self._wrench_at = _wrench_at(scene) if scene.lasting_loads else None
+
+    def __bool__(self) -> bool:
+        """Tell whether the scene has any."""
+        return self._wrench_at is not None
+
+    def reset(self) -> None:
+        """Go back to t = 0."""
+        self._steps = 0
+
+    def next_step_size(self, position: Array, rotation: Array, velocity: Array, omega_world: Array) -> Array:
+        """Return force and torque (6,) for the step that begins here, about the centre of mass, world axes.
+
+        The state in world axes, rotation (3, 3) body to world; each call is one step.
+        """
+        t = self._steps * self._dt_s
+        self._steps += 1
+        assert self._wrench_at is not None
+        return self._wrench_at(t, position, np.ascontiguousarray(rotation), velocity, omega_world)
+
+
+def _wrench_at(scene: Scene) -> Callable[[float, Array, Array, Array, Array], Array]:
+    """Return force and torque (6,) of (t, x, R, v, omega): compiled, unless a function is to be asked."""
+    if scene.has_callback_load:
+        asked = lasting_wrench_of(scene)
+        return lambda *motion: np.concatenate(asked(*motion))
+    # late: numba is half the start of a worker, and most scenes have no such load
+    from bodycheck.reference_impl.continuous_loads import lasting_wrench_at, packed_lasting
+
+    rows = packed_lasting(scene)
+    return lambda *motion: lasting_wrench_at(*motion, rows)

@@ -1,0 +1,203 @@
+"""Run a command line app, and turn every way in which it can end into a message and an exit status."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from bodycheck._util.errors import FAULT, INPUT, INTERRUPTED, BodycheckError, InputError, StoppedError
+from bodycheck._util.untrusted import printable, printable_lines
+
+if TYPE_CHECKING:
+    import typer
+
+_SIGNALLED = 128  # shells report a command killed by a signal as 128 + the signal's number
+_PART = 140  # characters of the command and of the error, so that the line has room for what to do
+_ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+
+
+def carry_out(app: typer.Typer, name: str) -> None:
+    """Run an app under a name and exit with its status.
+
+    The status is 2 for wrong input, 130 for an interrupt, 143 and 129 for SIGTERM and SIGHUP, each with a
+    message on standard error. It is 70 for an unexpected exception, with one line that names the file of its
+    traceback.
+    """
+    received: list[int] = []
+    _open_output()
+    with _ended_like_an_interrupt(received):
+        status = _ended(lambda: _status_of(app, name), name)
+        status = _ended(_flushed, name) or status
+    if status == INTERRUPTED and received:
+        status = _SIGNALLED + received[0]
+    if status:
+        sys.exit(status)
+
+
+class _Output(io.TextIOWrapper):
+    """Standard output that prints non-UTF-8 paths as their bytes and reports a full disk as an InputError."""
+
+    def write(self, text: str) -> int:
+        """Write text; raises InputError if the output cannot be written."""
+        with _named_output():
+            return super().write(text)
+
+    def flush(self) -> None:
+        """Flush the buffer; raises InputError if the output cannot be written."""
+        with _named_output():
+            super().flush()
+
+
+@contextmanager
+def _named_output() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        _drop_output()
+        raise InputError(f"standard output: cannot be written: {error.strerror or error}") from None
+
+
+def _open_output() -> None:
+    """Replace an ordinary standard output by an _Output, and a closed one by the null device."""
+    if sys.stdout is None:
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - open until the command ends
+    elif type(sys.stdout) is io.TextIOWrapper:
+        before = sys.stdout
+        encoding, buffered = before.encoding, before.line_buffering
+        before.flush()
+        sys.stdout = _Output(before.detach(), encoding, "surrogateescape", line_buffering=buffered)
+
+
+@contextmanager
+def _ended_like_an_interrupt(received: list[int]) -> Iterator[None]:
+    """Make SIGTERM and SIGHUP stop a command as Ctrl-C does; a second signal kills it."""
+
+    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
+        received.append(number)
+        signal.signal(number, signal.SIG_DFL)
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in _ENDING_SIGNALS}
+    for number, handler in before.items():
+        if handler is signal.SIG_DFL:  # nohup ignores SIGHUP, which must stay so
+            signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _status_of(app: typer.Typer, name: str) -> int:
+    """Run the app and return its status; report wrong usage as wrong input."""
+    from typer import Abort, BadParameter
+
+    # click's base class, whether typer depends on click or contains a copy of it
+    usage_error: Any = next(base for base in BadParameter.__mro__ if base.__name__ == "ClickException")
+    try:
+        return int(app(prog_name=name, standalone_mode=False) or 0)
+    except usage_error as error:
+        said = io.StringIO()
+        error.show(file=said)
+        _say(said.getvalue().rstrip("\n"))
+        return int(error.exit_code)
+    except Abort as error:  # typer raises it from an EOFError
+        raise (error.__cause__ or error) from None
+
+
+def _flushed() -> int:
+    sys.stdout.flush()
+    return 0
+
+
+def _ended(command: Callable[[], int], name: str) -> int:
+    """Return the status of a command; if an exception ended it, report that on standard error."""
+    try:
+        status = command()
+        if status == INTERRUPTED:
+            _say("stopped")
+        return status
+    except KeyboardInterrupt:
+        _say("stopped")
+        return INTERRUPTED
+    except BodycheckError as error:
+        _say("; ".join([str(error), *getattr(error, "__notes__", ())]))
+        return INTERRUPTED if isinstance(error, StoppedError) else INPUT
+    except SystemExit as error:
+        if isinstance(error.__context__, BrokenPipeError):
+            return _reader_left()
+        raise
+    except BrokenPipeError:
+        return _reader_left()
+    except Exception as error:  # noqa: BLE001 - unexpected exceptions have their own status
+        return report_fault(error, name)
+
+
+def _say(text: str) -> None:
+    with suppress(OSError, ValueError):  # standard error may be closed
+        print(printable_lines(text), file=sys.stderr)
+
+
+def _reader_left() -> int:
+    """Discard the remaining output and return the status of a program that SIGPIPE killed."""
+    _drop_output()
+    return _SIGNALLED + signal.SIGPIPE
+
+
+def _drop_output() -> None:
+    """Discard the output still to be written, which the interpreter would otherwise flush at exit."""
+    stdout: Any = sys.stdout
+    with suppress(OSError, ValueError, AttributeError):
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, stdout.fileno())
+        os.close(nothing)
+
+
+def report_fault(error: BaseException, name: str) -> int:
+    """Store the traceback of an unexpected exception, report it in one line, and return the status."""
+    notes = "; ".join(getattr(error, "__notes__", ()))
+    doing = " ".join([name, *sys.argv[1:]]) + (f" ({notes})" if notes else "")
+    kept = _kept("".join(traceback.format_exception(error)), doing)
+    where = "its traceback could not be stored" if kept is None else f"its traceback is stored in {kept}"
+    what, why = (printable(" ".join(text.split()), _PART) for text in (doing, _words(error)))
+    _say(f"unexpected error in {what}: {why}; {where}; please report it with that file to the developers")
+    return FAULT
+
+
+def _words(error: BaseException) -> str:
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception:  # noqa: BLE001 - __str__ of an exception may raise
+        return type(error).__name__
+
+
+def _kept(trace: str, doing: str) -> Path | None:
+    """Write a traceback to the cache folder, or else to the temporary folder, and return the file."""
+    from bodycheck._util.cache_dir import cache_home
+
+    content = f"{doing}\nPython {sys.version}\n\n{trace}".encode(errors="backslashreplace")
+    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    for folder in (cache_home() / "faults", Path(tempfile.gettempdir())):
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            descriptor, path = tempfile.mkstemp(".txt", f"bodycheck-fault-{stamp}-", folder)
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(content)
+            return Path(path)
+    return None

@@ -1,0 +1,200 @@
+"""The pytest fixtures `bodycheck` and `bodycheck_gate`, and the parametrization of their tests."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.contract import Adapter
+from bodycheck.adapters.registry import registered
+from bodycheck.adapters.step_function import Step, StepFunction
+from bodycheck.pytest_plugin.measurement import Measured, Record, assert_passed
+from bodycheck.reports.cache.reuse import Reuse
+from bodycheck.reports.gates.gate import Gate, read_gates
+from bodycheck.reports.gates.verdict import held
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs import runner
+from bodycheck.runs.gate_run import run_for_gates
+from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
+from bodycheck.runs.selection import select
+from bodycheck.scenarios.library import load_scenarios
+
+_KEYS = ("scenario", "engine", "method", "dt_s")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The fixture `bodycheck`; markers and options are the defaults for arguments left out of a call."""
+
+    said: dict[str, Any]
+    record: Record
+    nodeid: str
+
+    @classmethod
+    def of(cls, request: pytest.FixtureRequest) -> Bench:
+        """Return the fixture of one test."""
+        marker = request.node.get_closest_marker("bodycheck")
+        said = {**(_said(marker) if marker else {}), **getattr(request, "param", {})}
+        return cls(said, _recorder(request), request.node.nodeid)
+
+    def run(
+        self,
+        scenario: str | Path | None = None,
+        *,
+        engine: str | Adapter | None = None,
+        method: str | None = None,
+        dt_s: float | Sequence[float] | None = None,
+        tolerance: float | None = None,
+    ) -> Measured:
+        """Run a scenario on an engine and return the measures, without CPU times.
+
+        scenario: a name, a suite or the path of a TOML file. engine: a name, or an adapter object. method: a
+        method of the engine [default: all]. dt_s: one or several step sizes in s [default: the scenario's,
+        and more until an order can be fitted]. tolerance: the error tolerance of an adaptive method. Raises
+        InputError for wrong input.
+        """
+        told = {"scenario": scenario, "engine": engine, "method": method, "dt_s": dt_s}
+        asked = {**self.said, **{key: value for key, value in told.items() if value is not None}}
+        for key in ("scenario", "engine"):
+            if asked.get(key) is None:
+                raise InputError(f"bodycheck.run: {key}= is required, in the call or in the marker")
+        engine = asked["engine"]
+        own = not isinstance(engine, str)
+        if own and not hasattr(engine, "name"):
+            raise InputError(
+                f"{engine!r} is neither an adapter nor the name of an engine; pass a function to step()"
+            )
+        name = engine if isinstance(engine, str) else engine.name
+        with _known(engine):
+            found = runner.run(
+                [asked["scenario"]],
+                engines=[name if asked.get("method") is None else f"{name}:{asked['method']}"],
+                dt_s=_steps(asked.get("dt_s")),
+                tolerances=None if tolerance is None else [tolerance],
+                speed=False,
+            )
+        return Measured(found, self.record, shlex.join(["pytest", self.nodeid]) if own else None)
+
+    def step(
+        self,
+        function: Step,
+        scenario: str | Path | None = None,
+        *,
+        dt_s: float | Sequence[float] | None = None,
+    ) -> Measured:
+        """Step a scenario by a user's function and return the measures.
+
+        function: called as function(state, dt) with a StepState and dt in s; returns the state dt later.
+        scenario and dt_s as for run. An exception of the function becomes the cause of the failing check.
+        """
+        adapter = StepFunction(function)
+        found = self.run(scenario, engine=adapter, method=next(iter(adapter.methods)), dt_s=dt_s)
+        return replace(found, cause=adapter.fault)
+
+
+def _known(engine: Any) -> AbstractContextManager[None]:
+    return nullcontext() if isinstance(engine, str) else registered(engine)
+
+
+def _steps(dt_s: float | Sequence[float] | None) -> Sequence[float] | None:
+    return [dt_s] if isinstance(dt_s, int | float) else dt_s
+
+
+def _refuse(why: str) -> NoReturn:
+    """Fail the collection of a file with this line and without pytest's stack frames."""
+    pytest.fail(why, pytrace=False)
+
+
+def _said(marker: pytest.Mark) -> dict[str, Any]:
+    unknown = [*map(repr, marker.args), *(key for key in marker.kwargs if key not in _KEYS)]
+    if unknown:
+        known = ", ".join(f"{key}=" for key in _KEYS)
+        _refuse(f"the marker bodycheck takes {known}, not {', '.join(unknown)}")
+    return dict(marker.kwargs)
+
+
+def _recorder(request: pytest.FixtureRequest) -> Record:
+    return lambda line: request.node.user_properties.append(("bodycheck", line))
+
+
+def parametrize_cases(metafunc: pytest.Metafunc) -> None:
+    """Run a marked test once per scenario and method that an option names and its marker does not set."""
+    marker = metafunc.definition.get_closest_marker("bodycheck")
+    assert marker is not None
+    said = _said(marker)
+    suite = None if "scenario" in said else metafunc.config.getoption("--bodycheck-suite")
+    engines = said.get("engine", metafunc.config.getoption("--bodycheck-engines"))
+    try:
+        scenarios = [{"scenario": name} for name in _scenarios(suite)] if suite else [{}]
+        has_methods = isinstance(engines, str) and "method" not in said
+        methods = [{"engine": e, "method": m} for e, m in _methods(engines)] if has_methods else [{}]
+    except InputError as error:
+        _refuse(f"{metafunc.definition.nodeid}: {error}")
+    cases = [{**scenario, **method} for scenario in scenarios for method in methods]
+    if cases != [{}]:
+        names = ["-".join(case.values()) for case in cases]
+        metafunc.parametrize("bodycheck", cases, ids=names, indirect=True)
+
+
+@cache
+def _scenarios(suite: str) -> list[str]:
+    return [scenario_spec for scenario_spec, _ in load_scenarios(suite.split(","))]
+
+
+@cache
+def _methods(engines: str) -> list[tuple[str, str]]:
+    return [(engine.name, method.name) for engine, method in select((), engines.split(",")).methods]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldGate:
+    """The fixture `bodycheck_gate`: one gate of a file, to check on a run of the scenarios."""
+
+    gate: Gate
+    beside: tuple[Gate, ...]
+    scenarios: tuple[str, ...]
+    reuse: Reuse
+    record: Record | None = None
+
+    def within(self, request: pytest.FixtureRequest) -> HeldGate:
+        """Return a copy that records into one test's report."""
+        return replace(self, record=_recorder(request))
+
+    def check(self) -> None:
+        """Assert that the gate passes; a gate that matched or measured nothing fails."""
+        __tracebackhide__ = True
+        assert self.record is not None
+        (result,) = held([self.gate], _run_of(self.beside, self.scenarios, self.reuse))
+        assert_passed(result, self.record)
+
+
+@cache
+def _run_of(gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse) -> Run:
+    return run_for_gates(gates, scenarios, RunOptions(reuse=reuse), lambda _: nullcontext(NULL_PROGRESS))
+
+
+def parametrize_gates(metafunc: pytest.Metafunc) -> None:
+    """Run a test once per gate of --bodycheck-tolerances."""
+    file = metafunc.config.getoption("--bodycheck-tolerances")
+    if file is None:
+        _refuse(f"{metafunc.definition.nodeid}: bodycheck_gate needs --bodycheck-tolerances FILE")
+    try:
+        gates = read_gates(Path(file))
+    except InputError as error:
+        _refuse(str(error))
+    suite = metafunc.config.getoption("--bodycheck-suite") or "standard"
+    scenarios = tuple(suite.split(","))
+    # under pytest-xdist each process runs what its own gates need; otherwise one run serves all gates
+    shared = hasattr(metafunc.config, "workerinput")
+    reuse: Reuse = "everything" if metafunc.config.getoption("--bodycheck-reuse") else "truths"
+    params = [HeldGate(gate, (gate,) if shared else gates, scenarios, reuse) for gate in gates]
+    names = [f"{place}-{gate.scenario}-{gate.engine}-{gate.method}" for place, gate in enumerate(gates)]
+    metafunc.parametrize("bodycheck_gate", params, ids=names, indirect=True)

@@ -1,0 +1,33 @@
+"""Map M3: the gyroscopic term by a linearised implicit solve, the torque explicit."""
+
+from __future__ import annotations
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.integrators.evaluated_loads import held_over_steps
+from bodycheck.reference_impl.integrators.facts import Integrator, exact_turn
+from bodycheck.reference_impl.integrators.linearly_implicit import advance_linearised
+from bodycheck.reference_impl.kernels.jit import kernel
+
+
+@kernel
+def advance(state: Array, body: Array, load: Array, dt: float, steps: int) -> None:
+    """Advance the state by the steps, in place. omega is in body axes."""
+    advance_linearised(state, body, load, dt, steps, False)
+
+
+METHOD = Integrator(
+    name="m3",
+    formula="omega+ = omega - (I + dt D)^-1 dt omega x I omega + dt I^-1 tau, q+ = q exp(dt omega+ / 2)",
+    order=1,
+    evaluations=1,
+    torque="held over the step",
+    keeps="|q| to round-off",
+    preserves=frozenset({"rotation group"}),
+    source="measured to be the map of Bullet's btRigidBody",
+    turn=exact_turn,
+    position_weight=1.0,
+    attitude="quaternion",
+    spin="omega_body",
+    advance=advance,
+    advance_forced=held_over_steps(advance, "omega_body"),
+)

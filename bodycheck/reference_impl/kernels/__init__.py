@@ -1,0 +1,1 @@
+"""Arithmetic for compiled kernels: precisions, small vectors, SIMD, and the compilation cache."""

@@ -1,0 +1,1 @@
+"""Taylor integrators in double and double-double precision."""

@@ -1,0 +1,229 @@
+"""Integrate a scene by Taylor series from switch to switch, for a free body or about a pivot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.kernels import double_double as dd
+from bodycheck.reference_impl.kernels.double_double import DoubleDouble
+from bodycheck.reference_impl.kernels.generic_precision import Numbers
+from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.rational_rounding import pair, paired_omega, unit_quaternion
+from bodycheck.reference_impl.scene import Scene, State
+from bodycheck.reference_impl.taylor.forcing import Forcing, forcing_between, pivot_position
+from bodycheck.reference_impl.taylor.spring_terms import SPRING_ROWS, TORSION_ROWS
+from bodycheck.reference_impl.taylor.taylor_steps import (
+    LOST_AT_ANCHOR,
+    LOST_AT_HALF_TURN,
+    follow_parabola,
+    integrate,
+)
+from bodycheck.reference_impl.taylor.taylor_terms import OMEGA, SINES, STATE, V, X
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """The order, tolerance and precision of an integration.
+
+    order: of the series. tolerance: the size of the last terms. paired_orders: the number of orders in
+    double-doubles. 0 is the fastest; a few reduce the round-off of many steps; with about three fifths of the
+    orders, doubles are precise enough for the remaining terms, for tolerances down to 1e-33.
+    """
+
+    order: int
+    tolerance: float
+    paired_orders: int = 0
+
+
+def resolution_for(tolerance: float) -> Resolution:
+    """Return the fastest resolution with an error per step of about the tolerance, which is 1e-17 or more."""
+    if not 1e-17 <= tolerance < 1.0:
+        raise ValueError(f"a tolerance of doubles lies between 1e-17 and 1, not at {tolerance!r}")
+    digits = -math.log10(tolerance)
+    return Resolution(14 if digits < 7.0 else 16 if digits < 10.0 else 18 if digits < 14.0 else 20, tolerance)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """States (n, 13): q, omega_body, v, x, as sums of a high and a low part; and the number of steps.
+
+    lost: the reason for NaN states from some time on, if it is known.
+    """
+
+    high: Array
+    low: Array
+    steps: int
+    lost: str = ""
+
+
+_LOST = {
+    LOST_AT_ANCHOR: "a spring with a rest length is at its anchor, where its force jumps",
+    LOST_AT_HALF_TURN: "a torsion spring is turned by pi, where its torque jumps",
+}
+
+Course: TypeAlias = tuple[tuple[float, float, Forcing], ...]
+"""Consecutive intervals (begin in s, end in s, forcing) without gaps."""
+
+
+def course_of(scene: Scene, until_s: float) -> Course:
+    """Return the forcing of the scene from switch to switch."""
+    edges = [0.0, *scene.switches_before(until_s), until_s]
+    return tuple((begin, end, forcing_between(scene, begin, end)) for begin, end in pairwise(edges))
+
+
+def solve(course: Course, start: State, t_s: Array, resolution: Resolution) -> Solution:
+    """Integrate a course from a start state; return the states at ascending times (n,) within it."""
+    return solve_packed(course, packed_state(start), t_s, resolution)
+
+
+def solve_packed(course: Course, state: tuple[Array, Array], t_s: Array, resolution: Resolution) -> Solution:
+    """Integrate as `solve` does, from a state ((13,), (13,)), high and low parts, updated to the end."""
+    steps, lost = 0, ""
+    high, low = np.empty((len(t_s), STATE)), np.empty((len(t_s), STATE))
+    for begin, end, forcing in course:
+        first, after = np.searchsorted(t_s, [begin, end])
+        part = slice(first, after if end != course[-1][1] else len(t_s))
+        out = high[part], low[part]
+        made = _advance(state, forcing, resolution, t_s[part], (begin, end), out)
+        lost = lost or _LOST.get(made, "")
+        steps += max(made, 0)
+    return Solution(high, low, steps, lost)
+
+
+def packed_state(start: State) -> tuple[Array, Array]:
+    """((13,), (13,)): the high and low parts of q / |q|, omega_body, v, x."""
+    state = np.concatenate([start.quaternion, start.omega_body, start.velocity, start.position])
+    rest = np.zeros(STATE)
+    state[:4], rest[:4] = np.array(unit_quaternion(start.quaternion)).T
+    state[4:7], rest[4:7] = paired_omega(start)
+    return state, rest
+
+
+def _advance(
+    state: tuple[Array, Array],
+    forcing: Forcing,
+    resolution: Resolution,
+    times: Array,
+    span: tuple[float, float],
+    out: tuple[Array, Array],
+) -> int:
+    """Run the kernels that the forcing needs over the span (begin, end) in s; return the number of steps.
+
+    As for `integrate`, state ((13,), (13,)) is updated in place, and out ((n, 13), (n, 13)) is filled at
+    times (n,).
+    """
+    numbers = forcing if resolution.paired_orders else forcing.rounded()
+    rows, series = _working_space(forcing, resolution)
+    steps = integrate(
+        state,
+        series,
+        numbers.turning,
+        numbers.damping,
+        numbers.body_sines,
+        numbers.world,
+        numbers.world_sines,
+        numbers.orbit,
+        None if forcing.on_parabola else numbers.moving,
+        numbers.springs,
+        numbers.torsion,
+        numbers.recorded,
+        rows,
+        times,
+        *span,
+        resolution.tolerance,
+        resolution.paired_orders,
+        out,
+    )
+    if forcing.on_parabola:
+        follow_parabola(state, numbers.moving, times, *span, out)
+    return int(steps)
+
+
+def _working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int, int, int, int], Numbers]:
+    """Return the first rows, and zeroed series.
+
+    The rows are those of the sines in world axes, the springs, the torsion spring and the recorded loads.
+    """
+    counts = [
+        0 if part is None else len(part)
+        for part in (forcing.body_sines, forcing.world_sines, forcing.springs, forcing.recorded)
+    ]
+    world_sines = SINES + 2 * counts[0]
+    springs = world_sines + 2 * counts[1]
+    torsion = springs + SPRING_ROWS * counts[2]
+    recorded = torsion + (0 if forcing.torsion is None else TORSION_ROWS)
+    shape = (recorded + counts[3], resolution.order + 1)
+    series = (np.zeros(shape), np.zeros(shape)) if resolution.paired_orders else np.zeros(shape)
+    return (world_sines, springs, torsion, recorded), series
+
+
+def follow_scene(
+    scene: Scene, course: Course, state: tuple[Array, Array], t_s: Array, resolution: Resolution
+) -> Solution:
+    """Integrate a course of a scene from a packed state; return the states at ascending times (n,).
+
+    x and v are those of the centre of mass. The state ((13,), (13,)) is updated to the end of the course.
+    About a pivot its position and velocity are ignored, because they follow from attitude and omega.
+    """
+    if scene.pivot is None:
+        return solve_packed(course, state, t_s, resolution)
+    for part in state:
+        part[V:] = 0.0
+    turned = solve_packed(course, state, t_s, resolution)
+    origin = np.array([pair(x) for x in pivot_position(scene)], dtype=np.float64)
+    _put_centre(turned.high, turned.low, scene.pivot, origin)
+    return turned
+
+
+@kernel
+def _put_centre(high: Array, low: Array, pivot: Array, origin: Array) -> None:
+    """Write x = origin - R r and v = -R (omega x r), r the pivot in body axes, into the states (n, 13)."""
+    for k in range(len(high)):
+        q = high[k, :OMEGA], low[k, :OMEGA]
+        for a in range(3):
+            b, c = (a + 1) % 3, (a + 2) % 3
+            spin_b, spin_c = (high[k, OMEGA + b], low[k, OMEGA + b]), (high[k, OMEGA + c], low[k, OMEGA + c])
+            swept = dd.subtract(dd.multiply(spin_c, (pivot[b], 0.0)), dd.multiply(spin_b, (pivot[c], 0.0)))
+            high[k, V + a], low[k, V + a] = swept
+        back = _rotated(q, (-pivot[0], 0.0), (-pivot[1], 0.0), (-pivot[2], 0.0))
+        speed = _rotated(
+            q,
+            (high[k, V], low[k, V]),
+            (high[k, V + 1], low[k, V + 1]),
+            (high[k, V + 2], low[k, V + 2]),
+        )
+        for a in range(3):
+            high[k, V + a], low[k, V + a] = speed[a]
+            high[k, X + a], low[k, X + a] = dd.add((origin[a, 0], origin[a, 1]), back[a])
+
+
+@kernel
+def _rotated(
+    q: tuple[Array, Array], x: DoubleDouble, y: DoubleDouble, z: DoubleDouble
+) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble]:
+    """R(q) v = v + w t + u x t, t = 2 u x v, for q = (w, u)."""
+    u = (q[0][1], q[1][1]), (q[0][2], q[1][2]), (q[0][3], q[1][3])
+    v = (x, y, z)
+    t = (
+        dd.scale(dd.subtract(dd.multiply(u[1], v[2]), dd.multiply(u[2], v[1])), 2.0),
+        dd.scale(dd.subtract(dd.multiply(u[2], v[0]), dd.multiply(u[0], v[2])), 2.0),
+        dd.scale(dd.subtract(dd.multiply(u[0], v[1]), dd.multiply(u[1], v[0])), 2.0),
+    )
+    w = q[0][0], q[1][0]
+    return (
+        dd.add(
+            dd.add(x, dd.multiply(w, t[0])), dd.subtract(dd.multiply(u[1], t[2]), dd.multiply(u[2], t[1]))
+        ),
+        dd.add(
+            dd.add(y, dd.multiply(w, t[1])), dd.subtract(dd.multiply(u[2], t[0]), dd.multiply(u[0], t[2]))
+        ),
+        dd.add(
+            dd.add(z, dd.multiply(w, t[2])), dd.subtract(dd.multiply(u[0], t[1]), dd.multiply(u[1], t[0]))
+        ),
+    )

@@ -1,0 +1,1 @@
+"""The certified truth: a motion with bounds on its own error."""

@@ -1,0 +1,274 @@
+"""The truth of a scene with its bounds: the closed form if there is one, otherwise a certified motion.
+
+Callback loads have no Taylor series: scenes with such loads are solved with repeatedly halved steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.closed_forms.exact_motion import ExactMotion, closed_form_of
+from bodycheck.reference_impl.closed_forms.fixed_axis import FixedAxisRotation
+from bodycheck.reference_impl.closed_forms.fixed_axis_sensitivity import departures
+from bodycheck.reference_impl.dynamics import gyration_radius
+from bodycheck.reference_impl.rotations import exp_quaternion, normalised, quaternion_product
+from bodycheck.reference_impl.scene import Scene, State
+from bodycheck.reference_impl.taylor.solution import (
+    Course,
+    Resolution,
+    Solution,
+    course_of,
+    follow_scene,
+    packed_state,
+)
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.truth.motion_distance import distances, rounding, scales, small_distances
+from bodycheck.reference_impl.truth.step_halving import Halved, solve_by_halving, solve_with_steps
+from bodycheck.reference_impl.truth.truth import Kind, Truth
+
+_EXACT_BOUNDS = np.array([4e-15, 8e-15, 8e-15])
+"""Bounds that the tests enforce: angle in rad; relative energy and momentum, from the 4e-15 of omega."""
+
+_FINE, _CHECK = Resolution(30, 1e-32, 19), Resolution(34, 1e-33, 21)
+_NUDGED, _NUDGED_STEPS = Resolution(18, 1e-17), 512
+_NUDGE = 1e-7  # rad, or relative to max |omega|: the size of the perturbations that measure sensitivity
+_PROPORTIONAL = 1e-2  # rad, or relative: the distance up to which nudges grow in proportion to their size
+_FINE_NUDGE = 1e-15  # of those nudges: double-doubles still resolve this to nine digits
+_MARGIN = 10.0
+_EPS = float(np.finfo(np.float64).eps)
+_EPS_PAIR = 2.0**-104  # of double-double arithmetic
+_TRUSTED = 1e-10  # rad, or relative: the largest bound with which the motion may serve as the reference
+
+
+def solve_truth(scene: Scene, t_s: Array) -> Truth:
+    """Return the truth of the scene at any times t >= 0 (n,) in s, in any order.
+
+    Raises ValueError, naming the first such time, for times that are negative or not finite and where the
+    motion leaves the range of double precision; also for loads that cannot act together, and where a
+    callback returns no force and torque.
+    """
+    for t in t_s[~(np.isfinite(t_s) & (t_s >= 0.0))]:
+        raise ValueError(f"a truth needs times that are finite and not negative, not {float(t)!r}")
+    order = np.argsort(t_s, kind="stable")
+    return _reordered(_ascending(scene, t_s[order]), np.argsort(order, kind="stable"))
+
+
+def _ascending(scene: Scene, t_s: Array) -> Truth:
+    if scene.has_callback_load:
+        return _halved(scene, t_s)
+    closed = closed_form_of(scene)
+    return certified_truth(scene, t_s) if closed is None else _exact(scene, closed, t_s)
+
+
+def _check_finite(motion: Trajectory, lost: str = "") -> None:
+    """Raise ValueError for an invalid truth; lost: the reason, if known."""
+    parts = (motion.position_m, motion.velocity_m_s, motion.attitude, motion.omega_body)
+    finite = np.all([np.isfinite(part).all(axis=-1) for part in parts], axis=0)
+    if not finite.all():
+        lost_at = int(np.argmin(finite))
+        first = float(motion.t_s[lost_at])
+        before = float(motion.t_s[lost_at - 1]) if lost_at else 0.0
+        why = f"{lost} (after t = {before!r} s)" if lost else "it leaves the range of double precision"
+        raise ValueError(f"there is no truth at t = {first!r} s: {why}")
+
+
+def _exact(scene: Scene, closed: ExactMotion, t_s: Array) -> Truth:
+    """bound = bound of the closed form, constant in time, + half an ulp of each number; t_s ascending."""
+    motion = closed.at(t_s)
+    _check_finite(motion)
+    relative = np.broadcast_to(_EXACT_BOUNDS[:, None], (3, len(t_s)))
+    errors = np.concatenate([relative, closed.errors(motion)])
+    bounds = np.maximum.accumulate(errors + rounding(scene, motion), axis=1)
+    if isinstance(closed.rotation, FixedAxisRotation):
+        gaps = _linear_gaps(scene, motion, departures(scene, closed.rotation, t_s))
+    else:
+        starts = _nudges(scene, motion)
+        gaps = _largest_gaps(scene, motion, [_neighbour(scene, start).at(t_s) for start in starts])
+    return Truth(motion, "exact", *bounds, *_EPS * _growths(scene, motion, gaps / _NUDGE))
+
+
+def _neighbour(scene: Scene, start: State) -> ExactMotion:
+    """Return the closed-form motion from a nudged start; it exists, as no torque but drag acts."""
+    closed = closed_form_of(replace(scene, initial=start))
+    assert closed is not None
+    return closed
+
+
+def _linear_gaps(scene: Scene, motion: Trajectory, matrices: Array) -> Array:
+    """Return the largest distances (6, n) of neighbours that depart according to the matrices (n, 6, 6).
+
+    The nudges are those of `_nudges`. Distances are limited to half a turn and twice the largest |omega|.
+    """
+    spin = _largest(motion.omega_body)
+    found = np.zeros((6, len(motion.t_s)))
+    for nudge in np.diag([_NUDGE * spin] * 3 + [_NUDGE] * 3):
+        departed = matrices @ nudge
+        faster, turned = (np.linalg.norm(part, axis=-1) for part in np.split(departed, 2, axis=1))
+        most = np.maximum(np.maximum(turned / np.pi, faster / (2.0 * spin) if spin > 0.0 else 0.0), 1.0)
+        departed = departed / most[:, None]
+        change = np.zeros((len(departed), 13))
+        half = np.concatenate([np.zeros((len(departed), 1)), 0.5 * departed[:, 3:]], axis=1)
+        change[:, 0:4] = quaternion_product(motion.attitude, half)
+        change[:, 4:7] = departed[:, :3]
+        found = np.maximum(found, small_distances(scene, motion, change))
+    return found
+
+
+def certified_truth(scene: Scene, t_s: Array) -> Truth:
+    """bound = 10 (|difference of two resolutions| + 2^-104 sensitivity steps) + half an ulp, t_s ascending.
+
+    t_s (n,) in s, ascending. For any scene without callback loads, including scenes with a closed form. The
+    half ulp is that of every returned number: some 3e-16 rad. Raises ValueError as `solve_truth` does.
+    """
+    course = course_of(scene, float(t_s[-1]) if len(t_s) else 0.0)
+    fine, check = (
+        follow_scene(scene, course, packed_state(scene.initial), t_s, resolution)
+        for resolution in (_FINE, _CHECK)
+    )
+    motion = _trajectory(t_s, fine)
+    _check_finite(motion, fine.lost)
+    growths = _certified_growths(scene, course, motion, fine)
+    gaps = small_distances(scene, motion, (check.high - fine.high) + (check.low - fine.low))
+    noise = _EPS_PAIR * growths * (1 + max(fine.steps, check.steps))
+    return _bounded(scene, motion, "certified", gaps + noise, growths)
+
+
+def _halved(scene: Scene, t_s: Array) -> Truth:
+    """bound = 10 (|difference of two step lengths| + eps sensitivity sqrt(steps)) + half an ulp.
+
+    Round-off errors of either sign are equally likely. Two motions of order 8 differ by 255 times the error
+    of the finer one.
+    """
+    halved = solve_by_halving(scene, t_s)
+    _check_finite(halved.motion)
+    growths = _halved_growths(scene, halved)
+    noise = _EPS * growths * math.sqrt(halved.steps)
+    kind: Kind = "certified" if halved.agreed else "estimated"
+    return _bounded(scene, halved.motion, kind, halved.gaps + noise, growths)
+
+
+def _halved_growths(scene: Scene, halved: Halved) -> Array:
+    """Return the growths of nudges (6, n), at limited resolution: neighbours have nearly the same error."""
+    t_s, steps = halved.motion.t_s, min(halved.steps, _NUDGED_STEPS)
+    dt_s = (float(t_s[-1]) if len(t_s) and t_s[-1] > 0.0 else 1.0) / steps
+    starts = [_rounded(scene.initial), *_nudges(scene, halved.motion)]
+    motion, *neighbours = (solve_with_steps(scene, start, t_s, dt_s) for start in starts)
+    return _growths(scene, motion, _largest_gaps(scene, motion, neighbours) / _NUDGE)
+
+
+def _bounded(scene: Scene, motion: Trajectory, kind: Kind, errors: Array, growths: Array) -> Truth:
+    """Return the truth of a motion whose errors (6, n) are known up to a margin."""
+    errors = _MARGIN * _known(errors)
+    bounds = np.maximum.accumulate(errors + rounding(scene, motion), axis=1)
+    truth = Truth(motion, kind, *bounds, *_EPS * growths)
+    # rounding is left out: far from the origin it is large relative to a length, but known
+    lost = (truth.bound_rad > _TRUSTED) | np.any(errors[3:] > _TRUSTED * scales(scene, motion)[3:], axis=0)
+    return replace(truth, trusted_until_s=float(motion.t_s[np.argmax(lost)])) if lost.any() else truth
+
+
+def _known(errors: Array) -> Array:
+    """Return the errors, infinite where they are unknown."""
+    return np.where(np.isnan(errors), np.inf, errors)
+
+
+def _certified_growths(scene: Scene, course: Course, motion: Trajectory, fine: Solution) -> Array:
+    """Return growths (6, n) as `_growths`, from finer nudges in double-double where coarse ones saturate."""
+    t_s = motion.t_s
+    neighbours = [
+        _trajectory(t_s, follow_scene(scene, course, packed_state(start), t_s, _NUDGED))
+        for start in _nudges(scene, motion)
+    ]
+    gaps = _largest_gaps(scene, motion, neighbours)
+    growths = _growths(scene, motion, gaps / _NUDGE)
+    if np.max((gaps / scales(scene, motion))[[0, 3, 4, 5]], initial=0.0) < _PROPORTIONAL:
+        return growths
+    apart = np.zeros_like(growths)
+    high, low = packed_state(scene.initial)
+    rounded_high, rounded_low = packed_state(_rounded(scene.initial))
+    for start in _nudges(scene, motion):
+        nudged_high, nudged_low = packed_state(start)
+        nudge = _FINE_NUDGE * ((nudged_high - rounded_high) + (nudged_low - rounded_low))
+        found = follow_scene(scene, course, (high.copy(), low + nudge), t_s, _FINE)
+        difference = (found.high - fine.high) + (found.low - fine.low)
+        apart = np.maximum(apart, _known(small_distances(scene, motion, difference)))
+    return np.maximum.accumulate(np.maximum(growths, apart / (_NUDGE * _FINE_NUDGE)), axis=1)
+
+
+def _trajectory(t_s: Array, solution: Solution) -> Trajectory:
+    """Round a solution to doubles."""
+    state = solution.high  # the nearest double to high + low is high
+    return Trajectory(
+        t_s=t_s,
+        position_m=state[:, 10:13],
+        velocity_m_s=state[:, 7:10],
+        quaternion=state[:, 0:4],
+        omega_body_rad_s=state[:, 4:7],
+    )
+
+
+def _largest_gaps(scene: Scene, motion: Trajectory, neighbours: list[Trajectory]) -> Array:
+    """Return the largest distances (6, n) of any neighbour, infinite where one cannot be followed."""
+    return np.max([_known(distances(scene, motion, neighbour)) for neighbour in neighbours], axis=0)
+
+
+def _growths(scene: Scene, motion: Trajectory, growths: Array) -> Array:
+    """Return the largest growth (6, n) of a small nudge up to each time, at least that of a steady motion.
+
+    No motion is less sensitive than a steady spin to an error of eps in omega, or than a position far from
+    the origin and a steady flight to an error of eps in position and velocity.
+    """
+    least = (1.0 + _largest(motion.omega_body) * motion.t_s) * scales(scene, motion)
+    least[4] += 3.0 * _largest(motion.position_m) + _largest(motion.velocity_m_s) * motion.t_s
+    return np.maximum.accumulate(np.maximum(growths, least), axis=1)
+
+
+def _largest(vectors: Array) -> float:
+    return float(np.max(np.linalg.norm(vectors, axis=-1), initial=0.0))
+
+
+def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
+    """Yield neighbours of the start: rotated about each body axis, and with omega changed along each.
+
+    Where a load may couple rotation and translation, also neighbours with position and velocity changed.
+    """
+    start, omega = _rounded(scene.initial), _NUDGE * _largest(motion.omega_body)
+    for axis in np.eye(3):
+        turned = quaternion_product(start.quaternion, exp_quaternion(_NUDGE * axis))
+        yield replace(start, quaternion=normalised(turned))
+        yield replace(start, omega_body=start.omega_body + omega * axis)
+    tied = any(load.couples_translation for load in scene.lasting_loads)
+    if tied and scene.pivot is None:
+        radius = gyration_radius(scene.body.mass, scene.body.inertia)
+        speed = _NUDGE * _largest(motion.velocity_m_s)
+        for axis in np.eye(3):
+            yield replace(start, position=start.position + _NUDGE * radius * axis)
+            yield replace(start, velocity=start.velocity + speed * axis)
+
+
+def _rounded(start: State) -> State:
+    """Return the start in doubles; this rounding is small compared with the nudges."""
+    return replace(start, exact_omega_world=None)
+
+
+def _reordered(truth: Truth, order: NDArray[np.intp]) -> Truth:
+    motion = truth.trajectory
+    assert motion.quaternion is not None
+    assert motion.omega_body_rad_s is not None
+    arrays: dict[str, Any] = {
+        name: value[order] for name, value in vars(truth).items() if isinstance(value, np.ndarray)
+    }
+    trajectory = Trajectory(
+        t_s=motion.t_s[order],
+        position_m=motion.position_m[order],
+        velocity_m_s=motion.velocity_m_s[order],
+        quaternion=motion.quaternion[order],
+        omega_body_rad_s=motion.omega_body_rad_s[order],
+    )
+    return replace(truth, trajectory=trajectory, **arrays)

@@ -1,0 +1,1 @@
+"""Cached engine answers and truths, and the journal of a run."""

@@ -1,0 +1,160 @@
+"""Get the answer to a case from the run's journal, from the cache, or from the engine, in this order.
+
+The cache key includes the identity of the code that the engine's worker has loaded. An answer is cached only
+if the worker that gave it had loaded exactly that code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, TypeVar
+
+from bodycheck.adapters.contract import Engine
+from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.stable_step import Search, StableStep
+from bodycheck.adapters.workers import case_messages, protocol
+from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.cache.entries import Entry, key_of
+from bodycheck.reports.cache.journal import Journal
+from bodycheck.reports.cache.reuse import Reuse
+
+_Said = TypeVar("_Said", Answer, StableStep)
+
+
+class Answers:
+    """Answers of engines to cases, and lap times; each is requested once.
+
+    journal: of this run; its answers are never requested again. cache: shared by all runs, None to disable
+    it; laps are never cached. timeout_s: time limit of one case. reuse: which cached answers are used.
+    run_id: of this run; it distinguishes this run's answers in the journal from reused ones.
+    """
+
+    def __init__(
+        self,
+        journal: Journal | None,
+        cache: Cache | None,
+        timeout_s: float,
+        *,
+        reuse: Reuse = "installed",
+        run_id: str = "",
+    ) -> None:
+        self._journal, self._cache, self._timeout_s = journal, cache, timeout_s
+        self._reuse: Reuse = reuse
+        self._run_id = run_id
+
+    def ask(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
+        """Return the answer to a case, also where the engine failed."""
+        return self._answered(
+            engine_pool,
+            engine,
+            case,
+            _key(engine, case, "record"),
+            lambda: {"do": "record", "case": case_messages.case_message(case)},
+            lambda message: _read(message, case),
+        )
+
+    def search(self, engine_pool: EnginePool, engine: Engine, search: Search) -> StableStep:
+        """Return the result of a search for the largest stable step, also where the engine failed."""
+        return self._answered(
+            engine_pool,
+            engine,
+            search.case,
+            _key(engine, search.case, "stable-step", **case_messages.search_bounds(search)),
+            lambda: {"do": "stable-step", **case_messages.search_message(search)},
+            _read_search,
+        )
+
+    def _answered(
+        self,
+        engine_pool: EnginePool,
+        engine: Engine,
+        case: Case,
+        key: str,
+        request: Callable[[], Message],
+        read: Callable[[Message], _Said],
+    ) -> _Said:
+        journal = self._journal_of(case)
+        message = journal.get(key) if journal else None
+        if message is not None:
+            return replace(read(message), reused=message.get("run") != self._run_id)
+        cache = self._cache_of(engine, case)
+        entry = cache.entry(key) if cache and self._reuses(engine) else None
+        reused = entry is not None
+        if entry is None:
+            message = {**engine_pool.ask(engine.name, request(), self._timeout_s), "run": self._run_id}
+            message.pop("id", None)
+            said = read(message)
+            entry = Entry.of(key, protocol.kept(message, said))
+            if cache and _lasting(said) and message.get("build", engine.build.id) == engine.build.id:
+                cache.keep(entry)
+        else:
+            said = read(entry.value)
+        if journal:
+            # cached answers too: the cache may be gone when the run is resumed
+            journal.append(entry)
+        return replace(said, reused=reused)
+
+    def _cache_of(self, engine: Engine, case: Case) -> Cache | None:
+        """Return the cache; None where the engine is not identified, or a user's function may change."""
+        known = engine.build.id and engine.build.kind != "handed over"
+        return self._cache if known and not case.scene.has_callback_load else None
+
+    def _reuses(self, engine: Engine) -> bool:
+        return self._reuse == "everything" or (
+            self._reuse == "installed" and engine.build.kind == "installed"
+        )
+
+    def _journal_of(self, case: Case) -> Journal | None:
+        """Return the journal; None where a user's function may change before the run is resumed."""
+        return None if case.scene.has_callback_load else self._journal
+
+    def laps(self, engine: Engine, case: Case) -> Message | None:
+        """Return the laps of a case that this run measured before it was interrupted, if any."""
+        journal = self._journal_of(case)
+        return journal.get(_key(engine, case, "laps")) if journal else None
+
+    def keep_laps(self, engine: Engine, case: Case, measured: Message) -> None:
+        """Store the laps of a case in the journal."""
+        if journal := self._journal_of(case):
+            journal.put(_key(engine, case, "laps"), measured)
+
+
+def _read(message: Message, case: Case) -> Answer:
+    try:
+        return replace(protocol.answer_of(message, case.scene.sample_times), build=_build(message))
+    except ValueError as error:
+        told = protocol.shown(f"{type(error).__name__}: {error}")
+        return Answer("failed", told, build=_build(message))
+
+
+def _read_search(message: Message) -> StableStep:
+    try:
+        return replace(protocol.stable_step_of(message), build=_build(message))
+    except ValueError as error:
+        told = protocol.shown(f"{type(error).__name__}: {error}")
+        return StableStep("failed", told, build=_build(message))
+
+
+def _build(message: Message) -> str:
+    return protocol.shown(str(message.get("build", "")))
+
+
+def _lasting(answer: Answer | StableStep) -> bool:
+    """Whether the engine would answer the same again; a crash or a timeout may be accidental."""
+    return answer.outcome == "unsupported" or (answer.outcome == "ok" and not answer.message)
+
+
+def _key(engine: Engine, case: Case, what: str, **within: float | None) -> str:
+    identity: dict[str, Any] = {"name": engine.name, "version": engine.version, "build": engine.build.id}
+    asked = {"method": case.method, **vars(case.setting), "scene": _scene_key(case.scene)}
+    return key_of(what=what, protocol=protocol.VERSION, engine=identity, case=asked, **within)
+
+
+@lru_cache(maxsize=256)  # a scene, hashed by identity, has about a hundred cases
+def _scene_key(scene: Scene) -> str:
+    return key_of(scene=case_messages.scene_message(scene))

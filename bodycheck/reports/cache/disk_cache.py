@@ -1,0 +1,97 @@
+"""On-disk cache of results, keyed by the hash of everything they depend on: one checksummed line per file."""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from bodycheck._util.cache_dir import cache_home
+from bodycheck._util.files import atomic_write
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.reports.cache.entries import Entry
+
+_MOST_BYTES = 2_000_000_000
+_UNUSED_S = 30 * 86400.0
+_MARKED_AGAIN_S = 86400.0  # the time of last use is updated at most this often
+
+
+class Cache:
+    """Messages by key. A damaged file counts as absent; nothing is stored in an unwritable folder."""
+
+    def __init__(self, folder: Path, *, readable: bool = True) -> None:
+        self._folder, self._readable = folder, readable
+        self._writable = True
+
+    @classmethod
+    def default(cls) -> Cache:
+        """Return the cache next to the compiled kernels; BODYCHECK_CACHE_DIR moves both."""
+        return cls(cache_home() / "results")
+
+    def write_only(self) -> Cache:
+        """Return the same cache without reading: results are computed again and replace the old entries."""
+        return Cache(self._folder, readable=False)
+
+    def get(self, key: str) -> Message | None:
+        """Return the message stored under this key; None where it is absent or damaged."""
+        entry = self.entry(key)
+        return None if entry is None else entry.value
+
+    def has(self, key: str) -> bool:
+        """Whether there is a file for this key, intact or damaged."""
+        return self._readable and os.path.isfile(self._place(key))  # noqa: PTH113 - False without permission
+
+    def entry(self, key: str) -> Entry | None:
+        """Return the entry stored under this key, with its line; None where it is absent or damaged."""
+        if not self._readable:
+            return None
+        place = self._place(key)
+        try:
+            with place.open("rb", buffering=0) as file:
+                used = os.fstat(file.fileno()).st_mtime
+                entry = Entry.read(file.readall())
+        except OSError:
+            return None
+        if entry is None or entry.key != key:
+            return None
+        if abs(time.time() - used) > _MARKED_AGAIN_S:
+            with suppress(OSError):
+                os.utime(place)
+        return entry
+
+    def put(self, key: str, message: Message) -> None:
+        """Store a message atomically; once the disk is full or read-only, do nothing."""
+        self.keep(Entry.of(key, message))
+
+    def keep(self, entry: Entry) -> None:
+        """Store a message that already has its checksum, like `put`."""
+        if not self._writable:
+            return
+        place = self._place(entry.key)
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            atomic_write(place, entry.line)
+        except OSError:
+            self._writable = False
+
+    def prune(self, now_s: float | None = None) -> None:
+        """Remove entries unused for 30 days, then the least recently used ones, down to 2 GB."""
+        now_s = time.time() if now_s is None else now_s
+        files = []
+        with suppress(OSError):  # the folder may be absent or unreadable
+            for folder in self._folder.iterdir():
+                with suppress(OSError), os.scandir(folder) as entries:  # another process may prune it too
+                    for entry in entries:
+                        facts = entry.stat()
+                        files.append((facts.st_mtime, facts.st_size, entry.path))
+        total = sum(size for _, size, _ in files)
+        for used, size, path in sorted(files):
+            if now_s - used < _UNUSED_S and total <= _MOST_BYTES:
+                break
+            with suppress(OSError):
+                Path(path).unlink()
+            total -= size
+
+    def _place(self, key: str) -> Path:
+        return self._folder / key[:2] / key[2:]

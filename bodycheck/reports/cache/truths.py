@@ -1,0 +1,83 @@
+"""The cache of solve_truth."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from bodycheck._util.platform_identity import numeric_parts
+from bodycheck.adapters.registry import own_code
+from bodycheck.adapters.workers import case_messages
+from bodycheck.adapters.workers.protocol import Message, packed, unpacked
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.precompile import closed_forms_compiled, compile_kernels
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.truth.truth import Truth
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.cache.entries import key_of
+
+
+def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
+    """Return solve_truth(scene, t_s) from the cache; on a miss, solve and store it.
+
+    t_s (n,) in s. A truth that depends on a user's function is never stored, because its code may change.
+
+    Raises ValueError as solve_truth does.
+    """
+    if cache is None or scene.has_callback_load:
+        return _solved(scene, t_s)
+    key = _key(scene, t_s)
+    if (message := cache.get(key)) is not None:
+        return _truth_of(message)
+    if scene.is_free_rotation and not closed_forms_compiled():
+        compile_kernels([scene])
+    truth = _solved(scene, t_s)
+    cache.put(key, _message(truth))
+    return truth
+
+
+def _solved(scene: Scene, t_s: Array) -> Truth:
+    from bodycheck.reference_impl.truth.certification import (
+        solve_truth,  # imported here: numba takes a second to start
+    )
+
+    return solve_truth(scene, t_s)
+
+
+def is_known(scene: Scene, t_s: Array, cache: Cache) -> bool:
+    """Whether the cache has a file for this truth; the file may be damaged."""
+    return not scene.has_callback_load and cache.has(_key(scene, t_s))
+
+
+def _key(scene: Scene, t_s: Array) -> str:
+    # includes the numerical libraries, because another build may round or order operations differently
+    scene_message = case_messages.scene_message(scene)
+    return key_of(truth=scene_message, t_s=packed(t_s), code=own_code(), evaluated_by=numeric_parts())
+
+
+def _message(truth: Truth) -> Message:
+    message: Message = {}
+    for field in fields(truth):
+        value: Any = getattr(truth, field.name)
+        match value:
+            case np.ndarray():
+                message[field.name] = packed(value)
+            case Trajectory():
+                arrays = {part.name: getattr(value, part.name) for part in fields(value)}
+                message[field.name] = {name: packed(a) for name, a in arrays.items() if a is not None}
+            case _:
+                message[field.name] = value
+    return message
+
+
+def _truth_of(message: Message) -> Truth:
+    values: dict[str, Any] = {}
+    for name, value in message.items():
+        if name == "trajectory":
+            values[name] = Trajectory(**{part: unpacked(array) for part, array in value.items()})
+        else:
+            values[name] = unpacked(value) if isinstance(value, dict) else value
+    return Truth(**values)

@@ -1,0 +1,161 @@
+"""Describe a comparison in sentences: what was compared and what changed, similar changes grouped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from bodycheck._util.formatting import count, names, number, setting
+from bodycheck.reports.comparison.change import Change, Kind, Status
+from bodycheck.reports.comparison.compare import Comparison
+from bodycheck.reports.comparison.environment_diff import BUILD_OF
+from bodycheck.reports.comparison.headlines import headlines, moved_text
+from bodycheck.reports.run_files.run_reader import Tables
+
+HEADINGS: dict[Status, str] = {
+    "worse": "Worse",
+    "missing": "No longer measured",
+    "improved": "Improved",
+    "moved": "Moved",
+    "new": "New",
+}
+"""Status -> heading, the most severe first."""
+
+_KINDS: tuple[Kind, ...] = ("outcome", "verdict", "order", "stability", "accuracy", "speed", "case")
+
+
+@dataclass(frozen=True)
+class Group:
+    """The changes of one kind and status, for one method on one scenario, the largest first."""
+
+    status: Status
+    kind: Kind
+    scenario: str | None
+    method: str
+    changes: tuple[Change, ...]
+
+    @property
+    def where(self) -> str:
+        """The scenario, or "all scenarios" if the change is of the method as a whole."""
+        return "all scenarios" if self.scenario is None else self.scenario
+
+    @property
+    def text(self) -> str:
+        """The largest change and the number of further ones."""
+        first, *others = self.changes
+        if not others:
+            return change_text(first)
+        cases = {(change.control, change.fineness) for change in self.changes}
+        more = f"{count(len(others), 'more change')}, in {count(len(cases), 'case')}"
+        return f"{change_text(first)}; {count(len(cases) - 1, 'more case') if self.kind == 'case' else more}"
+
+
+def groups(changes: Iterable[Change]) -> list[Group]:
+    """Return the changes in groups, failing ones first, then by kind, then by size."""
+    found: dict[tuple[Status, Kind, str | None, str], list[Change]] = {}
+    for change in changes:
+        key = (change.status, change.kind, change.scenario, f"{change.engine}:{change.method}")
+        found.setdefault(key, []).append(change)
+    made = [Group(*key, tuple(alike)) for key, alike in found.items()]
+    statuses = list(HEADINGS)
+    return sorted(
+        made,
+        key=lambda group: (
+            statuses.index(group.status),
+            _KINDS.index(group.kind),
+            -group.changes[0].size,
+        ),
+    )
+
+
+def change_text(change: Change) -> str:
+    """Return one change as text, without its scenario and method."""
+    at = _at(change)
+    if change.kind == "speed":
+        assert change.decades is not None
+        how = "slow" if change.decades > 0.0 else "fast"
+        return f"{number(10.0 ** abs(change.decades), 3)} times as {how}"
+    if change.kind == "case":
+        which, outcome = ("new", change.after) if change.before is None else ("missing", change.before)
+        return f"{which} case{at} ({outcome})"
+    before, after = _apart(change.before, change.after)
+    return f"{change.quantity} {before} -> {after}{_size(change)}{at}"
+
+
+def _size(change: Change) -> str:
+    """Return the size of a change: " (factor 10 up)", " (1.2 % down)"; "" without a size."""
+    if change.decades is None or change.relative is None:
+        return ""
+    way = "up" if change.decades > 0.0 else "down"
+    if change.relative >= 1.0:
+        return f" (factor {number(10.0**change.size, 3)} {way})"
+    return f" ({number(100.0 * change.relative, 2)} % {way})"
+
+
+def _at(change: Change) -> str:
+    """Return the step or tolerance of a change; "" if it is not of one case."""
+    return "" if change.fineness is None else f" at {setting(change.control, change.fineness)}"
+
+
+def _apart(before: float | str | None, after: float | str | None) -> tuple[str, str]:
+    """Return both values with as many digits as distinguish them, at least four."""
+    for digits in range(4, 18):
+        texts = tuple(_value(value, digits) for value in (before, after))
+        if texts[0] != texts[1]:
+            break
+    return texts[0], texts[1]
+
+
+def _value(value: float | str | None, digits: int) -> str:
+    if value is None:
+        return "not measured"
+    return value if isinstance(value, str) else number(value, digits)
+
+
+def identity(tables: Tables) -> str:
+    """Return the run's id, its time and its bodycheck version."""
+    manifest = tables.manifest
+    return f"{tables.run_id}, {manifest['created']}, bodycheck {manifest['bodycheck']}"
+
+
+def sentences(comparison: Comparison) -> list[str]:
+    """Return what changed, one sentence per engine, then the circumstances and how much was compared.
+
+    A different build under the same version comes first, because no version number shows it.
+    """
+    found = headlines(comparison) or [_nothing(comparison)]
+    if collapsed := _collapsed(comparison):
+        found.append(collapsed)
+    if not comparison.circumstances:
+        found.append("The same machine, versions and settings.")
+    else:
+        rebuilt = any(one.startswith(BUILD_OF) for one in comparison.circumstances)
+        found.insert(
+            0 if rebuilt else len(found), f"Different circumstances: {'; '.join(comparison.circumstances)}."
+        )
+    if comparison.redefined:
+        found.append(f"Not compared (scenario definition changed): {names(comparison.redefined)}.")
+    came, went = (
+        sum(change.kind == "case" for change in comparison.of_status(status)) for status in ("new", "missing")
+    )
+    compared = f"{count(comparison.paired, 'case')} compared, {comparison.timed} of them also by speed"
+    refined = f"; {comparison.refined} at steps that only one run chose" if comparison.refined else ""
+    return [*found, f"{compared}; {count(came, 'new case')}, {count(went, 'missing case')}{refined}."]
+
+
+def _collapsed(comparison: Comparison) -> str:
+    """Return how many changes improved, moved or are new; these are not listed."""
+    parts = []
+    if improved := comparison.of_status("improved"):
+        parts.append(f"{len(improved)} improved")
+    if moved := comparison.of_status("moved"):
+        parts.append(f"{len(moved)} moved{moved_text(moved, comparison.thresholds)}")
+    if new := comparison.of_status("new"):
+        parts.append(f"{len(new)} new")
+    return f"Changes not listed: {', '.join(parts)}." if parts else ""
+
+
+def _nothing(comparison: Comparison) -> str:
+    if not comparison.paired:
+        return "Nothing could be compared."
+    return "Nothing changed beyond round-off and the noise of the machines."

@@ -1,0 +1,161 @@
+"""Write the results of gates to the terminal, as JUnit XML and as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+from xml.etree import ElementTree
+
+from rich.text import Text
+
+from bodycheck._util.formatting import console, count, number, print_columns
+from bodycheck.reports.gates.proposal import Change
+from bodycheck.reports.gates.verdict import Check, GateResult, distance
+
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def as_junit(results: Sequence[GateResult], where: str) -> bytes:
+    """Return a JUnit test suite with one test case per gate; a gate that measured nothing is a failure."""
+    failures = sum(result.status != "passed" for result in results)
+    counts = {"tests": str(len(results)), "failures": str(failures), "errors": "0", "skipped": "0"}
+    root = ElementTree.Element("testsuites", counts)
+    suite = ElementTree.SubElement(root, "testsuite", {"name": "bodycheck gate", **counts})
+    for place, result in enumerate(results):
+        name = f"gate[{place}] {result.gate.title}"
+        case = ElementTree.SubElement(suite, "testcase", {"classname": _xml(where), "name": _xml(name)})
+        if result.status != "passed":
+            failure = ElementTree.SubElement(
+                case, "failure", {"type": result.status, "message": _xml(line_of(result))}
+            )
+            lines = [" | ".join(filter(None, cells[1:])) for cells in failure_rows([result])]
+            failure.text = _xml("\n".join([result.gate.reason, *lines]))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def _xml(text: str) -> str:
+    """Return the text without characters that XML forbids: an engine's message may contain any."""
+    return _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def as_json(results: Sequence[GateResult], where: str, run_id: str) -> bytes:
+    """Return a JSON object: the file, the run, whether all gates passed, and each gate with all its rows."""
+    told = {
+        "tolerances": where,
+        "run_id": run_id,
+        "passed": all(result.status == "passed" for result in results),
+        "gates": [_gate(result) for result in results],
+    }
+    return (json.dumps(told, indent=1, allow_nan=False) + "\n").encode()
+
+
+def _gate(result: GateResult) -> dict[str, Any]:
+    return {
+        "gate": result.gate.model_dump(exclude_none=True),
+        "status": result.status,
+        "why": result.why,
+        "rows": [
+            {**vars(check.row), "passed": check.passed, **_beyond(check, result)} for check in result.checks
+        ],
+    }
+
+
+def _beyond(check: Check, result: GateResult) -> dict[str, float | None]:
+    """Return the distance under a key that names its unit; None if there is none or a side is 0."""
+    finite = check.beyond is not None and math.isfinite(check.beyond)
+    name = "beyond_decades" if result.gate.looks_at.in_decades else "beyond"
+    return {name: check.beyond if finite else None}
+
+
+_HEADS = ("gate", "scenario", "method", "at", "obtained", "bound", "distance", "command")
+_STYLES = {"passed": "green", "failed": "red", "nothing": "red"}
+
+
+def line_of(result: GateResult) -> str:
+    """Return the result of a gate without its status: its title and its worst row."""
+    cases = count(len(result.checks), "case")
+    if result.status == "nothing":
+        return f"{result.gate.title}: measured nothing: {result.why}"
+    if result.status == "failed":
+        return f"{result.gate.title}: {len(result.failed)} of {cases} failed; {_worst(result)}"
+    return f"{result.gate.title}: {cases}; {_worst(result)}"
+
+
+def _worst(result: GateResult) -> str:
+    worst = result.worst
+    assert worst is not None
+    away = distance(worst, result.gate)
+    return f"worst {obtained(worst)}" + (f", {away}" if away else "")
+
+
+def obtained(check: Check) -> str:
+    """Return the obtained value as text, or why there is none."""
+    value = check.row.obtained
+    if value is None:
+        return check.row.why
+    if not isinstance(value, str):
+        return number(value)
+    return f"{value}: {check.row.about}" if check.row.about else value
+
+
+def failure_rows(results: Sequence[GateResult]) -> list[tuple[str, ...]]:
+    """Return the cells of every row that failed, one per head of the printed table."""
+    return [
+        (
+            str(place),
+            check.row.scenario,
+            f"{check.row.engine}:{check.row.method}",
+            check.row.at,
+            obtained(check),
+            f"{result.gate.measure} {result.gate.bound}",
+            distance(check, result.gate),
+            check.row.reproduce,
+        )
+        for place, result in enumerate(results)
+        for check in result.failed
+    ]
+
+
+def print_results(results: Sequence[GateResult]) -> None:
+    """Print one line per gate, a table of the failed rows, and the counts."""
+    out = console()
+    for place, result in enumerate(results):
+        status = Text(f"{result.status:7}", style=_STYLES[result.status])
+        out.print(status.append(f"  [{place}] {line_of(result)}", style="default"), soft_wrap=True)
+    rows = failure_rows(results)
+    if rows:
+        out.print()
+        print_columns(out, _HEADS, rows)
+        out.print()
+    for place, result in enumerate(results):
+        if result.status != "passed":
+            out.print(Text(f"[{place}] {result.gate.reason}"), soft_wrap=True)
+    ended = Counter[str](result.status for result in results)
+    words = {"passed": "passed", "failed": "failed", "nothing": "measured nothing"}
+    told = ", ".join(f"{ended[status]} {word}" for status, word in words.items() if ended[status])
+    out.print(f"{count(len(results), 'gate')}: {told}")
+
+
+def print_changes(changes: Sequence[Change], results: Sequence[GateResult], margin: float) -> None:
+    """Print the replaced bounds, each with the measured value and the margin to it."""
+    out = console()
+    for change in changes:
+        gate = results[change.place].gate
+        out.print(
+            f"[{change.place}] {gate.scenario} {gate.engine}:{gate.method} {gate.measure}: {change.key} "
+            f"{number(change.old)} -> {number(change.new)}; measured {number(change.measured)}"
+            + ("" if change.key == "near" else f", margin {number(margin)} decades")
+            + ("; loosened" if change.loosens else ""),
+            soft_wrap=True,
+            markup=False,
+        )
+    loosened = {change.place for change in changes if change.loosens}
+    kept = sum(result.status != "passed" and place not in loosened for place, result in enumerate(results))
+    if kept:
+        out.print(f"{count(kept, 'gate')} that did not pass left unchanged: loosen with --loosen REASON")
+    out.print(f"{count(len(changes), 'bound')} replaced")

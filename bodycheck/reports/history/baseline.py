@@ -1,0 +1,201 @@
+"""Find the baseline runs of a nightly run: same machine class, undamaged, not dated in the future."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import escaped, from_outside, printable, read_json
+from bodycheck.reports.comparison.environment_diff import redefined
+from bodycheck.reports.history.accepted_levels import read_accepted
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_tables
+
+
+def machine_class(manifest: Mapping[str, Any]) -> str:
+    """Return processor, cores, system and architecture, which two nightly runs must share to be compared.
+
+    Versions of the system, of Python and of libraries are circumstances: their effect should be visible.
+    """
+    return f"{manifest['cpu']}, {manifest['cores']} cores, {manifest['system']}"
+
+
+NIGHT_FILE = "night.json"
+_SUMS, _SEAL = "sha256", "seal"
+_PARQUET = b"PAR1"  # a complete file begins and ends with it
+
+
+def seal_night(folder: Path) -> None:
+    """Add the SHA-256 sums of all files of a nightly run, and a seal, to its night.json."""
+    path = folder / NIGHT_FILE
+    told = json.loads(path.read_text(encoding="utf-8"))
+    told[_SUMS] = {file.name: _sum(file) for file in sorted(folder.iterdir()) if file != path}
+    told[_SEAL] = _seal(told)
+    path.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+
+
+def read_night_file(folder: Path) -> dict[str, Any]:
+    """Read night.json of a nightly run; raise InputError if it is unreadable or was changed."""
+    path = folder / NIGHT_FILE
+    try:
+        told = read_json(path, escape=False)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if not isinstance(told, dict):
+        raise InputError(f"{path}: is damaged: must be a JSON object")
+    if {_SUMS, _SEAL} & told.keys() and told.get(_SEAL) != _seal(told):
+        raise InputError(f"{path}: is damaged: changed after it was written")
+    return {name: value for name, value in escaped(told).items() if name != _SEAL}
+
+
+def check_files(folder: Path, told: dict[str, Any], names: Iterable[str] | None = None) -> None:
+    """Raise InputError, naming the file, if a file of a nightly run was changed after it was written.
+
+    told: the content of its night.json. names: the files to check [default: all].
+    """
+    sums = told.get(_SUMS)
+    if sums is None:
+        for path in sorted(folder.glob("*.parquet")) if names is None else [folder / name for name in names]:
+            _check_parquet(path)
+        return
+    for name in sums if names is None else names:
+        path = folder / name
+        try:
+            found = _sum(path)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        if found != sums.get(name):
+            raise InputError(f"{path}: is damaged: changed after it was written")
+
+
+def _check_parquet(path: Path) -> None:
+    """Raise InputError if a Parquet file without a known sum cannot be read completely."""
+    import duckdb
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if not (len(content) > 2 * len(_PARQUET) and content.startswith(_PARQUET) and content.endswith(_PARQUET)):
+        raise InputError(f"{path}: is damaged")
+    try:
+        with duckdb.connect() as database:
+            database.read_parquet(str(path)).fetchall()
+    except (duckdb.Error, ValueError, OverflowError) as error:
+        raise InputError(f"{path}: is damaged: {printable(' '.join(str(error).split()), 200)}") from None
+
+
+def _sum(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _seal(told: dict[str, Any]) -> str:
+    content = {name: value for name, value in told.items() if name != _SEAL}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+_MOST_NIGHTS = 60
+"""How many baseline runs are used at most."""
+
+_COUNTS = ("worse", "missing", "improved", "moved", "new")
+TOLD = ("run_id", "status", *_COUNTS, "cases", "engines", "machine")
+"""The keys of night.json, in the order in which they are listed."""
+_NEEDED = tuple(name for name in TOLD if name not in _COUNTS[1:])
+_FORMER_COUNTS = {"improved": "better", "moved": "other"}
+
+
+@dataclass(frozen=True, eq=False)
+class Night:
+    """A stored nightly run: its folder, its manifest, and its report in night.json."""
+
+    folder: Path
+    manifest: dict[str, Any]
+    told: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        """The run id."""
+        return self.folder.name
+
+    @property
+    def tables(self) -> Tables:
+        """The tables of the run; InputError if they are damaged."""
+        return read_tables(self.folder)
+
+    @property
+    def accepted(self) -> Tables:
+        """The accepted levels after the run; InputError if they are damaged."""
+        return read_accepted(self.folder, self.tables)
+
+    def same_scenarios(self, manifest: Mapping[str, Any]) -> set[str]:
+        """Return the scenarios whose definitions are the same as in another run."""
+        return self.manifest["scenarios"].keys() - set(redefined(self.manifest, manifest))
+
+
+@dataclass(frozen=True)
+class Past:
+    """The baseline runs on one machine class, the newest first, and why others were left out."""
+
+    nights: tuple[Night, ...]
+    left_out: tuple[str, ...]
+
+
+def past_of(history: History, manifest: Mapping[str, Any]) -> Past:
+    """Return the baseline runs of a run, given by its manifest: earlier ones on the same machine class.
+
+    A damaged run is left out: it must neither count nor prevent the new run from being stored.
+    """
+    nights: list[Night] = []
+    left_out: list[str] = []
+    coming = history.dated_in_future(manifest["run_id"])
+    left_out += [f"{folder}: is dated in the future" for folder in coming]
+    for folder in reversed(history.nights()[: -len(coming) or None]):
+        try:
+            with from_outside(folder):
+                night = Night(folder, read_manifest(folder), told_of(folder))
+                if machine_class(night.manifest) == machine_class(manifest):
+                    check_files(folder, night.told)
+                    _ = nights or night.accepted  # all tables of the newest one are compared
+                    nights.append(night)
+        except InputError as error:
+            left_out.append(str(error))
+        if len(nights) == _MOST_NIGHTS:
+            break
+    return Past(tuple(nights), tuple(left_out))
+
+
+def readable_nights(nights: Sequence[Path], tables: Sequence[str] = ()) -> tuple[list[Path], list[str]]:
+    """Return the readable nightly runs, and for each other one its damaged file and the fault.
+
+    nights: their folders. tables: names of tables whose Parquet files are checked too. Raises InputError if
+    none is readable.
+    """
+    readable: list[Path] = []
+    left_out: list[str] = []
+    for folder in nights:
+        try:
+            with from_outside(folder):
+                told = told_of(folder)
+                check_files(folder, told, [f"{table}.parquet" for table in tables])
+                readable.append(folder)
+        except InputError as error:
+            left_out.append(str(error))
+    if not readable:
+        raise InputError("\n".join(left_out))
+    return readable, left_out
+
+
+def told_of(folder: Path) -> dict[str, Any]:
+    """Return night.json of a nightly run: status and counts of changes; InputError if it is unreadable."""
+    path, told = folder / NIGHT_FILE, read_night_file(folder)
+    if lacking := [name for name in _NEEDED if not isinstance(told, dict) or name not in told]:
+        raise InputError(f"{path}: is damaged: missing key {lacking[0]}")
+    if strange := [name for name in TOLD if isinstance(told.get(name), list | dict)]:
+        raise InputError(f"{path}: is damaged: {strange[0]} must be text or a number")
+    return {**{name: told.get(_FORMER_COUNTS.get(name, name), 0) for name in _COUNTS}, **told}

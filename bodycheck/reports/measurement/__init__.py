@@ -1,0 +1,1 @@
+"""Measures of one case, and verdicts from all cases of a method."""

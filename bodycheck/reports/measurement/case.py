@@ -1,0 +1,199 @@
+"""One case: a scenario through one engine's method at one step or tolerance, measured against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from bodycheck._util.untrusted import joined, parted
+from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Setting, read_back_mismatch
+from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.stability_check import energy_blowup, invalid_state, kinetic_limit
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.wrench import StepPlan, plan_steps
+from bodycheck.reports.measurement.convergence import LARGEST_ERROR
+from bodycheck.reports.measurement.invariants import worst_drift
+from bodycheck.reports.measurement.measures import (
+    MEASURES,
+    ORIENTATION,
+    QUANTITIES,
+    Compared,
+    Motion,
+    departures_of,
+    reduced,
+    scale_of,
+    series_of,
+)
+from bodycheck.reports.measurement.problem import Problem
+
+Asking: TypeAlias = Callable[[Engine, Case], Answer]
+"""A function that answers a case, from the engine or from a stored answer."""
+
+SWITCH_NOTE = "load switches inside a step"
+"""Part of the message of a case whose order is lowered by such switches."""
+
+ALLOW_CODE = "--allow-code"
+"""Part of the command of a case whose scenario names a function."""
+
+
+@dataclass(frozen=True, eq=False)
+class CaseResult:
+    """The result of a case: its columns (all of results.csv but run_id) and its trajectory, if any.
+
+    series: every measure over time (compared,), in SI units; that of the invariant over its size. departures:
+    the signed departure from the truth (compared, k) of each judged measure, over its scale. floors: the
+    error of a measure in this case besides the truth's. read_back: the parameters as the engine reports them.
+    """
+
+    columns: dict[str, Any]
+    trajectory: Trajectory | None = None
+    series: dict[str, Array] = field(default_factory=dict)
+    departures: dict[str, Array] = field(default_factory=dict)
+    floors: dict[str, float] = field(default_factory=dict)
+    read_back: ReadBack | None = None
+
+    @property
+    def setting(self) -> Setting:
+        """The step, the tolerance, or neither."""
+        return Setting(self.columns.get("dt_s"), self.columns.get("tolerance"))
+
+    @property
+    def dt_s(self) -> float | None:
+        """The step in s; None for a method without steps."""
+        return self.setting.dt_s
+
+    @property
+    def ok(self) -> bool:
+        """Whether the case ended well and was measured."""
+        return bool(self.columns["outcome"] == "ok")
+
+
+def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting, ask: Asking) -> CaseResult:
+    """Run one case and measure it; any failure becomes its outcome."""
+    scene = problem.scenario.scene
+    columns = _who(problem, engine, method, setting)
+    answer = ask(engine, Case(scene, method.name, setting))
+    columns |= {"reused": answer.reused, "build": Build(answer.build).short}
+    if answer.outcome == "unsupported":
+        return CaseResult({**columns, "outcome": "unsupported", "message": answer.message})
+    plan = None if setting.dt_s is None else plan_steps(scene, setting.dt_s)
+    columns |= _effort(method, plan, answer)
+
+    def ended(outcome: str, message: str) -> CaseResult:
+        ending = {**columns, "outcome": outcome, "message": message}
+        return CaseResult(ending, answer.trajectory, read_back=answer.read_back)
+
+    trajectory, held = answer.trajectory, answer.read_back
+    if trajectory is None or held is None:
+        return ended(answer.outcome, answer.message)
+    if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, held):
+        return ended("invalid", fault)
+    motion = stable_motion(scene, trajectory, problem.motion)
+    if isinstance(motion, str):
+        return ended("unstable", motion)
+    found = measured_by(problem, trajectory, motion)
+    columns |= found.columns
+    columns |= {"outcome": "ok", "message": _note(problem, plan, answer.message)}
+    return replace(found, columns=columns, trajectory=trajectory, read_back=held)
+
+
+def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion | str:
+    """Return energy and momentum along a trajectory, or the reason why it is unstable.
+
+    true: energy and momentum along the truth.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverged trajectory may overflow
+        if reason := invalid_state(trajectory):
+            return reason
+        motion = Motion.of(scene, trajectory)
+    return energy_blowup(motion.kinetic, kinetic_limit(true.kinetic), trajectory.t_s) or motion
+
+
+def measured_by(problem: Problem, trajectory: Trajectory, motion: Motion) -> CaseResult:
+    """Return every measure of a trajectory as columns, series and departures.
+
+    motion: energy and momentum along the trajectory.
+    """
+    scene, n = problem.scenario.scene, problem.compared
+    compared = Compared(
+        scene, problem.truth.trajectory, problem.motion, trajectory, motion, problem.invariants, n
+    )
+    departures = departures_of(compared)
+    series = {name: values[:n] for name, values in series_of(compared, departures).items()}
+    columns: dict[str, Any] = dict(reduced(series, problem.scales))
+    if problem.is_chaotic:
+        columns["horizon_s"] = _horizon(problem.times, series[ORIENTATION])
+    if worst := worst_drift(compared.invariant_drifts):
+        columns |= worst.columns
+    judged = {name: scale_of(problem.columns, name) for name in QUANTITIES if name in columns}
+    return CaseResult(
+        columns,
+        series=series,
+        departures={name: departures[name][:n] / scale for name, scale in judged.items()},
+        floors={name: MEASURES[name].floor(compared) / scale for name, scale in judged.items()},
+    )
+
+
+def _horizon(t_s: Array, error_rad: Array) -> float:
+    """Return the last of the times (n,) up to which the error (n,) stayed at or below 0.3 rad."""
+    beyond = error_rad > LARGEST_ERROR
+    return float(t_s[np.argmax(beyond) - 1] if beyond.any() else t_s[-1])
+
+
+def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, Any]:
+    """Return the columns steps, rhs_evaluations and stepping, as far as they are known."""
+    columns: dict[str, Any] = {}
+    steps = answer.steps if plan is None else plan.steps
+    if steps is not None:
+        columns["steps"] = steps
+        if method.evaluations is not None:
+            columns["rhs_evaluations"] = method.evaluations * steps
+    if answer.stepping is not None:
+        columns["stepping"] = answer.stepping
+    return columns
+
+
+def _who(problem: Problem, engine: Engine, method: Method, setting: Setting) -> dict[str, Any]:
+    return {
+        **problem.columns,
+        "engine": engine.name,
+        "engine_version": engine.version,
+        "method": method.name,
+        "control": method.control,
+        "dt_s": setting.dt_s,
+        "tolerance": setting.tolerance,
+        "reproduce": _reproducing_command(problem, engine.name, method.name, setting),
+    }
+
+
+def _reproducing_command(problem: Problem, engine: str, method: str, setting: Setting) -> str:
+    """Return the command line that reproduces this one case."""
+    words = ["bodycheck", "run", problem.scenario_spec, "--engine", f"{engine}:{method}"]
+    if setting.dt_s is not None:
+        words += ["--dt", repr(setting.dt_s)]
+    if setting.tolerance is not None:
+        words += ["--tolerance", repr(setting.tolerance)]
+    if problem.scenario.scene.has_callback_load:
+        words.append(ALLOW_CODE)
+    return joined(words)
+
+
+def scenario_spec(reproduce: str) -> str | None:
+    """Return the scenario argument in the command of a case: the word after `bodycheck run`."""
+    words = parted(reproduce)
+    return words[2] if len(words) > 2 else None
+
+
+def _note(problem: Problem, plan: StepPlan | None, said: str) -> str:
+    notes = [said] if said else []
+    if plan is not None and plan.mid_step_switches:
+        notes.append(f"{SWITCH_NOTE}: {plan.mid_step_switches}; such a step applies the mean of its loads")
+    if problem.compared < len(problem.truth.trajectory.t_s):
+        until = f"t = {problem.times[-1]:.6g} s"
+        notes.append(f"compared until {until}, where the truth ends: {problem.truth.end_reason}")
+    return "; ".join(notes)

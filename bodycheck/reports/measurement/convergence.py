@@ -1,0 +1,181 @@
+"""Observed order, round-off floor and verdict from the cases of one method."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise, takewhile
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.measurement.limits import Limit, limit_of
+from bodycheck.reports.measurement.measures import Judgement
+from bodycheck.reports.measurement.order import LEAST_POINTS, settled_order
+
+LARGEST_ERROR = 0.3  # rad, or of the scale: a larger error carries no information about the order
+ABOVE_FLOOR = 10.0
+LARGEST_LIMIT = LARGEST_ERROR / 100.0  # largest truth bound or round-off at which a verdict is possible
+LARGEST_ROUND_OFF = 1e-9  # a larger error that stops shrinking is not round-off in double precision
+_LEAST_CERTAIN = 1e-12
+_LEAST_LIMIT_POINTS = 3  # usable points, where the limit alone shows convergence
+_LEAST_FALL = 0.5  # order in the tolerance at which errors must fall
+_PLATEAU_DECADES = 2.0  # of the tolerance, over which they must fall
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """One case of a method: its step or tolerance, its error, and its signed departure from the truth.
+
+    error: None where the case did not end well. motion (samples, k): the departure over the scale [default:
+    the error itself, which serves as the motion while it is small].
+    """
+
+    dt_s: float
+    error: float | None
+    motion: Array | None = None
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How a quantity is judged.
+
+    floor: the larger of 3 times the truth's bound and eps times the motion's sensitivity, of the scale; a
+    smaller error carries no information. growing: round-off as it grows with the number of steps of the
+    finest case. extrapolated: False where errors do not follow a power of the step. judged: by its limit, or
+    as a property.
+    """
+
+    floor: float
+    growing: float = 0.0
+    extrapolated: bool = True
+    judged: Judgement = "limit"
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """The order with its 95 % interval, the number of points used, the floor, the limit and the verdict.
+
+    limit_distance, limit_uncertainty: distance from the truth of the limit under step refinement, and its
+    uncertainty, as root mean squares over the samples.
+    """
+
+    verdict: str
+    points: int
+    floor: float
+    order: float | None = None
+    order_low: float | None = None
+    order_high: float | None = None
+    limit_distance: float | None = None
+    limit_uncertainty: float | None = None
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether finer steps would not change the verdict."""
+        return self.verdict in ("converges", "does-not-converge", "at-floor", "chaotic")
+
+
+def usable(points: Sequence[Point], floor: float) -> list[Point]:
+    """Return the points usable for an order, coarsest first: 10 floor < error < 0.3."""
+    return [
+        p
+        for p in sorted(points, key=lambda p: -p.dt_s)
+        if p.error is not None and ABOVE_FLOOR * floor < p.error < LARGEST_ERROR
+    ]
+
+
+def round_off_floor(points: Sequence[Point], least: float) -> float:
+    """Return `least`, or the error at which finer steps stopped helping, if it is as small as round-off.
+
+    least: the larger of 3 times the truth's bound and eps times the motion's sensitivity.
+
+    Where a finer step reduces the error by less than order 1/2 would, and the errors are small enough to be
+    round-off, both errors are on the floor.
+    """
+    floor = least
+    errors = [(p.dt_s, p.error) for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
+    for (coarse_dt, coarser), (fine_dt, finer) in pairwise(errors):
+        if coarser < min(finer * math.sqrt(coarse_dt / fine_dt), LARGEST_ROUND_OFF):
+            floor = max(floor, finer, coarser)
+    return floor
+
+
+def convergence_of(points: Sequence[Point], how: Judged) -> Convergence:
+    """Return order, limit and verdict of one quantity from the cases of one method on one scenario.
+
+    points: in any order.
+    """
+    if how.floor > LARGEST_LIMIT:
+        return Convergence("chaotic", 0, how.floor)
+    ended = sorted((p for p in points if p.error is not None), key=lambda p: -p.dt_s)
+    if not ended:
+        return Convergence("unstable", 0, how.floor)
+    floor = round_off_floor(ended, how.floor)
+    errors = [p.error for p in ended if p.error is not None]
+    if max(errors) <= ABOVE_FLOOR * floor:
+        return Convergence("at-floor", 0, floor)
+    fit = usable(ended, floor)
+    order = settled_order([p.dt_s for p in fit], [p.error for p in fit if p.error is not None], floor)
+    limit = _limit(ended, how)
+    found = Convergence("pre-asymptotic", len(fit), floor)
+    if limit is not None:
+        found = replace(found, limit_distance=limit.distance, limit_uncertainty=limit.uncertainty)
+        if limit.is_off and errors[-1] > LARGEST_ROUND_OFF and how.judged == "limit":
+            return replace(found, verdict="does-not-converge")
+    if order is not None:
+        interval = {"order": order.order, "order_low": order.low, "order_high": order.high}
+        return replace(found, verdict="converges", points=order.points, **interval)
+    if limit is not None and limit.is_truth and len(fit) >= _LEAST_LIMIT_POINTS:
+        return replace(found, verdict="converges")
+    all_usable = len(ended) == len(points) and max(errors) < LARGEST_ERROR
+    return replace(found, verdict="too-few-points") if all_usable and len(fit) < LEAST_POINTS else found
+
+
+def _limit(ended: Sequence[Point], how: Judged) -> Limit | None:
+    """Return the limit of the motions, from the finest case up to the first without one.
+
+    ended: the cases that ended well, coarsest step first.
+    """
+    fine_first = takewhile(lambda pair: pair[1] is not None, ((p, _motion_of(p)) for p in reversed(ended)))
+    known = [(point.dt_s, motion) for point, motion in fine_first if motion is not None][::-1]
+    steps, motions = [dt_s for dt_s, _ in known], [motion for _, motion in known]
+    return limit_of(
+        steps, motions, max(how.floor, how.growing, _LEAST_CERTAIN), extrapolated=how.extrapolated
+    )
+
+
+def _motion_of(point: Point) -> Array | None:
+    """Return the motion of a case, or else its error, unless that is saturated and so cannot change."""
+    if point.motion is None and point.error is not None and point.error < LARGEST_ERROR:
+        return np.array([[point.error]])
+    return point.motion
+
+
+def tolerance_convergence(points: Sequence[Point], how: Judged) -> Convergence:
+    """Return the verdict on a method controlled by a tolerance: errors must fall with it, down to the floor.
+
+    points: dt_s is the tolerance. There is no order in the step.
+    """
+    if how.floor > LARGEST_LIMIT:
+        return Convergence("chaotic", 0, how.floor)
+    ended = sorted((p.dt_s, p.error) for p in points if p.error is not None)
+    if not ended:
+        return Convergence("unstable", 0, how.floor)
+    found = Convergence("converges", len(usable(points, how.floor)), how.floor)
+    (finest, least), (coarsest, largest) = ended[0], ended[-1]
+    if largest <= ABOVE_FLOOR * how.floor:
+        return replace(found, verdict="at-floor")
+    if least <= ABOVE_FLOOR * how.floor or least < largest * (finest / coarsest) ** _LEAST_FALL:
+        return found
+    if math.log10(coarsest / finest) < _PLATEAU_DECADES:
+        return replace(found, verdict="too-few-points")
+    return replace(found, verdict="does-not-converge" if how.judged == "limit" else "pre-asymptotic")
+
+
+def stepless_verdict(points: Sequence[Point], how: Judged) -> Convergence:
+    """Return the verdict on a method without step or tolerance: exact or off."""
+    error = points[0].error
+    if how.floor > LARGEST_LIMIT or error is None:
+        return Convergence("unstable" if error is None else "chaotic", 0, how.floor)
+    return Convergence("exact" if error <= ABOVE_FLOOR * how.floor else "off", 0, how.floor)

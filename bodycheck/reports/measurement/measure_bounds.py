@@ -1,0 +1,58 @@
+"""The truth's error bound and the floor of each measure, relative to the measure's scale."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bodycheck.reports.measurement.measures import MEASURES
+
+BOUND_KINDS = {name: measure.bound for name, measure in MEASURES.items() if measure.bound is not None}
+"""Measure -> which bound and round-off of the truth apply; norms of an engine's own state need none."""
+
+TRUTH_BOUNDS = {measure: f"truth_bound_{kind}" for measure, kind in BOUND_KINDS.items()}
+"""Measure -> column of results.csv."""
+
+_SCALES = {"omega_rad_s": "omega_scale_rad_s", "m": "length_scale_m", "m_s": "speed_scale_m_s"}
+"""Bounds in SI units -> the scale that their measures are divided by; other bounds are already relative."""
+
+FLOOR_BOUNDS = 3.0
+"""Two errors below this many bounds of the truth cannot be distinguished."""
+
+_EPS = float(np.finfo(np.float64).eps)
+
+
+def relative(value: float, columns: Mapping[str, Any], measure: str) -> float:
+    """Return a bound or a round-off of the truth over the scale of the measure; 0 without a scale.
+
+    columns: of results.csv, either of one case or those shared by all cases of a scenario.
+    """
+    kind = BOUND_KINDS[measure]
+    scale = columns.get(_SCALES[kind], 0.0) if kind in _SCALES else 1.0
+    if measure == "rotational_energy_drift":  # the truth's bound is relative to the total kinetic energy
+        scale = (
+            columns["rotational_energy_scale_j"] / columns["energy_scale_j"]
+            if columns["energy_scale_j"]
+            else 0.0
+        )
+    return float(value / scale) if scale else 0.0
+
+
+def bound_of(columns: Mapping[str, Any], measure: str) -> float:
+    """Return the truth's bound of a measure over its scale; 0 where it needs none, or for an older run.
+
+    columns: as for `relative`.
+    """
+    if measure not in TRUTH_BOUNDS:
+        return 0.0
+    return relative(columns.get(TRUTH_BOUNDS[measure], 0.0), columns, measure)
+
+
+def floor_of(columns: Mapping[str, Any], measure: str) -> float:
+    """3 max(bound, eps): two errors below it cannot be distinguished.
+
+    columns: as for `relative`. A body at rest has a position bound of 0, but doubles resolve only eps.
+    """
+    return FLOOR_BOUNDS * max(bound_of(columns, measure), _EPS)

@@ -1,0 +1,383 @@
+"""The measures of one case: formula, departure from the truth, scale, bound, and how each is judged.
+
+The columns of results.csv, the quantities of methods.csv, the plots, the gates and `bodycheck list measures`
+all derive from `MEASURES`. To add a measure, add an entry there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
+from bodycheck.reference_impl.pivot import kinetic_energies, turning_inertia
+from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.truth.motion_distance import potential_energy
+from bodycheck.reports.measurement.invariants import Invariant, InvariantDrift, invariant_drifts, worst_drift
+from bodycheck.reports.measurement.scales import Scales
+from bodycheck.reports.measurement.work import work_done, working_loads
+
+WHO = ("scenario", "family", "engine", "engine_version", "method")
+"""The columns that identify a row's method, in each table but probes.csv."""
+
+_NORM_FLOOR = 1e-12  # round-off of |q| and R^T R after millions of products, each renormalised
+_RESOLVED = 3.0  # multiples of the error of the work: a smaller imbalance counts as not measured
+_DIRECTED = 0.1  # of its largest value: a smaller vector has no reliable direction
+
+BoundKind: TypeAlias = Literal["rad", "energy", "momentum", "omega_rad_s", "m", "m_s"]
+Judgement: TypeAlias = Literal["limit", "property"]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Energy and momentum along a trajectory: K, its rotational part and E (n,) in J, L and P (n, 3)."""
+
+    kinetic: Array
+    rotational: Array
+    energy: Array
+    angular_momentum: Array
+    linear_momentum: Array
+
+    @classmethod
+    def of(cls, scene: Scene, trajectory: Trajectory) -> Motion:
+        """E = K + U, U from gravity (zero at the start) and loads; L about the centre of mass, world axes.
+
+        For a body with a pivot, E and L are taken about the pivot.
+        """
+        kinetic, rotational = kinetic_energies(scene, trajectory)
+        inertia = turning_inertia(scene)
+        return cls(
+            kinetic=kinetic,
+            rotational=rotational,
+            energy=kinetic + potential_energy(scene, trajectory),
+            angular_momentum=angular_momentum(trajectory.rotation_matrices, inertia, trajectory.omega_body),
+            linear_momentum=linear_momentum(scene.body.mass, trajectory.velocity_m_s),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A trajectory and the truth at the same n samples, with energy and momentum along both.
+
+    until: number of leading samples at which the truth can be trusted.
+    """
+
+    scene: Scene
+    truth: Trajectory
+    true: Motion
+    trajectory: Trajectory
+    motion: Motion
+    invariants: Sequence[Invariant]
+    until: int
+
+    @cached_property
+    def balance(self) -> tuple[Array, float] | None:
+        """E - E(0) - W (n,) and the error of W, in J; None where the samples are too coarse to resolve W."""
+        gained = self.motion.energy - self.motion.energy[0]
+        if not self.scene.piecewise_constant_loads and not working_loads(
+            self.scene, 0.0, self.scene.duration_s
+        ):
+            return gained, 0.0
+        done = work_done(self.scene, self.trajectory)
+        if done is None:
+            return None
+        work, error = done
+        return (gained - work, error) if _RESOLVED * error <= _largest(np.abs(gained - work)) else None
+
+    @cached_property
+    def invariant_drifts(self) -> list[InvariantDrift]:
+        """The departure of each of the scene's invariants from the truth's, (until,)."""
+        drifts = invariant_drifts(self.invariants, self.truth, self.trajectory)
+        return [replace(drift, departure=drift.departure[: self.until]) for drift in drifts]
+
+
+@dataclass(frozen=True, eq=False)
+class Measure:
+    """One measure: the maximum of `series` over the samples, divided by a scale of the scene if it has one.
+
+    departure: signed difference from the truth, (n,) or (n, k), in SI units; None where the case does not
+    define it. It is smooth in the step, so the limit under step refinement is computed from it. series: its
+    size over time (n,) [default: the norm of the departure]. scale: field of `Scales`; None if the measure
+    needs none. unit: unit of the column `_abs`; "" if there is no such column. bound: which of the truth's
+    error bounds applies. floor: error of the measure itself in one case, in the unit of the departure. needs:
+    which of position, velocity, attitude and omega a trajectory must provide. judged: "limit": by its limit
+    under step refinement; "property": as a property of the engine's state, not necessarily a fault; None: not
+    judged. last_of: the measure of which this one is the last value.
+    """
+
+    name: str
+    formula: str
+    departure: Callable[[Compared], Array | None] = lambda _: None
+    needs: Callable[[Scene], frozenset[str]] = lambda _: frozenset()
+    series: Callable[[Compared], Array | None] | None = None
+    scale: str | None = None
+    unit: str = ""
+    bound: BoundKind | None = None
+    floor: Callable[[Compared], float] = lambda _: 0.0
+    judged: Judgement | None = "limit"
+    last_of: str | None = None
+
+    def over_time(self, compared: Compared, departure: Array | None) -> Array | None:
+        """Return the measure over time (n,), in SI units; None where the case does not define it."""
+        if self.series is not None:
+            return self.series(compared)
+        return None if departure is None else np.asarray(np.linalg.norm(departure, axis=-1))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of results.csv."""
+        return (self.name, f"{self.name}_abs") if self.unit else (self.name,)
+
+
+def _needing(*quantities: str) -> Callable[[Scene], frozenset[str]]:
+    return lambda _: frozenset(quantities)
+
+
+def _needed_by_energy(scene: Scene) -> frozenset[str]:
+    """Return the quantities that E depends on: the potential adds the position, the attitude or both."""
+    place = {"position"} if scene.gravity.any() else set()
+    return frozenset({"velocity", "omega"} | place).union(
+        *(load.potential_needs for load in scene.lasting_loads)
+    )
+
+
+def _turned_apart(compared: Compared) -> Array:
+    """(R - R*) / sqrt 2 as (n, 9), of norm 2 sin(angle / 2); unlike an angle, it has no jump at pi."""
+    apart = compared.trajectory.rotation_matrices - compared.truth.rotation_matrices
+    return apart.reshape(len(apart), 9) / math.sqrt(2.0)
+
+
+def _gram_apart(compared: Compared) -> Array | None:
+    rotation = compared.trajectory.rotation
+    if rotation is None:
+        return None
+    return (np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3)).reshape(len(rotation), 9)
+
+
+def _determinant_apart(compared: Compared) -> Array | None:
+    rotation = compared.trajectory.rotation
+    return None if rotation is None else np.asarray(np.linalg.det(rotation) - 1.0)
+
+
+def _norm_apart(compared: Compared) -> Array | None:
+    q = compared.trajectory.quaternion
+    return None if q is None else np.asarray(np.linalg.norm(q, axis=-1) - 1.0)
+
+
+def _invariants_apart(compared: Compared) -> Array | None:
+    """Return the relative departures of all invariants (n, m)."""
+    departures = [one.relative for one in compared.invariant_drifts if one.relative is not None]
+    return np.stack(departures, axis=-1) if departures else None
+
+
+def _worst_invariant(compared: Compared) -> Array | None:
+    """Return the drift of the invariant that departs farthest while the truth can be trusted."""
+    worst = worst_drift(compared.invariant_drifts)
+    relative = None if worst is None else worst.relative
+    return None if relative is None else np.abs(relative)
+
+
+def _angle_between_momenta(compared: Compared) -> Array | None:
+    """Return the angle between L and L* (n,), 0 where |L*| is below a tenth of its largest value."""
+    momentum, true = compared.motion.angular_momentum, compared.true.angular_momentum
+    sizes = np.linalg.norm(true, axis=-1)
+    if not sizes.any():
+        return None
+    across = np.linalg.norm(np.cross(momentum, true), axis=-1)
+    angles = np.arctan2(across, np.sum(momentum * true, axis=-1))
+    return np.where(sizes >= _DIRECTED * sizes.max(), angles, 0.0)
+
+
+_ALL = (
+    Measure(
+        "energy_drift",
+        "max |E - E*| over the largest true kinetic energy; E = K + U",
+        lambda c: c.motion.energy - c.true.energy,
+        _needed_by_energy,
+        scale="energy_scale_j",
+        unit="J",
+        bound="energy",
+    ),
+    Measure(
+        "rotational_energy_drift",
+        "max |Kr - Kr*| over max Kr*; Kr = omega . I omega / 2",
+        lambda c: c.motion.rotational - c.true.rotational,
+        _needing("omega"),
+        scale="rotational_energy_scale_j",
+        unit="J",
+        bound="energy",
+    ),
+    Measure(
+        "energy_balance",
+        "max |E - E(0) - W| over the largest true kinetic energy; W = work of the loads",
+        lambda c: None if c.balance is None else c.balance[0],
+        _needing("position", "velocity", "omega", "attitude"),
+        scale="energy_scale_j",
+        unit="J",
+        bound="energy",
+        floor=lambda c: 0.0 if c.balance is None else c.balance[1],
+    ),
+    Measure(
+        "angular_momentum_drift",
+        "max |L - L*| over max |L*|; the vector in world axes",
+        lambda c: c.motion.angular_momentum - c.true.angular_momentum,
+        _needing("attitude", "omega"),
+        scale="angular_momentum_scale_kg_m2_s",
+        unit="kg m^2/s",
+        bound="momentum",
+    ),
+    Measure(
+        "angular_momentum_direction_error_rad",
+        "max angle between L and L*, where |L*| is at least a tenth of its largest",
+        needs=_needing("attitude", "omega"),
+        series=_angle_between_momenta,
+        bound="momentum",
+        judged=None,
+    ),
+    Measure(
+        "linear_momentum_drift",
+        "max |P - P*| over mass x speed scale",
+        lambda c: c.motion.linear_momentum - c.true.linear_momentum,
+        _needing("velocity"),
+        scale="linear_momentum_scale_kg_m_s",
+        unit="kg m/s",
+        bound="m_s",
+    ),
+    Measure(
+        "invariant_drift",
+        "max |C - C*| of the scene's worst invariant, named in `invariant`, over its size",
+        _invariants_apart,
+        series=_worst_invariant,
+        unit="SI unit of the invariant",
+        bound="momentum",
+    ),
+    Measure(
+        "orthogonality_error",
+        "max ||R^T R - I||_F of the matrix that the engine itself gives",
+        _gram_apart,
+        _needing("attitude"),
+        floor=lambda _: _NORM_FLOOR,
+        judged="property",
+    ),
+    Measure(
+        "determinant_error",
+        "max |det R - 1| of the same matrix",
+        _determinant_apart,
+        _needing("attitude"),
+        floor=lambda _: _NORM_FLOOR,
+        judged=None,
+    ),
+    Measure(
+        "quaternion_norm_error",
+        "max ||q| - 1| of the quaternion that the engine itself holds",
+        _norm_apart,
+        _needing("attitude"),
+        floor=lambda _: _NORM_FLOOR,
+        judged="property",
+    ),
+    Measure(
+        "orientation_error_rad",
+        "max geodesic angle to the truth",
+        _turned_apart,
+        _needing("attitude"),
+        series=lambda c: geodesic_angle(c.truth.attitude, c.trajectory.attitude),
+        bound="rad",
+    ),
+    Measure(
+        "orientation_error_final_rad",
+        "geodesic angle to the truth at the end",
+        needs=_needing("attitude"),
+        bound="rad",
+        judged=None,
+        last_of="orientation_error_rad",
+    ),
+    Measure(
+        "omega_error",
+        "max |omega - omega*| in body axes over max |omega*|",
+        lambda c: c.trajectory.omega_body - c.truth.omega_body,
+        _needing("omega"),
+        scale="omega_scale_rad_s",
+        unit="rad/s",
+        bound="omega_rad_s",
+    ),
+    Measure(
+        "position_error",
+        "max |x - x*| over the length scale",
+        lambda c: c.trajectory.position_m - c.truth.position_m,
+        _needing("position"),
+        scale="length_scale_m",
+        unit="m",
+        bound="m",
+    ),
+    Measure(
+        "velocity_error",
+        "max |v - v*| over the speed scale",
+        lambda c: c.trajectory.velocity_m_s - c.truth.velocity_m_s,
+        _needing("velocity"),
+        scale="speed_scale_m_s",
+        unit="m/s",
+        bound="m_s",
+    ),
+)
+
+MEASURES = {measure.name: measure for measure in _ALL}
+"""All measures by name, in column order."""
+
+ORIENTATION = "orientation_error_rad"
+"""The measure that represents a method where only one is shown."""
+
+QUANTITIES = (ORIENTATION, *(m.name for m in _ALL if m.judged is not None and m.name != ORIENTATION))
+"""The judged measures. Each has one row of methods.csv per method and scenario."""
+
+SCALES = {measure.name: measure.scale for measure in _ALL if measure.scale is not None}
+"""Measure -> the scale that it is divided by. The column `_abs` has the undivided value in SI units."""
+
+
+def scale_of(columns: Mapping[str, Any], measure: str) -> float:
+    """Return the divisor of a measure over time: 1 where it needs no scale, 0 where nothing moves.
+
+    columns: of results.csv, either of one case or those shared by all cases of a scenario.
+    """
+    return float(columns[SCALES[measure]]) if measure in SCALES else 1.0
+
+
+def departures_of(compared: Compared) -> dict[str, Array]:
+    """Return the signed departure from the truth (n, k), in SI units, of each measure the case defines."""
+    found = ((measure.name, measure.departure(compared)) for measure in _ALL)
+    return {name: values.reshape(len(values), -1) for name, values in found if values is not None}
+
+
+def series_of(compared: Compared, departures: Mapping[str, Array]) -> dict[str, Array]:
+    """Return each measure that the trajectory defines over time (n,), in SI units; its max is reported."""
+    found = ((measure.name, measure.over_time(compared, departures.get(measure.name))) for measure in _ALL)
+    return {name: values for name, values in found if values is not None}
+
+
+def reduced(series: Mapping[str, Array], scales: Scales) -> dict[str, float]:
+    """Return the maxima over time: divided by the scale where that is not 0, and as `_abs` in SI units."""
+    columns: dict[str, float] = {}
+    for name, values in series.items():
+        largest = _largest(values)
+        if name not in SCALES:
+            columns[name] = largest
+            continue
+        columns[f"{name}_abs"] = largest
+        scale = getattr(scales, SCALES[name])
+        if scale > 0.0:
+            columns[name] = largest / scale
+    for measure in _ALL:
+        if measure.last_of is not None and measure.last_of in series:
+            columns[measure.name] = float(series[measure.last_of][-1])
+    return columns
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(values))

@@ -1,0 +1,146 @@
+"""The observed order of a method with its 95 % interval, from errors at several steps.
+
+log e = c + p log h + f(h) + noise. f is the contribution of the higher orders, a smooth function that
+vanishes with the step: sum_m a_m z^m with z = h / h_max and a_m ~ N(0, tau^2 / 2^(m - 1)). The noise is
+N(0, sigma^2). tau and sigma are unknown: the interval is that of the posterior of p, averaged over both. It
+widens where the data cannot distinguish the order from the next one, and narrows where they can. Source:
+Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7 and 5.2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+
+LEAST_POINTS = 4
+_NOISES = np.geomspace(2e-4, 0.1, 16)[:, None]  # sigma: relative scatter of maxima over samples
+_BENDS = np.geomspace(0.1, 0.8, 6)  # tau: contribution of the next order at the coarsest step
+_DECAY = 0.5  # of the variance of each further order
+_FLOOR_NOISE = 0.01  # of the error: a floor of this size makes the noise sqrt 2 times as large
+_TAIL = 0.025
+_REACH, _GRID, _REFINEMENTS = 20.0, 17, 4  # of the quantile search, resolved to 40 standard deviations / 16^4
+_WIDEST_ORDERS = (0.05, 0.1, 0.25)  # half-widths of the interval that settle an order, best first
+_LEAST_ORDER = 0.5
+
+
+@dataclass(frozen=True)
+class Order:
+    """The order, the ends of its 95 % interval, and the number of points used."""
+
+    order: float
+    low: float
+    high: float
+    points: int
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of the interval."""
+        return 0.5 * (self.high - self.low)
+
+
+def settled_order(steps: Sequence[float], errors: Sequence[float], floor: float) -> Order | None:
+    """Return the order settled by the longest run of consecutive steps; None where no run settles it.
+
+    steps (n,) in s, descending, and errors (n,) > 0, all usable. The coarsest steps may not be asymptotic and
+    round-off may affect the finest. A tighter interval takes precedence over a longer run, and of runs of
+    equal length the finer one is used.
+    """
+    count = len(steps)
+    runs = [
+        slice(first, first + length)
+        for length in range(count, LEAST_POINTS - 1, -1)
+        for first in range(count - length, -1, -1)
+    ]
+    found: dict[int, Order] = {}
+    for widest in _WIDEST_ORDERS:
+        for number, run in enumerate(runs):
+            if number not in found:
+                found[number] = observed_order(steps[run], errors[run], floor)
+            one = found[number]
+            if one.half_width <= widest and one.order >= max(_LEAST_ORDER, one.half_width):
+                return one
+    return None
+
+
+def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float) -> Order:
+    """Return the posterior mean of p and its central 95 % interval, from at least 3 points.
+
+    steps (n,) in s, descending; errors (n,) > 0; floor: of the errors, whose noise grows towards it.
+    """
+    from scipy.special import ndtr  # imported here: takes half a second
+
+    e = np.asarray(errors)
+    spreads = np.round(np.sqrt(1.0 + (floor / (_FLOOR_NOISE * e)) ** 2), 2)
+    fit = _fit_of(tuple(steps), tuple(spreads))
+    y = np.log(e) / spreads
+    rest = fit.residual @ y
+    noise, bend = _NOISES[..., None] ** 2, _BENDS[:, None] ** 2
+    variance = noise + bend * fit.variances
+    likelihood = -0.5 * np.sum(np.log(variance) + rest * rest / variance, axis=-1)
+    weights = np.exp(likelihood - likelihood.max())
+    weights /= weights.sum()
+    means = fit.slope @ y - np.sum(bend * fit.covariances * rest / variance, axis=-1)
+    spread = (
+        noise[..., 0] * fit.slope_noise
+        + bend[:, 0] * fit.slope_bend
+        - np.sum((bend * fit.covariances) ** 2 / variance, axis=-1)
+    )
+    deviations = np.sqrt(np.maximum(spread, 0.0)) + 1e-15
+    mean = float(np.sum(weights * means))
+    reach = _REACH * math.sqrt(float(np.sum(weights * (deviations**2 + (means - mean) ** 2))))
+
+    def quantile(tail: float) -> float:
+        low, high = mean - reach, mean + reach
+        for _ in range(_REFINEMENTS):
+            grid = np.linspace(low, high, _GRID)
+            below = ndtr((grid[:, None, None] - means) / deviations).reshape(_GRID, -1) @ weights.ravel()
+            place = min(max(int(np.searchsorted(below, tail)), 1), _GRID - 1)
+            low, high = float(grid[place - 1]), float(grid[place])
+        return 0.5 * (low + high)
+
+    return Order(mean, quantile(_TAIL), quantile(1.0 - _TAIL), len(e))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The straight line through n weighted points, and their residual as n - 2 uncorrelated components.
+
+    slope (n,), residual (n - 2, n): map the points to these. variances (n - 2,): of the components, due to f
+    with tau = 1. covariances (n - 2,): of the components and the slope. slope_bend, slope_noise: variance of
+    the slope, due to f and to noise with sigma = 1.
+    """
+
+    slope: Array
+    residual: Array
+    variances: Array
+    covariances: Array
+    slope_bend: float
+    slope_noise: float
+
+
+@lru_cache(maxsize=1024)
+def _fit_of(steps: tuple[float, ...], spreads: tuple[float, ...]) -> _Fit:
+    """Return the fit for these steps; spreads (n,): the noise of each point relative to sigma."""
+    h, weights = np.array(steps), 1.0 / np.array(spreads)
+    z = h / h.max()
+    products = np.outer(z, z)
+    bend = products / (1.0 - _DECAY * products) * np.outer(weights, weights)
+    line = np.stack([weights, np.log(h) * weights], axis=-1)
+    slope = np.linalg.pinv(line)[1]
+    others = np.linalg.qr(line, mode="complete")[0][:, 2:]
+    variances, axes = np.linalg.eigh(others.T @ bend @ others)
+    residual = (others @ axes).T
+    return _Fit(
+        slope,
+        residual,
+        np.maximum(variances, 0.0),
+        residual @ bend @ slope,
+        float(slope @ bend @ slope),
+        float(slope @ slope),
+    )

@@ -1,0 +1,221 @@
+"""One method on one scenario: its cases over all steps, and their joint verdicts."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reports.measurement.case import SWITCH_NOTE, Asking, CaseResult, run_case
+from bodycheck.reports.measurement.convergence import (
+    ABOVE_FLOOR,
+    LARGEST_ERROR,
+    Convergence,
+    Judged,
+    Point,
+    convergence_of,
+    stepless_verdict,
+    tolerance_convergence,
+)
+from bodycheck.reports.measurement.growth import Growth, growth_of
+from bodycheck.reports.measurement.measure_bounds import BOUND_KINDS, floor_of, relative
+from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, QUANTITIES, WHO, scale_of
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.refinement import next_step_size
+from bodycheck.reports.measurement.stability import Searching, stability_row
+
+_VERDICTS = {"dt": convergence_of, "tolerance": tolerance_convergence, "none": stepless_verdict}
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """The cases of one method on one scenario, coarsest step first, and the rows derived from them.
+
+    method_rows: rows of methods.csv, one per quantity. stability_row: row of stability.csv, if requested.
+    """
+
+    cases: tuple[CaseResult, ...]
+    method_rows: tuple[dict[str, Any], ...]
+    stability_row: dict[str, Any] | None = None
+
+
+def study(
+    problem: Problem,
+    engine: Engine,
+    method: Method,
+    settings: Sequence[Setting],
+    *,
+    adaptive: bool,
+    ask: Asking,
+    search: Searching | None,
+    case_done: Callable[[], None],
+) -> Study:
+    """Run the requested settings and, if adaptive, further steps until every quantity is judged.
+
+    search: if adaptive, used to search for the largest stable step; None to skip that search.
+    """
+    cases: list[CaseResult] = []
+    stepped = adaptive and method.control == "dt"
+
+    def make(setting: Setting) -> CaseResult:
+        case = run_case(problem, engine, method, setting, ask)
+        _insert(cases, case)
+        case_done()
+        return case
+
+    def stable_step() -> dict[str, Any] | None:
+        if not stepped or search is None:
+            return None
+        return stability_row(problem, engine, method, cases, search)
+
+    for setting in settings:
+        if make(setting).columns["outcome"] == "unsupported":
+            # whether a scene can be represented does not depend on the step
+            return Study(tuple(cases), (), stable_step())
+    asked = [setting.dt_s for setting in settings if setting.dt_s is not None]
+    while stepped and (step := _further_step(cases, problem, asked)) is not None:
+        make(Setting(dt_s=step))
+    return Study(tuple(cases), tuple(_method_rows(cases, problem, method)), stable_step())
+
+
+def _further_step(cases: Sequence[CaseResult], problem: Problem, asked: Sequence[float]) -> float | None:
+    """Return the step needed by the first undecided quantity, starting with the orientation."""
+    scene = problem.scenario.scene
+    for quantity in QUANTITIES:
+        points = _points(cases, quantity)
+        how = _judged(cases, problem, quantity)
+        needs_order = quantity == ORIENTATION
+        if not needs_order and not any(quantity in case.departures for case in cases):
+            continue
+        step = next_step_size(
+            points, how, asked, scene.sample_interval_s, scene.duration_s, needs_order=needs_order
+        )
+        if step is not None:
+            return step
+    return None
+
+
+def limit(problem: Problem, quantity: str) -> float:
+    """max(3 bound, eps sensitivity): a smaller error is at the floor, in rad or of the scale."""
+    return max(floor_of(problem.columns, quantity), _round_off(problem, quantity))
+
+
+def _round_off(problem: Problem, quantity: str) -> float:
+    """Return eps x sensitivity over the scale of the quantity; 0 for a quantity that needs no truth."""
+    if quantity not in BOUND_KINDS:
+        return 0.0
+    round_off = problem.largest(getattr(problem.truth, f"round_off_{BOUND_KINDS[quantity]}"))
+    return relative(round_off, problem.columns, quantity)
+
+
+def _judged(cases: Sequence[CaseResult], problem: Problem, quantity: str) -> Judged:
+    """Return how a quantity of these cases is judged."""
+    ended = [case for case in cases if case.ok]
+    steps = max((case.columns.get("steps") or 0 for case in ended), default=0)
+    # a quantity too small to be measured in the finest case did not stop shrinking at the coarser ones
+    lost = bool(ended) and quantity not in ended[-1].columns
+    return Judged(
+        floor=max([limit(problem, quantity), *(case.floors.get(quantity, 0.0) for case in ended)]),
+        growing=_round_off(problem, quantity) * math.sqrt(steps),
+        extrapolated=not any(SWITCH_NOTE in case.columns["message"] for case in ended),
+        judged="property" if problem.is_chaotic or lost else MEASURES[quantity].judged or "property",
+    )
+
+
+def _insert(cases: list[CaseResult], case: CaseResult) -> None:
+    """Insert a case, coarsest first, and update the successive differences of it and the next finer case."""
+    place = bisect_right(cases, -_fineness(case), key=lambda other: -_fineness(other))
+    cases.insert(place, case)
+    for finer in range(max(place, 1), min(place + 2, len(cases))):
+        cases[finer] = _with_step_change(cases[finer - 1], cases[finer])
+
+
+def _fineness(case: CaseResult) -> float:
+    return case.setting.fineness or 0.0
+
+
+def _with_step_change(coarser: CaseResult, case: CaseResult) -> CaseResult:
+    """Return the case with its largest angle to the next coarser case, where both ended well."""
+    columns = {name: value for name, value in case.columns.items() if name != "successive_difference_rad"}
+    if case.ok and coarser.ok and case.trajectory is not None and coarser.trajectory is not None:
+        change = geodesic_angle(coarser.trajectory.attitude, case.trajectory.attitude)
+        columns["successive_difference_rad"] = float(np.max(change))
+    return replace(case, columns=columns)
+
+
+def _points(cases: Sequence[CaseResult], quantity: str) -> list[Point]:
+    """Return the cases as points of error against step; the error is None where one did not end well."""
+    return [
+        Point(_fineness(case), case.columns.get(quantity) if case.ok else None, case.departures.get(quantity))
+        for case in cases
+    ]
+
+
+def _method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) -> Iterator[dict[str, Any]]:
+    who = {name: cases[0].columns[name] for name in WHO}
+    for quantity in QUANTITIES:
+        if not _is_judged(cases, quantity):
+            continue
+        found: Convergence = _VERDICTS[method.control](
+            _points(cases, quantity), _judged(cases, problem, quantity)
+        )
+        growth = _growth(cases, problem, quantity, found.floor)
+        expected = _expected_order(cases, problem, method)
+        finest = _finest(cases, quantity)
+        yield {
+            **who,
+            "quantity": quantity,
+            "expected_order": expected,
+            **finest,
+            **vars(found),
+            **vars(growth),
+        }
+
+
+def _expected_order(cases: Sequence[CaseResult], problem: Problem, method: Method) -> int | None:
+    """Return the lowest theoretical order over all quantities; None for a method without one.
+
+    Varying loads held constant over the step (zero-order hold), and steps that apply the mean of a load that
+    switches inside them, reduce any method to order 1.
+    """
+    if method.order is None or method.control != "dt":
+        return None
+    held = bool(problem.scenario.scene.lasting_loads) and method.lasting == "held over the step"
+    switched = any(SWITCH_NOTE in case.columns["message"] for case in cases)
+    return min(method.order, 1) if held or switched else method.order
+
+
+def _finest(cases: Sequence[CaseResult], quantity: str) -> dict[str, float | None]:
+    """Return the step or tolerance and the error of the finest case that ended well."""
+    case = next((case for case in reversed(cases) if case.ok and quantity in case.columns), None)
+    if case is None:
+        return {}
+    return {
+        "finest_dt_s": case.dt_s,
+        "finest_tolerance": case.setting.tolerance,
+        "finest_error": case.columns[quantity],
+    }
+
+
+def _is_judged(cases: Sequence[CaseResult], quantity: str) -> bool:
+    """Whether a quantity has a row; a method that was unstable everywhere has one for the orientation."""
+    if any(quantity in case.columns for case in cases):
+        return True
+    return quantity == ORIENTATION and any(case.columns["outcome"] == "unstable" for case in cases)
+
+
+def _growth(cases: Sequence[CaseResult], problem: Problem, quantity: str, floor: float) -> Growth:
+    """Return how a quantity grows in the finest case that is well above its floor, or else in the finest."""
+    sound = [case for case in cases if case.ok and case.columns.get(quantity, 1.0) < LARGEST_ERROR]
+    if not sound:
+        return Growth()
+    telling = [case for case in sound if case.columns[quantity] > ABOVE_FLOOR * floor]
+    case = (telling or sound)[-1]
+    relative = case.series[quantity] / scale_of(problem.columns, quantity)
+    return growth_of(problem.times, relative, floor_of(problem.columns, quantity))

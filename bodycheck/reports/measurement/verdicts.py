@@ -1,0 +1,166 @@
+"""The verdicts in words, and the verdicts of a method's judged quantities, the most severe first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bodycheck._util.formatting import number, setting
+from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR
+from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
+
+
+@dataclass(frozen=True)
+class State:
+    """A state of a cell: its symbol, word and meaning, and the tint that it shares with similar states."""
+
+    symbol: str
+    word: str
+    meaning: str
+    tint: str
+
+
+STATES = {
+    "converges": State("✓", "converges", "finer steps converge to the truth, in every quantity", "good"),
+    "at-floor": State(
+        "≈", "at floor", "all errors are at round-off or within the truth's own bound", "floor"
+    ),
+    "exact": State("=", "exact", "a method without steps, within the truth's own bound", "floor"),
+    "pre-asymptotic": State(
+        "…", "pre-asymptotic", "the errors are too large or too irregular to show an order", "open"
+    ),
+    "lower-order": State(
+        "↓",
+        "lower order",
+        "the error shrinks, but at a lower order than the method's theoretical one",
+        "open",
+    ),
+    "too-few-points": State("?", "too few points", "fewer than four steps have a usable error", "open"),
+    "chaotic": State("≋", "chaotic", "nearby motions diverge too fast for a meaningful error", "open"),
+    "does-not-converge": State(
+        "✗", "does not converge", "finer steps converge to something other than the truth", "bad"
+    ),
+    "off": State("✗", "no steps, off", "a method without steps, outside the truth's own bound", "bad"),
+    "unstable": State(
+        "▲", "unstable", "not finite, not a rotation, or over 100 times the true kinetic energy", "fault"
+    ),
+    "failed": State("!", "failed", "the engine raised an error", "fault"),
+    "timeout": State("!", "timeout", "the case exceeded its time limit", "fault"),
+    "invalid": State("≠", "invalid", "the engine's parameters differ from those it was given", "fault"),
+    "unsupported": State("○", "unsupported", "the method cannot represent the scenario", "none"),
+}
+"""The verdicts of methods.csv, the outcomes other than ok, and the states derived from them."""
+
+FAULTS = ("invalid", "failed", "timeout", "unstable")
+"""The outcomes of cases that did not end well, the most severe first."""
+
+UNDECIDED = 1
+"""The severity of a verdict that is neither good nor bad."""
+
+_SEVERITIES = {"good": 0, "floor": 0, "open": UNDECIDED, "none": UNDECIDED, "bad": 2, "fault": 3}
+"""Tint -> severity of the states of that tint."""
+
+
+def severity(word: str) -> int:
+    """Return the severity of a verdict: 0 good, 1 undecided, 2 wrong, 3 broken; 1 for an unknown word."""
+    return _SEVERITIES[STATES[word].tint] if word in STATES else UNDECIDED
+
+
+_ORDER_SLACK = 0.5  # orders are integers: an interval that ends this far below one excludes it
+_WRONG = ("does-not-converge", "off", "lower-order")
+
+
+@dataclass(frozen=True)
+class QuantityVerdict:
+    """A row of methods.csv: the verdict, and the error at the finest step or tolerance that ended well.
+
+    state: the verdict, or lower-order where the order is certainly below the expected one. at: the step or
+    tolerance as text.
+    """
+
+    quantity: str
+    state: str
+    size: float | None = None
+    at: str = ""
+    floor: float = 0.0
+    order: float | None = None
+    expected_order: float | None = None
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> QuantityVerdict:
+        """Return the verdict of a row of methods.csv; empty cells may be missing or NaN."""
+        there = {name: value for name, value in row.items() if value == value and value is not None}
+        high, expected = there.get("order_high"), there.get("expected_order")
+        lower = high is not None and expected is not None and high < expected - _ORDER_SLACK
+        return cls(
+            there["quantity"],
+            "lower-order" if lower and there["verdict"] == "converges" else there["verdict"],
+            there.get("finest_error"),
+            setting("tolerance" if "finest_tolerance" in there else "dt", _finest(there)),
+            there.get("floor", 0.0),
+            there.get("order"),
+            expected,
+        )
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the quantity counts against the method."""
+        return self.state in _WRONG
+
+    @property
+    def is_property(self) -> bool:
+        """Whether it is a property of the engine's state, well above round-off: by design, not a fault."""
+        return MEASURES[self.quantity].judged == "property" and (self.size or 0.0) > ABOVE_FLOOR * self.floor
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is undecided and as large as the motion itself."""
+        return self.state == "pre-asymptotic" and (self.size or 0.0) >= LARGEST_ERROR
+
+    @property
+    def amount(self) -> str:
+        """The size with its unit, and the step, as in "0.98 of its scale at dt 0.001 s"."""
+        if self.size is None:
+            return "not measured"
+        unit = (
+            "rad" if self.quantity == ORIENTATION else "of its scale" if MEASURES[self.quantity].scale else ""
+        )
+        return " ".join(filter(None, (number(self.size, 3), unit, f"at {self.at}" if self.at else "")))
+
+    @property
+    def text(self) -> str:
+        """The finding as text."""
+        if self.state == "lower-order":
+            orders = f"of order {number(self.order, 3)}, expected {number(self.expected_order)}"
+            return f"{self.quantity} {orders}: {self.amount}"
+        if self.is_property:
+            order = "" if self.order is None else f", order {number(self.order, 2)}"
+            return f"{self.quantity} {self.amount}{order} (the state is not normalised)"
+        if self.state == "off":
+            return f"{self.quantity} is off: {self.amount}"
+        if self.is_open:
+            return f"{self.quantity} cannot be judged: still {self.amount}"
+        return f"{self.quantity} does not converge to the truth: {self.amount}"
+
+
+def _finest(there: Mapping[str, Any]) -> float | None:
+    return there.get("finest_dt_s", there.get("finest_tolerance"))
+
+
+def most_severe(verdicts: Iterable[QuantityVerdict]) -> list[QuantityVerdict]:
+    """Return the verdicts that count against a method, sorted by severity, then by size, descending."""
+    wrong = [one for one in verdicts if one.is_wrong and MEASURES[one.quantity].judged == "limit"]
+    return sorted(wrong, key=lambda one: (_WRONG.index(one.state), -(one.size or 0.0)))
+
+
+def method_verdict(verdicts: Mapping[str, QuantityVerdict]) -> QuantityVerdict | None:
+    """Return the verdict of a method on a scenario: the most severe of its quantities; None if it has none.
+
+    Where none is wrong, return the verdict of the orientation, unless another quantity is undecided and as
+    large as the motion itself.
+    """
+    if wrong := most_severe(verdicts.values()):
+        return wrong[0]
+    open_ones = (one for one in verdicts.values() if one.is_open)
+    return next(open_ones, verdicts.get(ORIENTATION))

@@ -1,0 +1,1 @@
+"""Render a run as text, Markdown, HTML and figures."""

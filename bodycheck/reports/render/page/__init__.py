@@ -1,0 +1,1 @@
+"""Build the data of the report's sections from a run."""

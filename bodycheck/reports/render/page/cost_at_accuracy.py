@@ -1,0 +1,148 @@
+"""The cheapest methods that meet an error tolerance, on one scenario and over all scenarios of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bodycheck._util.formatting import number
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measure_bounds import floor_of
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.run_files.run_tables import MethodKey
+from bodycheck.reports.summary.cases_within import RefinementSequence, keeping, ladders_of
+
+ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")
+"""The errors for which costs are compared."""
+
+TARGETS = tuple(float(f"1e-{k}") for k in range(1, 14))
+"""The error tolerances, one per decade; a coarser one is useless, a finer one is round-off."""
+
+_REFERENCE = "reference"
+
+
+@dataclass(frozen=True, eq=False)
+class Cheapest:
+    """The cases that meet an error tolerance in the least processor time: of all methods, of engines only."""
+
+    target: float
+    of_all: CaseResult
+    of_engines: CaseResult | None
+
+
+def cheapest_cases(problem: Problem, cases: Sequence[CaseResult], error: str) -> list[Cheapest]:
+    """Return the cheapest cases of one scenario for each tolerance above its floor that any case meets."""
+    floor, ladders = floor_of(problem.columns, error), ladders_of(cases)
+    engines = [ladder for (_, (engine, _)), ladder in ladders.items() if engine != _REFERENCE]
+    found = []
+    for target in TARGETS:
+        of_all = _cheapest(ladders.values(), error, target)
+        if target >= floor and of_all is not None:
+            found.append(Cheapest(target, of_all, _cheapest(engines, error, target)))
+    return found
+
+
+def _cheapest(ladders: Iterable[RefinementSequence], error: str, target: float) -> CaseResult | None:
+    kept = (case for ladder in ladders for case in keeping(ladder, target, error))
+    timed = (case for case in kept if "cpu_s" in case.columns)
+    return min(timed, key=lambda case: case.columns["cpu_s"], default=None)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """The cost of meeting an error tolerance, in processor seconds per simulated second.
+
+    median, low, high: over the scenarios that the method supports and whose truth resolves the error;
+    infinite where the method misses the tolerance. kept: the number of scenarios in which it meets it.
+    """
+
+    key: MethodKey
+    target: float
+    median: float
+    low: float
+    high: float
+    kept: int
+    scenarios: int
+
+
+def costs(
+    problems: Sequence[Problem], cases: Iterable[CaseResult], error: str
+) -> dict[MethodKey, list[Cost]]:
+    """Return the costs of every method whose speed was measured, for each tolerance of the error."""
+    by_method: dict[MethodKey, dict[str, RefinementSequence]] = {}
+    for (scenario, key), ladder in ladders_of(cases).items():
+        if any(case.columns["outcome"] != "unsupported" for case in ladder):
+            by_method.setdefault(key, {})[scenario] = ladder
+    floors = {problem.scenario.name: floor_of(problem.columns, error) for problem in problems}
+    found = {}
+    for key, ladders in by_method.items():
+        if any("cpu_s" in case.columns for ladder in ladders.values() for case in ladder):
+            told = [
+                (floors[scenario], ladder)
+                for scenario, ladder in ladders.items()
+                if any(error in case.columns for case in ladder) or not any(case.ok for case in ladder)
+            ]
+            of_key = (_cost(key, target, error, told) for target in TARGETS)
+            found[key] = [cost for cost in of_key if cost is not None]
+    return found
+
+
+def _cost(
+    key: MethodKey, target: float, error: str, told: Sequence[tuple[float, RefinementSequence]]
+) -> Cost | None:
+    """told: the floor and the cases of each scenario."""
+    seconds = [_price(ladder, target, error) for floor, ladder in told if target >= floor]
+    if not seconds:
+        return None
+    # of an even number of scenarios the more expensive one: meeting it in half of them is not enough
+    low, median, high = np.quantile(seconds, [0.25, 0.5, 0.75], method="higher").tolist()
+    return Cost(key, target, median, low, high, sum(map(math.isfinite, seconds)), len(seconds))
+
+
+def _price(ladder: RefinementSequence, target: float, error: str) -> float:
+    """Return the least cost that meets a tolerance, per simulated second; infinite if no case meets it."""
+    prices = (
+        case.columns["cpu_s"] / case.columns["duration_s"]
+        for case in keeping(ladder, target, error)
+        if "cpu_s" in case.columns
+    )
+    return min(prices, default=math.inf)
+
+
+@dataclass(frozen=True)
+class Front:
+    """The methods that meet an error tolerance at the least median cost: of all, and of engines only."""
+
+    target: float
+    of_all: Cost
+    of_engines: Cost | None
+
+
+def fronts(found: Mapping[MethodKey, Sequence[Cost]]) -> list[Front]:
+    """Return the cheapest methods for each tolerance that any method meets in most scenarios."""
+    front = []
+    for target in TARGETS:
+        keeping = [cost for own in found.values() for cost in own if cost.target == target]
+        keeping = sorted((c for c in keeping if math.isfinite(c.median)), key=lambda c: c.median)
+        engines = [cost for cost in keeping if cost.key[0] != _REFERENCE]
+        if keeping:
+            front.append(Front(target, keeping[0], engines[0] if engines else None))
+    return front
+
+
+def cost_sentences(front: Mapping[str, Sequence[Front]]) -> list[str]:
+    """Return sentences that name the cheapest methods for a coarse and for a fine orientation error."""
+    return [
+        f"Cheapest method for an orientation error of {number(target)} rad: {_priced(found.of_all)}; "
+        f"cheapest engine: {_priced(found.of_engines) if found.of_engines else 'none in most scenarios'}."
+        for found in front["orientation_error_rad"]
+        for target in (1e-3, 1e-6)
+        if found.target == target
+    ]
+
+
+def _priced(cost: Cost) -> str:
+    return f"{':'.join(cost.key)}, {number(cost.median, 2)} CPU s per simulated s"

@@ -1,0 +1,198 @@
+"""The data of the report's plots, and groups of methods whose lines overlap."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from bodycheck._util.formatting import number
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measure_bounds import floor_of
+from bodycheck.reports.measurement.measures import MEASURES, scale_of
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cost
+from bodycheck.reports.render.page.downsampling import packed_line, rounded, thinned_times
+from bodycheck.reports.render.styles import Style
+from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method, key_of, shown_case
+
+
+def coinciding(cases: Sequence[CaseResult]) -> list[list[MethodKey]]:
+    """Return the groups of methods whose orientation errors are equal to 3 digits at every step.
+
+    Their lines overlap. Methods with fewer than two errors are ignored.
+    """
+    errors: dict[MethodKey, list[tuple[float, str]]] = {}
+    for case in cases:
+        if case.ok and case.dt_s is not None:
+            error = f"{case.columns['orientation_error_rad']:.2e}"
+            errors.setdefault(key_of(case.columns), []).append((case.dt_s, error))
+    groups: dict[tuple[tuple[float, str], ...], list[MethodKey]] = {}
+    for key, line in errors.items():
+        if len(line) > 1:
+            groups.setdefault(tuple(line), []).append(key)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+def ranks(cases: Sequence[CaseResult], drawn: Mapping[MethodKey, Style]) -> dict[int, int]:
+    """Return how many engines cover each line; it is drawn that much wider, to stay visible."""
+    found = {}
+    for group in coinciding(cases):
+        engines = list(dict.fromkeys(engine for engine, _ in group))
+        for key in group:
+            found[drawn[key].number] = len(engines) - 1 - engines.index(key[0])
+    return found
+
+
+_FIRST_MEASURES = ("energy_drift", "angular_momentum_drift", "orientation_error_rad")
+
+
+def plot_data(
+    problem: Problem,
+    cases: Sequence[CaseResult],
+    method_rows: Iterable[Mapping[str, Any]],
+    drawn: Mapping[MethodKey, Style],
+    at_s: float | None,
+) -> dict[str, Any]:
+    """Return the data of the plots of one scenario, with values rounded to 4 digits or more.
+
+    cases, method_rows: all of the scenario. drawn: the styles; their numbers are the values of "m". at_s: the
+    step at which drifts are shown over time.
+    """
+    index = {key: style.number for key, style in drawn.items()}
+    by_method = cases_by_method(cases).get(problem.scenario.name, {})
+    standing = ((index[key], shown_case(own, at_s)) for key, own in by_method.items())
+    shown = {m: case for m, case in standing if case is not None}
+    return {
+        "errors": [
+            {
+                "name": error,
+                "floor": rounded(floor_of(problem.columns, error)),
+                "fits": _fits(method_rows, error, index),
+            }
+            for error in ERRORS
+        ],
+        "t": [rounded(t) for t in thinned_times(problem.times)],
+        "drifts": _drifts(problem, shown, _growths(method_rows, index)),
+        "missing": [_mark(m, case) for m, case in shown.items() if not case.ok],
+        "ranks": ranks(cases, drawn),
+        "points": [_point(index[key_of(case.columns)], case) for case in cases if case.ok],
+        "faults": [_mark(index[key_of(case.columns)], case) for case in cases if not case.ok],
+    }
+
+
+def _drifts(
+    problem: Problem, shown: Mapping[int, CaseResult], growths: Mapping[str, Mapping[int, str]]
+) -> list[dict[str, Any]]:
+    """Return each judged measure over time: its name, one line per method that has it, its growth."""
+    there = (name for case in shown.values() for name in case.series if MEASURES[name].judged is not None)
+    measures = dict.fromkeys((*_FIRST_MEASURES, *there))
+    drifts = []
+    for measure in measures:
+        scale = scale_of(problem.columns, measure)
+        name = measure if scale > 0.0 else f"{measure}_abs, {MEASURES[measure].unit}"
+        lines = {
+            m: packed_line(case.series[measure] / (scale or 1.0))
+            for m, case in shown.items()
+            if measure in case.series
+        }
+        if lines:
+            drifts.append({"name": name, "lines": lines, "growth": growths.get(measure, {})})
+    return drifts
+
+
+def _growths(rows: Iterable[Mapping[str, Any]], index: Mapping[MethodKey, int]) -> dict[str, dict[int, str]]:
+    """Return the growth with time in words, by measure and method, where one was found."""
+    growths: dict[str, dict[int, str]] = {}
+    for row in rows:
+        if words := growth_words(row):
+            growths.setdefault(row["quantity"], {})[index[key_of(row)]] = words
+    return growths
+
+
+def growth_words(row: Mapping[str, Any]) -> str:
+    """Return the kind of growth of a row of methods.csv and its exponent; "" if there is none."""
+    kind = row["growth"]
+    if not isinstance(kind, str):
+        return ""
+    # these two are not powers of t
+    return kind if kind in ("bounded", "exponential") else f"{kind}, t^{number(row['growth_exponent'], 3)}"
+
+
+def _point(m: int, case: CaseResult) -> dict[str, Any]:
+    columns = case.columns
+    point: dict[str, Any] = {
+        "m": m,
+        "dt": case.dt_s,
+        "tolerance": case.setting.tolerance,
+        "errors": [rounded(columns[error]) if error in columns else None for error in ERRORS],
+    }
+    if "cpu_s" in columns:
+        point["cpu"] = [rounded(columns[name]) for name in ("cpu_s_low", "cpu_s", "cpu_s_high")]
+        point["stepping"] = columns["stepping"]
+        if "ns_per_step" in columns:
+            point["ns"] = rounded(columns["ns_per_step"])
+    return point
+
+
+def _fits(
+    rows: Iterable[Mapping[str, Any]], error: str, index: Mapping[MethodKey, int]
+) -> dict[int, list[float]]:
+    """Return the order and the floor of each method with an order in this error."""
+    return {
+        index[key_of(row)]: [rounded(row["order"]), rounded(row["floor"])]
+        for row in rows
+        if row["quantity"] == error and row["order"] == row["order"]
+    }
+
+
+def _mark(m: int, case: CaseResult) -> dict[str, Any]:
+    return {
+        "m": m,
+        "dt": case.dt_s,
+        "tolerance": case.setting.tolerance,
+        "outcome": case.columns["outcome"],
+        "message": case.columns["message"],
+    }
+
+
+def overall_data(
+    found: Mapping[str, Mapping[MethodKey, Sequence[Cost]]], drawn: Mapping[MethodKey, Style]
+) -> list[dict[str, Any]]:
+    """Return the data of the plot over all scenarios: for each error, the costs of every method.
+
+    found: error -> method -> its costs. A method that meets no tolerance in most of its scenarios has no line
+    and is listed under "faults".
+    """
+    return [
+        {
+            "name": error,
+            "points": [
+                _cost_point(drawn[cost.key].number, cost) for own in of_error.values() for cost in own
+            ],
+            "faults": [
+                {"m": style.number, "message": _why_missing(of_error.get(key, ()))}
+                for key, style in drawn.items()
+                if not any(math.isfinite(cost.median) for cost in of_error.get(key, ()))
+            ],
+        }
+        for error, of_error in found.items()
+    ]
+
+
+def _cost_point(m: int, cost: Cost) -> dict[str, Any]:
+    seconds = (cost.low, cost.median, cost.high)
+    return {
+        "m": m,
+        "error": cost.target,
+        "cost": [rounded(s) if math.isfinite(s) else None for s in seconds],
+        "kept": cost.kept,
+        "scenarios": cost.scenarios,
+    }
+
+
+def _why_missing(own: Sequence[Cost]) -> str:
+    if not own:
+        return "not measured: no case ended well, or no error of this kind"
+    coarsest = own[0]
+    return f"meets {coarsest.target:g} in {coarsest.kept} of {coarsest.scenarios} scenarios"

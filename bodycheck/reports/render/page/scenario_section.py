@@ -1,0 +1,218 @@
+"""The report's section on one scenario: facts, methods, plots, and a part for each method."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+from urllib.parse import quote
+
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cheapest, cheapest_cases
+from bodycheck.reports.render.page.motion import motion_view
+from bodycheck.reports.render.page.plots import coinciding, growth_words, plot_data
+from bodycheck.reports.render.page.scenario_facts import Limit, limit_of, read_back_facts, scenario_facts
+from bodycheck.reports.render.styles import Style
+from bodycheck.reports.run_files.run_tables import (
+    MethodKey,
+    Run,
+    cases_by_method,
+    common_step,
+    key_of,
+    shown_case,
+)
+from bodycheck.reports.summary.cells import Cell
+
+_CASE_MEASURES = (
+    "orientation_error_rad",
+    "omega_error",
+    "energy_drift",
+    "angular_momentum_drift",
+    "position_error",
+    "orthogonality_error",
+    "quaternion_norm_error",
+    "cpu_s",
+    "ns_per_step",
+)
+"""The columns of results.csv that the table of a cell shows, if the scenario has them."""
+
+_METHOD_MEASURES = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error", "cpu_s")
+"""The columns of results.csv by which the table of methods compares them."""
+
+_ORDER_COLUMNS = (
+    *("quantity", "verdict", "order", "order_low", "order_high", "points", "floor"),
+    *("growth", "growth_exponent"),
+)
+"""The columns of methods.csv that the page shows."""
+
+_GROWING = ("energy_drift", "angular_momentum_drift")
+"""The drifts whose growth the table of methods shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellPart:
+    """One method on one scenario: its verdict, its cases, and the commands that reproduce them.
+
+    shown: the case at the common step, or its substitute. orders: its rows of methods.csv. limit: its largest
+    stable step.
+    """
+
+    scenario: str
+    key: MethodKey
+    cell: Cell
+    cases: tuple[CaseResult, ...]
+    shown: CaseResult | None
+    orders: tuple[Mapping[str, Any], ...]
+    limit: Limit
+
+    @property
+    def anchor(self) -> str:
+        """The id of the part: unique, without spaces."""
+        return anchor_of(self.scenario, self.key)
+
+    @property
+    def read_back(self) -> list[tuple[str, str]]:
+        """The values read back from the engine, for the shown case or the first case that has them."""
+        tried = [case for case in (self.shown, *self.cases) if case is not None]
+        held = next((case.read_back for case in tried if case.read_back is not None), None)
+        return [] if held is None else read_back_facts(held)
+
+    @property
+    def growths(self) -> list[str]:
+        """The growth of the drifts, in the order of the table's columns."""
+        by_quantity = {row["quantity"]: growth_words(row) for row in self.orders}
+        return [by_quantity.get(quantity, "") for quantity in _GROWING]
+
+    def measured(self, name: str) -> float | None:
+        """Return a column of the shown case; None if it was not measured or the case did not end well."""
+        if self.shown is None or not self.shown.ok:
+            return None
+        value: float | None = self.shown.columns.get(name)
+        return value
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """The section of one scenario."""
+
+    problem: Problem
+    parts: Mapping[MethodKey, CellPart]
+    at_s: float | None
+    plots: Mapping[str, Any]
+    cheapest: Mapping[str, Sequence[Cheapest]]
+    motion: Mapping[str, Any] | None
+
+    @property
+    def name(self) -> str:
+        """The scenario's name."""
+        return self.problem.scenario.name
+
+    @property
+    def anchor(self) -> str:
+        """The section's id."""
+        return anchor_of(self.name)
+
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """The facts of the scenario and its truth, as terms and texts."""
+        return scenario_facts(self.problem)
+
+    @cached_property
+    def cases(self) -> list[CaseResult]:
+        """All cases, in the order of results.csv."""
+        return [case for part in self.parts.values() for case in part.cases]
+
+    @cached_property
+    def case_measures(self) -> list[str]:
+        """The columns of the tables of cases: those that any case has."""
+        return self._measured(_CASE_MEASURES)
+
+    @cached_property
+    def method_measures(self) -> list[str]:
+        """The columns of the table of methods: those that any case has."""
+        return self._measured(_METHOD_MEASURES)
+
+    def _measured(self, names: Sequence[str]) -> list[str]:
+        return [name for name in names if any(name in case.columns for case in self.cases)]
+
+    @property
+    def growing(self) -> tuple[str, ...]:
+        """The drifts whose growth is shown; empty if no growth was found."""
+        return _GROWING if any(any(part.growths) for part in self.parts.values()) else ()
+
+    @property
+    def noted(self) -> bool:
+        """Whether anything went wrong that no verdict reports."""
+        return any(part.cell.notes for part in self.parts.values())
+
+    @property
+    def coinciding(self) -> list[list[MethodKey]]:
+        """The groups of methods whose lines overlap."""
+        return coinciding(self.cases)
+
+    @property
+    def has_speed(self) -> bool:
+        """Whether the processor time of any case was measured."""
+        return "cpu_s" in self.case_measures
+
+
+def anchor_of(scenario: str, key: MethodKey | None = None) -> str:
+    """Return the id of a scenario's section, or of the part of one of its methods."""
+    if key is None:
+        return "scenario-" + quote(scenario, safe="")
+    return f"cell-{quote(scenario, safe='')}--{quote(':'.join(key), safe=':')}"
+
+
+def sections_of(
+    run: Run, cells: Mapping[str, Mapping[MethodKey, Cell]], drawn: Mapping[MethodKey, Style]
+) -> list[Section]:
+    """Return the sections of a run, in its order; drawn: the style of each method."""
+    cases: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.problems}
+    cases |= cases_by_method(run.cases)
+    rows: dict[str, list[Mapping[str, Any]]] = {name: [] for name in cases}
+    told: list[Any] = run.methods.to_dict("records")
+    for row in told:
+        rows[row["scenario"]].append(row)
+    stable: dict[str, dict[MethodKey, Mapping[str, Any]]] = {name: {} for name in cases}
+    searched: list[Any] = run.stability.to_dict("records")
+    for row in searched:
+        stable[row["scenario"]][key_of(row)] = row
+    return [
+        _section(problem, cells[name], cases[name], rows[name], stable[name], drawn)
+        for problem in run.problems
+        for name in (problem.scenario.name,)
+    ]
+
+
+def _section(
+    problem: Problem,
+    cells: Mapping[MethodKey, Cell],
+    by_method: Mapping[MethodKey, Sequence[CaseResult]],
+    rows: Sequence[Mapping[str, Any]],
+    stable: Mapping[MethodKey, Mapping[str, Any]],
+    drawn: Mapping[MethodKey, Style],
+) -> Section:
+    all_cases = [case for own in by_method.values() for case in own]
+    at_s = common_step(all_cases)
+    parts = {
+        key: CellPart(
+            scenario=problem.scenario.name,
+            key=key,
+            cell=cells[key],
+            cases=tuple(own),
+            shown=shown_case(own, at_s),
+            orders=tuple({name: row[name] for name in _ORDER_COLUMNS} for row in rows if key_of(row) == key),
+            limit=limit_of(stable.get(key)),
+        )
+        for key, own in by_method.items()
+    }
+    return Section(
+        problem=problem,
+        parts=parts,
+        at_s=at_s,
+        plots=plot_data(problem, all_cases, rows, drawn, at_s),
+        cheapest={error: cheapest_cases(problem, all_cases, error) for error in ERRORS},
+        motion=motion_view(problem, all_cases, {key: style.number for key, style in drawn.items()}),
+    )

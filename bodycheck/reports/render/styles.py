@@ -1,0 +1,59 @@
+"""How methods are drawn everywhere: one colour per engine, one marker and dash per method."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from bodycheck.reports.run_files.run_tables import MethodKey
+
+_ENGINE_COLOURS = 8
+
+MARKERS = {
+    "circle": "M14 6a4 4 0 1 0 8 0a4 4 0 1 0-8 0z",
+    "square": "M14.5 2.5h7v7h-7z",
+    "diamond": "M18 1l5 5-5 5-5-5z",
+    "triangle-up": "M18 1l4.6 8.5h-9.2z",
+    "triangle-down": "M18 11l4.6-8.5h-9.2z",
+    "cross": "M16.5 1.5h3v3h3v3h-3v3h-3v-3h-3v-3h3z",
+    "x": "M15.2 1L18 3.8 20.8 1 23 3.2 20.2 6 23 8.8 20.8 11 18 8.2 15.2 11 13 8.8 15.8 6 13 3.2z",
+    "star": "M18 .4l1.7 3.7 4 .5-3 2.7.8 4L18 9.300l-3.500 2 .8-4-3-2.700 4-.5z",
+    "pentagon": "M18 1.200l4.800 3.500-1.800 5.600h-6L13.200 4.700z",
+}
+"""Marker -> its SVG outline in a box of 36 x 12, for the legend."""
+
+DASHES = ("solid", "7 3", "2 3", "7 3 2 3", "13 4")
+"""All 45 pairs of marker and dash are distinct, because 9 and 5 have no common divisor."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """How a method is drawn: one colour per engine, one marker and dash per method."""
+
+    number: int
+    name: str
+    colour: int
+    marker: str
+    dash: str
+
+    @property
+    def outline(self) -> str:
+        """The marker as an SVG path."""
+        return MARKERS[self.marker]
+
+
+def styles(keys: Iterable[MethodKey]) -> dict[MethodKey, Style]:
+    """Return the style of each method, in the order of the run."""
+    ordered = list(dict.fromkeys(keys))
+    engines = list(dict.fromkeys(engine for engine, _ in ordered))
+    markers = list(MARKERS)
+    return {
+        (engine, method): Style(
+            number=i,
+            name=f"{engine}:{method}",
+            colour=engines.index(engine) % _ENGINE_COLOURS,
+            marker=markers[i % len(markers)],
+            dash=DASHES[i % len(DASHES)],
+        )
+        for i, (engine, method) in enumerate(ordered)
+    }

@@ -1,0 +1,210 @@
+"""Read a run from its folder: its tables alone, or the whole run with every motion measured again."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import parted, read_json
+from bodycheck.adapters.workers.protocol import read_back_of
+from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
+from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.run_files.manifest_schema import check_manifest
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.tables import (
+    METHOD_COLUMNS,
+    PROBE_COLUMNS,
+    RESULT_COLUMNS,
+    STABILITY_COLUMNS,
+    as_table,
+    no_probes,
+    read_rows,
+)
+from bodycheck.reports.run_files.trajectory_files import read_arrays
+from bodycheck.reports.run_files.writer import file_name, trajectory_file
+from bodycheck.scenarios.serialization import as_written
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_OF_EVERY_CASE = ("run_id", "scenario", "engine", "method", "control", "outcome", "reproduce")
+_OF_EVERY_METHOD = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
+_OF_EVERY_SEARCH = ("run_id", "scenario", "engine", "method", "outcome")
+_OF_EVERY_CHECK = ("run_id", "engine", "method", "check", "verdict", "reproduce")
+_SAME = 1e-6  # relative tolerance between an error measured again and the one in the table
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """The tables of a run, which suffice to compare, advise and summarise.
+
+    results, methods, stability, probes, manifest: as for Run. cases: the rows of results, without motions.
+    """
+
+    run_id: str
+    results: pd.DataFrame
+    methods: pd.DataFrame
+    stability: pd.DataFrame
+    manifest: dict[str, Any]
+    cases: tuple[CaseResult, ...]
+    probes: pd.DataFrame = field(default_factory=no_probes)
+
+
+def read_tables(folder: Path) -> Tables:
+    """Read results.csv, methods.csv, stability.csv, probes.csv (if there is one) and manifest.json of a run.
+
+    Raises InputError with one line where the folder is not a run, or its files are damaged or do not belong
+    together.
+    """
+    manifest = read_manifest(folder)
+    results = read_rows(folder / "results.csv", RESULT_COLUMNS, _OF_EVERY_CASE)
+    methods = read_rows(folder / "methods.csv", METHOD_COLUMNS, _OF_EVERY_METHOD)
+    stability = read_rows(folder / "stability.csv", STABILITY_COLUMNS, _OF_EVERY_SEARCH)
+    path = folder / "probes.csv"  # absent from runs of earlier versions
+    probes = read_rows(path, PROBE_COLUMNS, _OF_EVERY_CHECK) if path.exists() else []
+    _check_words(folder / "results.csv", results, "outcome")
+    _check_commands(folder / "results.csv", results)
+    _check_commands(path, probes)
+    _check_words(folder / "methods.csv", methods, "verdict")
+    _check_words(folder / "stability.csv", stability, "outcome")
+    run_id, rows = manifest["run_id"], (*results, *methods, *stability)
+    if others := {row["run_id"] for row in (*rows, *probes)} - {run_id}:
+        raise InputError(f"{folder}: manifest.json is of run {run_id}, but the tables of {', '.join(others)}")
+    if Counter(row["outcome"] for row in results) != manifest["outcomes"]:
+        raise InputError(
+            f"{folder / 'results.csv'}: cases do not match the counts in manifest.json; {folder} is damaged"
+        )
+    if strange := {row["scenario"] for row in rows} - manifest["scenarios"].keys():
+        raise InputError(f"{folder}: manifest.json has no scenario {', '.join(sorted(strange))}")
+    engines = manifest["engines"]
+    known = {(name, method) for name, entry in engines.items() for method in entry.get("methods", ())}
+    if strange := {(row["engine"], row["method"]) for row in rows} - known:
+        raise InputError(f"{folder}: manifest.json has no method {':'.join(min(strange))}")
+    return Tables(
+        run_id=run_id,
+        results=as_table(({"message": "", **row} for row in results), RESULT_COLUMNS),
+        methods=as_table(methods, METHOD_COLUMNS),
+        stability=as_table(stability, STABILITY_COLUMNS),
+        manifest=manifest,
+        cases=tuple(_case(row) for row in results),
+        probes=as_table(({"message": "", **row} for row in probes), PROBE_COLUMNS),
+    )
+
+
+def _json(folder: Path, name: str) -> Any:
+    try:
+        return read_json(folder / name)
+    except FileNotFoundError:
+        raise InputError(f"{folder}: not a run folder: {name} is missing") from None
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read manifest.json of a run; raise InputError with one line where it is missing or damaged."""
+    return check_manifest(folder / "manifest.json", _json(folder, "manifest.json"))
+
+
+def _check_words(path: Path, rows: Iterable[dict[str, Any]], column: str) -> None:
+    """Raise InputError where a row has a word that this version does not write."""
+    if unknown := {row[column] for row in rows} - {"ok", *STATES}:
+        raise InputError(f"{path}: unknown {column} {sorted(unknown)[0]!r} (available: {', '.join(STATES)})")
+
+
+def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    for command in {row["reproduce"] for row in rows}:
+        try:
+            parted(command)
+        except ValueError as error:
+            raise InputError(f"{path}: reproduce is not a command: {error}: {command!r:.80}") from None
+
+
+def _case(row: dict[str, Any]) -> CaseResult:
+    always = {"dt_s": None, "tolerance": None, "message": ""}
+    return CaseResult({name: value for name, value in {**always, **row}.items() if name != "run_id"})
+
+
+def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = None) -> Run:
+    """Read a whole run: solve its truths again and measure every motion again.
+
+    allow_code: the run's scenarios may name functions, whose code is executed. Raises InputError as
+    read_tables does, and where a motion is missing or does not match its row.
+    """
+    tables = read_tables(folder)
+    cases = _with_read_backs(folder, tables.cases)
+    solved = _subjects(folder, tables, cache, allow_code=allow_code)
+    problems = {problem.scenario.name: problem for problem in solved}
+    return Run(
+        run_id=tables.run_id,
+        results=tables.results,
+        methods=tables.methods,
+        stability=tables.stability,
+        manifest=tables.manifest,
+        problems=tuple(problems.values()),
+        cases=tuple(_with_motion(folder, problems[case.columns["scenario"]], case) for case in cases),
+        probes=tables.probes,
+    )
+
+
+def _subjects(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: bool) -> Iterator[Problem]:
+    commands = {case.columns["scenario"]: case.columns["reproduce"] for case in tables.cases}
+    for name, told in tables.manifest["scenarios"].items():
+        where = f"{folder / 'manifest.json'}: scenarios.{name}"
+        scenario = as_written(told, where, allow_code=allow_code)
+        problem = Problem.of(scenario, scenario_spec(commands.get(name, "")) or name, cache)
+        path = folder / "trajectories" / file_name(name) / "truth.npz"
+        stored = read_arrays(path)
+        if "quaternion" not in stored or len(stored["t_s"]) != len(problem.truth.trajectory.t_s):
+            raise InputError(f"{path}: not a truth of {name}")
+        gap = geodesic_angle(stored["quaternion"], problem.truth.trajectory.attitude)[: problem.compared]
+        if not np.all(gap <= 2.0 * problem.truth.bound_rad[: problem.compared]):
+            raise InputError(f"{path}: differs from the truth of {name} as solved now")
+        yield problem
+
+
+def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[CaseResult]:
+    """Yield the cases with the parameters that were read back from their engines."""
+    held = _json(folder, "read_back.json")
+    if not isinstance(held, dict):
+        raise InputError(f"{folder / 'read_back.json'}: must be an object with one entry per case")
+    for case in cases:
+        message = held.get(str(trajectory_file(case)))
+        if isinstance(message, dict):
+            message.pop("build", None)  # written for human readers; the row of the case has it too
+        try:
+            yield replace(case, read_back=None if message is None else read_back_of(message))
+        except (KeyError, TypeError, ValueError) as error:
+            where = f"{folder / 'read_back.json'}: {trajectory_file(case)}"
+            raise InputError(f"{where}: not a valid read-back: {error!r}") from None
+
+
+def _with_motion(folder: Path, problem: Problem, case: CaseResult) -> CaseResult:
+    """Return a case with its trajectory if it has one, and its measures over time if it ended well."""
+    path = folder / "trajectories" / trajectory_file(case)
+    if not case.ok and not path.exists():
+        return case
+    arrays = read_arrays(path)
+    try:
+        trajectory = Trajectory(**arrays)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: not the trajectory of a case: {error}") from None
+    if not case.ok:
+        return replace(case, trajectory=trajectory)
+    if not np.array_equal(trajectory.t_s, problem.truth.trajectory.t_s):
+        raise InputError(f"{path}: t_s differs from the sample times of {problem.scenario.name}")
+    found = measured_by(problem, trajectory, Motion.of(problem.scenario.scene, trajectory))
+    angle, told = found.columns["orientation_error_rad"], case.columns.get("orientation_error_rad", math.nan)
+    slack = 2.0 * problem.largest(problem.truth.bound_rad)
+    if not math.isclose(angle, told, rel_tol=_SAME, abs_tol=slack):
+        raise InputError(f"{path}: its error is {angle:.4g} rad, but results.csv has {told:.4g} rad")
+    return replace(found, columns=case.columns, trajectory=trajectory, read_back=case.read_back)

@@ -1,0 +1,204 @@
+"""The tables of a run: columns of results, methods, stability and probes.csv, in order."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import escaped
+from bodycheck.reference_impl.truth.truth import QUANTITIES
+from bodycheck.reports.measurement.measures import MEASURES, WHO
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+_CASE = (
+    "run_id",
+    *WHO,
+    "control",
+    "dt_s",
+    "tolerance",
+    "steps",
+    "duration_s",
+    "outcome",
+    "message",
+    "reproduce",
+    "reused",
+    "build",
+)
+_SCALES = (
+    "length_scale_m",
+    "speed_scale_m_s",
+    "omega_scale_rad_s",
+    "energy_scale_j",
+    "rotational_energy_scale_j",
+    "angular_momentum_scale_kg_m2_s",
+    "linear_momentum_scale_kg_m_s",
+)
+_TRUTH = (
+    "truth",
+    *(f"truth_bound_{quantity}" for quantity in QUANTITIES),
+    "compared_until_s",
+    "horizon_s",
+)
+_SPEED = (
+    "cpu_s",
+    "cpu_s_low",
+    "cpu_s_high",
+    "ns_per_step",
+    "relative_cpu",
+    "rhs_evaluations",
+    "stepping",
+)
+
+RESULT_COLUMNS = (
+    *_CASE,
+    *_SCALES,
+    *(column for measure in MEASURES.values() for column in measure.columns),
+    "invariant",
+    "successive_difference_rad",
+    *_TRUTH,
+    *_SPEED,
+)
+METHOD_COLUMNS = (
+    "run_id",
+    *WHO,
+    "quantity",
+    "expected_order",
+    "order",
+    "order_low",
+    "order_high",
+    "points",
+    "floor",
+    "finest_dt_s",
+    "finest_tolerance",
+    "finest_error",
+    "limit_distance",
+    "limit_uncertainty",
+    "verdict",
+    "growth",
+    "growth_exponent",
+    "growth_exponent_low",
+    "growth_exponent_high",
+)
+STABILITY_COLUMNS = (
+    "run_id",
+    *WHO,
+    "dt_stable_s",
+    "dt_unstable_s",
+    "reason",
+    "outcome",
+    "message",
+    "reused",
+    "build",
+)
+PROBE_COLUMNS = (
+    *("run_id", "engine", "engine_version", "method"),
+    *("check", "measured", "expected", "deviation", "tolerance"),
+    *("dt_s", "verdict", "message", "reproduce"),
+)
+_YES_OR_NO = ("reused",)
+_WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
+_LARGEST_WHOLE = 2**63 - 1
+_TEXTS = frozenset(
+    (
+        *("run_id", *WHO, "control", "outcome"),
+        *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
+        *("growth", "reason", "check", "build"),
+    )
+)
+
+
+def as_table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
+    """Return the rows as a table with exactly these columns; what was not measured is missing, never 0.
+
+    Raises ValueError where a row has a column that the table does not have.
+    """
+    import pandas as pd  # imported here: takes a third of a second
+
+    rows = list(rows)
+    for row in rows:
+        if unknown := row.keys() - set(columns):
+            raise ValueError(f"unknown column {', '.join(sorted(unknown))}")
+    return pd.DataFrame({column: pd.Series(_cells(rows, column), dtype=_dtype(column)) for column in columns})
+
+
+def _cells(rows: list[Mapping[str, Any]], column: str) -> list[Any]:
+    """Return the cells of a column; a missing boolean is False."""
+    return [row.get(column, False if column in _YES_OR_NO else None) for row in rows]
+
+
+def no_probes() -> pd.DataFrame:
+    """Return the empty table of a run without probes."""
+    return as_table((), PROBE_COLUMNS)
+
+
+def _dtype(column: str) -> str | None:
+    """Return the dtype of a column; None where pandas chooses the text type."""
+    if column in _WHOLE_NUMBERS:
+        return "Int64"
+    if column in _YES_OR_NO:
+        return "bool"
+    return None if column in _TEXTS else "float64"
+
+
+def _yes_or_no(cell: str) -> bool:
+    if cell not in ("True", "False"):
+        raise ValueError(cell)
+    return cell == "True"
+
+
+def read_rows(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Read the rows of a table of a run, with the types they were written with; empty cells are left out.
+
+    columns: those that the table may have; needed: those that every row must have. Raises InputError with one
+    line that names the file and the fault.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            lines = list(csv.reader(file, strict=True))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a CSV file: {error}") from None
+    head = lines[0] if lines else []
+    if missing := [name for name in needed if name not in head]:
+        raise InputError(f"{path}: not a table of a run: missing column {', '.join(missing)}")
+    if unknown := [name for name in head if name not in columns]:
+        raise InputError(f"{path}: this version of bodycheck has no column {', '.join(unknown)}")
+    return [_row(path, number, head, line, needed) for number, line in enumerate(lines[1:], 1)]
+
+
+def _value(column: str, cell: str) -> Any:
+    """Return the value of a cell; raise ValueError where it does not fit its column."""
+    if column in _YES_OR_NO:
+        return _yes_or_no(cell)
+    if column in _TEXTS:
+        return escaped(cell)
+    if column not in _WHOLE_NUMBERS:
+        return float(cell)
+    if abs(whole := int(cell)) > _LARGEST_WHOLE:
+        raise ValueError(cell)
+    return whole
+
+
+def _row(
+    path: Path, number: int, head: list[str], line: list[str], needed: tuple[str, ...]
+) -> dict[str, Any]:
+    if len(line) != len(head):
+        raise InputError(f"{path}: row {number} has {len(line)} cells, not {len(head)}")
+    row: dict[str, Any] = {}
+    for name, cell in zip(head, line, strict=True):
+        if cell:
+            try:
+                row[name] = _value(name, cell)
+            except ValueError:
+                wanted = "True or False" if name in _YES_OR_NO else "a number"
+                raise InputError(f"{path}: row {number}: {name} is {cell!r}, not {wanted}") from None
+    if missing := [name for name in needed if name not in row]:
+        raise InputError(f"{path}: row {number} has no {', '.join(missing)}")
+    return row

@@ -1,0 +1,226 @@
+"""Trajectory files: the CSV columns, the npz arrays, and a reader for files written by other programs."""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_MOST_BYTES = 1 << 28
+"""Limit for all arrays together, as doubles; the quantities of a million samples take 208 MB."""
+_ALWAYS_BYTES = 1 << 25
+_MOST_PACKED = 50  # above that, times the file size: denser files are zip bombs, or a body at rest
+_DOUBLE_BYTES = 8
+_MOST_DIMENSIONS = 3
+_EXACT = 2**53  # every integer up to here is a double
+_ENCRYPTED = 0x1
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
+
+
+def read_npz(path: Path, names: Sequence[str]) -> dict[str, Array]:
+    """Return those of the named arrays that the file has, as doubles.
+
+    Raises OSError where the file cannot be read, and InputError with one line where it is not an npz of real
+    numbers.
+    """
+    try:
+        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            left = min(_MOST_BYTES, max(_ALWAYS_BYTES, _MOST_PACKED * path.stat().st_size))
+            arrays = {}
+            for name in names:
+                if f"{name}.npy" in archive.NameToInfo:
+                    arrays[name] = _array(archive, name, left)
+                    left -= arrays[name].nbytes
+            return arrays
+    except (ValueError, EOFError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: not an npz file of numbers: {' '.join(str(error).split())}") from None
+
+
+def _array(archive: zipfile.ZipFile, name: str, most: int) -> Array:
+    """Return one member, of at most `most` bytes, as doubles.
+
+    Raises ValueError where its header and its size disagree, or its type is not real.
+    """
+    member = archive.getinfo(f"{name}.npy")
+    if member.flag_bits & _ENCRYPTED:
+        raise ValueError(f"{name} is encrypted")
+    if member.compress_type not in _METHODS:
+        raise ValueError(f"{name} has an unsupported compression; use numpy.savez or numpy.savez_compressed")
+    with archive.open(member) as packed:
+        stream = cast(BinaryIO, packed)
+        shape, columns_first, dtype = _header(stream, name, most)
+        size = math.prod(shape) * dtype.itemsize
+        content = stream.read(size + 1)
+    if len(content) != size:
+        raise ValueError(f"{name} has the shape {shape} of {dtype}, but {len(content)} bytes, not {size}")
+    values = np.frombuffer(content, dtype).reshape(shape, order="F" if columns_first else "C")
+    return doubles(np.ascontiguousarray(values), name)
+
+
+def _header(stream: BinaryIO, name: str, most: int) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, order and type of a numeric array of at most `most` bytes as doubles."""
+    version = np.lib.format.read_magic(stream)
+    read = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }.get(version)
+    if read is None:
+        raise ValueError(f"{name} has the unsupported npy version {version}")
+    shape, columns_first, dtype = read(stream)
+    if dtype.kind not in "fiu":
+        raise ValueError(f"{name} has type {dtype}, not real numbers")
+    if dtype.itemsize > _DOUBLE_BYTES:
+        raise ValueError(f"{name} has type {dtype}, which does not fit in doubles")
+    if len(shape) > _MOST_DIMENSIONS or min(shape, default=0) < 0:
+        raise ValueError(f"{name} has the shape {shape}")
+    if math.prod(shape) * _DOUBLE_BYTES > most:
+        raise ValueError(f"{name} declares the shape {shape}, which exceeds the limit of {most} bytes")
+    return shape, columns_first, dtype
+
+
+def doubles(values: np.ndarray[Any, np.dtype[Any]], name: str) -> Array:
+    """Return real numbers as doubles; raise ValueError for integers above 2^53."""
+    whole = values.dtype.kind in "iu" and values.size
+    if whole and max(int(values.max()), -int(values.min())) > _EXACT:
+        raise ValueError(f"{name} has integers above 2^53, which do not fit in doubles")
+    return values.astype(np.float64)
+
+
+_ARRAYS = {
+    "position_m": ("x_m", "y_m", "z_m"),
+    "quaternion": ("qw", "qx", "qy", "qz"),
+    "velocity_m_s": ("vx_m_s", "vy_m_s", "vz_m_s"),
+    "omega_world_rad_s": ("wx_world_rad_s", "wy_world_rad_s", "wz_world_rad_s"),
+    "omega_body_rad_s": ("wx_body_rad_s", "wy_body_rad_s", "wz_body_rad_s"),
+    "rotation": tuple(f"r{i}{j}" for i in range(3) for j in range(3)),
+}
+"""Array of the npz -> its columns in the CSV."""
+
+_IGNORED = ("bound_rad",)  # the last column of `bodycheck truth`
+
+
+def trajectory_table(trajectory: Trajectory) -> pd.DataFrame:
+    """Return t_s, x_m, ..., qw, ..., wz_body_rad_s, one row per sample; omega in both axes."""
+    import pandas as pd
+
+    values = {
+        "position_m": trajectory.position_m,
+        "quaternion": trajectory.attitude,
+        "velocity_m_s": trajectory.velocity_m_s,
+        "omega_world_rad_s": trajectory.omega_world,
+        "omega_body_rad_s": trajectory.omega_body,
+    }
+    columns = {"t_s": trajectory.t_s}
+    for array, value in values.items():
+        columns |= {name: value[:, i] for i, name in enumerate(_ARRAYS[array])}
+    return pd.DataFrame(columns)
+
+
+def stored_arrays(trajectory: Trajectory) -> dict[str, Array]:
+    """Return the arrays that the npz of a trajectory holds."""
+    values = {name: getattr(trajectory, name) for name in ("t_s", *_ARRAYS)}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def npz(arrays: Mapping[str, Array]) -> bytes:
+    """Return an .npz file as bytes, readable by np.load; equal arrays give equal bytes.
+
+    It is built in memory, because numpy.savez seeks and writes a dozen times per array.
+    """
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w") as archive:
+        for name, array in arrays.items():
+            doubles = np.ascontiguousarray(array, dtype="<f8")
+            # ZipInfo defaults to the earliest zip date, so the bytes do not depend on the time of the run
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), _npy_header(doubles.shape) + doubles.tobytes())
+    return whole.getvalue()
+
+
+@lru_cache
+def _npy_header(shape: tuple[int, ...]) -> bytes:
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return header.getvalue()
+
+
+def read_arrays(path: Path) -> dict[str, Array]:
+    """Read t_s (n,) and any arrays of a trajectory, (n, 3), (n, 4) or (n, 3, 3), from .csv or .npz.
+
+    Raises InputError with one line that names the file and the fault.
+    """
+    try:
+        arrays = read_npz(path, ("t_s", *_ARRAYS)) if path.suffix == ".npz" else _read_csv(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    t_s = arrays.get("t_s")
+    if t_s is None:
+        raise InputError(f"{path}: has no t_s")
+    if t_s.ndim != 1 or not len(t_s) or not np.all(np.isfinite(t_s)) or np.any(np.diff(t_s) <= 0.0):
+        raise InputError(f"{path}: t_s must be finite times in ascending order")
+    if len(arrays) == 1:
+        raise InputError(f"{path}: has no quantity besides t_s (available: {', '.join(_ARRAYS)})")
+    for name, value in arrays.items():
+        shape = {"t_s": (), "rotation": (3, 3)}.get(name, (len(_ARRAYS.get(name, ())),))
+        if value.shape != (len(t_s), *shape):
+            raise InputError(f"{path}: {name} has the shape {value.shape}, not {(len(t_s), *shape)}")
+    return arrays
+
+
+def _read_csv(path: Path) -> dict[str, Array]:
+    import pandas as pd
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # a row of the wrong width
+            table = pd.read_csv(
+                path,
+                skipinitialspace=True,
+                index_col=False,
+                keep_default_na=False,
+                na_values=["nan", "NaN"],
+                compression=None,  # do not guess from the file name
+            )
+    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
+        raise InputError(f"{path}: not a CSV file: {' '.join(str(error).split())}") from None
+    known = {"t_s", *_IGNORED, *(column for columns in _ARRAYS.values() for column in columns)}
+    if unknown := [str(column) for column in table.columns if column not in known]:
+        raise InputError(f"{path}: unknown trajectory column {', '.join(unknown)}")
+    if table.empty:
+        raise InputError(f"{path}: has no rows")
+    for column in table.columns:
+        kind = table[column].dtype.kind
+        if kind == "b":
+            raise InputError(f"{path}: {column} has booleans, not numbers")
+        if kind not in "fiu":
+            row = int(np.argmax(pd.to_numeric(table[column], errors="coerce").isna().to_numpy()))
+            found = table[column].iloc[row]
+            raise InputError(f"{path}: line {row + 2}: {column} is {found!r}, not a number")
+    try:
+        values = {str(column): doubles(table[column].to_numpy(), str(column)) for column in table.columns}
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    arrays: dict[str, Array] = {"t_s": values["t_s"]} if "t_s" in values else {}
+    for array, columns in _ARRAYS.items():
+        there = [column for column in columns if column in table]
+        if there and len(there) < len(columns):
+            missing = ", ".join(column for column in columns if column not in table)
+            raise InputError(f"{path}: has {there[0]} but not {missing}")
+        if there:
+            together = np.stack([values[column] for column in there], axis=-1)
+            arrays[array] = together.reshape(-1, 3, 3) if array == "rotation" else together
+    return arrays

@@ -1,0 +1,98 @@
+"""Write a run atomically as files: the tables, the trajectories, the manifest and the report."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from hashlib import sha256
+from pathlib import Path
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.files import check_folder, unfinished_name
+from bodycheck.adapters.workers.protocol import Message, read_back_message
+from bodycheck.reference_impl.truth.truth import QUANTITIES
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.trajectory_files import npz, stored_arrays
+
+
+def check_output(out: Path) -> None:
+    """Raise InputError where a run could not be written to `out`; called before anything is run."""
+    try:
+        in_place = out.is_symlink() or out.resolve() == Path.cwd()
+        if in_place or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
+            raise InputError(f"--out {out}: already exists; choose a new or an empty folder")
+        check_folder(f"--out {out}", out.absolute().parent)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
+
+
+def write_files(run: Run, report: str, out: Path, *, beside: Path | None = None) -> Path:
+    """Write the tables, trajectories/, manifest.json and the report as report.html; return its path.
+
+    Everything is written under a temporary name in the folder `beside` [default: the parent of `out`] and
+    renamed at the end. Raises InputError where `out` is in use or cannot be written.
+    """
+    check_output(out)
+    beside = out.absolute().parent if beside is None else beside
+    try:
+        beside.mkdir(parents=True, exist_ok=True)
+        unfinished = unfinished_name(beside / out.absolute().name)
+        try:
+            unfinished.mkdir()  # not mkdtemp, which ignores the umask and excludes other users
+            write_tables(run, unfinished)
+            _write_trajectories(run, unfinished / "trajectories")
+            (unfinished / "report.html").write_text(report, encoding="utf-8")
+            unfinished.replace(out)
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
+    return out / "report.html"
+
+
+def write_tables(run: Run, folder: Path) -> None:
+    """Write the tables, manifest.json and read_back.json: all that read_tables needs, and the read-backs."""
+    run.results.to_csv(folder / "results.csv", index=False)
+    run.methods.to_csv(folder / "methods.csv", index=False)
+    run.stability.to_csv(folder / "stability.csv", index=False)
+    run.probes.to_csv(folder / "probes.csv", index=False)
+    (folder / "manifest.json").write_text(json.dumps(run.manifest, indent=2) + "\n", encoding="utf-8")
+    (folder / "read_back.json").write_text(json.dumps(_read_backs(run)) + "\n", encoding="utf-8")
+
+
+def _write_trajectories(run: Run, trajectories: Path) -> None:
+    for problem in run.problems:
+        place = trajectories / file_name(problem.scenario.name)
+        place.mkdir(parents=True)
+        truth = problem.truth
+        bounds = {name: getattr(truth, name) for name in (f"bound_{q}" for q in QUANTITIES)}
+        (place / "truth.npz").write_bytes(npz({**stored_arrays(truth.trajectory), **bounds}))
+    for case in run.cases:
+        if case.trajectory is not None:
+            (trajectories / trajectory_file(case)).write_bytes(npz(stored_arrays(case.trajectory)))
+
+
+def _read_backs(run: Run) -> dict[str, Message]:
+    """Return the parameters read back from the engines, and the builds, by trajectory file of the case."""
+    return {
+        str(trajectory_file(case)): {**read_back_message(case.read_back), "build": case.columns.get("build")}
+        for case in run.cases
+        if case.read_back is not None
+    }
+
+
+def trajectory_file(case: CaseResult) -> Path:
+    """Return scenario/engine_method_step.npz or ..._tolerance.npz, relative to the run's trajectories/."""
+    columns = case.columns
+    fineness = case.setting.fineness
+    step = "" if fineness is None else f"_{fineness!r}"
+    name = file_name(f"{columns['engine']}_{columns['method']}{step}")
+    return Path(file_name(columns["scenario"]), f"{name}.npz")
+
+
+def file_name(name: str) -> str:
+    """Return a safe file name: the name itself if it is safe, else a sanitised one with a hash."""
+    safe = re.sub(r"[^A-Za-z0-9+_.-]+", "-", name).lstrip(".")[:80]
+    return safe if safe == name else f"{safe}-{sha256(name.encode()).hexdigest()[:8]}"

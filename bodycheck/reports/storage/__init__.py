@@ -1,1 +1,0 @@
-"""Results on disk: sealed lines, the journal of a run, the cache of what was computed before."""

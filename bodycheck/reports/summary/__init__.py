@@ -1,0 +1,1 @@
+"""Summaries of a run: its tables, cells, worst results and advice."""

@@ -1,0 +1,49 @@
+"""Select the cases that meet an error tolerance.
+
+The error includes the truth's bound. Coarse steps that meet the tolerance by accident are excluded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TypeAlias
+
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.convergence import LARGEST_ROUND_OFF
+from bodycheck.reports.measurement.measure_bounds import bound_of
+from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method
+
+RefinementSequence: TypeAlias = Sequence[CaseResult]
+"""The cases of one method on one scenario, finest first."""
+
+
+def ladders_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], RefinementSequence]:
+    """Return the cases of each method on each scenario, finest first."""
+    return {
+        (scenario, key): sorted(own, key=lambda case: case.setting.fineness or 0.0)
+        for scenario, methods in cases_by_method(cases).items()
+        for key, own in methods.items()
+    }
+
+
+def largest_error(case: CaseResult, quantity: str) -> float:
+    """measured + bound: an upper bound of the true error; infinite where the case did not end well."""
+    columns = case.columns
+    if not case.ok or quantity not in columns:
+        return math.inf
+    return float(columns[quantity] + bound_of(columns, quantity))
+
+
+def keeping(ladder: RefinementSequence, error: float, quantity: str) -> Iterator[CaseResult]:
+    """Yield the cases that meet the error tolerance, finest first, up to the first one that does not.
+
+    A coarser step that meets the tolerance after that does so by accident. A failure with an error below 1e-9
+    does not count, because round-off can make finer steps worse there.
+    """
+    for case in ladder:
+        largest = largest_error(case, quantity)
+        if largest <= error:
+            yield case
+        elif largest > LARGEST_ROUND_OFF:
+            return

@@ -1,0 +1,185 @@
+"""One cell per scenario and method, one overview per method over all scenarios, and failed cases."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Any
+
+from bodycheck._util.formatting import number
+from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
+from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.measurement.verdicts import (
+    FAULTS,
+    STATES,
+    QuantityVerdict,
+    method_verdict,
+    most_severe,
+)
+from bodycheck.reports.run_files.run_tables import (
+    MethodKey,
+    RunTables,
+    cases_by_method,
+    common_step,
+    key_of,
+    shown_case,
+)
+
+_SEVERITY = ("none", "floor", "good", "open", "bad", "fault")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One method on one scenario, with its most severe state.
+
+    verdict: the most severe of the quantities; None where no case ended well. order: of the orientation.
+    error: of the orientation at the common step. faults: number of cases per fault. cases: total number of
+    cases. wrong: the quantities that count against the method, most severe first. properties: of the engine's
+    state, not faults. detail: what the verdict is based on.
+    """
+
+    state: str
+    verdict: QuantityVerdict | None = None
+    order: float | None = None
+    error: float | None = None
+    faults: Mapping[str, int] = field(default_factory=dict)
+    cases: int = 0
+    wrong: tuple[QuantityVerdict, ...] = ()
+    properties: tuple[QuantityVerdict, ...] = ()
+    detail: str = ""
+
+    @property
+    def notes(self) -> list[str]:
+        """The faults, the wrong quantities and the properties of the state, as text."""
+        faults = [f"{amount} of {self.cases} {fault}" for fault, amount in self.faults.items()]
+        return [*faults, *(one.text for one in (*self.wrong, *self.properties))]
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the method behaves as theory predicts, as far as was measured."""
+        return self.state in ("converges", "at-floor", "exact")
+
+
+def summary_cell(
+    cases: Sequence[CaseResult], found: Mapping[str, Mapping[str, Any]], at_s: float | None
+) -> Cell:
+    """Return the cell of one method on one scenario.
+
+    found: its rows of methods.csv by quantity; at_s: the common step.
+    """
+    at_step = shown_case(cases, at_s)
+    error = at_step.columns[ORIENTATION] if at_step and at_step.ok else None
+    ended = Counter(case.columns["outcome"] for case in cases)
+    faults = {fault: ended[fault] for fault in FAULTS if ended[fault]}
+    verdicts = {quantity: QuantityVerdict.of(row) for quantity, row in found.items()}
+    verdict = method_verdict(verdicts)
+    if not ended["ok"] or verdict is None:
+        worst = next(iter(faults), "unsupported")
+        reasons = dict.fromkeys(str(case.columns["message"]) for case in cases)
+        return Cell(worst, faults=faults, cases=len(cases), detail="; ".join(reasons))
+    said = [*faults, verdict.state]
+    return Cell(
+        max(said, key=lambda state: _SEVERITY.index(STATES[state].tint)),
+        verdict,
+        verdicts[ORIENTATION].order if ORIENTATION in verdicts else None,
+        error,
+        faults,
+        len(cases),
+        tuple(most_severe(verdicts.values())),
+        tuple(one for one in verdicts.values() if one.is_property),
+        _detail(cases, found.get(ORIENTATION)),
+    )
+
+
+def _detail(cases: Sequence[CaseResult], row: Mapping[str, Any] | None) -> str:
+    """Return what the verdict on the orientation is based on, and what lowers the order."""
+    if row is None:
+        return ""
+    parts = [f"floor {number(row['floor'], 2)} rad"]
+    if row["verdict"] == "converges" and row["order"] == row["order"] and row["order"] is not None:
+        low, high = number(row["order_low"], 3), number(row["order_high"], 3)
+        parts.insert(0, f"order between {low} and {high}, from {row['points']} steps")
+    if any(SWITCH_NOTE in str(case.columns["message"]) for case in cases):
+        parts.append("a load switches inside a step, which lowers the order")
+    return "; ".join(parts)
+
+
+def summary_cells(run: RunTables) -> dict[str, dict[MethodKey, Cell]]:
+    """Return the cells by scenario, then by engine and method, in the order of the run."""
+    by_scenario: dict[str, dict[MethodKey, list[CaseResult]]] = {n: {} for n in run.manifest["scenarios"]}
+    by_scenario |= cases_by_method(run.cases)
+    found: dict[tuple[str, str, str], dict[str, Any]] = {}
+    rows: list[Any] = run.methods.to_dict("records")
+    for row in rows:
+        found.setdefault((row["scenario"], *key_of(row)), {})[row["quantity"]] = row
+    cells = {}
+    for scenario, methods in by_scenario.items():
+        at_s = common_step(case for cases in methods.values() for case in cases)
+        cells[scenario] = {
+            key: summary_cell(cases, found.get((scenario, *key), {}), at_s) for key, cases in methods.items()
+        }
+    return cells
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Cases of one method on one scenario with the same fault, at these steps or tolerances."""
+
+    scenario: str
+    key: MethodKey
+    outcome: str
+    message: str
+    steps: tuple[float | None, ...]
+
+
+def faults_of(cases: Iterable[CaseResult]) -> list[Fault]:
+    """Return the invalid, failed, timed-out and unstable cases, grouped by fault."""
+    steps: dict[tuple[str, MethodKey, str, str], list[float | None]] = {}
+    for case in cases:
+        columns = case.columns
+        if columns["outcome"] in FAULTS:
+            alike = (columns["scenario"], key_of(columns), columns["outcome"], columns["message"])
+            steps.setdefault(alike, []).append(case.setting.fineness)
+    return [Fault(*alike, steps=tuple(dts)) for alike, dts in steps.items()]
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The results of one method: its cells by scenario, in the order of the run."""
+
+    method: str
+    cells: Mapping[str, Cell]
+
+    @property
+    def states(self) -> Counter[str]:
+        """The number of scenarios in each state."""
+        return Counter(cell.state for cell in self.cells.values())
+
+    @property
+    def order(self) -> str:
+        """The median of the observed orders, and their range where there are several."""
+        orders = sorted(cell.order for cell in self.cells.values() if cell.order is not None)
+        if not orders:
+            return ""
+        span = f" ({orders[0]:.2f} to {orders[-1]:.2f})" if len(orders) > 1 else ""
+        return f"{median(orders):.2f}{span}"
+
+    @property
+    def largest_error(self) -> str:
+        """The largest orientation error at the scenarios' common steps, and its scenario."""
+        errors = [(cell.error, scenario) for scenario, cell in self.cells.items() if cell.error is not None]
+        if not errors:
+            return ""
+        error, scenario = max(errors)
+        return f"{number(error, 3)} rad in {scenario}"
+
+
+def overviews(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> list[Overview]:
+    """Return the methods of a summary, in the order of the run."""
+    by_method: dict[MethodKey, dict[str, Cell]] = {}
+    for scenario, methods in cells.items():
+        for key, cell in methods.items():
+            by_method.setdefault(key, {})[scenario] = cell
+    return [Overview(":".join(key), found) for key, found in by_method.items()]

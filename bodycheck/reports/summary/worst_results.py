@@ -1,0 +1,169 @@
+"""The worst results of a run, each with its quantity, size, step and the command that reproduces it.
+
+The terminal, Markdown, the report and nightly runs all show exactly these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bodycheck._util.formatting import count, number, step
+from bodycheck.reports.run_files.run_tables import RunTables, key_of
+from bodycheck.reports.summary.cases_within import ladders_of
+from bodycheck.reports.summary.cells import faults_of, summary_cells
+
+_WORST_FIRST = (
+    "invalid",
+    "failed",
+    "does-not-converge",
+    "off",
+    "inconsistent",
+    "lower-order",
+    "timeout",
+    "unstable",
+    "property",
+)
+
+
+@dataclass(frozen=True)
+class Result:
+    """One finding against a method, or a property of its state, with a command that reproduces it.
+
+    kind: a state, or `property`. quantity: a measure, or the check of a probe; "" where a case did not end
+    well. size: of the quantity; results are sorted by it, descending. scenarios: where it occurs, the one
+    with the largest size first; empty for a probe.
+    """
+
+    kind: str
+    method: str
+    quantity: str
+    text: str
+    reproduce: str
+    scenarios: tuple[str, ...] = ()
+    size: float = 0.0
+
+    @property
+    def sentence(self) -> str:
+        """The result and its scenarios in one line."""
+        first, *others = self.scenarios or ("",)
+        more = f" and {count(len(others), 'more scenario')}" if others else ""
+        return f"{self.text} in {first}{more}" if first else self.text
+
+
+@dataclass(frozen=True)
+class MethodResults:
+    """All results of one method, worst first."""
+
+    method: str
+    results: tuple[Result, ...]
+
+    @property
+    def worst(self) -> Result:
+        """The worst result."""
+        return self.results[0]
+
+    @property
+    def sentence(self) -> str:
+        """The worst result in one line, and the number of others."""
+        more = len(self.results) - 1
+        return self.worst.sentence + (f"; {count(more, 'more finding')}" if more else "")
+
+
+def worst_results(run: RunTables) -> list[Result]:
+    """Return all results, worst first; a result that recurs in several scenarios is listed once."""
+    found: dict[tuple[str, str, str], list[Result]] = {}
+    for one in (*_broken(run), *_judged(run), *_probed(run)):
+        found.setdefault((one.kind, one.method, one.quantity), []).append(one)
+    together = (_together(alike) for alike in found.values())
+    return sorted(together, key=lambda one: (_WORST_FIRST.index(one.kind), -one.size))
+
+
+def worst_methods(run: RunTables) -> list[MethodResults]:
+    """Return the methods that have results, each once, the one with the worst result first."""
+    by_method: dict[str, list[Result]] = {}
+    for one in worst_results(run):
+        by_method.setdefault(one.method, []).append(one)
+    return [MethodResults(method, tuple(results)) for method, results in by_method.items()]
+
+
+def faulty(methods: Iterable[MethodResults]) -> list[MethodResults]:
+    """Return the methods that have more than properties of their state."""
+    return [one for one in methods if one.worst.kind != "property"]
+
+
+def _together(alike: list[Result]) -> Result:
+    """Merge results that differ only in the scenario into the one with the largest size."""
+    ordered = sorted(alike, key=lambda one: -one.size)
+    first = ordered[0]
+    scenarios = tuple(dict.fromkeys(name for one in ordered for name in one.scenarios))
+    return Result(
+        first.kind, first.method, first.quantity, first.text, first.reproduce, scenarios, first.size
+    )
+
+
+def _broken(run: RunTables) -> Iterator[Result]:
+    commands = {
+        (case.columns["scenario"], key_of(case.columns), case.columns["outcome"], case.setting.fineness): case
+        for case in run.cases
+    }
+    for fault in faults_of(run.cases):
+        first = commands[fault.scenario, fault.key, fault.outcome, fault.steps[0]]
+        cases = count(len(fault.steps), "case")
+        text = f"{fault.outcome} in {cases}: {fault.message}"
+        reproduce = first.columns["reproduce"]
+        yield Result(
+            fault.outcome, ":".join(fault.key), "", text, reproduce, (fault.scenario,), len(fault.steps)
+        )
+
+
+def _judged(run: RunTables) -> Iterator[Result]:
+    ladders = ladders_of(run.cases)
+    for scenario, methods in summary_cells(run).items():
+        for key, cell in methods.items():
+            finest = next((case for case in ladders[scenario, key] if case.ok), None)
+            if finest is None:
+                continue
+            command = finest.columns["reproduce"]
+            for one in (*cell.wrong, *cell.properties):
+                kind = "property" if one.is_property else one.state
+                method = ":".join(key)
+                yield Result(kind, method, one.quantity, one.text, command, (scenario,), one.size or 0.0)
+
+
+def _probed(run: RunTables) -> Iterator[Result]:
+    """Yield the probe checks that a method failed."""
+    rows: list[Any] = run.probes.to_dict("records")
+    for row in rows:
+        if row["verdict"] == "inconsistent":
+            yield Result(
+                "inconsistent",
+                ":".join(key_of(row)),
+                row["check"],
+                _probe_text(row),
+                row["reproduce"],
+                size=row["deviation"],
+            )
+
+
+def _probe_text(row: Mapping[str, Any]) -> str:
+    """Return the measured and expected values of a probe, its step and its message."""
+    at = "" if row["dt_s"] != row["dt_s"] else f" at dt {step(row['dt_s'])} s"
+    said = f": {row['message']}" if isinstance(row["message"], str) and row["message"] else ""
+    if row["check"].endswith("read_back"):  # the message has the values
+        return f"{row['check']}{at}{said}"
+    return f"{row['check']} {number(row['measured'], 6)}, expected {number(row['expected'])}{at}{said}"
+
+
+def headline(methods: Iterable[MethodResults]) -> str:
+    """Return one sentence that names the faulty methods and one for those only unstable; "" if none."""
+    wrong = faulty(methods)
+    unstable = [one.method for one in wrong if one.worst.kind == "unstable"]
+    others = [one.method for one in wrong if one.worst.kind != "unstable"]
+    parts = []
+    if others:
+        parts.append(f"{count(len(others), 'method')} with findings: {', '.join(others)}.")
+    if unstable:
+        parts.append(f"{count(len(unstable), 'method')} unstable in some cases: {', '.join(unstable)}.")
+    return " ".join(parts)

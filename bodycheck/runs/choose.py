@@ -1,0 +1,69 @@
+"""Choose a run: the one that is named, else the newest stored one with the scenarios, else a new one."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bodycheck._util.errors import InputError
+from bodycheck.reports.render.progress import LiveProgress
+from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_tables
+from bodycheck.runs.directory import RUNS, RunRequest, run_to_folder
+from bodycheck.scenarios.library import load_scenarios
+from bodycheck.scenarios.serialization import written
+
+
+def chosen_run(
+    folder: Path | None, asked: Sequence[str], *, allow_code: bool
+) -> tuple[Path, Tables, list[str]]:
+    """Return a run's folder, its tables, and the names of the requested scenarios [default: all of the run].
+
+    Without a folder, take the newest run under bodycheck-runs/ that has exactly these scenarios; if there is
+    none, run them. allow_code: scenarios may name functions, whose code runs. Raises InputError if the folder
+    is not that of a run or lacks a scenario.
+    """
+    if folder is not None:
+        return _named(folder, asked, allow_code=allow_code)
+    loaded = load_scenarios(asked, allow_code=allow_code)
+    wanted = {scenario.name: written(scenario) for _, scenario in loaded}
+    # a user's function may have changed under the same name, so no stored run is known to match
+    own_code = any(scenario.scene.has_callback_load for _, scenario in loaded)
+    for newest, manifest in [] if own_code else _newest_first():
+        if wanted.items() <= manifest["scenarios"].items():
+            try:
+                return newest, read_tables(newest), list(wanted or manifest["scenarios"])
+            except InputError as error:
+                _warn_left_out(error)
+    scenarios = list(asked) or ["standard"]
+    print(f"no stored run in {RUNS}/ has these scenarios; running {' '.join(scenarios)}", file=sys.stderr)
+    _, report = run_to_folder(RunRequest(scenarios=scenarios, allow_code=allow_code), None, LiveProgress)
+    return _named(report.parent, asked, allow_code=allow_code)
+
+
+def _named(folder: Path, asked: Sequence[str], *, allow_code: bool) -> tuple[Path, Tables, list[str]]:
+    tables = read_tables(folder)
+    known = list(tables.manifest["scenarios"])
+    names: list[str] = []
+    for word in asked:
+        loaded = [] if word in known else load_scenarios([word], allow_code=allow_code)
+        names += [scenario.name for _, scenario in loaded] or [word]
+    if missing := [name for name in names if name not in known]:
+        raise InputError(f"{folder}: has no scenario {', '.join(missing)} (available: {', '.join(known)})")
+    return folder, tables, list(dict.fromkeys(names)) or known
+
+
+def _newest_first() -> list[tuple[Path, dict[str, Any]]]:
+    """Return the folders and manifests of complete runs in bodycheck-runs/; warn about damaged runs."""
+    found = []
+    for path in RUNS.glob("*/manifest.json"):
+        try:
+            found.append((path.parent, read_manifest(path.parent)))
+        except InputError as error:
+            _warn_left_out(error)
+    return sorted(found, key=lambda run: (run[1]["created"], run[0]), reverse=True)
+
+
+def _warn_left_out(error: InputError) -> None:
+    print(f"warning: a damaged run is left out: {error}", file=sys.stderr)

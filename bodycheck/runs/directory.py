@@ -1,0 +1,196 @@
+"""Run into a folder: each result is stored as soon as it is known, and an interrupted run can be resumed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StrictBool,
+    StrictFloat,
+    StrictInt,
+    StrictStr,
+    ValidationError,
+)
+
+from bodycheck._util.errors import InputError, StoppedError
+from bodycheck._util.files import atomic_write
+from bodycheck._util.untrusted import quoted, read_json
+from bodycheck.reports.cache.journal import Journal
+from bodycheck.reports.cache.reuse import reuse_of
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.writer import check_output, write_files
+from bodycheck.runs.manifest import Identity
+from bodycheck.runs.run_options import TIMEOUT_S, ProgressFactory, RunOptions
+from bodycheck.runs.runner import run_selection
+from bodycheck.runs.selection import Selection, select
+from bodycheck.scenarios.reader import fault_lines
+
+RUNS = Path("bodycheck-runs")
+"""The default parent folder of runs."""
+
+_REQUEST = "request.json"
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """A run's settings as plain data, sufficient to repeat the run."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    scenarios: list[StrictStr] = field(default_factory=lambda: ["standard"])
+    engines: list[StrictStr] | None = None
+    dt_s: list[StrictFloat] | None = None
+    tolerances: list[StrictFloat] | None = None
+    speed: StrictBool = True
+    jobs: StrictInt | None = None
+    timeout_s: StrictFloat = TIMEOUT_S
+    fresh: StrictBool | None = None
+    allow_code: StrictBool = False
+
+    @property
+    def selection(self) -> Selection:
+        """Resolve and check scenarios, engines, steps and tolerances; raises InputError if any is wrong."""
+        return select(self.scenarios, self.engines, self.dt_s, self.tolerances, allow_code=self.allow_code)
+
+    @property
+    def options(self) -> RunOptions:
+        """Return the run's options; raises InputError if any is wrong."""
+        reuse = reuse_of(self.fresh, "installed")
+        return RunOptions(speed=self.speed, jobs=self.jobs, timeout_s=self.timeout_s, reuse=reuse)
+
+
+class _Description(BaseModel):
+    """The content of request.json; run_id is restricted because it becomes part of file names."""
+
+    run_id: Annotated[str, Field(strict=True, pattern=r"^[0-9A-Za-z-]{1,100}$")]
+    created: AwareDatetime
+    asked: RunRequest
+
+
+def run_to_folder(asked: RunRequest, out: Path | None, watching: ProgressFactory) -> tuple[Run, Path]:
+    """Carry out a request, write the results to `out`, and return the run and its report's path.
+
+    Until the run is complete, the folder is `out` with the suffix .partial. Raises InputError if the input is
+    wrong or the disk is full, StoppedError if the user interrupts the run; `resume` continues it.
+    """
+    identity = Identity.new()
+    out = out or RUNS / identity.run_id
+    options = asked.options
+    check_output(out)
+    partial = partial_of(out)
+    if (partial / _REQUEST).exists():
+        raise InputError(f"{partial}: holds an interrupted run; continue with --resume {out}, or remove it")
+    try:
+        selection = asked.selection
+    except KeyboardInterrupt:
+        raise StoppedError("stopped before anything was measured") from None
+    _describe(partial, asked, identity, out)
+    return _carried_out(selection, options, identity, out, watching)
+
+
+def _describe(partial: Path, asked: RunRequest, identity: Identity, out: Path) -> None:
+    """Write request.json atomically, without which a folder does not count as a run."""
+    description = {
+        "run_id": identity.run_id,
+        "created": identity.created.isoformat(),
+        "asked": asdict(asked),
+    }
+    try:
+        partial.mkdir(parents=True, exist_ok=True)
+        try:
+            atomic_write(partial / _REQUEST, (json.dumps(description, indent=2) + "\n").encode())
+        except OSError:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
+
+
+def resume(out: Path, watching: ProgressFactory) -> tuple[Run, Path]:
+    """Continue an interrupted run with its original settings, without repeating finished cases.
+
+    Raises InputError if there is no interrupted run, and the errors of run_to_folder.
+    """
+    partial = partial_of(out)
+    try:
+        asked, identity = _description(partial / _REQUEST)
+    except FileNotFoundError:
+        state = "that run is complete" if _run_id(out) else "there is no interrupted run"
+        raise InputError(f"--resume {out}: {state}") from None
+    except InputError as error:
+        raise InputError(f"--resume {out}: {error}") from None
+    if _run_id(out) == identity.run_id:  # interrupted after renaming the results
+        shutil.rmtree(partial, ignore_errors=True)
+        raise InputError(f"--resume {out}: that run is complete")
+    try:
+        selection = asked.selection
+    except KeyboardInterrupt:
+        raise StoppedError(f"stopped; {_go_on(out)}") from None
+    return _carried_out(selection, asked.options, identity, out, watching)
+
+
+def _description(path: Path) -> tuple[RunRequest, Identity]:
+    """Read request.json; raises FileNotFoundError if it does not exist, InputError if it is damaged."""
+    try:
+        told = _Description.model_validate(read_json(path, escape=False))
+    except ValidationError as error:
+        raise InputError("\n".join(f"{path}: {line}" for line in fault_lines(error))) from None
+    return told.asked, Identity(told.run_id, told.created)
+
+
+def _run_id(out: Path) -> str | None:
+    """Return the id of the complete run in this folder; None if there is none."""
+    try:
+        manifest = read_json(out / "manifest.json")
+    except (OSError, InputError):
+        return None
+    return str(manifest["run_id"]) if isinstance(manifest, dict) and "run_id" in manifest else None
+
+
+def partial_of(out: Path) -> Path:
+    """Return the folder of a run until it is complete."""
+    return out.with_name(f"{out.name}.partial")
+
+
+def _carried_out(
+    selection: Selection, options: RunOptions, identity: Identity, out: Path, watching: ProgressFactory
+) -> tuple[Run, Path]:
+    partial = partial_of(out)
+    journal: Journal | None = None
+    try:
+        with Journal(partial / "journal") as journal, watching(selection.cases_listed()) as progress:
+            measured = run_selection(selection, options, identity, journal=journal, progress=progress)
+            report = write_run(measured, out, beside=partial)
+    except KeyboardInterrupt:
+        raise StoppedError(f"stopped; {_go_on(out)}") from None
+    except InputError as error:
+        if journal is not None and journal.is_empty:  # there is nothing to continue
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+        raise InputError(f"{error}; {_go_on(out)}") from None
+    shutil.rmtree(partial, ignore_errors=True)
+    return measured, report
+
+
+def _go_on(out: Path) -> str:
+    return f"continue with: bodycheck run --resume {quoted(str(out))}"
+
+
+def write_run(run: Run, out: str | Path, *, beside: Path | None = None) -> Path:
+    """Write the tables, trajectories/, manifest.json and report.html; return the report's path.
+
+    Everything is written under a temporary name, in the folder `beside` [default: the one that `out` is in],
+    and renamed at the end. Raises InputError where `out` is in use or cannot be written.
+    """
+    from bodycheck.reports.render.html import render_report  # late: Jinja is needed only now
+
+    check_output(Path(out))
+    return write_files(run, render_report(run), Path(out), beside=beside)

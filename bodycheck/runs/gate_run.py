@@ -1,0 +1,51 @@
+"""Run only those scenarios and methods that some gate checks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from bodycheck.reports.gates.gate import Gate
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.manifest import Identity
+from bodycheck.runs.run_options import ProgressFactory, RunOptions
+from bodycheck.runs.runner import run_selection
+from bodycheck.runs.selection import select
+
+
+def run_for_gates(
+    gates: Sequence[Gate],
+    scenarios: Sequence[str | Path],
+    options: RunOptions,
+    watching: ProgressFactory,
+    *,
+    allow_code: bool = False,
+) -> Run:
+    """Run what the gates check, at the scenarios' own steps, and nothing else.
+
+    scenarios: names, suites, paths of TOML files. Raises InputError if they are wrong.
+    """
+    selection = select(
+        scenarios,
+        allow_code=allow_code,
+        wanted=lambda engine, method: any(
+            gate.wants_method(engine.name, method.name)
+            # as in any run, a variant of a method runs only if a gate names it
+            and (not method.on_request or gate.method == method.name)
+            for gate in gates
+        ),
+    )
+    looked_at = tuple(
+        (scenario_spec, scenario)
+        for scenario_spec, scenario in selection.scenarios
+        if any(gate.wants_scenario(scenario.name) for gate in gates)
+    )
+    selection = replace(selection, scenarios=looked_at)
+    options = replace(
+        options,
+        speed=any(gate.looks_at.is_speed for gate in gates),
+        stable_steps=any(gate.looks_at.source == "stability" for gate in gates),
+    )
+    with watching(selection.cases_listed()) as progress:
+        return run_selection(selection, options, Identity.new(), journal=None, progress=progress)

@@ -1,0 +1,76 @@
+"""A nightly run: an ordinary run, stored in a history and compared with the earlier runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import seal_night
+from bodycheck.reports.history.history_output import night_markdown, render_night
+from bodycheck.reports.history.nightly_files import (
+    write_judgement,
+    write_report_of_night,
+    write_run_of_night,
+    write_unjudged,
+)
+from bodycheck.reports.history.regression import Judgement, judge_night
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.directory import RunRequest
+from bodycheck.runs.manifest import Identity
+from bodycheck.runs.run_options import ProgressFactory
+from bodycheck.runs.runner import run_selection
+
+SPEED_PASSES = 10
+"""How often a nightly run times every case; noise of a shared machine rarely disturbs every pass."""
+
+
+def run_night(
+    asked: RunRequest, folder: Path, watching: ProgressFactory, thresholds: Thresholds = DEFAULT_THRESHOLDS
+) -> tuple[Judgement, Path]:
+    """Carry out a request, store it in a history, and return its judgement and its folder.
+
+    folder: that of the history, created if it does not exist. thresholds: the size above which a change
+    counts. Raises InputError if the input is wrong or cannot be written; the history is then unchanged.
+    """
+    selection, options = asked.selection, replace(asked.options, speed_passes=SPEED_PASSES)
+    history = History.at(folder)
+    with watching(selection.cases_listed()) as progress:
+        run = run_selection(selection, options, Identity.new(), journal=None, progress=progress)
+    return store_night(run, history, thresholds)
+
+
+def store_night(
+    run: Run, history: History, thresholds: Thresholds = DEFAULT_THRESHOLDS
+) -> tuple[Judgement, Path]:
+    """Judge a run and append it to a history, while no other run is being appended.
+
+    An error in judging the run or in rendering its pages is raised after the run was stored.
+    """
+    fault: Exception | None = None
+    with history.new_night(run.run_id) as folder:
+        write_run_of_night(run, folder)
+        try:
+            judged = _judged(run, history, folder, thresholds)
+        except OSError:
+            raise
+        except Exception as error:  # noqa: BLE001 - store the run even if the history is faulty
+            write_unjudged(run, folder)
+            fault = error
+        seal_night(folder)
+    night = history.folder / run.run_id
+    if fault is not None:
+        fault.add_note(f"the run is stored in {night}, but could not be judged")
+        raise fault
+    return judged, night
+
+
+def _judged(run: Run, history: History, folder: Path, thresholds: Thresholds) -> Judgement:
+    write_report_of_night(run, folder)
+    judged = judge_night(history, read_tables(folder), thresholds)
+    write_judgement(judged, folder)
+    (folder / "night.html").write_text(render_night(judged), encoding="utf-8")
+    (folder / "night.md").write_text(night_markdown(judged), encoding="utf-8")
+    return judged

@@ -1,0 +1,155 @@
+"""Find the releases of an engine that differ in a measure; each runs in its own environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.versions.pins import Pin
+from bodycheck.adapters.versions.uv import releases
+from bodycheck.adapters.workers.engine_pool import announced
+from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
+from bodycheck.reports.comparison.release_search import changes, every_change
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.render.answer_text import Found, Track
+from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.runs.manifest import Identity
+from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
+from bodycheck.runs.runner import run_selection
+from bodycheck.runs.selection import Selection, checked_scenarios
+from bodycheck.scenarios.model import Scenario
+
+_NO_METHOD = "no such method"
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search for changes of a measure of an engine's methods on one scenario.
+
+    since, until: the first and the last release to consider; until None: the newest. method None: all
+    methods. dt_s, allow_code: as in a run. every: run every release and skip none. thresholds: the size above
+    which a change counts.
+    """
+
+    engine: str
+    since: str
+    until: str | None
+    scenario: str
+    method: str | None
+    measure: str
+    dt_s: Sequence[float] | None
+    allow_code: bool = False
+    every: bool = False
+    thresholds: Thresholds = DEFAULT_THRESHOLDS
+
+
+@dataclass(frozen=True, eq=False)
+class _Release:
+    """A release that was run: its engine, the requested methods that it has, and their tables."""
+
+    engine: Engine
+    methods: Mapping[str, Method]
+    tables: Tables | None
+
+
+def search(asked: Search, options: RunOptions, told: Callable[[str], None]) -> Found:
+    """Run every release, or bisect between the first and the last release to find where the measure changed.
+
+    told: called with the name of each release before it runs. Releases that cannot be installed or run are
+    skipped. Raises InputError if the input is wrong or no release can be run.
+    """
+    comparable(asked.measure)
+    scenario_spec, scenario = _one_scenario(asked)
+    versions = releases(asked.engine, asked.since, asked.until)
+    runs: dict[str, _Release | str] = {}
+
+    def run(version: str) -> _Release | str:
+        if version not in runs:
+            told(Pin(asked.engine, version).name)
+            runs[version] = _run(asked, version, scenario_spec, scenario, options)
+        return runs[version]
+
+    ends = [
+        next((found for version in order if isinstance(found := run(version), _Release)), None)
+        for order in (versions, versions[::-1])
+    ]
+    methods = {name: method for end in ends if end is not None for name, method in end.methods.items()}
+    if not methods:
+        raise InputError(_nothing(asked, runs))
+    found_by = every_change if asked.every else changes
+    tracks = []
+    for name, method in methods.items():
+        one = _measure_of(asked, scenario, method)
+        findings: dict[str, Finding] = {}
+        changed = found_by(versions, partial(_finding, run, one, findings), one.differ)
+        tracks.append(Track(name, findings, changed))
+    failed = {version: why for version, why in runs.items() if isinstance(why, str)}
+    return Found(asked.engine, scenario.name, asked.measure, versions, tuple(tracks), failed, asked.every)
+
+
+def _one_scenario(asked: Search) -> tuple[str, Scenario]:
+    """Return the spec and the requested scenario; raises InputError if the spec names several."""
+    first, *others = checked_scenarios([asked.scenario], asked.dt_s, allow_code=asked.allow_code)
+    if others:
+        raise InputError(f"--scenario {asked.scenario}: names {len(others) + 1} scenarios; give one of them")
+    return first
+
+
+def _measure_of(asked: Search, scenario: Scenario, method: Method) -> OneMeasure:
+    """Return the measure of a method at the finest requested step or tolerance."""
+    finest = {"dt": min(asked.dt_s or scenario.steps), "tolerance": min(method.tolerances, default=None)}
+    fineness = finest.get(method.control)
+    who = scenario.name, asked.engine, method.name
+    return OneMeasure(*who, asked.measure, method.control, fineness, asked.thresholds)
+
+
+def _finding(
+    run: Callable[[str], _Release | str], one: OneMeasure, findings: dict[str, Finding], version: str
+) -> Finding | None:
+    """Return and store the value of a measure in a release; None if the release cannot be run."""
+    release = run(version)
+    if isinstance(release, str):
+        return None
+    if release.tables is None or one.method not in release.methods:
+        findings[version] = Finding(_NO_METHOD, "")
+    else:
+        findings[version] = one.finding(release.tables)
+    return findings[version]
+
+
+def _run(
+    asked: Search, version: str, scenario_spec: str, scenario: Scenario, options: RunOptions
+) -> _Release | str:
+    """Run one release, or return why it cannot be run."""
+    name = Pin(asked.engine, version).name
+    engine = announced([name])[name]
+    if isinstance(engine, str):
+        return engine
+    methods = {
+        method.name: method
+        for method in engine.methods.values()
+        if (method.name == asked.method if asked.method else not method.on_request)
+    }
+    if not methods:
+        return _Release(engine, methods, None)
+    selection = Selection(
+        scenarios=((scenario_spec, scenario),),
+        methods=tuple((engine, method) for method in methods.values()),
+        unavailable={},
+        dt_s=tuple(asked.dt_s) if asked.dt_s else None,
+        tolerances=None,
+    )
+    measured = run_selection(selection, options, Identity.new(), journal=None, progress=NULL_PROGRESS)
+    return _Release(engine, methods, under_one_name(measured, asked.engine))
+
+
+def _nothing(asked: Search, runs: Mapping[str, _Release | str]) -> str:
+    """Return why nothing was found: every release failed, or no release has the method."""
+    engines = [release.engine for release in runs.values() if isinstance(release, _Release)]
+    if not engines:
+        return "\n".join(str(why) for why in runs.values())
+    has = dict.fromkeys(name for engine in engines for name in engine.methods)
+    return f"--method {asked.method}: {asked.engine} has no such method (available: {', '.join(has)})"

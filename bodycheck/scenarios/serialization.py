@@ -1,0 +1,68 @@
+"""Serialise scenarios for a stored run, and read them back exactly, without their mesh files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.mass_properties.solid import MassProperties
+from bodycheck.scenarios.body import MeshBody, ShapeBody
+from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.reader import fault_lines
+from bodycheck.scenarios.shapes import MeshSolid
+
+_LINK = ("link_offset_m", "link_quaternion")
+_MESH = ("mesh_unit", "mesh_overlap")
+_NUMBERS = ("mass_kg", "inertia_kg_m2", *_LINK)
+
+
+def written(scenario: Scenario) -> dict[str, Any]:
+    """Return a scenario as plain data, with the numbers computed from its mesh or shape."""
+    return scenario.model_dump(mode="json", exclude_none=True)
+
+
+def as_written(told: Mapping[str, Any], where: str, *, allow_code: bool = False) -> Scenario:
+    """Return the scenario from the output of `written`; `where` names it in messages.
+
+    allow_code: it may name functions, whose code runs. Raises InputError with one line per error, also if
+    `written` would not give the same data again.
+    """
+    try:
+        by_numbers = {name: told["body"][name] for name in _NUMBERS if name in told["body"]}
+        context = {"written": True, "allow_code": allow_code}
+        scenario = Scenario.model_validate({**told, "body": by_numbers}, context=context)
+        if (shaped := _shaped(told["body"])) is not None:
+            scenario = scenario.model_copy(update={"body": shaped})
+        same = written(scenario) == told
+    except ValidationError as error:
+        raise InputError("\n".join(f"{where}: {line}" for line in fault_lines(error))) from None
+    except (KeyError, TypeError, ValueError, ArithmeticError) as error:
+        raise InputError(f"{where}: is not a scenario as a run writes it: {error!r}") from None
+    if not same:
+        raise InputError(f"{where}: is not a scenario as this version of bodycheck writes it")
+    return scenario
+
+
+def _shaped(told: Mapping[str, Any]) -> MeshBody | ShapeBody | None:
+    """Return the body of a mesh or a shape with its stored numbers; None for a body given by numbers."""
+    if "mesh" not in told and "shape" not in told:
+        return None
+    solid = MassProperties(
+        told["mass_kg"], np.array(told["centre_m"]), np.array(told["inertia_kg_m2"]), tuple(told["notes"])
+    )
+    known: dict[str, Any] = {name: tuple(told[name]) for name in ("size_m", *_LINK) if name in told}
+    density = told["density_kg_m3"]
+    body: MeshBody | ShapeBody
+    if "shape" in told:
+        body = ShapeBody.model_construct(None, shape=told["shape"], density_kg_m3=density, **known)
+    else:
+        known |= {name: told[name] for name in _MESH if name in told}
+        facts, light = told["mesh"], solid.at_density(1.0 / density)
+        mesh = MeshSolid(facts["file"], facts["sha256"], told.get("mesh_unit"), light)
+        body = MeshBody.model_construct(None, mesh=mesh, density_kg_m3=density, **known)
+    vars(body)["solid"] = solid  # fills the cached property, which would read the file
+    return body

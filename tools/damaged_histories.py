@@ -1,0 +1,112 @@
+"""A history of nightly runs that is damaged in some place: the next run is stored all the same, and names it.
+
+    python tools/damaged_histories.py --nights 30 --trials 300 --seed 1
+
+The nights are made from one run that is measured once. Each trial damages one file of one night, byte by byte
+or by its grammar, or takes it away, and stores one night more. Prints the figures; ends with status 1 where
+one was not stored, had no baseline although a sound night is there, or did not name the file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import shutil
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
+
+from forked import forked
+from made_nights import run_of_night, stored, unchanged
+from mutations import any_bytes, csv_cell, json_value, toml_line
+from scenario_file import SCENARIO
+
+import bodycheck
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import told_of
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.nightly_run import store_night
+
+LIMIT_S, MOST_MEGABYTES = 60.0, 500.0
+GRAMMARS = {".json": json_value, ".csv": csv_cell, ".toml": toml_line}
+
+
+class FaultFound(Exception):  # noqa: N818 - what the trials are there to find
+    """A nightly run that was not stored and judged as it must be."""
+
+
+def damage(path: Path, dice: random.Random) -> str:
+    """Damage a file until it is another, and say how."""
+    before = path.read_bytes()
+    if dice.random() < 0.05:
+        path.unlink()
+        return "gone"
+    by_grammar = path.suffix in GRAMMARS and dice.random() < 0.5
+    change = GRAMMARS[path.suffix] if by_grammar else any_bytes
+    while path.read_bytes() == before:
+        path.write_bytes(change(before, dice))
+    return "by its grammar" if by_grammar else "bytes"
+
+
+def trial(run: Run, folder: Path, number: int, damaged: Path) -> None:
+    """Store one night more, and raise FaultFound unless it is stored, judged, and names the damaged file."""
+    judged, night = store_night(run_of_night(run, number), History(folder))
+    if History(folder).nights()[-1] != night or told_of(night)["status"] != judged.status:
+        raise FaultFound("it is not stored")
+    expected = History(folder).nights()
+    baseline = next(one for one in reversed(expected[:-1]) if one != damaged.parent)
+    if judged.comparison is None or judged.comparison.before.run_id != baseline.name:
+        raise FaultFound("it was not compared with the newest sound night")
+    if judged.status != "no regression":
+        raise FaultFound(f"its status is {judged.status}")
+    named = [why for why in judged.past.left_out if str(damaged) in why]
+    if len(judged.past.left_out) != 1 or not named:
+        raise FaultFound(f"{damaged} is not named in {judged.past.left_out}")
+    if named[0].split(": ")[0].rpartition("/")[2] not in (night / "night.md").read_text(encoding="utf-8"):
+        raise FaultFound("the page does not name it")
+
+
+def main() -> int:
+    """Make the trials and print how many ended how."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    options.add_argument("--nights", type=int, default=30)
+    options.add_argument("--trials", type=int, default=300)
+    options.add_argument("--seed", type=int, default=1)
+    asked = options.parse_args()
+    begin, ways, failed = time.monotonic(), Counter[str](), []
+    megabytes, slowest = 0.0, 0.0
+    with tempfile.TemporaryDirectory(prefix="damaged-histories-") as place:
+        (Path(place) / "mine.toml").write_text(SCENARIO)
+        run = bodycheck.run([Path(place) / "mine.toml"], engines=["reference:m1", "reference:rk4"], jobs=1)
+        history = Path(place, "history")
+        stored(run, history, [unchanged] * asked.nights)
+        for number in range(asked.trials):
+            dice = random.Random(f"{asked.seed}/{number}")
+            night = dice.choice(History(history).nights())
+            path = dice.choice(sorted(night.iterdir()))
+            content = path.read_bytes()
+            way = f"{path.suffix[1:]} {damage(path, dice)}"
+            ways[way] += 1
+            ended = forked(lambda path=path: trial(run, history, asked.nights, path), LIMIT_S)  # type: ignore[misc]
+            megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
+            if ended.error is not None:
+                failed.append(number)
+                print(f"trial {number} ({path.name}, {way}): {ended.error[-1500:]}", flush=True)
+            path.write_bytes(content)
+            for extra in History(history).nights()[asked.nights :]:
+                shutil.rmtree(extra)
+    print(f"{asked.trials} trials of seed {asked.seed} in {time.monotonic() - begin:.0f} s")
+    print(dict(sorted(ways.items())))
+    print(f"a history of {asked.nights} nights; slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
+    print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
+    return 1 if failed or megabytes > MOST_MEGABYTES else 0
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("BODYCHECK_CACHE_DIR", tempfile.mkdtemp())
+    sys.exit(main())

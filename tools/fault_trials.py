@@ -1,0 +1,307 @@
+"""Runs that are killed, interrupted, out of disk or locked out at random moments, and then go on.
+
+    python tools/fault_trials.py --trials 200 --seed 1
+
+Each trial starts a run, does it some harm, and goes on with what is left, as a user would. Afterwards nothing
+that was on disk may be missing or changed, nothing may have been asked for twice, and the tables must be
+those of a run that nothing happened to. Prints the figures; ends with status 1 where a trial failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
+
+import pandas as pd
+import scenario_file
+from processes import all_gone, workers_of
+from unprivileged import heed_modes
+
+from bodycheck._util.checksummed_json import opened
+from bodycheck.runs.directory import partial_of
+
+SCENARIO = scenario_file.SCENARIO.replace("samples = 11", "samples = 101")
+WORDS = ["run", "mine.toml", "--engine", "reference:m1,reference:rk4,mujoco:euler", "--no-speed"]
+PATIENCE_S = 120.0
+
+Tables = dict[str, pd.DataFrame]
+
+
+class FaultFound(Exception):  # noqa: N818 - what the trials are there to find
+    """A trial that did not end as it must."""
+
+
+@dataclass
+class Trial:
+    """One run in a folder of its own, and what is known of it."""
+
+    folder: Path
+    dice: random.Random
+    notes: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def out(self) -> Path:
+        """Return where the results are to be."""
+        return self.folder / "out"
+
+    @property
+    def journal(self) -> Path:
+        """Return the journal of the run while it lasts."""
+        return partial_of(self.out) / "journal"
+
+    def start(self, *words: str, harm: Callable[[], None] = heed_modes) -> subprocess.Popen[str]:
+        """Start a command in the folder; `harm` is done to its process before it begins."""
+        return subprocess.Popen(
+            [sys.executable, "-m", "bodycheck", *words],
+            cwd=self.folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=harm,
+        )
+
+    def begin(self, harm: Callable[[], None] = heed_modes) -> subprocess.Popen[str]:
+        """Start the run; one in four may take what earlier runs have found."""
+        fresh = [] if self.dice.random() < 0.25 else ["--fresh"]
+        return self.start(*WORDS, *fresh, "--out", "out", harm=harm)
+
+    def wait_for_a_moment(self, process: subprocess.Popen[str], most_lines: int) -> None:
+        """Wait until some lines are in the journal and a little longer, or for any time at all."""
+        end = time.monotonic() + self.dice.uniform(0.0, 5.0)
+        if self.dice.random() < 0.7:
+            lines = self.dice.randint(0, most_lines)
+            while process.poll() is None and self.lines() < lines:
+                time.sleep(0.002)
+            end = time.monotonic() + self.dice.choice([0.0, 0.0, 0.01, 0.05, 0.2])
+        while process.poll() is None and time.monotonic() < end:
+            time.sleep(0.002)
+
+    def lines(self) -> int:
+        """Return how many lines the journal has."""
+        try:
+            return self.journal.read_bytes().count(b"\n")
+        except OSError:
+            return 0
+
+
+def ended(process: subprocess.Popen[str], statuses: set[int]) -> str:
+    """Wait for a command and return what it said on standard error; no traceback is among it."""
+    _, said = process.communicate(timeout=PATIENCE_S)
+    if process.returncode not in statuses or "Traceback" in said or "unexpected error" in said:
+        raise FaultFound(f"ended with status {process.returncode}: {said[-2000:]}")
+    if not all_gone(process.pid):
+        raise FaultFound(f"left workers behind: {workers_of(process.pid)}")
+    return said
+
+
+def kill_run(trial: Trial, most_lines: int) -> None:
+    """SIGKILL the run at a random moment."""
+    process = trial.begin()
+    trial.wait_for_a_moment(process, most_lines)
+    process.kill()
+    ended(process, {0, -signal.SIGKILL})
+
+
+def kill_workers(trial: Trial, most_lines: int) -> None:
+    """SIGKILL a worker at a random moment, which costs nothing but the time to start another."""
+    process = trial.begin()
+    trial.wait_for_a_moment(process, most_lines)
+    kill_one_worker(trial, process)
+    said = ended(process, {0, 2})
+    if process.returncode == 2 and "cannot be started: the worker was killed by SIGKILL" not in said:
+        raise FaultFound(said)
+
+
+def kill_both(trial: Trial, most_lines: int) -> None:
+    """SIGKILL a worker, and the run a little later."""
+    process = trial.begin()
+    trial.wait_for_a_moment(process, most_lines)
+    kill_one_worker(trial, process)
+    time.sleep(trial.dice.uniform(0.0, 0.5))
+    process.kill()
+    ended(process, {0, 2, -signal.SIGKILL})
+
+
+def kill_one_worker(trial: Trial, process: subprocess.Popen[str]) -> None:
+    """SIGKILL one of the workers that a run has, if it has any."""
+    if found := sorted(workers_of(process.pid)):
+        with suppress(ProcessLookupError):
+            os.kill(trial.dice.choice(found), signal.SIGKILL)
+            trial.notes["workers killed"] += 1
+
+
+def interrupt(trial: Trial, most_lines: int) -> None:
+    """Press Ctrl-C at a random moment."""
+    stop_by(signal.SIGINT, trial, most_lines)
+
+
+def terminate(trial: Trial, most_lines: int) -> None:
+    """End the run as a batch system does at the end of its time."""
+    stop_by(signal.SIGTERM, trial, most_lines)
+
+
+def hang_up(trial: Trial, most_lines: int) -> None:
+    """Close the terminal that the run was started from."""
+    stop_by(signal.SIGHUP, trial, most_lines)
+
+
+def stop_by(number: signal.Signals, trial: Trial, most_lines: int) -> None:
+    """Send a signal at a random moment; a run that is not yet imported is ended by it without a word."""
+    process = trial.begin()
+    trial.wait_for_a_moment(process, most_lines)
+    process.send_signal(number)
+    said = ended(process, {0, 128 + number, -number})
+    if process.returncode == 128 + number and trial.lines() and "bodycheck run --resume out" not in said:
+        raise FaultFound(f"does not say how to go on: {said}")
+
+
+def fill_disk(trial: Trial, most_lines: int) -> None:  # noqa: ARG001 - every harm is called alike
+    """Let no file grow beyond a random size."""
+    size = int(10.0 ** trial.dice.uniform(1.0, 6.7))
+
+    def harm() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+    process = trial.begin(harm)
+    said = ended(process, {0, 2})
+    if process.returncode == 2 and "cannot be written" not in said:
+        raise FaultFound(f"does not say what is wrong: {said}")
+
+
+def lock_out(trial: Trial, most_lines: int) -> None:
+    """Take the right to write from one of the folders while the run goes on."""
+    process = trial.begin()
+    trial.wait_for_a_moment(process, most_lines)
+    place = trial.dice.choice([trial.folder, partial_of(trial.out)])
+    try:
+        place.chmod(0o555)
+    except FileNotFoundError:
+        place = trial.folder
+        place.chmod(0o555)
+    try:
+        said = ended(process, {0, 2})
+    finally:
+        for path in (trial.folder, partial_of(trial.out)):
+            if path.exists():
+                path.chmod(0o755)
+    if process.returncode == 2 and "cannot be written: Permission denied" not in said:
+        raise FaultFound(f"does not say what is wrong: {said}")
+
+
+HARMS = (fill_disk, lock_out, kill_both, kill_run, kill_workers, interrupt, terminate, hang_up)
+
+
+def go_on(trial: Trial) -> None:
+    """Do what a user does who finds a run stopped: resume it, or run it again where nothing was kept."""
+    if trial.out.exists():
+        trial.notes["complete all the same"] += 1
+        if partial_of(trial.out).exists():
+            said = ended(trial.start("run", "--resume", "out"), {2})
+            if "that run is complete" not in said:
+                raise FaultFound(said)
+        return
+    if not (partial_of(trial.out) / "request.json").exists():
+        trial.notes["begun again"] += 1
+        ended(trial.start(*WORDS, "--out", "out"), {0})
+        return
+    stored = whole_lines(trial.journal)
+    trial.notes["resumed"] += 1
+    trial.notes["results kept"] += len(stored)
+    kept = trial.folder / "kept"
+    trial.journal.touch()
+    os.link(trial.journal, kept)  # the run removes its journal when it is complete
+    ended(trial.start("run", "--resume", "out"), {0})
+    final = whole_lines(kept)
+    kept.unlink()
+    if final[: len(stored)] != stored:
+        raise FaultFound("a result that was stored is missing or changed")
+    keys = [json.loads(line.partition(b" ")[2])["key"] for line in final]
+    if len(set(keys)) != len(keys):
+        raise FaultFound("something that was stored was asked for again")
+
+
+def whole_lines(journal: Path) -> list[bytes]:
+    """Return the lines of a journal that are whole."""
+    if not journal.exists():
+        return []
+    return [line for line in journal.read_bytes().splitlines(keepends=True) if opened(line) is not None]
+
+
+def tables(folder: Path) -> Tables:
+    """Return the tables of a run as text, but for its name; nothing is measured of its speed."""
+    found = {name: pd.read_csv(folder / f"{name}.csv", dtype=str) for name in ("results", "methods")}
+    return {name: table.drop(columns="run_id") for name, table in found.items()}
+
+
+def check(trial: Trial, expected: Tables) -> None:
+    """Raise FaultFound unless the run is complete, as expected, and nothing else is left."""
+    left = sorted(path.name for path in trial.folder.iterdir())
+    if left != ["mine.toml", "out"]:
+        raise FaultFound(f"left behind: {left}")
+    for name, table in tables(trial.out).items():
+        if not table.equals(expected[name]):
+            raise FaultFound(f"{name}.csv differs:\n{table.compare(expected[name])}")
+    if not (trial.out / "report.html").read_text(encoding="utf-8").rstrip().endswith("</html>"):
+        raise FaultFound("the report is cut off")
+
+
+def main() -> int:
+    """Make the trials and print how many ended how."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    options.add_argument("--trials", type=int, default=200)
+    options.add_argument("--seed", type=int, default=1)
+    asked = options.parse_args()
+    begin = time.monotonic()
+    harmed: Counter[str] = Counter()
+    notes: Counter[str] = Counter()
+    failed = []
+    with tempfile.TemporaryDirectory(prefix="fault-trials-") as place:
+        sound = prepared(Path(place, "sound"), random.Random(0))
+        ended(sound.start(*WORDS, "--fresh", "--out", "out"), {0})
+        expected = tables(sound.out)
+        most_lines = len(expected["results"])
+        for number in range(asked.trials):
+            dice = random.Random(f"{asked.seed}/{number}")
+            trial = prepared(Path(place, str(number)), dice)
+            harm = HARMS[number % len(HARMS)]
+            harmed[harm.__name__] += 1
+            try:
+                harm(trial, most_lines)
+                go_on(trial)
+                check(trial, expected)
+            except (FaultFound, subprocess.TimeoutExpired, OSError) as fault:
+                failed.append(number)
+                print(f"trial {number} ({harm.__name__}): {fault}", flush=True)
+            notes += trial.notes
+            shutil.rmtree(trial.folder, ignore_errors=True)
+    print(f"{asked.trials} trials of seed {asked.seed} in {time.monotonic() - begin:.0f} s: {dict(harmed)}")
+    print(f"{dict(notes)}; {most_lines} results a run")
+    print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
+    return 1 if failed else 0
+
+
+def prepared(folder: Path, dice: random.Random) -> Trial:
+    """Return a trial in a new folder with the scenario in it."""
+    folder.mkdir()
+    (folder / "mine.toml").write_text(SCENARIO, encoding="utf-8")
+    return Trial(folder, dice)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,139 @@
+"""Whatever a worker says costs a case or its engine, and never the run.
+
+    python tools/lying_workers.py --trials 200 --seed 1
+
+Each trial runs a scenario by a worker that says one thing wrong, in one of many ways, and by the reference.
+The run must end with status 0 and the reference's rows as they are without the other engine, or with status
+2 and a line that names the engine; whole or not at all, within its time, in at most 500 MB. Prints the
+figures; ends with status 1 where a trial failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
+
+import liar
+import pandas as pd
+from forked import forked
+from front_door import bodycheck_in
+from scenario_file import MEASURED_ANEW, SCENARIO
+
+from bodycheck._util.untrusted import LONGEST_LINE
+from bodycheck.adapters import registry
+from bodycheck.adapters.workers import worker_process
+from bodycheck.reports.run_files.run_reader import read_tables
+
+TIMEOUT_S, START_S, LIMIT_S, MOST_MEGABYTES = 2.0, 10.0, 120.0, 500.0
+
+
+class FaultFound(Exception):  # noqa: N818 - what the trials are there to find
+    """A run that did not end as it must."""
+
+
+def trial(folder: Path, seed: str, engines: str) -> str:
+    """Return how a run by these engines ended; raise FaultFound where it must not end so."""
+    (folder / "mine.toml").write_text(SCENARIO)
+    words = [
+        "run",
+        "mine.toml",
+        "--engine",
+        engines,
+        "--dt",
+        "0.05,0.02",
+        "--out",
+        "out",
+        "--fresh",
+        "--jobs",
+        "1",
+    ]
+    speed = [] if random.Random(seed).random() < 0.3 else ["--no-speed"]
+    with (
+        patch.object(
+            registry, "_plugged_in", lambda: {"liar": EntryPoint("liar", "liar:Liar", "bodycheck.adapters")}
+        ),
+        patch.object(worker_process, "_START_S", START_S),
+        patch.object(worker_process.subprocess, "Popen", _popen(seed)),
+    ):
+        done = bodycheck_in(folder, *words, *speed, "--timeout-s", str(TIMEOUT_S))
+    lines = done.stderr.splitlines()
+    if any(len(line) > LONGEST_LINE or not line.isprintable() for line in lines):
+        raise FaultFound(f"a line that is too long or not printable: {lines}")
+    left = sorted(path.name for path in folder.iterdir())
+    if done.returncode == 2:
+        if left != ["mine.toml"] or not done.stderr.strip().splitlines()[-1].startswith("liar"):
+            raise FaultFound(f"status 2 with {left}: {done.stderr}")
+        return "engine unavailable"
+    if done.returncode != 0 or left != ["mine.toml", "out"]:
+        raise FaultFound(f"status {done.returncode} with {left}: {done.stderr}")
+    tables = read_tables(folder / "out")
+    mine = [case.columns["outcome"] for case in tables.cases if case.columns["engine"] == "liar"]
+    return "taken" if set(mine) <= {"ok"} else "outcome of its case: " + ", ".join(sorted(set(mine) - {"ok"}))
+
+
+def _popen(seed: str) -> Any:
+    start = subprocess.Popen
+
+    def popen(command: list[str], **options: Any) -> Any:
+        lies = "liar" in command
+        return start([sys.executable, liar.__file__, seed] if lies else command, **options)
+
+    return popen
+
+
+def reference_rows(folder: Path) -> pd.DataFrame:
+    """Return the rows of the reference, but for what is measured anew."""
+    rows = pd.read_csv(folder / "out/results.csv", dtype=str)
+    return rows[rows["engine"] == "reference"].drop(columns=MEASURED_ANEW).reset_index(drop=True)
+
+
+def main() -> int:
+    """Make the trials and print how many ended how."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    options.add_argument("--trials", type=int, default=200)
+    options.add_argument("--seed", type=int, default=1)
+    asked = options.parse_args()
+    begin, endings, failed = time.monotonic(), Counter[str](), []
+    megabytes, slowest = 0.0, 0.0
+    with tempfile.TemporaryDirectory(prefix="lying-workers-") as place:
+        sound = Path(place, "sound")
+        sound.mkdir()
+        forked(lambda: trial(sound, "sound", "reference:m1"), 10 * LIMIT_S)
+        expected = reference_rows(sound)
+        for number in range(asked.trials):
+            folder, seed = Path(place, str(number)), f"{asked.seed}/{number}"
+            folder.mkdir()
+            ended = forked(lambda folder=folder, seed=seed: trial(folder, seed, "liar,reference:m1"), LIMIT_S)  # type: ignore[misc]
+            megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
+            fault = ended.error
+            if fault is None and (folder / "out").exists():
+                rows = reference_rows(folder)
+                fault = None if rows.equals(expected) else "the reference's rows differ"
+            if fault is not None:
+                failed.append(number)
+                print(f"trial {number}: {fault[-1500:]}", flush=True)
+            endings[str(ended.value) if fault is None else "failed"] += 1
+            shutil.rmtree(folder)
+    print(f"{asked.trials} lying workers of seed {asked.seed} in {time.monotonic() - begin:.0f} s")
+    print(dict(endings))
+    print(f"slowest run {slowest:.1f} s, at most {megabytes:.0f} MB")
+    print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
+    return 1 if failed or megabytes > MOST_MEGABYTES else 0
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
+    sys.exit(main())

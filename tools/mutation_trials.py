@@ -1,0 +1,482 @@
+"""Small faults planted at random in the code that measures and judges: how many of them the tests see.
+
+    python tools/mutation_trials.py --mutants 200 --seed 1
+    python tools/mutation_trials.py --module reports/gates/verdict.py --mutants 50
+
+A mutant is a copy of the package with one operator, constant, condition, return value or argument changed. It
+is killed when one of the tests that belong to its module fails, or takes several times its usual time. Prints
+the mutants that survive and how many were killed; ends with status 1 where that is less than 85 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import compileall
+import importlib
+import multiprocessing
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from py_compile import PycInvalidationMode
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LEAST_KILLED = 0.85
+SLACK = 5.0
+"""How many times the usual processor time the tests may take, and 5 s beside."""
+
+_MEASURES = ("measures", "scales", "invariants", "case")
+_SPLINES = "test_energy_balance.py::test_the_integral_of_a_spline_is_that_of_every_polynomial_it_contains"
+_GATES = tuple(f"gates/test_{name}.py" for name in ("gate_words", "gate_laws", "gate_files", "proposals"))
+TESTS: dict[str, tuple[str, ...]] = {
+    **{f"reports/measurement/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
+    "reports/measurement/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),
+    "reports/measurement/convergence.py": ("test_convergence_laws.py", "test_convergence.py"),
+    "reports/measurement/limits.py": ("test_limits.py",),
+    "reports/measurement/order.py": ("test_order.py",),
+    "reports/measurement/verdicts.py": ("test_state_laws.py",),
+    "reports/measurement/growth.py": ("test_growth_laws.py",),
+    "reports/measurement/refinement.py": ("test_convergence_laws.py", "test_convergence.py"),
+    "reports/measurement/stability.py": ("test_state_laws.py",),
+    "reports/summary/worst_results.py": ("test_state_laws.py",),
+    "reports/run_files/run_tables.py": ("test_state_laws.py",),
+    "reports/summary/cells.py": ("test_state_laws.py",),
+    "adapters/stable_step.py": ("../adapters/test_stable_step_laws.py",),
+    **{
+        f"reports/gates/{name}.py": _GATES
+        for name in ("gate", "gate_measure", "gate_output", "proposal", "verdict")
+    },
+    **{
+        f"reports/comparison/{name}.py": ("comparison/test_change_laws.py",)
+        for name in ("accuracy", "change", "compare", "describe", "environment_diff", "speed_changes")
+    },
+    **{
+        f"reports/comparison/{name}.py": ("comparison/test_headlines.py", "comparison/test_change_laws.py")
+        for name in ("headlines", "judgements")
+    },
+    "reports/comparison/release_search.py": ("comparison/test_bisection.py", "comparison/test_headlines.py"),
+    "reports/history/accepted_levels.py": ("history/test_judgement_laws.py",),
+    **{
+        f"reports/comparison/{name}.py": ("comparison/test_one_measure_laws.py",)
+        for name in ("measure_track", "comparison_output")
+    },
+    "reports/history/step_detection.py": ("history/test_level_laws.py",),
+    "reports/history/baseline.py": ("history/test_machine_class.py",),
+    "reports/history/archive.py": ("history/test_nights.py",),
+    "reports/cache/truths.py": ("storage/test_cache.py",),
+    "reports/cache/answers.py": ("storage/test_answers.py",),
+    "reports/cache/journal.py": ("storage/test_journal.py",),
+    "reports/cache/entries.py": ("storage/test_answers.py", "storage/test_cache.py"),
+    "reports/cache/disk_cache.py": ("storage/test_cache.py", "../test_reuse.py"),
+    **{
+        f"{name}.py": ("../test_reuse.py", "../test_nightly_command.py")
+        for name in ("runs/nightly_run", "cli/nightly")
+    },
+    "adapters/workers/build_identity.py": ("../adapters/test_identity.py",),
+    "_util/platform_identity.py": ("../reference_impl/test_installed_libraries.py",),
+    "_util/file_digests.py": ("../reference_impl/test_remembered_digest.py",),
+    **{
+        f"adapters/versions/{name}.py": ("../adapters/test_pins.py", "../test_versions.py")
+        for name in ("environments", "pins", "uv")
+    },
+    "runs/version_search.py": ("../test_versions.py",),
+    "reports/history/regression.py": ("history/test_judgement_laws.py", "history/test_level_laws.py"),
+}
+"""Module -> the files under tests/reports that belong to it, the quickest first."""
+
+ONLY = {
+    "reports/measurement/case.py": {"measured_by", "_horizon"},
+    "reports/summary/cells.py": {
+        "faults_of",
+        "summary_cell",
+        "summary_cells",
+    },
+}
+"""Of these modules only these functions are meant."""
+
+EQUIVALENT: dict[tuple[str, str, str], str] = {
+    (
+        "reports/comparison/change.py",
+        'return "moved" if before == after else "improved" if after > before else "worse"',
+        "after > before -> after >= before",
+    ): "there the two are not equal",
+    (
+        "reports/measurement/convergence.py",
+        "decades(ended) >= _PLATEAU_DECADES - 1e-6",
+        "decades(ended) >= _PLATEAU_DECADES - 1e-06 -> decades(ended) > _PLATEAU_DECADES - 1e-06",
+    ): "the millionth is slack for round-off: no ratio of steps asked for has this very logarithm",
+    (
+        "reports/measurement/convergence.py",
+        "if found[2] <= widest and found[1] >= max(_LEAST_ORDER, found[2]):",
+        "found[2] <= widest -> found[2] < widest",
+    ): "a half-width that is fitted is never the very double of a level",
+    (
+        "reports/measurement/growth.py",
+        'return "exponential" if unfit_in_time * _EXPONENTIAL_GAIN < unfit else None',
+        "unfit_in_time * _EXPONENTIAL_GAIN < unfit -> unfit_in_time * _EXPONENTIAL_GAIN <= unfit",
+    ): "of two fits' residuals neither is this very multiple of the other",
+    (
+        "reports/measurement/growth.py",
+        'return "sqrt" if low <= exponent <= high and late > _ROOT_LATE and wavers else None',
+        "low <= exponent <= high -> low <= exponent < high",
+    ): "an exponent that is fitted is never the very double of an edge",
+    (
+        "reports/measurement/growth.py",
+        "wavers = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
+        "slopes[-1] > _FLAT -> slopes[-1] >= _FLAT",
+    ): "a slope between logarithms is never the very double of an edge",
+    (
+        "reports/measurement/refinement.py",
+        "while decade <= limit:",
+        "decade <= limit -> decade < limit",
+    ): "of the round numbers only those below the limit are used",
+    (
+        "reports/measurement/refinement.py",
+        "numbers += [digit * decade for digit in _LEADING if digit * decade <= limit]",
+        "digit * decade <= limit -> digit * decade < limit",
+    ): "of the round numbers only those below the limit are used",
+    (
+        "reports/measurement/scales.py",
+        "return float(np.max(np.linalg.norm(vectors, axis=-1)))",
+        "-1 -> 1",
+    ): "all vectors that come here are (n, 3)",
+    (
+        "reports/comparison/describe.py",
+        'how = "slow" if change.decades > 0.0 else "fast"',
+        "change.decades > 0.0 -> change.decades >= 0.0",
+    ): "a speed that is the same is no change",
+    (
+        "reports/gates/proposal.py",
+        'yield Change(place, "upper", gate.upper, new, most, loosens=new > gate.upper)',
+        "new > gate.upper -> new >= gate.upper",
+    ): "a bound that stays the same is not proposed",
+    (
+        "reports/measurement/growth.py",
+        "wavers = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
+        "float(np.max(slopes)) < _STEEPEST -> float(np.max(slopes)) <= _STEEPEST",
+    ): "a slope between logarithms is never the very double of an edge",
+    (
+        "reports/measurement/growth.py",
+        "if slopes[-1] < _LEAST_EXPONENTIAL or not np.all(np.diff(slopes[1:]) > 0.0):",
+        "np.diff(slopes[1:]) > 0.0 -> np.diff(slopes[1:]) >= 0.0",
+    ): "two slopes between logarithms that are not 0 are never the very same double",
+    (
+        "reports/measurement/refinement.py",
+        "too_fine = max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-9)",
+        "max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-09) -> "
+        "max(listed) * finer / interval_s >= _SPAN * (1.0 + 1e-09)",
+    ): "the billionth is slack for round-off: no ratio of steps asked for is this very double",
+    (
+        "reports/measurement/work.py",
+        "if any(abs(t[k] - end) > 1e-9 * scene.sample_interval_s "
+        "for k, end in zip(places, ends, strict=True)):",
+        "abs(t[k] - end) > 1e-09 * scene.sample_interval_s -> "
+        "abs(t[k] - end) >= 1e-09 * scene.sample_interval_s",
+    ): "the billionth is slack for round-off: no switch is this very double beside a sample",
+    (
+        "reports/gates/gate_output.py",
+        'return (json.dumps(told, indent=1, allow_nan=False) + "\\n").encode()',
+        "allow_nan=False -> nothing",
+    ): "it guards what the rows already hold: no number there is infinite or none",
+    **{
+        ("adapters/versions/environments.py", line, "'utf-8' -> 'utf-8_'"): "a name of the same encoding"
+        for line in (
+            'within.write_text("\\n".join(constraints), encoding="utf-8")',
+            'without.write_text(_NEVER, encoding="utf-8")',
+        )
+    },
+    (
+        "adapters/versions/environments.py",
+        'within, without = environment / "constraints.txt", environment / "overrides.txt"',
+        "'overrides.txt' -> 'overrides.txt_'",
+    ): "uv is given the name of the file, whatever it is",
+}
+"""Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
+
+# one and the same each time, as kernels are cached by their path
+_PLACE = Path(tempfile.gettempdir()) / "bodycheck-mutants"
+_OUTPUT = _PLACE / "output.txt"
+_MOST_MEMORY = 8 * 2**30  # bytes of a mutant that never ends
+
+_OPTIONS = (
+    *("-x", "-q", "-n0", "-m", "not slow", "-p", "no:cacheprovider", "--hypothesis-seed=0"),
+    *("--tb=short", "--assert=plain"),  # asserts of pytest's own making would precede all imports
+)
+_HEAVY = (
+    "hypothesis.stateful",
+    "pandas",
+    "playwright.sync_api",
+    "rich.console",
+    "scipy.interpolate",
+    "scipy.sparse.linalg",
+    "scipy.special",
+    "bodycheck.reference_impl.truth.certification",
+    "bodycheck.scenarios.reader",
+)
+
+_FORGOTTEN = (
+    "bodycheck._util.platform_identity",
+    "bodycheck._util.file_digests",
+)
+
+_OTHER: dict[type[ast.AST], tuple[Any, ...]] = {
+    ast.Lt: (ast.LtE, ast.Gt),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.Lt),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.Add: (ast.Sub,),
+    ast.Sub: (ast.Add,),
+    ast.Mult: (ast.Div,),
+    ast.Div: (ast.Mult,),
+    ast.FloorDiv: (ast.Mult,),
+    ast.Mod: (ast.Mult,),
+    ast.Pow: (ast.Mult,),
+    ast.And: (ast.Or,),
+    ast.Or: (ast.And,),
+    ast.BitAnd: (ast.BitOr,),
+    ast.BitOr: (ast.BitAnd,),
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change of one module: what stood at a line of it, what stands there instead, and all of it."""
+
+    module: str
+    line: int
+    text: str
+    before: str
+    after: str
+    source: str
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What EQUIVALENT names it by."""
+        return self.module, self.text, f"{self.before} -> {self.after}"
+
+    def __str__(self) -> str:
+        return f"bodycheck/{self.module}:{self.line}: {self.before} -> {self.after}"
+
+
+def main() -> int:
+    """Run the tests on the mutants that are asked for; return the exit status."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--mutants", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--module", action="append", choices=sorted(TESTS), help="all of them, unless told")
+    asked = parser.parse_args()
+    every = [mutant for module in TESTS for mutant in mutants_of(module)]
+    if stale := EQUIVALENT.keys() - {mutant.key for mutant in every}:
+        raise SystemExit("\n".join(f"EQUIVALENT has what is no mutant: {key}" for key in sorted(stale)))
+    chosen = [mutant for mutant in every if mutant.module in (asked.module or TESTS)]
+    random.Random(asked.seed).shuffle(chosen)
+    drawn = chosen[: asked.mutants]
+    judged = [mutant for mutant in drawn if mutant.key not in EQUIVALENT]
+    print(f"{len(chosen)} mutants, {len(drawn)} drawn, {len(drawn) - len(judged)} of them equivalent")
+    try:
+        _PLACE.mkdir()
+    except FileExistsError:
+        raise SystemExit(f"{_PLACE}: is there: trials go on, or were killed: then remove it") from None
+    try:
+        survived = tried(copied(_PLACE), sorted(judged, key=lambda mutant: mutant.module))
+    finally:
+        shutil.rmtree(_PLACE)
+    return summed_up(judged, survived)
+
+
+def summed_up(judged: Sequence[Mutant], survived: Sequence[Mutant]) -> int:
+    """Print how many were killed, of each module and in all; return the exit status."""
+    amounts, left = (Counter(mutant.module for mutant in some) for some in (judged, survived))
+    for module, amount in amounts.items():
+        print(f"{amount - left[module]:4} of {amount:4} killed  {module}")
+    killed = len(judged) - len(survived)
+    share = killed / len(judged) if judged else 0.0
+    print(f"{killed:4} of {len(judged):4} killed in all: {100.0 * share:.1f} %")
+    return 0 if share >= LEAST_KILLED else 1
+
+
+def copied(place: Path) -> Path:
+    """Return a copy of the package and its tests, the only one that is imported from now on."""
+    for name in ("bodycheck", "tests"):
+        shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(ROOT / name, place)
+    # by the hash of the source: a mutant may have the size and the second of another
+    compileall.compile_dir(place / "bodycheck", quiet=1, invalidation_mode=PycInvalidationMode.CHECKED_HASH)
+    os.chdir(place)
+    os.environ["PYTHONPATH"] = str(place)
+    sys.path.insert(0, str(place))
+    # what no mutant changes is imported once, and inherited by the processes of the trials
+    for heavy in _HEAVY:
+        importlib.import_module(heavy)
+    for name in _FORGOTTEN:  # these were needed to find the kernels, and are mutated themselves
+        package, _, module = name.rpartition(".")
+        del sys.modules[name]
+        delattr(sys.modules[package], module)
+    assert Path(sys.modules["bodycheck"].__file__ or "").is_relative_to(place)
+    assert not any(name.startswith(("bodycheck.reports", "bodycheck.adapters")) for name in sys.modules)
+    return place
+
+
+def tried(place: Path, mutants: Sequence[Mutant]) -> list[Mutant]:
+    """Run the tests on each mutant, those of one module one after the other; return the survivors."""
+    survived, usual_s = list[Mutant](), dict[tuple[str, ...], float]()
+    for mutant in mutants:
+        tests, file = TESTS[mutant.module], place / "bodycheck" / mutant.module
+        if tests not in usual_s:
+            usual_s[tests] = usual(tests)
+        sound = file.read_text(encoding="utf-8")
+        file.write_text(mutant.source, encoding="utf-8")
+        if passed(tests, SLACK * (1.0 + usual_s[tests])):
+            survived.append(mutant)
+            print(f"survived  {mutant}", flush=True)
+        file.write_text(sound, encoding="utf-8")
+    return survived
+
+
+def usual(tests: Sequence[str]) -> float:
+    """Return the processor time in s that tests take without a mutant; they have to pass."""
+    for _ in range(2):  # the first compiles what the second does not
+        start = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        if not passed(tests, 600.0):
+            raise SystemExit(f"without a mutant they fail: {', '.join(tests)}\n{_OUTPUT.read_text()}")
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - start
+
+
+def passed(tests: Sequence[str], limit_s: float) -> bool:
+    """Whether tests pass within so much processor time, in a process of their own."""
+    trial = multiprocessing.get_context("fork").Process(target=_test, args=(tests, limit_s))
+    trial.start()
+    trial.join(20.0 * limit_s)  # of a process that waits, and of a machine that is busy
+    with suppress(ProcessLookupError):
+        os.killpg(trial.pid or 0, signal.SIGKILL)  # with all its workers
+    trial.join()
+    return trial.exitcode == 0
+
+
+def _test(tests: Sequence[str], limit_s: float) -> None:
+    os.setsid()
+    resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 1))
+    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
+    output = os.open(_OUTPUT, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    sys.exit(pytest.main([*_OPTIONS, *(os.path.normpath(f"tests/reports/{test}") for test in tests)]))
+
+
+def mutants_of(module: str) -> Iterator[Mutant]:
+    """Yield every mutant of a module, in the order of its source."""
+    text = (ROOT / "bodycheck" / module).read_text(encoding="utf-8")
+    tree, lines = ast.parse(text), text.splitlines()
+    for parent, field, place, line in _places(tree, 1):
+        if module in ONLY and not any(begin <= line <= end for begin, end in _spans(tree, ONLY[module])):
+            continue
+        held = getattr(parent, field)
+        old = held if place is None else held[place]
+        for new in _instead(old, field):
+            if place is None:
+                setattr(parent, field, new)
+            else:
+                setattr(parent, field, [*held[:place], *filter(None, [new]), *held[place + 1 :]])
+            after = "nothing" if new is None else ast.unparse(new)
+            yield Mutant(module, line, lines[line - 1].strip(), ast.unparse(old), after, ast.unparse(tree))
+        setattr(parent, field, held)
+
+
+def _spans(tree: ast.Module, names: set[str]) -> list[tuple[int, int]]:
+    """Return the first and the last line of functions."""
+    found = [one for one in tree.body if isinstance(one, ast.FunctionDef) and one.name in names]
+    return [(one.lineno, one.end_lineno or one.lineno) for one in found]
+
+
+def _places(node: ast.AST, line: int) -> Iterator[tuple[ast.AST, str, int | None, int]]:
+    """Yield parent, field, place in the field's list and line of all code within a node."""
+    for field, value in ast.iter_fields(node):
+        if field in ("annotation", "returns", "decorator_list", "format_spec"):
+            continue
+        for place, child in enumerate(value) if isinstance(value, list) else ((None, value),):
+            if not isinstance(child, ast.AST) or _says_only(node, child):
+                continue
+            # before Python 3.12 what stands within an f-string has no line of its own
+            quoted = isinstance(node, ast.JoinedStr | ast.FormattedValue)
+            at = line if quoted else getattr(child, "lineno", line)
+            yield node, field, place, at
+            yield from _places(child, at)
+
+
+def _says_only(parent: ast.AST, child: ast.AST) -> bool:
+    """Whether something is for readers, or for the type checker, and changes nothing that is measured."""
+    match child:
+        case ast.Expr(value=ast.Constant()) | ast.Raise() | ast.Assert() | ast.Import() | ast.ImportFrom():
+            return True
+        case ast.If(test=ast.Name(id="TYPE_CHECKING")) | ast.AnnAssign(annotation=ast.Name(id="TypeAlias")):
+            return True
+        case ast.Constant():
+            return isinstance(parent, ast.JoinedStr)
+        case ast.keyword(arg="strict"):
+            return True
+    return False
+
+
+def _instead(old: Any, field: str) -> Iterator[ast.AST | None]:
+    """Yield what may stand instead of a piece of code; None: it is left out."""
+    if field in ("test", "ifs") and not _has_an_opposite(old):
+        yield ast.UnaryOp(ast.Not(), old)
+    match old:
+        case ast.Compare(left, ops, comparators):
+            for place, operator in enumerate(ops):
+                for other in _OTHER[type(operator)]:
+                    yield ast.Compare(left, [*ops[:place], other(), *ops[place + 1 :]], comparators)
+        case ast.BoolOp(op, values):
+            yield from (ast.BoolOp(other(), values) for other in _OTHER[type(op)])
+        case ast.BinOp(left, op, right):
+            yield from (ast.BinOp(left, other(), right) for other in _OTHER.get(type(op), ()))
+        case ast.AugAssign(target, op, value):
+            yield from (ast.AugAssign(target, other(), value) for other in _OTHER.get(type(op), ()))
+        case ast.UnaryOp(ast.Not() | ast.USub(), operand):
+            yield operand
+        case ast.Return(ast.expr() as value) if ast.unparse(value) not in ("None", "False"):
+            yield ast.Return(ast.Constant(None))
+        case ast.Constant(bool(value)):
+            yield ast.Constant(not value)
+        case ast.Constant(int(value)):
+            yield ast.Constant(value + 1)
+        case ast.Constant(float(value)):
+            yield ast.Constant(2.0 * value or 1.0)
+        case ast.Constant(str(value)) if re.fullmatch(r"\w[\w.-]*", value):
+            yield ast.Constant(f"{value}_")
+        case ast.keyword(str()):
+            yield None
+
+
+def _has_an_opposite(test: ast.AST) -> bool:
+    """Whether a condition is negated by another operator already."""
+    match test:
+        case ast.UnaryOp(ast.Not()):
+            return True
+        case ast.Compare(ops=[ast.Eq() | ast.NotEq() | ast.In() | ast.NotIn() | ast.Is() | ast.IsNot()]):
+            return True
+    return False
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,246 @@
+"""Nights that are killed, that change nothing, and whose speeds are what this machine made of them.
+
+    python tools/night_trials.py --kills 50 --unchanged 20 --measured 31 --sequences 100 --seed 1
+
+Kills: `bodycheck nightly` is killed with all its workers at random moments; afterwards the history must be
+readable, what was stored before unchanged, and the next night succeed. Unchanged: so many nights of a real
+engine, none of which may tell anything of accuracy. Measured: so many nights with speeds, of the smoke suite
+in all engines and the reference's rk4, one after the other. Neither as they came, nor in any of the sequences
+of 30 nights that are drawn from them at random, may a speed be told; where one engine takes a fifth longer
+from some night on, be it in the nights as they came or in those drawn, that has to be told within five
+nights. Prints the figures; status 1 where a trial failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
+
+import numpy as np
+import pandas as pd
+from scenario_file import SCENARIO
+
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.queries import nights_table, query, recorded_cases
+from bodycheck.reports.history.regression import Speeds, speeds_of
+from bodycheck.reports.history.step_detection import LEAST_AFTER, LEAST_BEFORE, pooled_spread
+
+_QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
+_SCENARIO = SCENARIO.replace("mine", "tumble").replace("samples = 11", "samples = 101")
+_CASE = ["engine", "method", "scenario", "control", "dt_s", "tolerance"]
+_TIMED = "mujoco,pybullet,dart,reference:rk4"
+_WITHIN = 5
+_SLOWER = 1.2
+
+
+def main() -> int:
+    """Run the trials that are asked for; return the exit status."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--unchanged", type=int, default=20)
+    parser.add_argument("--measured", type=int, default=20)
+    parser.add_argument("--sequences", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--keep", type=Path, help="the history of the nights that are measured, made or gone on with"
+    )
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "tumble.toml").write_text(_SCENARIO)
+        failed = killed(folder, asked.kills, asked.seed) if asked.kills else 0
+        failed += unchanged(folder, asked.unchanged) if asked.unchanged else 0
+        if asked.measured:
+            kept = (asked.keep or folder / "measured").absolute()
+            measure(folder, kept, asked.measured)
+            nights = measured_nights(kept)
+            failed += as_they_came(nights) + simulated(nights, asked.sequences, asked.seed)
+    return 1 if failed else 0
+
+
+def begin(folder: Path, history: Path, words: list[str]) -> subprocess.Popen[str]:
+    """Start a night in a session of its own, so that all of it can be killed at once."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "bodycheck", "nightly", *words, "--history", str(history)],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def digests(history: Path) -> dict[str, str]:
+    """Return the hash of every file of every night that is stored."""
+    files = (file for night in History(history).nights() for file in night.iterdir())
+    return {
+        f"{file.parent.name}/{file.name}": hashlib.sha256(file.read_bytes()).hexdigest() for file in files
+    }
+
+
+def killed(folder: Path, kills: int, seed: int) -> int:
+    """Kill nights at random moments, half of them while they are stored; return how many trials failed."""
+    history, chance = folder / "killed", random.Random(seed)
+    lengths, failed, stored = [], 0, 0
+    for _ in range(2):  # the first compiles what the second does not
+        start = time.monotonic()
+        begin(folder, history, _QUICK).communicate()
+        lengths.append(time.monotonic() - start)
+    for trial in range(kills):
+        before = digests(history)
+        process = begin(folder, history, _QUICK)
+        if trial % 2:
+            time.sleep(chance.uniform(0.0, lengths[-1]))
+        else:
+            while process.poll() is None and not any(history.glob(".unfinished-*")):
+                time.sleep(0.001)
+            time.sleep(chance.uniform(0.0, 0.3))
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        after = digests(history)
+        stored += len(after) > len(before)
+        lost = before.items() - after.items()
+        readable = len(nights_table(History(history).nights())) == len(History(history).nights())
+        asked = query(History(history).nights(), "SELECT count(DISTINCT run_id) AS n FROM results")["n"][0]
+        if lost or not readable or asked != len(History(history).nights()):
+            failed += 1
+            print(f"kill {trial}: lost {sorted(lost)}, readable {readable}, {asked} nights in the tables")
+    last = begin(folder, history, _QUICK)
+    told, _ = last.communicate()
+    left = [path.name for path in history.glob(".unfinished-*")]
+    if last.returncode != 0 or left:
+        failed += 1
+        print(f"the night after: status {last.returncode}, left {left}\n{told}")
+    print(f"kills: {kills}, of which {stored} came too late; failed: {failed}", flush=True)
+    return failed
+
+
+def unchanged(folder: Path, nights: int) -> int:
+    """Run the same night again and again; return on how many nights anything was told."""
+    history, told = folder / "unchanged", 0
+    for night in range(nights + 1):
+        process = begin(folder, history, _QUICK)
+        text, _ = process.communicate()
+        if process.returncode != (3 if night == 0 else 0):
+            told += 1
+            print(f"night {night}: status {process.returncode}\n{text}")
+    found = int(query(History(history).nights(), "SELECT count(*) AS n FROM changes")["n"][0])
+    print(f"unchanged nights: {nights}, changes told: {found}", flush=True)
+    return told + found
+
+
+def measure(folder: Path, kept: Path, nights: int) -> None:
+    """Store nights of the smoke suite, with their speeds, until there are so many."""
+    words = [
+        sys.executable,
+        "-m",
+        "bodycheck",
+        "nightly",
+        "smoke",
+        "--engine",
+        _TIMED,
+        "--history",
+        str(kept),
+    ]
+    while len(History(kept).nights()) < nights:
+        process = subprocess.run(words, cwd=folder, capture_output=True, text=True)
+        if process.returncode not in (0, 3):
+            sys.exit(f"a night that ended with status {process.returncode}\n{process.stdout}{process.stderr}")
+
+
+def measured_nights(kept: Path) -> pd.DataFrame:
+    """Return relative_cpu, a row for each case that every night has, a column for each night."""
+    cases = recorded_cases(History(kept).nights())
+    return cases.set_index([*_CASE, "night"])["relative_cpu"].unstack("night").dropna()
+
+
+def engines_of(nights: pd.DataFrame) -> list[str]:
+    """Return the engines that can become slower: all but the one that is the yardstick."""
+    return sorted(set(nights.index.get_level_values("engine")) - {"reference"})
+
+
+def as_they_came(nights: pd.DataFrame) -> int:
+    """Judge the nights in their order, then with each engine slower from each night on; count the faults."""
+    count = nights.shape[1]
+    told = alarms(judged(nights))
+    print(f"{count} nights as they came, speeds told: {told or 'none'}", flush=True)
+    first_nights = range(LEAST_BEFORE, count - _WITHIN + 1)
+    planted = [(engine, first) for engine in engines_of(nights) for first in first_nights]
+    delays = [delay(slowed(nights, engine, first), engine, first) for engine, first in planted]
+    return len(told) + report(delays)
+
+
+def simulated(nights: pd.DataFrame, sequences: int, seed: int) -> int:
+    """Draw sequences from the nights that were measured; return how many were judged wrongly."""
+    chance = np.random.default_rng(seed)
+    sample = judged(drawn(nights, chance, 30))
+    usual = pooled_spread(sample.series.decades, list(sample.steps.values()))
+    print(f"chance changes a night by {100.0 * (10.0**usual - 1.0):.1f} % (sigma)")
+    false = sum(bool(alarms(judged(drawn(nights, chance, 30)))) for _ in range(sequences))
+    print(f"unchanged sequences of 30 nights drawn: {sequences}, with a speed told: {false}", flush=True)
+    engines = engines_of(nights)
+    delays: list[int | None] = []
+    for _ in range(sequences):
+        engine, first = str(chance.choice(engines)), int(chance.integers(10, 25))
+        slower = slowed(drawn(nights, chance, first + _WITHIN), engine, first)
+        delays.append(delay(slower, engine, first))
+    return false + report(delays)
+
+
+def report(delays: list[int | None]) -> int:
+    """Print on which of its nights an engine that became slower was told; return how often not in time."""
+    late = sum(each is None or each > _WITHIN for each in delays)
+    print(f"one engine {_SLOWER} times as slow: {len(delays)}, not told within {_WITHIN} nights: {late}")
+    if told := [each for each in delays if each is not None]:
+        print(f"told on night {np.median(told):.0f} (median), {max(told)} (latest); earliest {LEAST_AFTER}")
+    return late
+
+
+def drawn(nights: pd.DataFrame, chance: np.random.Generator, count: int) -> pd.DataFrame:
+    """Return so many of the nights, each drawn at random from all."""
+    picked = nights.iloc[:, chance.integers(0, nights.shape[1], count)]
+    return picked.set_axis([f"night {number:03d}" for number in range(count)], axis=1)
+
+
+def slowed(nights: pd.DataFrame, engine: str, first: int) -> pd.DataFrame:
+    """Return the nights with an engine slower from the first on."""
+    factor = np.ones(nights.shape)
+    factor[np.ix_(nights.index.get_level_values("engine") == engine, np.arange(nights.shape[1]) >= first)] = (
+        _SLOWER
+    )
+    return nights * factor
+
+
+def judged(nights: pd.DataFrame) -> Speeds:
+    """Return the speeds of nights, judged as a night judges them."""
+    cases = nights.melt(var_name="night", value_name="relative_cpu", ignore_index=False).reset_index()
+    return speeds_of(list(nights.columns), cases)
+
+
+def delay(nights: pd.DataFrame, engine: str, first: int) -> int | None:
+    """Return on which night of an engine's being slower that was told, 1 the first; None: not at all."""
+    told = [
+        at for (who, _), at, size in alarms(judged(nights)) if who == engine and size > 0.0 and at >= first
+    ]
+    return min(told) - first + 1 if told else None
+
+
+def alarms(speeds: Speeds) -> list[tuple[tuple[str, str], int, float]]:
+    """Return method, night and size of each step that is told."""
+    return [(method, step.told, step.size) for method, steps in speeds.steps.items() for step in steps]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

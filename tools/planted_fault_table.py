@@ -1,0 +1,60 @@
+"""Which planted faults a run with default options reports, and by what.
+
+    python tools/planted_fault_table.py [SUITE_OR_SCENARIO ...]
+
+Runs each faulty method of tests/helpers/planted_faults.py, smoke by default, and prints one row per fault and
+base: what reports it, quantity and size. Ends with status 1 where a fault that could be seen is not reported,
+or where a sound base is accused.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
+
+from fault_reports import results_of
+from planted_faults import BASES, FAULTS, SOUND, Faulty
+
+import bodycheck
+from bodycheck.adapters.registry import register_adapter
+from bodycheck.reports.summary.worst_results import Result
+
+
+def described(results: Sequence[Result]) -> str:
+    """Return how many results of each kind there are, and the worst of each."""
+    worst = {one.kind: one for one in reversed(results)}
+    counts = Counter(one.kind for one in results)
+    return "; ".join(f"{kind} ({counts[kind]}): {one.sentence}" for kind, one in reversed(worst.items()))
+
+
+def main(scenarios: list[str]) -> int:
+    """Run, print the table, and return the exit status."""
+    engines = [Faulty(base) for base in BASES]
+    for engine in engines:
+        register_adapter(engine)
+    begin = time.perf_counter()
+    run = bodycheck.run(scenarios or ["smoke"], engines=[engine.name for engine in engines], speed=False)
+    took = time.perf_counter() - begin
+    found, missed = results_of(run), 0
+    print("| fault | planted | base | reported by |\n|---|---|---|---|")
+    for engine, base in zip(engines, BASES, strict=True):
+        accused = found.get(f"{engine.name}:{SOUND}", ())
+        missed += bool(accused)
+        print(f"| {SOUND} | nothing | {base} | {described(accused) or 'nothing, rightly'} |")
+        for fault in FAULTS:
+            reported = described(found.get(f"{engine.name}:{fault.name}", ()))
+            reason = fault.undetectable.get(base)
+            missed += not reported and reason is None
+            silent = "NOT REPORTED" if reason is None else f"undetectable: {reason}"
+            print(f"| {fault.name} | {fault.planted} | {base} | {reported or silent} |")
+    print(f"{len(FAULTS)} kinds of faults x {len(BASES)} bases in {took:.0f} s; {missed} wrong")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

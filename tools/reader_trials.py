@@ -1,0 +1,428 @@
+"""Whatever a file holds, its reader takes it or refuses it: no traceback, no hang, no memory without end.
+
+    python tools/reader_trials.py --trials 20000 --seed 1
+
+Damages sound files of every kind that bodycheck reads, half of them by their grammar, so that the damage
+passes the first parser, and reads each. Prints the figures by reader; ends with status 1 where a reader
+raised anything but bodycheck's own errors, took more than 10 s, or the process held more than 500 MB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/scenarios"))
+
+import numpy as np
+from forked import Ended, forked
+from made_nights import stored, unchanged
+from mutations import Mutation, any_bytes, csv_cell, json_value, npz_member, passes, token, toml_line
+from scenario_file import SCENARIO
+from test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
+
+import bodycheck
+from bodycheck._util.errors import BodycheckError
+from bodycheck._util.untrusted import LONGEST_LINE, printable_lines
+from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.workers import protocol
+from bodycheck.reference_impl.kernels.jit import _content, _DamagedError
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.cache.entries import Entry
+from bodycheck.reports.cache.journal import Journal
+from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.gates.gate import read_gates
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import past_of, readable_nights
+from bodycheck.reports.history.queries import TABLES, query
+from bodycheck.reports.render.html import render_report
+from bodycheck.reports.render.markdown import markdown_summary
+from bodycheck.reports.run_files.run_reader import read_run, read_tables
+from bodycheck.reports.run_files.trajectory_files import read_arrays
+from bodycheck.reports.summary.advice import advise
+from bodycheck.runs.directory import _describe, _description
+from bodycheck.scenarios.library import load_scenario
+from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
+from bodycheck.scenarios.reader import read_members
+
+LONGEST_S, MOST_MEGABYTES, BATCH = 10.0, 500.0, 25
+
+GATES = """[[gate]]
+scenario = "mine*"
+engine = "reference"
+method = "rk4"
+dt_s = 1e-2
+measure = "orientation_error_rad"
+upper = 1e-9
+floor = 1e-14
+reason = "fourth order"
+
+[[gate]]
+measure = "verdict"
+equals = "converges"
+reason = "it does"
+"""
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A sound file, and who reads it: `read` is given the path of the damaged one.
+
+    kind: of the grammar, for `passes`; weight: how often it is tried.
+    """
+
+    name: str
+    file: Path
+    read: Callable[[Path], Any]
+    kind: str
+    by_grammar: Mutation
+    weight: float = 1.0
+
+
+def all_readers(sound: Path) -> list[Reader]:
+    """Write a sound file of every kind, and return who reads it."""
+    (sound / "mine.toml").write_text(SCENARIO)
+    run = bodycheck.run([sound / "mine.toml"], engines=["reference:m1", "reference:rk4"], jobs=1)
+    bodycheck.write_run(run, sound / "run")
+    stored(run, sound / "history", [unchanged, unchanged])
+    found = [*_inputs(sound), *_trajectories(sound), *_run_files(sound), *_night_files(sound, run.manifest)]
+    return [*found, *_messages(sound), *_caches(sound)]
+
+
+def _inputs(sound: Path) -> list[Reader]:
+    """Scenarios, gates, meshes, and what was asked of a run that was stopped."""
+    library = Path(bodycheck.__file__).parent / "scenarios/library"
+    whole = "\n".join((library / f"{name}.toml").read_text() for name in ("spring-pendulum",))
+    (sound / "rich.toml").write_text(whole)
+    (sound / "gates.toml").write_text(GATES)
+    meshes: dict[str, str | bytes] = {
+        "a.stl": ascii_stl(),
+        "b.stl": binary_stl(),
+        "c.obj": obj(),
+        "d.ply": ascii_ply(),
+        "e.ply": binary_ply("<"),
+    }
+    for name, content in meshes.items():
+        (sound / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    from bodycheck.runs.directory import RunRequest
+    from bodycheck.runs.manifest import Identity
+
+    _describe(sound / "out.partial", RunRequest(dt_s=[0.01]), Identity.new(), sound / "out")
+    return [
+        Reader("scenario", sound / "mine.toml", read_members, "toml", toml_line, 2.0),
+        Reader("scenario with loads", sound / "rich.toml", read_members, "toml", toml_line, 2.0),
+        Reader("gates", sound / "gates.toml", read_gates, "toml", toml_line, 2.0),
+        *(Reader(f"mesh {name}", sound / name, _mesh, "mesh", token) for name in meshes),
+        Reader("request.json", sound / "out.partial/request.json", _description, "json", json_value),
+    ]
+
+
+def _mesh(path: Path) -> None:
+    with open_mesh(path) as file:
+        parse_mesh(path, file)
+
+
+def _trajectories(sound: Path) -> list[Reader]:
+    """What `judge` reads."""
+    npz = next((sound / "run/trajectories").rglob("reference_m1*.npz"))
+    with np.load(npz) as arrays:
+        rows = np.column_stack([arrays["t_s"], arrays["quaternion"]])
+    lines = ["t_s,qw,qx,qy,qz", *(",".join(map(repr, row)) for row in rows.tolist())]
+    (sound / "judged.csv").write_text("\n".join(lines) + "\n")
+    shutil.copy(npz, sound / "judged.npz")
+    for suffix in (".zip", ".gz", ".tar", ".xz"):
+        shutil.copy(sound / "judged.csv", sound / f"judged.csv{suffix}")
+    mine = load_scenario(sound / "mine.toml")
+    cache = Cache.default()
+
+    def judged(path: Path) -> None:
+        from bodycheck.reports.judge import judge_file
+
+        judge_file(path, mine, "mine.toml", cache)
+
+    return [
+        Reader("judged .csv", sound / "judged.csv", judged, "csv", csv_cell, 0.2),
+        Reader("judged .npz", sound / "judged.npz", judged, "npz", npz_member, 0.2),
+        Reader("trajectory .csv", sound / "judged.csv", read_arrays, "csv", csv_cell, 2.0),
+        Reader("trajectory .npz", sound / "judged.npz", read_arrays, "npz", npz_member, 1.0),
+        *(
+            Reader(f"judged .csv{suffix}", sound / f"judged.csv{suffix}", read_arrays, "csv", csv_cell, 0.3)
+            for suffix in (".zip", ".gz", ".tar", ".xz")
+        ),
+    ]
+
+
+def _run_files(sound: Path) -> list[Reader]:
+    """The files of a stored run, each damaged among the sound others."""
+    other = read_tables(sound / "run")
+
+    def tables_of(path: Path) -> None:
+        read_tables(path.parent)
+
+    def questions(path: Path) -> None:
+        tables = read_tables(path.parent)
+        compare(other, tables)
+        compare(tables, other)
+        markdown_summary(tables)
+        advise(tables.cases, 1e-3, "orientation_error_rad", list(tables.manifest["scenarios"]))
+
+    def page(path: Path) -> None:
+        folder = next(parent for parent in path.parents if (parent / "methods.csv").exists())
+        render_report(read_run(folder, cache=Cache.default()))
+
+    npz = next((sound / "run/trajectories").rglob("reference_m1*.npz"))
+    return [
+        Reader("manifest.json", sound / "run/manifest.json", tables_of, "json", json_value, 2.0),
+        Reader("results.csv", sound / "run/results.csv", tables_of, "csv", csv_cell, 2.0),
+        Reader("methods.csv", sound / "run/methods.csv", tables_of, "csv", csv_cell),
+        Reader("stability.csv", sound / "run/stability.csv", tables_of, "csv", csv_cell),
+        Reader("questions, manifest.json", sound / "run/manifest.json", questions, "json", json_value, 0.2),
+        Reader("questions, results.csv", sound / "run/results.csv", questions, "csv", csv_cell, 0.3),
+        Reader("questions, methods.csv", sound / "run/methods.csv", questions, "csv", csv_cell, 0.2),
+        Reader("questions, stability.csv", sound / "run/stability.csv", questions, "csv", csv_cell, 0.1),
+        Reader("page of manifest.json", sound / "run/manifest.json", page, "json", json_value, 0.05),
+        Reader("page of results.csv", sound / "run/results.csv", page, "csv", csv_cell, 0.05),
+        Reader("page of read_back.json", sound / "run/read_back.json", page, "json", json_value, 0.05),
+        Reader("page of a trajectory", npz, page, "npz", npz_member, 0.05),
+    ]
+
+
+def _night_files(sound: Path, manifest: dict[str, Any]) -> list[Reader]:
+    """The files of a past nightly run, with their sums, and of one from before there were sums."""
+    unsealed = sound / "unsealed"
+    shutil.copytree(sound / "history", unsealed)
+    for night in History(unsealed).nights():
+        told = json.loads((night / "night.json").read_text())
+        (night / "night.json").write_text(
+            json.dumps({k: v for k, v in told.items() if k not in ("sha256", "seal")})
+        )
+    tonight = {**manifest, "run_id": "20991231T000000Z-ffffff"}
+
+    def past(path: Path) -> None:
+        history = History(path.parents[1])
+        found = past_of(history, tonight)
+        readable, _ = readable_nights(history.nights(), TABLES)
+        query(readable, "SELECT * FROM nights, (SELECT count(*) FROM results)")
+        if not found.nights:
+            raise AssertionError("the sound night was left out too")
+
+    name = History(unsealed).nights()[-1].name
+    parquet = Path(name, "results.parquet")
+    return [
+        Reader("night.json", sound / "history" / name / "night.json", past, "json", json_value, 0.07),
+        Reader("results.parquet", sound / "history" / parquet, past, "parquet", any_bytes, 0.5),
+        Reader("night.json, no sums", unsealed / name / "night.json", past, "json", json_value, 0.07),
+        Reader("manifest.json, no sums", unsealed / name / "manifest.json", past, "json", json_value, 0.07),
+        Reader("results.parquet, no sums", unsealed / parquet, past, "parquet", any_bytes, 0.5),
+    ]
+
+
+def _messages(sound: Path) -> list[Reader]:
+    """What a worker says, a file a message."""
+    scene = load_scenario(sound / "mine.toml").scene
+    reference = Reference()
+    case = Case(scene, "m1", Setting(dt_s=0.01))
+    said = {
+        "announcement": protocol.announcement(reference, ""),
+        "answer": protocol.answer_message(record(reference, case)),
+        "lap": {"outcome": "ok", "cpu_s": 1.5},
+        "search": {"outcome": "ok", "message": "", "stable_s": 0.1, "unstable_s": 0.2, "reason": "x"},
+    }
+    said["read_back"] = said["answer"]["read_back"]
+    for name, message in said.items():
+        (sound / f"{name}.message").write_bytes(protocol.line_of(message))
+
+    def of(read: Callable[[Any], Any]) -> Callable[[Path], None]:
+        def through(path: Path) -> None:
+            try:
+                read(protocol.message_of(path.read_bytes()))
+            except ValueError as error:
+                raise BodycheckError(str(error)) from None
+
+        return through
+
+    def answered(message: Any) -> None:
+        answer = protocol.answer_of(message, scene.sample_times)
+        Entry.of("key", protocol.kept(message, answer))
+
+    readers: dict[str, Callable[[Any], Any]] = {
+        "announcement": lambda message: (protocol.engine_of(message), protocol.request_limit_of(message)),
+        "answer": answered,
+        "lap": protocol.lap_of,
+        "search": protocol.stable_step_of,
+        "read_back": protocol.read_back_of,
+    }
+    return [
+        Reader(f"message: {name}", sound / f"{name}.message", of(read), "json", json_value, 2.0)
+        for name, read in readers.items()
+    ]
+
+
+def _caches(sound: Path) -> list[Reader]:
+    """What is kept to be used again: nothing that is damaged may be believed."""
+    cache = Cache(sound / "cache")
+    key = "ab" + 62 * "0"
+    cache.put(key, {"value": [1, 2, 3]})
+    with Journal(sound / "journal") as journal:
+        for name in ("a", "b", "c"):
+            journal.put(name, {"value": name})
+    import hashlib
+    import pickle
+
+    data = pickle.dumps(("0.61", "stamp", {}))
+    (sound / "kernel.nbi").write_bytes(hashlib.sha256(data).digest() + data)
+
+    def cached(path: Path) -> None:
+        if Cache(path.parents[1]).get(key) not in (None, {"value": [1, 2, 3]}):
+            raise AssertionError("a damaged line was believed")
+
+    def journalled(path: Path) -> None:
+        with Journal(path) as opened:
+            if any(opened.get(name) not in (None, {"value": name}) for name in "abc"):
+                raise AssertionError("a damaged line was believed")
+
+    def kernel(path: Path) -> None:
+        try:
+            if _content(path) != ("0.61", "stamp", {}):
+                raise AssertionError("a damaged kernel was believed")
+        except _DamagedError as error:
+            raise BodycheckError(str(error)) from None
+
+    return [
+        Reader("cache", sound / "cache" / key[:2] / key[2:], cached, "sealed", any_bytes),
+        Reader("journal", sound / "journal", journalled, "sealed", any_bytes),
+        Reader("kernel", sound / "kernel.nbi", kernel, "sealed", any_bytes),
+    ]
+
+
+@dataclass
+class Tried:
+    """What came of one mutation: accepted, refused, or a fault with its traceback."""
+
+    reader: str
+    ending: str
+    passed: bool
+    seconds: float
+    seed: str
+    fault: str = ""
+
+
+class Hang(BaseException):
+    """A reader that took longer than it may."""
+
+
+def _late(*_: object) -> None:
+    raise Hang(f"more than {LONGEST_S:g} s")
+
+
+def tried(reader: Reader, folder: Path, sound: Path, seed: str) -> Tried:
+    """Damage a copy of the reader's file, read it, and put the sound content back."""
+    dice = random.Random(seed)
+    content = reader.file.read_bytes()
+    damaged = (reader.by_grammar if dice.random() < 0.6 else any_bytes)(content, dice)
+    path = folder / reader.file.relative_to(sound)
+    begin = time.monotonic()
+    signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+    ending, fault = "accepted", ""
+    try:
+        path.write_bytes(damaged)
+        reader.read(path)
+    except BodycheckError as error:
+        ending = "refused"
+        lines = printable_lines(str(error)).split("\n")
+        if not str(error) or any(len(line) > LONGEST_LINE for line in lines):
+            ending, fault = "fault", f"unclear: {lines}"
+    except BaseException as error:  # noqa: BLE001 - whatever it is, it is what is looked for
+        import traceback
+
+        ending = "hang" if isinstance(error, Hang) else "fault"
+        fault = "".join(traceback.format_exception(error))[-3000:]
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        path.write_bytes(content)
+    seconds = time.monotonic() - begin
+    return Tried(reader.name, ending, passes(reader.kind, damaged), seconds, seed, fault)
+
+
+def _together(batch: list[tuple[Reader, str]], folder: Path, sound: Path) -> Ended:
+    """Try some mutations in a child of their own."""
+    return forked(
+        lambda: [tried(reader, folder, sound, seed) for reader, seed in batch], 2 * LONGEST_S * len(batch)
+    )
+
+
+def main() -> int:
+    """Make the trials and print how many ended how."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    options.add_argument("--trials", type=int, default=20_000)
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--only", help="a reader by its name")
+    asked = options.parse_args()
+    signal.signal(signal.SIGALRM, _late)
+    begin = time.monotonic()
+    results: list[Tried] = []
+    megabytes = 0.0
+    with tempfile.TemporaryDirectory(prefix="reader-trials-") as place:
+        sound, folder = Path(place, "sound"), Path(place, "damaged")
+        sound.mkdir()
+        readers = [one for one in all_readers(sound) if asked.only in (None, one.name)]
+        shutil.copytree(sound, folder)
+        total = sum(reader.weight for reader in readers)
+        seeds = [
+            (reader, f"{asked.seed}/{reader.name}/{k}")
+            for reader in readers
+            for k in range(round(asked.trials * reader.weight / total))
+        ]
+        while seeds:
+            batch, seeds = seeds[:BATCH], seeds[BATCH:]
+            ended = _together(batch, folder, sound)
+            megabytes = max(megabytes, ended.megabytes)
+            if ended.error is None:
+                results += ended.value
+                continue
+            for one in batch:  # which of them it was
+                alone = _together([one], folder, sound)
+                died = Tried(one[0].name, "died", True, alone.seconds, one[1], str(alone.error))
+                results += [died] if alone.error is not None else alone.value
+                megabytes = max(megabytes, alone.megabytes)
+    return report(results, megabytes, time.monotonic() - begin, asked.seed)
+
+
+def report(results: list[Tried], megabytes: float, seconds: float, seed: int) -> int:
+    """Print a line a reader and the sums; return the status."""
+    heads = f"{'tried':>6s} {'passed':>7s} {'taken':>6s} {'refused':>8s} {'faults':>7s} {'slowest':>8s}"
+    print(f"{'reader':26s} {heads}")
+    for name in dict.fromkeys(one.reader for one in results):
+        mine = [one for one in results if one.reader == name]
+        counts = Counter(one.ending for one in mine)
+        taken, refused = counts["accepted"], counts["refused"]
+        slowest, passed = max(one.seconds for one in mine), sum(one.passed for one in mine)
+        figures = f"{len(mine):6d} {passed:7d} {taken:6d} {refused:8d} {len(mine) - taken - refused:7d}"
+        print(f"{name:26s} {figures} {slowest:8.2f}")
+    bad = [one for one in results if one.ending not in ("accepted", "refused")]
+    for fault in {one.fault[-200:]: one for one in bad}.values():
+        print(f"\n{fault.seed}: {fault.ending}\n{fault.fault}")
+    passed = sum(one.passed for one in results)
+    print(f"\n{len(results)} mutations of seed {seed} in {seconds:.0f} s; {passed} past the first parser")
+    print(f"{Counter(one.ending for one in results)}; at most {megabytes:.0f} MB")
+    return 1 if bad or megabytes > MOST_MEGABYTES else 0
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("BODYCHECK_CACHE_DIR", tempfile.mkdtemp())
+    sys.exit(main())
