@@ -5,7 +5,7 @@
 Each trial runs a scenario by a worker that says one thing wrong, in one of many ways, and by the reference.
 The run must end with status 0 and the reference's rows as they are without the other engine, or with status
 2 and a line that names the engine; whole or not at all, within its time, in at most 500 MB. Prints the
-figures; ends with status 1 where a trial failed.
+figures; ends with status 1 where a trial failed, or where no worker got as far as a case.
 """
 
 from __future__ import annotations
@@ -131,6 +131,9 @@ def main() -> int:
     print(dict(endings))
     print(f"slowest run {slowest:.1f} s, at most {megabytes:.0f} MB")
     print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
+    if endings["engine unavailable"] == asked.trials:
+        print("no worker got as far as a case: the trials show nothing")
+        return 1
     return 1 if failed or megabytes > MOST_MEGABYTES else 0
 
 

@@ -37,7 +37,7 @@ from test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
 import bodycheck
 from bodycheck._util.errors import BodycheckError
 from bodycheck._util.untrusted import LONGEST_LINE, printable_lines
-from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.contract import Build, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol
@@ -238,7 +238,7 @@ def _messages(sound: Path) -> list[Reader]:
     reference = Reference()
     case = Case(scene, "m1", Setting(dt_s=0.01))
     said = {
-        "announcement": protocol.announcement(reference, ""),
+        "announcement": protocol.announcement(reference, Build()),
         "answer": protocol.answer_message(record(reference, case)),
         "lap": {"outcome": "ok", "cpu_s": 1.5},
         "search": {"outcome": "ok", "message": "", "stable_s": 0.1, "unstable_s": 0.2, "reason": "x"},

@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 from misbehaving import Misbehaving
 from mutations import any_bytes, changed
 
+from bodycheck.adapters.contract import Build
 from bodycheck.adapters.workers import protocol
 from bodycheck.adapters.workers.worker import RequestHandler
 
@@ -85,7 +86,7 @@ def main() -> None:
     adapter.methods = {METHOD: adapter.methods[METHOD]}
     out, desk = os.fdopen(os.dup(1), "wb"), RequestHandler(adapter)
     os.dup2(2, 1)
-    announcement = protocol.announcement(adapter, "")
+    announcement = protocol.announcement(adapter, Build())
     _say(out, announcement, dice, way if aim == "announcement" else None)
     for line in sys.stdin.buffer:
         request = protocol.message_of(line)
