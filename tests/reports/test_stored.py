@@ -98,6 +98,10 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
         _text("methods.csv", lambda text: text.replace("Z-", "Z-0")),
         "but the tables of",
     ),
+    "unknown quantity": (
+        _text("methods.csv", lambda text: text.replace(",omega_error,", ",omega_fault,")),
+        "unknown quantity 'omega_fault'",
+    ),
     "a column more": (
         _text("methods.csv", lambda text: text.replace("verdict", "judgement")),
         "missing column",

@@ -18,7 +18,7 @@ from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
-from bodycheck.reports.measurement.measures import Motion
+from bodycheck.reports.measurement.measures import MEASURES, Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.manifest_schema import check_manifest
@@ -74,11 +74,12 @@ def read_tables(folder: Path) -> Tables:
     stability = read_rows(folder / "stability.csv", STABILITY_COLUMNS, _OF_EVERY_SEARCH)
     path = folder / "probes.csv"  # absent from runs of earlier versions
     probes = read_rows(path, PROBE_COLUMNS, _OF_EVERY_CHECK) if path.exists() else []
-    _check_words(folder / "results.csv", results, "outcome")
+    _check_words(folder / "results.csv", results, "outcome", STATES)
     _check_commands(folder / "results.csv", results)
     _check_commands(path, probes)
-    _check_words(folder / "methods.csv", methods, "verdict")
-    _check_words(folder / "stability.csv", stability, "outcome")
+    _check_words(folder / "methods.csv", methods, "verdict", STATES)
+    _check_words(folder / "methods.csv", methods, "quantity", MEASURES)
+    _check_words(folder / "stability.csv", stability, "outcome", STATES)
     run_id, rows = manifest["run_id"], (*results, *methods, *stability)
     if others := {row["run_id"] for row in (*rows, *probes)} - {run_id}:
         raise InputError(f"{folder}: manifest.json is of run {run_id}, but the tables of {', '.join(others)}")
@@ -115,10 +116,10 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return check_manifest(folder / "manifest.json", _json(folder, "manifest.json"))
 
 
-def _check_words(path: Path, rows: Iterable[dict[str, Any]], column: str) -> None:
+def _check_words(path: Path, rows: Iterable[dict[str, Any]], column: str, known: Iterable[str]) -> None:
     """Raise InputError where a row has a word that this version does not write."""
-    if unknown := {row[column] for row in rows} - {"ok", *STATES}:
-        raise InputError(f"{path}: unknown {column} {sorted(unknown)[0]!r} (available: {', '.join(STATES)})")
+    if unknown := {row[column] for row in rows} - {"ok", *known}:
+        raise InputError(f"{path}: unknown {column} {sorted(unknown)[0]!r} (available: {', '.join(known)})")
 
 
 def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
