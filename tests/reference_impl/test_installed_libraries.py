@@ -38,7 +38,7 @@ def test_a_patched_library_is_another(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_nothing_is_imported_to_know_it() -> None:
-    """numba takes a second to import, and what is told by its file needs none of it."""
+    """Importing numba takes a second; reading its version from the installed files must not import it."""
     program = (
         "import sys; from bodycheck._util.platform_identity import numeric_parts; "
         "parts = numeric_parts(); sys.exit(bool({'numba', 'scipy', 'llvmlite'} & sys.modules.keys()))"

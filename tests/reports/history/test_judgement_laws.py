@@ -38,7 +38,7 @@ def judged(*nights: Tables, monkeypatch: pytest.MonkeyPatch) -> Judgement:
 
 
 def night_of(found: Tables, accepted: Tables) -> SimpleNamespace:
-    """Return a night of the past, with the levels that were accepted after it."""
+    """Return an earlier nightly run, with the levels accepted after it."""
 
     def same_scenarios(manifest: dict[str, Any]) -> set[str]:
         mine = found.manifest["scenarios"]
@@ -56,7 +56,7 @@ def night_of(found: Tables, accepted: Tables) -> SimpleNamespace:
 def judged_after(
     before: list[SimpleNamespace], tonight: Tables, monkeypatch: pytest.MonkeyPatch
 ) -> Judgement:
-    """Return what a night is beside those before, the newest of which comes first."""
+    """Return the judgement of a nightly run against its baseline runs, newest first."""
     by_folder = {night.folder: night.tables for night in before}
 
     def recorded(folders: list[Path]) -> pd.DataFrame:
