@@ -1,6 +1,6 @@
 """Makes pictures of a real report, for the README and the docs.
 
-python docs/report_picture.py RUN_FOLDER: docs/report.png, from the top to the plot over all scenarios.
+python docs/report_picture.py RUN_FOLDER: docs/report.png, from the top to the map of all methods.
 python docs/report_picture.py RUN_FOLDER SCENARIO: docs/report-plots.png and docs/report-motion.png.
 
 RUN_FOLDER is what `bodycheck run --out RUN_FOLDER` left; the test extra and Chromium are needed.
@@ -19,16 +19,15 @@ WIDTH, HEIGHT = 1440, 2000
 
 
 def front(page: Page) -> None:
-    """Take the page down to its plot over all scenarios, once that is drawn."""
-    page.wait_for_selector("[data-plot=overall][data-drawn]")
-    end = page.evaluate("() => document.querySelector('[data-plot=overall]').getBoundingClientRect().bottom")
+    """Take the page down to the map of all methods."""
+    end = page.evaluate("() => document.querySelector('#map').getBoundingClientRect().bottom")
     page.screenshot(path=HERE / "report.png", clip={"x": 0, "y": 0, "width": WIDTH, "height": end})
 
 
 def parts(page: Page, scenario: str) -> None:
     """Take the plots of a scenario and its motion, played nearly to the end."""
     section = page.locator("section.scenario", has=page.get_by_role("heading", name=scenario, exact=True))
-    section.scroll_into_view_if_needed()
+    section.locator("details").first.evaluate("part => { part.open = true; }")  # it is, in a short report
     take(section.locator(".plots"), "[data-plot]", "report-plots.png")
     motion = section.locator("[data-motion]")
     motion.scroll_into_view_if_needed()

@@ -6,14 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from made_once import made_once
-from registered import registered
-from tiers import pytest_collection_modifyitems as pytest_collection_modifyitems
 
 import bodycheck
 from bodycheck.adapters.contract import Method, Simulation
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.scene import Scene
+from tests.helpers.collection_order import pytest_collection_modifyitems as pytest_collection_modifyitems
+from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.shared_folder import shared_folder
+from tests.helpers.temporary_engines import registered
 
 # Bytecode is kept, whatever the surroundings say: some hundred processes are started, each of which would
 # compile our modules anew, and pytest goes through every assertion of these files before it can begin.
@@ -91,10 +92,21 @@ class Failing:
         return self._sound.build(scene, method, dt_s)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that writes expected_messages.toml."""
+    parser.addoption("--update-messages", action="store_true", help="write the messages that tests expect")
+
+
+@pytest.fixture
+def expected_message(request: pytest.FixtureRequest) -> ExpectedMessage:
+    """Return the comparison of a message with the one that expected_messages.toml has for this test."""
+    return ExpectedMessage(request)
+
+
 @pytest.fixture(scope="session")
 def stored_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run: a mesh, a shape, plain numbers; methods good and bad, with their speeds."""
-    return made_once(tmp_path_factory, "stored", store_run) / "run"
+    return shared_folder(tmp_path_factory, "stored", store_run) / "run"
 
 
 def store_run(folder: Path) -> None:

@@ -14,14 +14,14 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
-from front_door import bodycheck_in
-from scenario_file import SCENARIO
 
 import bodycheck
 from bodycheck.__main__ import main as bodycheck_main
 from bodycheck.adapters import registry
 from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS
 from bodycheck.runs.selection import select
+from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.scenario_texts import SCENARIO
 
 CALLED = (
     SCENARIO
@@ -59,7 +59,7 @@ def test_an_interrupt_while_the_command_is_imported_is_one_line(
 
 def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
     """One line, as a report of a fault needs it."""
-    done = bodycheck_in(tmp_path, "--version")
+    done = run_bodycheck(tmp_path, "--version")
     assert (done.returncode, done.stdout, done.stderr) == (0, f"bodycheck {version('bodycheck')}\n", "")
 
 
@@ -89,13 +89,13 @@ def test_the_reproducing_command_reproduces_the_case(tmp_path: Path) -> None:
     """The command of a row gives that row again, digit for digit, but for the time it took."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
     asked = ("run", "mine.toml", "--engine", "reference:m2,reference:exact", "--no-speed")
-    assert bodycheck_in(tmp_path, *asked, "--out", "a").returncode == 0
+    assert run_bodycheck(tmp_path, *asked, "--out", "a").returncode == 0
     with (tmp_path / "a/results.csv").open() as file:
         rows = list(csv.DictReader(file))
     row = next(row for row in rows if row["dt_s"] == "0.005")
     words = row["reproduce"].split()
     assert words[0] == "bodycheck"
-    assert bodycheck_in(tmp_path, *words[1:], "--out", "b").returncode == 0
+    assert run_bodycheck(tmp_path, *words[1:], "--out", "b").returncode == 0
     with (tmp_path / "b/results.csv").open() as file:
         again = next(csv.DictReader(file))
     timed = {
@@ -191,7 +191,7 @@ def test_wrong_input_ends_with_status_2_and_one_clear_line(what: str, tmp_path: 
     (tmp_path / "used/file").touch()
     before = sorted(path.name for path in tmp_path.iterdir())
     words, message = WRONG[what]
-    done = bodycheck_in(tmp_path, *words)
+    done = run_bodycheck(tmp_path, *words)
     assert (done.returncode, done.stdout) == (2, "")
     assert message in done.stderr
     left = sorted(path.name for path in tmp_path.iterdir() if path.name != "__pycache__")
@@ -200,7 +200,7 @@ def test_wrong_input_ends_with_status_2_and_one_clear_line(what: str, tmp_path: 
 
 def test_truth_is_printed_as_csv_with_its_bound(tmp_path: Path) -> None:
     """Columns as the trajectory CSV, times as asked for, bound_rad last; values parse back exactly."""
-    done = bodycheck_in(tmp_path, "truth", "intermediate-axis", "--at", "10,0,1")
+    done = run_bodycheck(tmp_path, "truth", "intermediate-axis", "--at", "10,0,1")
     assert done.returncode == 0, done.stderr
     rows = list(csv.reader(done.stdout.splitlines()))
     assert rows[0][:5] == ["t_s", "x_m", "y_m", "z_m", "qw"]
@@ -216,7 +216,7 @@ def test_a_body_is_printed_as_toml_at_full_precision(tmp_path: Path) -> None:
     quads = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
     lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c} {d}" for a, b, c, d in quads]
     (tmp_path / "cube.obj").write_text("\n".join(lines) + "\n")
-    done = bodycheck_in(tmp_path, "body", "cube.obj", "--density-kg-m3", "6")
+    done = run_bodycheck(tmp_path, "body", "cube.obj", "--density-kg-m3", "6")
     assert done.returncode == 0, done.stderr
     found = tomllib.loads(done.stdout)
     assert found["body"]["mass_kg"] == 6.0
@@ -231,8 +231,8 @@ def test_a_shape_and_a_users_function_are_bodies_too(tmp_path: Path) -> None:
         "import numpy as np\n\n\ndef ball(p):\n    return np.linalg.norm(p, axis=1) - 0.5\n"
     )
     size, box = ("--size-m", "0.5"), ("--box-m", "-1,-1,-1,1,1,1")
-    shape = bodycheck_in(tmp_path, "body", "sphere", *size, "--density-kg-m3", "6")
-    level_set = bodycheck_in(tmp_path, "body", "mine:ball", *box, "--density-kg-m3", "6", "--allow-code")
+    shape = run_bodycheck(tmp_path, "body", "sphere", *size, "--density-kg-m3", "6")
+    level_set = run_bodycheck(tmp_path, "body", "mine:ball", *box, "--density-kg-m3", "6", "--allow-code")
     assert shape.returncode == level_set.returncode == 0, shape.stderr + level_set.stderr
     exact, found = tomllib.loads(shape.stdout), tomllib.loads(level_set.stdout)
     assert exact["body"]["mass_kg"] == pytest.approx(np.pi, rel=1e-15, abs=0.0)
@@ -249,20 +249,20 @@ def test_a_users_load_has_a_truth_and_is_judged_by_it(tmp_path: Path) -> None:
     drag = '[[forcing]]\nkind = "drag"\nlinear_n_s_m = 0.5\nangular_n_m_s = 0.2\n'
     (tmp_path / "drag.toml").write_text(SCENARIO + drag)
     times, allowed = ("--at", "0,0.5,1"), "--allow-code"
-    called = bodycheck_in(tmp_path, "truth", "called.toml", *times, allowed)
-    written = bodycheck_in(tmp_path, "truth", "drag.toml", *times)
+    called = run_bodycheck(tmp_path, "truth", "called.toml", *times, allowed)
+    written = run_bodycheck(tmp_path, "truth", "drag.toml", *times)
     assert called.returncode == written.returncode == 0, called.stderr + written.stderr
     one, other = (
         np.loadtxt(done.stdout.splitlines(), delimiter=",", skiprows=1) for done in (called, written)
     )
     assert np.max(np.abs(one - other)) <= 1e-12
     (tmp_path / "drag.csv").write_text(written.stdout)
-    judged = bodycheck_in(tmp_path, "judge", "drag.csv", "--scenario", "called.toml", allowed)
+    judged = run_bodycheck(tmp_path, "judge", "drag.csv", "--scenario", "called.toml", allowed)
     assert judged.returncode == 0, judged.stderr
     measures = dict(line.split(maxsplit=1) for line in judged.stdout.splitlines() if len(line.split()) > 1)
     assert measures["truth"] == "certified"
     assert float(measures["orientation_error_rad"]) <= 1e-12
-    run = bodycheck_in(
+    run = run_bodycheck(
         tmp_path,
         "run",
         "called.toml",
@@ -292,7 +292,7 @@ def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
         "import os\n\n\ndef f(t, x, r, v, omega):\n"
         "    return -0.5 * v, -0.2 * omega + 0.0 * ('BODYCHECK_RUN_PID' not in os.environ or 1 / 0)\n"
     )
-    run = bodycheck_in(
+    run = run_bodycheck(
         tmp_path,
         *("run", "called.toml", "--engine", "reference:m1", "--dt", "0.02", "--no-speed", "--allow-code"),
         *("--out", "out"),
@@ -307,7 +307,7 @@ def test_a_function_that_fails_in_an_engine_is_shown(tmp_path: Path) -> None:
 def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:
     """Each child has its row, and the command beside it runs that child alone."""
     (tmp_path / "family.toml").write_text(FAMILY)
-    done = bodycheck_in(
+    done = run_bodycheck(
         tmp_path, "run", "family.toml", "--engine", "reference:exact", "--no-speed", "--out", "out"
     )
     assert done.returncode == 0, done.stderr
@@ -315,7 +315,7 @@ def test_a_child_of_a_family_runs_and_reproduces(tmp_path: Path) -> None:
     assert results["scenario"].tolist() == ["mine/1.0", "mine/2.0"]
     assert set(results["family"]) == {"mine"}
     words = results["reproduce"][1].split()[1:]
-    again = bodycheck_in(tmp_path, *words, "--no-speed", "--out", "again")
+    again = run_bodycheck(tmp_path, *words, "--no-speed", "--out", "again")
     assert again.returncode == 0, again.stderr
     assert pd.read_csv(tmp_path / "again/results.csv")["scenario"].tolist() == ["mine/2.0"]
 
@@ -330,7 +330,7 @@ def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
         SCENARIO.replace(numbers, 'mesh = "part.obj"\ndensity_kg_m3 = 600.0\n')
     )
     words = ("run", "mine.toml", "--engine", "reference:m1", "--dt", "0.01", "--no-speed", "--out", "out")
-    done = bodycheck_in(tmp_path, *words)
+    done = run_bodycheck(tmp_path, *words)
     assert done.returncode == 0, done.stderr
     note = "the mesh was inside-out; all its triangles were turned"
     assert f"mine: {note}" in " ".join(done.stdout.split())
@@ -353,7 +353,7 @@ def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
 )
 def test_list_names_what_there_is(what: str, expected: str, tmp_path: Path) -> None:
     """Each catalogue has a line that begins with the name."""
-    done = bodycheck_in(tmp_path, "list", what)
+    done = run_bodycheck(tmp_path, "list", what)
     assert done.returncode == 0, done.stderr
     assert any(line.startswith(expected) for line in done.stdout.splitlines())
 

@@ -1,9 +1,10 @@
-"""What README and docs show works word for word."""
+"""README and docs: every command, sample and link in them works."""
 
 from __future__ import annotations
 
 import os
 import re
+import runpy
 import shlex
 import shutil
 import stat
@@ -17,14 +18,17 @@ from typing import Any
 import pytest
 import typer
 import yaml
-from doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, text_of
 
 import bodycheck
+from bodycheck.adapters.programs import named_programs
+from bodycheck.adapters.registry import get_adapter, optional_engines, stated_by
 from bodycheck.cli.commands import app
 from bodycheck.reports.gates.gate import read_gates, read_thresholds
 from bodycheck.reports.gates.thresholds import THRESHOLD
+from bodycheck.reports.recordings.column_map import read_map
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
 from bodycheck.scenarios.reader import parse_members
+from tests.helpers.doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, text_of
 
 NOT_RUN = {
     "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/bodycheck run": "installs; takes minutes",
@@ -42,11 +46,16 @@ NOT_RUN = {
     "bodycheck versions mujoco --since 3.6": "installs, and takes minutes",
     "bodycheck versions mujoco --since 3.6 --measure order.orientation_error_rad": "the same",
     "bodycheck versions mujoco --since 3.6 --scenario spinning-box.toml --every": "the same",
+    "bodycheck versions mujoco --since 3.6 --audit arm.urdf": "the same",
     "bodycheck run intermediate-axis --engine mujoco==3.17.0 --no-speed --out old": (
         "installs; tests/test_versions.py compares these two releases"
     ),
     "bodycheck run intermediate-axis --engine mujoco==4.0.0 --no-speed --out new": "the same",
     "bodycheck compare old new --fail-on worse": "needs the two before",
+    "bodycheck environments make drake rapier-js": "installs",
+    'bodycheck run full-tensor --engine "cmd:node docs/workers/m1.mjs,reference:m1" --no-speed': (
+        "needs Node; tests/adapters/test_programs.py does that"
+    ),
     "bodycheck run --out whole && python docs/report_picture.py whole": "takes minutes",
 }
 """Commands that are shown and not run here, and why."""
@@ -60,13 +69,17 @@ FILES = {
     "my_shapes.py": ("docs/scenarios.md", "python", 1),
     "gates.toml": ("docs/gates.md", "toml", 0),
     "plate.toml": ("docs/start.md", "toml", 0),
+    "arm.urdf": ("docs/audit.md", "xml", 0),
     "steady.csv": ("docs/questions.md", "text", 0),
+    "log.csv": ("docs/recordings.md", "text", 0),
+    "log-map.toml": ("docs/recordings.md", "toml", 0),
     "drift.py": ("docs/workers.md", "python", 0),
-    "drifting.toml": ("docs/workers.md", "toml", 0),
+    "drifting.toml": ("docs/workers.md", "toml", 1),
 }
 """The files that pages speak of and show: by the page, the language and the place of the block."""
 
 LANGUAGES = {
+    "xml": "a model file: read by bodycheck",
     "sh": "its lines are run, and end with status 0",
     "console": "the same; what they print is compared but for white space, ... standing for anything",
     "python": "run as a script, or by pytest where it has tests",
@@ -102,18 +115,18 @@ def scripts(page: str) -> list[Block]:
     return [block for block in blocks(page, "python") if not has_tests(block)]
 
 
-def test_every_block_is_of_a_language_that_is_tested() -> None:
-    """What stands between fences is run, read, or said not to be code; the rest are Sphinx's directives."""
+def test_every_block_has_a_tested_language() -> None:
+    """Fenced blocks are run, read, or marked as not code; the rest are directives of Sphinx."""
     found = {block.language for page in pages() for block in blocks(page)}
     assert {language for language in found if not language.startswith("{")} <= set(LANGUAGES)
 
 
-def test_what_is_not_run_is_still_shown() -> None:
-    """Each command that is listed as not run stands on some page."""
+def test_commands_listed_as_not_run_are_shown() -> None:
+    """Each command that is listed as not run is on some page."""
     assert set(NOT_RUN) <= {command.line for page in pages() for command in commands(page)}
 
 
-def test_the_files_shown_are_spoken_of() -> None:
+def test_prepared_files_are_named() -> None:
     """Each file that is prepared from a page's block is named on some page."""
     for name in FILES:
         assert any(name in text_of(page) for page in pages())
@@ -177,7 +190,7 @@ def run_in(folder: Path, line: str) -> subprocess.CompletedProcess[str]:
 
 
 def check_commands(page: str, folder: Path) -> None:
-    """Run the commands of a page one after the other; each ends with 0, and prints what the page says."""
+    """Run the commands of a page in their order; each must end with 0 and print what the page shows."""
     for command in shown(page):
         done = run_in(folder, command.line)
         assert done.returncode == 0, f"{command.line}\n{done.stdout}"
@@ -195,8 +208,8 @@ def check_commands(page: str, folder: Path) -> None:
         if shown(page)
     ],
 )
-def test_the_commands_of_a_page_work(page: str, folder: Path) -> None:
-    """One after the other, with the files of the docs beside them."""
+def test_commands_of_a_page_work(page: str, folder: Path) -> None:
+    """They are run one after the other, next to the files of the docs."""
     needed = " ".join(command.line for command in shown(page))
     if "pybullet" in needed:  # has no wheels for later Pythons
         pytest.importorskip("pybullet")
@@ -220,8 +233,8 @@ def write_tests(page: str, folder: Path) -> int:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in pages() if any(map(has_tests, blocks(page)))])
-def test_the_tests_of_a_page_pass(page: str, folder: Path) -> None:
-    """Each Python block with tests is a file; all pass, by the page's own command where it has one."""
+def test_tests_of_a_page_pass(page: str, folder: Path) -> None:
+    """Each Python block with tests is a file whose tests pass, with the page's command if it has one."""
     wanted = write_tests(page, folder)
     done = run_in(folder, command_of_tests(page))
     assert done.returncode == 0, done.stdout
@@ -232,8 +245,8 @@ def test_the_tests_of_a_page_pass(page: str, folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in pages() if scripts(page)])
-def test_the_python_of_a_page_works(page: str, folder: Path) -> None:
-    """The other Python blocks of a page, one after the other, are a script that ends with status 0."""
+def test_python_of_a_page_works(page: str, folder: Path) -> None:
+    """The other Python blocks of a page, in their order, are a script that ends with status 0."""
     (folder / "page.py").write_text("\n".join(block.text for block in scripts(page)))
     done = run_in(folder, "python page.py")
     assert done.returncode == 0, done.stdout
@@ -256,7 +269,7 @@ def a_scenario_with(text: str) -> str:
     "block", [block for page in pages() for block in blocks(page, "toml")], ids=lambda block: block.page
 )
 def test_toml_of_the_docs_is_accepted(block: Block, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Gates and thresholds are read as such; a scenario is a good one, the first with each table, too."""
+    """Gates, thresholds and programs are read as such; scenarios are valid with the tables before them."""
     monkeypatch.chdir(folder)
     if "[[change]]" in block.text:
         (folder / "shown.toml").write_text(block.text)
@@ -265,6 +278,14 @@ def test_toml_of_the_docs_is_accepted(block: Block, folder: Path, monkeypatch: p
     if "[[gate]]" in block.text:
         (folder / "shown.toml").write_text(block.text)
         assert len(read_gates(folder / "shown.toml")) == block.text.count("[[gate]]")
+        return
+    if "euler_1_rad" in block.text:
+        (folder / "shown.toml").write_text(block.text)
+        assert read_map([folder / "shown.toml"]).euler == "ZYX"
+        return
+    if "[engines." in block.text:
+        (folder / "engines.toml").write_text(block.text)
+        assert len(named_programs()) == block.text.count("[engines.")
         return
     whole = a_scenario_with(block.text)
     assert block.text in whole
@@ -285,8 +306,8 @@ def inline_commands() -> list[str]:
 
 
 @pytest.mark.parametrize("line", [line for line in inline_commands() if line.startswith("bodycheck ")])
-def test_a_command_within_the_text_has_options_that_there_are(line: str) -> None:
-    """Its command and options are known; what it is told may be left out, or stand in capitals."""
+def test_command_within_the_text_has_existing_options(line: str) -> None:
+    """Its command and options exist; values may be left out or written in capitals."""
     check_options(line)
 
 
@@ -306,7 +327,7 @@ def check_options(line: str) -> None:
     "block", [block for page in pages() for block in blocks(page, "yaml")], ids=lambda block: block.page
 )
 def test_steps_of_a_workflow_are_steps(block: Block) -> None:
-    """Each is read as a step that runs something; the bodycheck commands in them are there."""
+    """Each is read as a step that runs something; the bodycheck commands in them exist."""
     for step in yaml.safe_load(block.text):
         assert set(step) == {"run"}
         if step["run"].startswith("bodycheck "):
@@ -314,7 +335,7 @@ def test_steps_of_a_workflow_are_steps(block: Block) -> None:
 
 
 @pytest.mark.parametrize("line", [line for line in inline_commands() if not line.startswith("bodycheck ")])
-def test_a_command_within_the_text_names_files_that_there_are(line: str) -> None:
+def test_command_within_the_text_names_existing_files(line: str) -> None:
     """Tests and scripts that the text names are in the repository."""
     named = [word for word in shlex.split(line)[1:] if "/" in word]
     assert all((ROOT / word).exists() for word in named)
@@ -330,8 +351,8 @@ def anchors(page: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("page", pages())
-def test_links_lead_to_files_and_headings_that_there_are(page: str) -> None:
-    """In the repository too, where Sphinx does not look after them."""
+def test_links_lead_to_existing_files_and_headings(page: str) -> None:
+    """Links into the repository count, which Sphinx does not check."""
     for name, anchor in LINK.findall(text_of(page)):
         target = (ROOT / page).parent / name if name else ROOT / page
         assert target.exists(), name
@@ -342,8 +363,8 @@ CODE = re.compile(r"^\*Code:\*(.*?)(?=\n\n)", flags=re.DOTALL | re.MULTILINE)
 
 
 @pytest.mark.parametrize("page", ["docs/theory.md", "docs/truth.md"])
-def test_the_code_that_a_page_names_is_there_and_documented(page: str) -> None:
-    """Each name behind *Code:* is in reference_impl, has a docstring, and the interface shows its module."""
+def test_code_named_by_a_page_exists_and_is_documented(page: str) -> None:
+    """Each name after *Code:* is in reference_impl, has a docstring, and its module is in the interface."""
     interface = text_of("docs/api.md")
     paragraphs = CODE.findall(text_of(page))
     assert len(paragraphs) >= 3
@@ -366,26 +387,23 @@ def resolved(name: str) -> tuple[str, object]:
     raise AssertionError(f"no module: {name}")
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference"])
-def test_an_engines_page_has_its_methods(engine: str) -> None:
-    """Each method is named, and each default that is changed for it."""
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference", *optional_engines()])
+def test_table_of_methods_equals_the_adapter(engine: str) -> None:
+    """The page of an engine is what docs/method_tables.py writes from its adapter."""
     if engine == "pybullet":  # has no wheels for later Pythons
         pytest.importorskip("pybullet")
-    from bodycheck.adapters.registry import get_adapter
-
-    page = " ".join(text_of(f"docs/engines/{engine}.md").split())
-    for method in get_adapter(engine).methods.values():
-        assert f"`{method.name}`" in page
-        for changed in method.changed_defaults:
-            assert changed in page
+    tables = runpy.run_path(str(ROOT / "docs/method_tables.py"))
+    page = text_of(f"docs/engines/{engine}.md")
+    adapter = stated_by(engine) or get_adapter(engine)
+    assert tables["with_tables"](page, adapter.methods.values()) == page
 
 
 # --------------------------------------------------------------------------------------- what is found
 
 
 @pytest.mark.slow
-def test_the_readme_finds_what_it_says() -> None:
-    """The figures of the table are those of a run, to the digits that it shows."""
+def test_readme_findings_are_those_of_a_run() -> None:
+    """The figures of the table are those of a run, to the digits shown."""
     found = bodycheck.run(
         ["intermediate-axis"],
         engines=["mujoco:euler", "mujoco:implicit", "mujoco:rk4", "dart", "reference:lie-euler"],
@@ -412,8 +430,8 @@ def test_the_readme_finds_what_it_says() -> None:
             assert measured["angular_momentum_drift"] == pytest.approx(float(drift), rel=0.15)
 
 
-def test_the_small_body_shows_what_the_readme_says() -> None:
-    """PyBullet in maximal coordinates does not converge on the small body; in reduced ones it does."""
+def test_small_body_behaves_as_the_readme_states() -> None:
+    """PyBullet does not converge on the small body in maximal coordinates, and does in reduced ones."""
     pytest.importorskip("pybullet")
     found = bodycheck.run([ROOT / "docs/small-body.toml"], engines=["pybullet"], speed=False).methods
     verdicts = found[found["quantity"] == "orientation_error_rad"].set_index("method")["verdict"]
@@ -421,6 +439,6 @@ def test_the_small_body_shows_what_the_readme_says() -> None:
 
 
 def test_ci_runs_the_test_command_of_the_readme() -> None:
-    """The README has exactly one line that ends in -m pytest, which is the one that CI takes."""
+    """The README has exactly one line that ends in -m pytest, and CI runs it."""
     lines = (ROOT / "README.md").read_text().splitlines()
     assert sum(line.endswith("-m pytest") for line in lines) == 1

@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[1]
 
 
 @pytest.mark.nightly
-def test_the_docs_build_without_a_warning(tmp_path: Path) -> None:
-    """Every page is in a contents list, every link and every name of the interface is found."""
+def test_docs_build_without_a_warning(tmp_path: Path) -> None:
+    """Every page is in a table of contents; every link and every name of the interface is found."""
     (command,) = (line for line in (ROOT / ".ci/run").read_text().splitlines() if "sphinx-build" in line)
     _, *options, source, _ = command.split()
     words = [sys.executable, "-m", "sphinx", *options, "-d", str(tmp_path / "trees"), source]

@@ -1,4 +1,4 @@
-"""Whatever an engine does costs the case in which it does so, and nothing else."""
+"""Faults of engines: each fails the case in which it occurs, and nothing else."""
 
 from __future__ import annotations
 
@@ -11,15 +11,24 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from misbehaving import ACTS, BAD_STEP_S, LIES, ONLY_TIMED, READINGS, SOLUTIONS, SOUND_STEPS_S, Misbehaving
-from processes import all_gone
-from registered import registered
-from scenario_file import MEASURED_ANEW, SCENARIO
 
 import bodycheck
 from bodycheck.adapters import registry
 from bodycheck.adapters.registry import register_adapter
 from bodycheck.reports.run_files.run_tables import Run
+from tests.helpers.misbehaving_engine import (
+    ACTS,
+    BAD_STEP_S,
+    LIES,
+    ONLY_TIMED,
+    READINGS,
+    SOLUTIONS,
+    SOUND_STEPS_S,
+    Misbehaving,
+)
+from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO
+from tests.helpers.temporary_engines import registered
+from tests.helpers.worker_processes import all_gone
 
 TIMEOUT_S = 4.0
 
@@ -86,8 +95,8 @@ def run_of(scenario: Path, *, sound: bool, methods: list[str], speed: bool) -> R
 
 
 def rows_of(run: Run) -> pd.DataFrame:
-    """Return the rows but for what is measured anew in each run."""
-    return run.results.drop(columns=MEASURED_ANEW)
+    """Return the rows without the columns that differ between equal runs."""
+    return run.results.drop(columns=RUN_SPECIFIC_COLUMNS)
 
 
 def goes_wrong(rows: pd.DataFrame) -> pd.Series[bool]:
@@ -109,15 +118,15 @@ def faulty(scenario: Path) -> Iterator[Run]:
     assert all_gone(os.getpid())
 
 
-def test_every_kind_of_fault_is_tried() -> None:
+def test_every_kind_of_fault_has_an_expected_outcome() -> None:
     """No way to misbehave is without an expected ending."""
     assert set(ENDINGS) == {*ACTS, *READINGS, *LIES, *SOLUTIONS, ONLY_TIMED}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ENDINGS)
-def test_a_fault_is_the_outcome_of_its_case(kind: str, faulty: Run) -> None:
-    """The row says how the case ended, and why, in one line that is not without end."""
+def test_fault_is_the_outcome_of_its_case(kind: str, faulty: Run) -> None:
+    """The row has the outcome and the reason, in one line of limited length."""
     rows = faulty.results[goes_wrong(faulty.results) & (faulty.results["method"] == kind)]
     row = rows.iloc[0]
     outcome, message = ENDINGS[kind]
@@ -131,7 +140,7 @@ def test_a_fault_is_the_outcome_of_its_case(kind: str, faulty: Run) -> None:
 
 
 @pytest.mark.slow
-def test_the_report_says_what_went_wrong(faulty: Run, tmp_path: Path) -> None:
+def test_report_has_every_message(faulty: Run, tmp_path: Path) -> None:
     """Each message stands in it."""
     report = unescape(bodycheck.write_run(faulty, tmp_path / "out").read_text())
     for _, message in ENDINGS.values():
@@ -139,8 +148,8 @@ def test_the_report_says_what_went_wrong(faulty: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_fault_costs_no_other_case(faulty: Run, sound: Run) -> None:
-    """All the other rows are those of a run without a fault, digit for digit; so are those after a flood."""
+def test_fault_changes_no_other_case(faulty: Run, sound: Run) -> None:
+    """All other rows equal those of a run without a fault, bit for bit, also after a flood of output."""
     rows, expected = rows_of(faulty), rows_of(sound)
     others = ~goes_wrong(rows)
     # what a case left behind in its worker is found out, and said, by asking once more
@@ -156,8 +165,8 @@ def test_a_fault_costs_no_other_case(faulty: Run, sound: Run) -> None:
 
 
 @pytest.mark.slow
-def test_an_engine_that_dies_while_it_is_timed_loses_its_speed_alone(scenario: Path, sound: Run) -> None:
-    """The row keeps its measures and says why there is no speed; all cases that ended well have theirs."""
+def test_engine_that_dies_while_timed_loses_only_its_speed(scenario: Path, sound: Run) -> None:
+    """The row keeps its measures and the reason; all other successful cases have a speed."""
     methods = ["close-output", "other-mass", ONLY_TIMED]  # in the order of the whole run
     faulty = run_of(scenario, sound=False, methods=methods, speed=True)
     rows, expected = rows_of(faulty), rows_of(sound)
@@ -189,7 +198,7 @@ AT_IMPORT = {
         "the worker exited with status 3; its last output: licence expired",
     ),
     "other-name": (
-        "from misbehaving import Misbehaving as Ghost",
+        "from tests.helpers.misbehaving_engine import Misbehaving as Ghost",
         "ghost announces itself as 'misbehaving'",
     ),
 }
@@ -197,10 +206,10 @@ AT_IMPORT = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", AT_IMPORT)
-def test_an_engine_that_cannot_be_imported_is_said_so_in_one_line(
+def test_engine_that_cannot_be_imported_is_refused_in_one_line(
     kind: str, scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """However its module goes wrong, the run that asks for it ends with the reason."""
+    """However the import fails, a run that names the engine ends with the reason."""
     code, reason = AT_IMPORT[kind]
     (tmp_path / "ghost.py").write_text(code)
     facts = tmp_path / "ghost-1.0.dist-info"
@@ -222,8 +231,8 @@ def test_an_engine_that_cannot_be_imported_is_said_so_in_one_line(
     assert all_gone(os.getpid())
 
 
-def test_an_adapter_that_cannot_leave_its_process_is_run_in_it(scenario: Path) -> None:
-    """A class that one function alone has is measured all the same, and what it raises is an outcome."""
+def test_adapter_that_cannot_be_pickled_runs_in_the_process(scenario: Path) -> None:
+    """A class local to a function is measured too, and its exception is an outcome."""
 
     class Local(Misbehaving):
         """An adapter that no other process can import."""
@@ -235,8 +244,8 @@ def test_an_adapter_that_cannot_leave_its_process_is_run_in_it(scenario: Path) -
     assert rows["message"].tolist()[1] == "GeneratorExit:"
 
 
-def test_what_is_no_adapter_is_not_registered() -> None:
-    """The message says what it lacks."""
+def test_invalid_adapter_is_not_registered() -> None:
+    """The message lists what is missing."""
     with pytest.raises(
         bodycheck.InputError, match="is not an adapter: it has no name, no version, no methods"
     ):
@@ -245,7 +254,7 @@ def test_what_is_no_adapter_is_not_registered() -> None:
 
 SCRIPT = """
 import bodycheck
-from misbehaving import Misbehaving
+from tests.helpers.misbehaving_engine import Misbehaving
 
 
 class Mine(Misbehaving):
@@ -259,7 +268,7 @@ print(run.results["outcome"].tolist(), run.results["message"].tolist())
 
 
 @pytest.mark.slow
-def test_a_script_that_defines_an_engine_is_shielded_from_it(tmp_path: Path) -> None:
+def test_script_that_defines_an_engine_is_isolated_from_it(tmp_path: Path) -> None:
     """A worker defines what the script defines, and does not start a run of its own."""
     (tmp_path / "mine.toml").write_text(SCENARIO)
     (tmp_path / "script.py").write_text(SCRIPT)

@@ -1,4 +1,4 @@
-"""The command `gate`: what it prints, what it writes, and how it ends."""
+"""The command `gate`: its output, its files and its exit status."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from scenario_file import tumbling
 from typer.testing import CliRunner, Result
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli import commands
+from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.gate import parse_gates
-from bodycheck.reports.gates.gate_output import as_json, as_junit
+from bodycheck.reports.gates.gate_output import as_junit, results_data
 from bodycheck.reports.gates.verdict import held
+from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.runs import gate_run
 from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
 from bodycheck.runs.selection import Selection
+from tests.helpers.scenario_texts import tumbling
 
 SCENARIO = tumbling(steps_s=[0.05, 0.02])
 KEPT = """
@@ -85,34 +87,58 @@ def gate(*words: str | Path) -> Result:
 
 
 def test_gates_that_hold_end_with_status_0(folder: Path, stored_run: Path) -> None:
-    """One line a gate, its worst value, and the count; nothing is written."""
+    """One line per gate, its worst value, and the count; nothing is written."""
     before = sorted(folder.iterdir())
     done = gate("--tolerances", "kept.toml", "--run", stored_run)
     assert done.exit_code == 0, done.output
     lines = done.stdout.splitlines()
     assert [line.split()[0] for line in lines] == ["passed", "passed", "2"]
-    assert "[0] free reference:rk4: order.orientation_error_rad >= 3.9 and <= 4.1: 1 case; worst " in lines[0]
+    assert (
+        "[0]  free reference:rk4: order.orientation_error_rad >= 3.9 and <= 4.1: 1 case; worst " in lines[0]
+    )
     assert lines[-1] == "2 gates: 2 passed"
     assert sorted(folder.iterdir()) == before
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_gate_that_fails_ends_with_status_1_and_its_commands(stored_run: Path) -> None:
-    """The table has obtained, bound, distance and the command of each case; the reason stands below."""
+def test_failed_gate_ends_with_status_1_and_its_commands(stored_run: Path) -> None:
+    """The table has value, bound, distance and command of each case, with the reason below."""
     done = gate("--tolerances", "broken.toml", "--run", stored_run)
     assert done.exit_code == 1
     assert done.stdout.splitlines()[-1] == "3 gates: 2 passed, 1 failed"
-    table = [line for line in done.stdout.splitlines() if "--engine reference:m1 --dt" in line]
-    assert len(table) >= 5
-    for line in table:
+    lines = done.stdout.splitlines()
+    commands = [k for k, line in enumerate(lines) if "--engine reference:m1 --dt" in line]
+    assert len(commands) >= 5
+    for k in commands:
+        line = f"{lines[k - 1]} {lines[k]}"
         for cell in ("orientation_error_rad <= 1e-9", "decades beyond", "bodycheck run ", "free.toml"):
             assert cell in line
     assert "[2] M1 is of order 1" in done.stdout
 
 
+def test_a_failed_order_lists_the_error_at_each_step(folder: Path, stored_run: Path) -> None:
+    """On the terminal, in the JUnit file and in JSON, with the order between neighbours."""
+    bound = 'measure = "order.orientation_error_rad"\nlower = 3.9\n'
+    head, _, tail = BROKEN.partition("measure = ")
+    (folder / "order.toml").write_text(head + bound + tail[tail.index("reason") :])
+    done = gate("--tolerances", "order.toml", "--run", stored_run, "--junit", "a.xml")
+    data = gate("--tolerances", "order.toml", "--run", stored_run, "--json")
+    assert done.exit_code == data.exit_code == 1
+    table = read_tables(stored_run).results
+    own = table[table["reproduce"].str.contains("free.toml --engine reference:m1 ", regex=False)]
+    own = own.sort_values("dt_s", ascending=False)
+    (row,) = json.loads(data.stdout)["gates"][0]["rows"]
+    assert [line.split(":")[0] for line in row["errors"]] == [f"dt {dt_s!r} s" for dt_s in own["dt_s"]]
+    for line, error in zip(row["errors"], own["orientation_error_rad"], strict=True):
+        assert float(line.split(": ")[1].split(",")[0]) == pytest.approx(error, rel=1e-3)
+        assert f"free reference:m1: {line}" in done.stdout
+        assert line in Path("a.xml").read_text()
+    assert all(0.9 < float(line.split("order ")[1]) < 1.1 for line in row["errors"][1:])
+
+
 @pytest.mark.usefixtures("folder")
 def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None:
-    """An engine that always fails and a scenario that is not there are told as such."""
+    """An engine that always fails and a missing scenario are reported as such."""
     done = gate("--tolerances", "idle.toml", "--run", stored_run)
     assert done.exit_code == 1
     nothing = [line for line in done.stdout.splitlines() if line.startswith("nothing")]
@@ -125,14 +151,14 @@ def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None
     assert done.stdout.splitlines()[-1] == "4 gates: 2 passed, 2 measured nothing"
 
 
-def test_junit_and_json_say_the_same_as_the_terminal(folder: Path, stored_run: Path) -> None:
-    """A test case a gate, a failure for each that did not pass; JSON has each number in full."""
-    done = gate("--tolerances", "idle.toml", "--run", stored_run, "--junit", "g.xml", "--json", "g.json")
+def test_junit_and_json_equal_the_terminal(folder: Path, stored_run: Path) -> None:
+    """One test case per gate, a failure for each that did not pass; JSON has each number in full."""
+    done = gate("--tolerances", "idle.toml", "--run", stored_run, "--junit", "g.xml", "--json")
     assert done.exit_code == 1
     suite = ElementTree.parse(folder / "g.xml").getroot()[0]
     assert (suite.get("tests"), suite.get("failures")) == ("4", "2")
     assert [case.find("failure") is not None for case in suite] == [False, False, True, True]
-    told = json.loads((folder / "g.json").read_text())
+    told = json.loads(done.stdout)
     assert told["passed"] is False
     assert told["run_id"] == json.loads((stored_run / "manifest.json").read_text())["run_id"]
     assert [gate["status"] for gate in told["gates"]] == ["passed", "passed", "nothing", "nothing"]
@@ -142,19 +168,19 @@ def test_junit_and_json_say_the_same_as_the_terminal(folder: Path, stored_run: P
 
 
 def test_any_message_of_an_engine_fits_into_xml_and_json() -> None:
-    """Control characters, angle brackets and lone surrogates leave well-formed files."""
-    from gated import a_run
+    """Control characters, angle brackets and lone surrogates give well-formed files."""
+    from tests.helpers.gate_tables import make_tables
 
     gates = parse_gates('[[gate]]\nmeasure = "energy_drift"\nupper = 1.0\nreason = "r"\n', "t")
-    results = held(gates, a_run([{"outcome": "failed", "message": "\x1b[31m<&>\x00\ud800\n"}]))
+    results = held(gates, make_tables([{"outcome": "failed", "message": "\x1b[31m<&>\x00\ud800\n"}]))
     failure = ElementTree.fromstring(as_junit(results, "t")).find(".//failure")
     assert failure is not None
     assert "[31m<&>" in (failure.text or "")
-    assert json.loads(as_json(results, "t", "r"))["gates"][0]["status"] == "nothing"
+    assert json.loads(json_text(results_data(results, "t", "r")))["gates"][0]["status"] == "nothing"
 
 
-def test_update_tightens_the_file_and_says_by_what_margin(folder: Path, stored_run: Path) -> None:
-    """The bound comes to the worst value and the margin; the second time there is nothing to do."""
+def test_update_tightens_the_bounds_and_prints_the_margin(folder: Path, stored_run: Path) -> None:
+    """The bound becomes the worst value with the margin; a second update changes nothing."""
     words = ("--tolerances", "kept.toml", "--run", stored_run, "--update", "--margin", "0.5")
     done = gate(*words)
     assert done.exit_code == 0, done.output
@@ -172,7 +198,7 @@ def test_update_tightens_the_file_and_says_by_what_margin(folder: Path, stored_r
 
 
 def test_update_loosens_nothing_without_a_reason(folder: Path, stored_run: Path) -> None:
-    """What fails still fails and its bound stays; with a reason the bound is loosened, the reason kept."""
+    """A failed bound stays; with a reason it is loosened and the reason stored."""
     words = ("--tolerances", "broken.toml", "--run", stored_run, "--update")
     done = gate(*words)
     assert done.exit_code == 1
@@ -213,7 +239,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_wrong_input_is_refused_before_anything_is_run(what: str, folder: Path) -> None:
+def test_wrong_input_is_refused_before_the_run(what: str, folder: Path) -> None:
     """One clear line, which main() turns into status 2; nothing is printed or written."""
     words, message = WRONG[what]
     before = sorted(folder.iterdir())
@@ -225,8 +251,8 @@ def test_wrong_input_is_refused_before_anything_is_run(what: str, folder: Path) 
 
 
 @pytest.mark.slow
-def test_a_new_run_is_held_to_the_gates(folder: Path) -> None:
-    """In a process of its own: a scenario file and its steps; status 1 with a table, 2 for a wrong file."""
+def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
+    """In a separate process: a scenario file and its steps; status 1 with a table, 2 for a wrong file."""
     (folder / "t.toml").write_text(
         '[[gate]]\nengine = "reference"\nmethod = "rk4"\ndt_s = 0.05\nmeasure = "orientation_error_rad"\n'
         'upper = 1e-12\nreason = "too tight"\n'
@@ -237,6 +263,12 @@ def test_a_new_run_is_held_to_the_gates(folder: Path) -> None:
     assert done.stdout.splitlines()[-1] == "1 gate: 1 failed"
     assert "bodycheck run mine.toml --engine reference:rk4 --dt 0.05" in done.stdout
     assert not (folder / "bodycheck-runs").exists()
+    kept = subprocess.run([*words, "t.toml", "--out", "kept"], capture_output=True, text=True, check=False)
+    assert kept.returncode == 1, kept.stderr
+    assert kept.stderr.splitlines()[-1] == "kept/report.html"
+    assert gate("--tolerances", "t.toml", "--run", "kept").exit_code == 1
+    both = gate("--tolerances", "t.toml", "--run", "kept", "--out", "other")
+    assert "keeps a new run; give --run or --out, not both" in str(both.exception)
     wrong = subprocess.run([*words, "mine.toml"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 2
     assert wrong.stdout == ""
@@ -244,8 +276,8 @@ def test_a_new_run_is_held_to_the_gates(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_only_what_gates_look_at_is_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scenarios and methods that no gate names are left out; times are measured where a gate needs them."""
+def test_only_scenarios_and_methods_of_gates_are_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others are left out; times are measured if a gate needs them."""
     asked: list[tuple[Selection, RunOptions]] = []
     monkeypatch.setattr(gate_run, "run_selection", lambda *told, **_: asked.append(told[:2]))
     text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'

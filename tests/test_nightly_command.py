@@ -1,4 +1,4 @@
-"""The commands `nightly` and `history`: status, what is printed, and what is left behind."""
+"""The commands `nightly` and `history`: exit status, output and files."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from registered import registered
-from scenario_file import SCENARIO
 from typer.testing import CliRunner, Result
 
 from bodycheck._util.errors import InputError, StoppedError
@@ -22,6 +20,9 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.cli import commands
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.runs.run_options import TIMEOUT_S
+from tests.helpers.scenario_texts import SCENARIO
+from tests.helpers.temporary_engines import registered
 
 _SCENARIO = SCENARIO.replace("mine", "tumble")
 
@@ -76,7 +77,7 @@ def bodycheck(*words: str | Path) -> Result:
 
 
 def night(*words: str, angle_rad: float = 0.0) -> Result:
-    """Return what a night of the turned engine did."""
+    """Return the result of a nightly run of the rotated engine."""
     with registered(Turned(angle_rad)):
         return bodycheck(
             "nightly", "tumble.toml", "--engine", "turned", "--history", "kept", "--no-speed", *words
@@ -84,10 +85,10 @@ def night(*words: str, angle_rad: float = 0.0) -> Result:
 
 
 @pytest.mark.slow
-def test_a_nightly_run_fails_where_something_is_worse(folder: Path) -> None:
-    """Status 3 without a past, 0 where nothing changed or has moved, 1 where an orientation is worse."""
+def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
+    """Status 3 without a baseline, 0 without a regression, 1 where an orientation is worse."""
     first, second, moved = night(), night(), night(angle_rad=1e-9)
-    third, fourth = night("--markdown", "told.md", angle_rad=1e-2), night()
+    third, fourth = night("--out", "told.md", angle_rad=1e-2), night()
     assert [done.exit_code for done in (first, second, moved, third, fourth)] == [3, 0, 0, 1, 0], third.output
     assert "Insufficient history" in first.stdout
     assert "Nothing changed" in second.stdout
@@ -103,8 +104,8 @@ def test_a_nightly_run_fails_where_something_is_worse(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_history_is_listed_asked_and_pruned(folder: Path) -> None:
-    """One line a night; CSV of what SQL finds; the names of what was removed."""
+def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
+    """One line per nightly run; CSV of SQL results; the names of the removed runs."""
     night(), night()
     listed = bodycheck("history", "list", "kept")
     assert [line.split()[1] for line in listed.stdout.splitlines()] == ["status", "insufficient", "no"]
@@ -128,8 +129,8 @@ def test_a_history_is_listed_asked_and_pruned(folder: Path) -> None:
         (("history", "prune", "kept", "--keep", "0"), "1 or more"),
     ],
 )
-def test_wrong_input_is_one_line(folder: Path, words: tuple[str, ...], told: str) -> None:
-    """Nothing is run and no night is stored."""
+def test_wrong_input_is_refused_in_one_line(folder: Path, words: tuple[str, ...], told: str) -> None:
+    """Nothing is run or stored."""
     done = bodycheck(*words)
     assert isinstance(done.exception, InputError)
     assert told in str(done.exception)
@@ -137,8 +138,8 @@ def test_wrong_input_is_one_line(folder: Path, words: tuple[str, ...], told: str
     assert not (folder / "kept").exists()
 
 
-def test_a_night_that_is_stopped_stores_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C says so, and the history is what it was."""
+def test_interrupted_nightly_run_stores_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C prints one line, and the history is unchanged."""
 
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -150,9 +151,75 @@ def test_a_night_that_is_stopped_stores_nothing(folder: Path, monkeypatch: pytes
     assert not list(folder.glob("kept/2*"))
 
 
+REQUESTS: dict[str, tuple[list[str], dict[str, Any]]] = {
+    "nothing": (
+        [],
+        {
+            "scenarios": ["standard"],
+            "engines": None,
+            "speed": True,
+            "jobs": None,
+            "timeout_s": TIMEOUT_S,
+            "fresh": True,
+            "allow_code": False,
+        },
+    ),
+    "scenarios": (["tumble.toml", "smoke"], {"scenarios": ["tumble.toml", "smoke"]}),
+    "engines": (["--engine", "mujoco,reference:m1"], {"engines": ["mujoco", "reference:m1"]}),
+    "no speed": (["--no-speed"], {"speed": False}),
+    "jobs": (["--jobs", "3"], {"jobs": 3}),
+    "timeout": (["--timeout-s", "7.5"], {"timeout_s": 7.5}),
+    "code": (["--allow-code"], {"allow_code": True}),
+}
+
+
+class RequestedError(Exception):
+    """Ends a nightly run before it begins, with what was requested."""
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("what", REQUESTS)
+def test_nightly_run_does_what_the_options_request(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each option reaches the run, and the others keep their defaults."""
+
+    def ended(*requested: object) -> None:
+        raise RequestedError(*requested)
+
+    monkeypatch.setattr("bodycheck.runs.nightly_run.run_night", ended)
+    words, changed = REQUESTS[what]
+    done = bodycheck("nightly", *words, "--history", "kept", "--threshold", "0.25")
+    assert isinstance(done.exception, RequestedError), done.output
+    asked, history, _, thresholds = done.exception.args
+    expected = {**REQUESTS["nothing"][1], **changed}
+    assert {name: getattr(asked, name) for name in expected} == expected
+    assert (history, thresholds.default) == (Path("kept"), 0.25)
+
+
+@pytest.mark.usefixtures("folder")
+def test_pruning_reports_a_run_of_the_future_apart_from_the_removed_ones(folder: Path) -> None:
+    """Standard output has the removed names only, so that a script can read them."""
+    names = ["20260101T000000Z-000001", "20260102T000000Z-000002", "29990101T000000Z-000003"]
+    for name in names:
+        (folder / "kept" / name).mkdir(parents=True)
+    done = bodycheck("history", "prune", "kept", "--keep", "1")
+    assert (done.exit_code, done.stdout.split()) == (0, names[:1])
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"{Path('kept', names[2])}: is dated in the future")
+    assert sorted(path.name for path in (folder / "kept").glob("2*")) == names[1:]
+
+
+@pytest.mark.parametrize("name", ["list", "query", "prune"])
+def test_help_of_a_history_command_names_its_folder(name: str) -> None:
+    """In capitals, as an argument that must be given; the group's help lists the command."""
+    assert f"history {name} [OPTIONS] {{HISTORY}}" in bodycheck("history", name, "--help").stdout
+    about, _, listed = bodycheck("history", "--help").stdout.partition("\nCommands:")
+    assert "nightly runs" in about
+    assert f"\n  {name} " in listed
+
+
 @pytest.mark.slow
-def test_the_script_for_cron_keeps_a_log_and_prints_what_needs_a_look(folder: Path) -> None:
-    """Its status is that of the night; a night that is no regression prints nothing."""
+def test_cron_script_keeps_a_log_and_prints_regressions(folder: Path) -> None:
+    """Its status is that of the nightly run; without a regression it prints nothing."""
     script = Path(__file__).parents[1] / "scripts" / "nightly.sh"
     words = [script, folder / "kept", "tumble.toml", "--engine", "reference:m1", "--no-speed"]
     program = f"{sys.executable} -m bodycheck"

@@ -1,4 +1,4 @@
-"""The files that commands write beside what they print: refused before the run, not after it."""
+"""Additional output files of commands: an invalid one is refused before the run."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
-from unprivileged import heed_modes
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli import commands
+from tests.helpers.file_permissions import obey_file_permissions
 
 GATES = '[[gate]]\nmeasure = "outcome"\nequals = "ok"\nreason = "any"\n'
 WRITING = {
     "--junit": ("gate", "smoke", "--tolerances", "gates.toml"),
-    "--json": ("gate", "smoke", "--tolerances", "gates.toml"),
-    "--markdown": ("nightly", "smoke", "--history", "kept"),
+    "--out": ("nightly", "smoke", "--history", "kept"),
 }
 PLACES = {
     "absent/told": "cannot be written: there is no folder",
@@ -29,10 +28,10 @@ PLACES = {
 
 @pytest.mark.parametrize("option", WRITING)
 @pytest.mark.parametrize("place", PLACES)
-def test_an_output_that_cannot_be_written_is_told_before_the_run(
+def test_unwritable_output_is_refused_before_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, place: str
 ) -> None:
-    """One line names the option, the file and what is wrong; nothing is run, and nothing is written."""
+    """One line names the option, the file and the error; nothing is run or written."""
 
     def never(*_: object, **__: object) -> None:
         raise AssertionError("something was run")
@@ -48,15 +47,15 @@ def test_an_output_that_cannot_be_written_is_told_before_the_run(
     assert [path.name for path in tmp_path.iterdir()] == ["gates.toml"]
 
 
-def test_bounds_that_cannot_be_replaced_are_told_before_the_run(tmp_path: Path) -> None:
-    """The folder of the tolerance file is read-only: one line, status 2, the file as it was."""
+def test_unwritable_tolerance_file_is_refused_before_the_run(tmp_path: Path) -> None:
+    """In a read-only folder: one line, status 2, and the file is unchanged."""
     (tmp_path / "gates.toml").write_text(GATES)
     tmp_path.chmod(0o555)
     words = ["gate", "smoke", "--tolerances", "gates.toml", "--update"]
     done = subprocess.run(
         [sys.executable, "-m", "bodycheck", *words],
         cwd=tmp_path,
-        preexec_fn=heed_modes,
+        preexec_fn=obey_file_permissions,
         capture_output=True,
         text=True,
         check=False,

@@ -1,4 +1,4 @@
-"""The pytest plugin, as a user's tests meet it: fixtures, marker, options, summary; alone and under xdist."""
+"""The pytest plugin in a user's tests: fixtures, marker, options and summary, with and without xdist."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
-from scenario_file import tumbling
+
+from bodycheck.reports.run_files.run_reader import read_tables
+from tests.helpers.scenario_texts import tumbling
 
 pytest_plugins = ["pytester"]
 
@@ -52,12 +54,16 @@ def rk4(state, dt):
 @pytest.fixture(scope="module")
 def imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Import all that a run imports: pytester forgets what an inner session did, and numpy loads but once."""
+    from numba.core.registry import cpu_target
+
     from bodycheck.pytest_plugin.fixtures import Bench
 
+    cpu_target.target_context.refresh()  # numba imports modules when it loads its first kernel
     scenario = tmp_path_factory.mktemp("imported") / "mine.toml"
     scenario.write_text(SCENARIO)
     steps = [0.1, 0.05, 0.025, 0.0125]
-    Bench({}, lambda _: None, "").step(lambda state, _: state, scenario, dt_s=steps)
+    kept = scenario.with_name("kept")  # rendering a report imports more
+    Bench({}, lambda _: None, "", kept).step(lambda state, _: state, scenario, dt_s=steps)
 
 
 @pytest.fixture
@@ -76,7 +82,7 @@ def run(inner: pytest.Pytester, *words: str) -> pytest.RunResult:
     return inner.runpytest_inprocess(*words, plugins=PLUGINS)
 
 
-def test_the_plugin_is_announced_to_pytest() -> None:
+def test_plugin_is_an_entry_point() -> None:
     """The project's entry point names the module that has the hooks and the fixtures."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["entry-points"]["pytest11"] == {"bodycheck": MODULE}
@@ -85,8 +91,8 @@ def test_the_plugin_is_announced_to_pytest() -> None:
     assert hasattr(plugin, "bodycheck_gate")
 
 
-def test_the_plugin_is_inert_until_a_fixture_is_used(inner: pytest.Pytester) -> None:
-    """A session of other tests imports nothing of ours but the plugin, and nothing heavy."""
+def test_plugin_is_inert_until_a_fixture_is_used(inner: pytest.Pytester) -> None:
+    """A session of other tests imports only the plugin module, and nothing heavy."""
     inner.makepyfile(
         """
         import sys
@@ -103,8 +109,8 @@ def test_the_plugin_is_inert_until_a_fixture_is_used(inner: pytest.Pytester) -> 
 
 
 @pytest.mark.slow
-def test_an_engine_is_run_and_held_to_bounds(inner: pytest.Pytester) -> None:
-    """What keeps its bound passes; what does not fails with obtained, bound, distance and command."""
+def test_engine_is_run_and_compared_with_bounds(inner: pytest.Pytester) -> None:
+    """A bound that is met passes; another fails with value, bound, distance and command."""
     inner.makepyfile(
         """
         import pytest
@@ -150,8 +156,8 @@ def test_an_engine_is_run_and_held_to_bounds(inner: pytest.Pytester) -> None:
     )
 
 
-def test_a_step_function_is_judged_like_an_engine(inner: pytest.Pytester) -> None:
-    """An RK4 of the user's own has order 4 and converges; with its gyroscopic term lost it does not."""
+def test_step_function_is_measured_like_an_engine(inner: pytest.Pytester) -> None:
+    """A user's RK4 has order 4 and converges; without its gyroscopic term it does not."""
     inner.makepyfile(
         RK4
         + """
@@ -177,13 +183,48 @@ def test_lost(bodycheck):
     done.stdout.fnmatch_lines(
         [
             "E*mine step:lost: angular_momentum_drift <= 0.01: 4 of 4 cases failed*",
-            "E*pytest test_a_step_function_is_judged_like_an_engine.py::test_lost",
+            "E*pytest test_step_function_is_measured_like_an_engine.py::test_lost",
         ]
     )
 
 
-def test_a_step_function_is_given_what_it_needs(inner: pytest.Pytester) -> None:
-    """Times k dt, the body, all in the shapes that are told; what it does to them harms nobody."""
+def test_runs_are_kept_with_their_reports(inner: pytest.Pytester) -> None:
+    """A failed order lists its errors and names the report; the stored run names the test to repeat."""
+    inner.makepyfile(
+        RK4
+        + """
+def euler(state, dt):
+    q, w = state.quaternion, state.omega_body
+    turning, speeding = rate(q, w, state.body.inertia)
+    return replace(state, quaternion=q + dt * turning, omega_body=w + dt * speeding)
+
+
+def test_order(bodycheck):
+    found = bodycheck.step(euler, "mine.toml", dt_s=[0.1, 0.05, 0.02, 0.01])
+    found.check("order.orientation_error_rad", lower=3.9)
+"""
+    )
+    done = run(inner, "--bodycheck-report", "kept")
+    done.assert_outcomes(failed=1)
+    done.stdout.fnmatch_lines(
+        [
+            "E*order.orientation_error_rad >= 3.9*",
+            "E*dt 0.1 s: 0.*",
+            "E*dt 0.05 s: 0.*, order *",
+            "E*dt 0.02 s: 0.*, order *",
+            "E*dt 0.01 s: 0.*, order *",
+            "E*report: *kept*report.html",
+            "report *kept*report.html",
+        ]
+    )
+    (report,) = inner.path.glob("kept/*/*/report.html")
+    tables = read_tables(report.parent)
+    assert set(tables.results["reproduce"]) == {"pytest test_runs_are_kept_with_their_reports.py::test_order"}
+    assert list(tables.results["dt_s"]) == [0.1, 0.05, 0.02, 0.01]
+
+
+def test_step_function_gets_time_body_and_state(inner: pytest.Pytester) -> None:
+    """Times k dt and all arrays have the documented shapes; modifying them has no effect."""
     inner.makepyfile(
         """
         from dataclasses import replace
@@ -219,8 +260,8 @@ def test_a_step_function_is_given_what_it_needs(inner: pytest.Pytester) -> None:
         ),
     ],
 )
-def test_a_step_function_that_fails_fails_its_test(inner: pytest.Pytester, body: str, message: str) -> None:
-    """The message says what it did; where it raised, its own traceback is shown."""
+def test_failing_step_function_fails_its_test(inner: pytest.Pytester, body: str, message: str) -> None:
+    """The message describes the error; an exception has its own traceback."""
     inner.makepyfile(
         f"""
         from dataclasses import replace
@@ -243,8 +284,8 @@ def test_a_step_function_that_fails_fails_its_test(inner: pytest.Pytester, body:
 
 
 @pytest.mark.slow
-def test_an_adapter_of_the_users_is_known_to_its_test_alone(inner: pytest.Pytester) -> None:
-    """An instance is run like an engine, and its name is forgotten afterwards."""
+def test_adapter_instance_is_registered_for_its_test_only(inner: pytest.Pytester) -> None:
+    """An instance is run like an engine, and its name is unknown afterwards."""
     inner.makepyfile(
         """
         import pytest
@@ -286,8 +327,8 @@ def test_other():
 
 
 @pytest.mark.slow
-def test_options_fill_in_what_a_marker_leaves_open(inner: pytest.Pytester) -> None:
-    """Two scenarios and two methods make four tests; what the marker says stays; -m chooses them."""
+def test_options_complete_the_marker(inner: pytest.Pytester) -> None:
+    """Two scenarios and two methods make four tests; the marker takes precedence; -m selects them."""
     inner.makepyfile(MARKED)
     suite = ("--bodycheck-suite", "mine.toml,other.toml")
     options = (*suite, "--bodycheck-engines", "reference:m1,reference:m2")
@@ -310,10 +351,10 @@ def test_options_fill_in_what_a_marker_leaves_open(inner: pytest.Pytester) -> No
         ("dt_s=0.1", ("--bodycheck-suite", "nope"), "nope: is neither"),
     ],
 )
-def test_a_wrong_marker_or_option_stops_the_session(
+def test_wrong_marker_or_option_stops_the_session(
     inner: pytest.Pytester, marker: str, options: tuple[str, ...], message: str
 ) -> None:
-    """One line says what is wrong, without the frames that led there; no test passes."""
+    """One line describes the error, without a traceback; no test passes."""
     inner.makepyfile(
         f"import pytest\n\n@pytest.mark.bodycheck({marker})\ndef test_it(bodycheck):\n    pass\n"
     )
@@ -324,8 +365,8 @@ def test_a_wrong_marker_or_option_stops_the_session(
     done.assert_outcomes(errors=1)
 
 
-def test_a_marked_test_that_names_nothing_does_not_pass(inner: pytest.Pytester) -> None:
-    """Without options there is nothing to run, and that is said."""
+def test_marked_test_without_engine_does_not_pass(inner: pytest.Pytester) -> None:
+    """Without options there is nothing to run, and the message says so."""
     inner.makepyfile(MARKED)
     done = run(inner, "-k", "test_open")
     done.assert_outcomes(failed=1)
@@ -356,7 +397,7 @@ USING_GATES = "def test_gates(bodycheck_gate):\n    bodycheck_gate.check()\n"
 
 @pytest.mark.slow
 def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
-    """One passes, one fails, one measured nothing and fails too."""
+    """One passes, one fails, and one that measured nothing fails too."""
     inner.makefile(".toml", gates=GATES)
     inner.makepyfile(USING_GATES)
     done = run(inner, "--bodycheck-tolerances", "gates.toml", "--bodycheck-suite", "mine.toml")
@@ -377,10 +418,10 @@ def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
         (("--bodycheck-tolerances", "no.toml"), "no.toml: cannot be read"),
     ],
 )
-def test_gates_without_a_good_file_stop_the_session(
+def test_gates_without_a_valid_file_stop_the_session(
     inner: pytest.Pytester, options: tuple[str, ...], message: str
 ) -> None:
-    """No file is no success: nothing would be gated."""
+    """A missing file must not pass, because nothing would be gated."""
     inner.makepyfile(USING_GATES)
     done = run(inner, *options)
     assert done.ret != 0
@@ -397,8 +438,8 @@ def test_it(bodycheck, upper):
 
 
 @pytest.mark.slow
-def test_it_works_under_xdist(inner: pytest.Pytester) -> None:
-    """Two workers come to the outcomes of one process, and the summary has the lines of both."""
+def test_plugin_works_under_xdist(inner: pytest.Pytester) -> None:
+    """Two workers have the outcomes of one process, and the summary has the lines of both."""
     inner.makepyfile(test_steps=RK4 + STEPPED)
     done = inner.runpytest_subprocess(*PLUGIN, "-n", "2")
     done.assert_outcomes(passed=2, failed=1)

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from front_door import bodycheck_in
-from scenario_file import tumbling
+
+from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.scenario_texts import tumbling
 
 Command = Callable[..., tuple[int, str, str]]
 
@@ -24,7 +25,7 @@ def command(stored_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         shutil.copytree(stored_run, name)
 
     def asked(*words: str) -> tuple[int, str, str]:
-        done = bodycheck_in(tmp_path, *words)
+        done = run_bodycheck(tmp_path, *words)
         return done.returncode, done.stdout, done.stderr
 
     return asked
@@ -32,10 +33,10 @@ def command(stored_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def test_two_equal_runs_did_not_change(command: Command) -> None:
     """Said in one sentence, status 0 whatever is to fail, in Markdown and on a page where asked for."""
-    files = ("--html", "changes.html", "--markdown", "changes.md")
+    files = ("--out", "changes.html", "--out", "changes.md", "--out", "changes.json")
     status, out, _ = command("compare", "run", "other", "--fail-on", "moved", *files)
     assert status == 0
-    for text in (out, Path("changes.html").read_text(), Path("changes.md").read_text()):
+    for text in (out, *(Path(file).read_text() for file in files if file != "--out")):
         assert "Nothing changed beyond round-off" in text
 
 
@@ -76,7 +77,8 @@ def test_the_status_is_1_where_what_fails_is_found(
         (("--threshold", "nan"), "--threshold nan: must be 0 or more, like 0.02 for 2 %"),
         (("--tolerances", "absent.toml"), "absent.toml: cannot be read"),
         (("--tolerances", "wrong.toml"), "wrong.toml: change[0].measure: verdict has no threshold"),
-        (("--markdown", "absent/told.md", "--html", "made.html"), "--markdown absent/told.md"),
+        (("--out", "made.html", "--out", "absent/told.md"), "--out absent/told.md"),
+        (("--out", "made.html", "--out", "told.pdf"), "--out told.pdf: must end in .html, .md or .json"),
     ],
 )
 def test_a_wrong_comparison_is_refused(command: Command, words: tuple[str, ...], told: str) -> None:
@@ -104,7 +106,7 @@ def test_runs_that_have_nothing_in_common_do_not_pass(command: Command) -> None:
 def test_what_changed_is_named_and_the_status_stays_0(command: Command) -> None:
     """Unless --fail-on says otherwise."""
     table = Path("other/results.csv")
-    table.write_text(re.sub(r"(,m1,dt,0\.01,.*),ok,", r"\1,failed,", table.read_text()))
+    table.write_text(re.sub(r"(,m1,dt,float64,0\.01,.*),ok,", r"\1,failed,", table.read_text()))
     manifest = json.loads(Path("other/manifest.json").read_text())
     moved = table.read_text().count(",failed,") - manifest["outcomes"]["failed"]
     manifest["outcomes"]["ok"] -= moved
@@ -153,6 +155,62 @@ def test_advice_is_that_of_the_run_that_is_named(command: Command) -> None:
     assert err.startswith("run: has no scenario intermediate-axis (available: free, ")
 
 
+@pytest.mark.slow
+def test_advice_predicts_and_a_search_measures(command: Command) -> None:
+    """The command of a prediction ends in its step; after a search no answer is a prediction."""
+    Path("mine.toml").write_text(tumbling(steps_s=[0.05, 0.02, 0.01, 0.005]))
+    words = ("--engine", "reference:rk4,reference:m1", "--no-speed", "--out", "rk4")
+    assert command("run", "mine.toml", *words)[0] == 0
+    asked = ("advise", "--error", "3e-5", "--run", "rk4")
+    status, out, _ = command(*asked)
+    assert status == 0
+    predicted = re.search(r"^reference:rk4 +dt (\S+) s +(\S+) +predicted ", out, flags=re.MULTILINE)
+    assert predicted is not None, out
+    dt_s, most = predicted.groups()
+    assert f"confirm with: bodycheck run mine.toml --engine reference:rk4 --dt {dt_s}\n" in out
+    Path("mine.toml").unlink()  # the run stores its scenarios
+    status, out, err = command(*asked, "--search")
+    assert status == 0, err
+    measured = re.search(r"^reference:rk4 +dt (\S+) s +(\S+) +measured", out, flags=re.MULTILINE)
+    assert measured is not None, out
+    assert measured[1] == dt_s
+    assert float(measured[2]) <= float(most)
+
+
+def test_a_search_needs_the_engines_of_the_run(command: Command) -> None:
+    """An engine that is not there any more is named."""
+    status, out, err = command("advise", "--error", "3e-4", "--run", "run", "free", "--search")
+    assert (status, out) == (2, "")
+    assert "unknown engine 'failing' (available: " in err
+
+
+def test_advice_gives_the_error_of_a_step(command: Command) -> None:
+    """Of each method, measured or predicted; a method without steps is named."""
+    status, out, _ = command("advise", "--dt", "4e-3", "--run", "run", "free")
+    assert status == 0
+    lines = out.splitlines()
+    assert lines[0] == "orientation_error_rad at dt 0.004 s, from the run run"
+    shown = {line.split()[0]: line.split() for line in lines if line.startswith("reference:")}
+    assert shown["reference:rk4"][5] in ("measured", "predicted")
+    assert float(shown["reference:rk4"][4]) < 1e-6 < float(shown["reference:m1"][4])
+    assert "reference:exact: has no step" in lines
+
+
+def test_a_horizon_limits_the_time_over_which_errors_count(command: Command) -> None:
+    """Errors of a method of order 1 grow with the time, so a horizon allows coarser steps."""
+
+    def error(*words: str) -> float:
+        status, out, err = command("advise", "--dt", "1e-2", "--run", "run", "free", *words)
+        assert status == 0, err
+        (line,) = [line for line in out.splitlines() if line.startswith("reference:m1 ")]
+        return float(line.split()[4])
+
+    assert error("--horizon-s", "100") == error()
+    assert error("--horizon-s", "0.3") < 0.7 * error()
+    status, _, err = command("advise", "--dt", "1e-2", "--run", "run", "free", "--horizon-s", "1e-3")
+    assert (status, err[:26]) == (2, "--horizon-s 0.001: the fir")
+
+
 def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Command) -> None:
     """An older run is asked where the newest has them not, or has others by the same name."""
     runs = Path("bodycheck-runs")
@@ -161,7 +219,7 @@ def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Com
         manifest = json.loads((runs / name / "manifest.json").read_text())
         manifest["created"] = created
         (runs / name / "manifest.json").write_text(json.dumps(manifest))
-    assert "measured in bodycheck-runs/new" in command("advise", "--error", "1e-2")[1]
+    assert "from the run bodycheck-runs/new" in command("advise", "--error", "1e-2")[1]
     shape = Path("shape.toml")
     shape.write_text(
         'name = "shape"\nduration_s = 1.0\nsamples = 11\nsteps_s = [0.02, 0.01]\n'
@@ -169,16 +227,16 @@ def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Com
         "[initial]\nomega_world_rad_s = [0.3, 1.0, -0.2]\n"
         '[[sweep]]\nkey = "source"\nvalues = ["1"]\n'
     )
-    assert "measured in bodycheck-runs/new" in command("advise", "--error", "1e-2", "shape.toml")[1]
+    assert "from the run bodycheck-runs/new" in command("advise", "--error", "1e-2", "shape.toml")[1]
     manifest = json.loads((runs / "new/manifest.json").read_text())
     manifest["scenarios"]["shape/1"]["duration_s"] = 2.0
     (runs / "new/manifest.json").write_text(json.dumps(manifest))
-    assert "measured in bodycheck-runs/old" in command("advise", "--error", "1e-2", "shape.toml")[1]
+    assert "from the run bodycheck-runs/old" in command("advise", "--error", "1e-2", "shape.toml")[1]
     (runs / "odd").mkdir()
     (runs / "odd/manifest.json").write_text("{}")
     (runs / "new/results.csv").write_text("")
     status, out, err = command("advise", "--error", "1e-2")
-    assert (status, "measured in bodycheck-runs/old" in out) == (0, True)
+    assert (status, "from the run bodycheck-runs/old" in out) == (0, True)
     left_out = [line for line in err.splitlines() if line.startswith("warning: a damaged run is left out: ")]
     assert [line.split(": ")[2] for line in left_out] == [
         "bodycheck-runs/odd/manifest.json",
@@ -218,11 +276,54 @@ def test_a_figure_is_drawn(command: Command) -> None:
     assert Path("a.svg").read_text().startswith("<?xml")
 
 
+@pytest.mark.parametrize("suffix", ["gif", "svg"])
+def test_a_movie_is_written(suffix: str, command: Command) -> None:
+    """movie writes the named file and prints its name."""
+    pytest.importorskip("matplotlib")
+    out = f"film.{suffix}"
+    assert command("movie", "run", "--scenario", "free", "--engine", "reference", "--out", out)[:2] == (
+        0,
+        f"{out}\n",
+    )
+    assert Path(out).read_bytes().startswith({"gif": b"GIF89a", "svg": b"<?xml"}[suffix])
+
+
+BODY = ("--mass-kg", "0.5", "--inertia-kg-m2", "2e-3,3e-3,4e-3", "--spin-rad-s", "20")
+
 WRONG = {
-    "no run": (["compare", "run", "nowhere"], "nowhere: not a run folder: manifest.json is missing"),
-    "a page nowhere": (["compare", "run", "other", "--html", "no/a.html"], "no/a.html: cannot be written"),
-    "no run to report": (["report", "."], ".: not a run folder"),
-    "no error": (["advise", "--run", "run"], "Missing option '--error'"),
+    "no run": (["compare", "run", "nowhere"], "nowhere/manifest.json: missing: not a run folder"),
+    "a page nowhere": (["compare", "run", "other", "--out", "no/a.html"], "no/a.html: cannot be written"),
+    "no run to report": (["report", "."], "manifest.json: missing: not a run folder"),
+    "no error": (["advise", "--run", "run"], "give --error, the error to meet, or --dt"),
+    "an error and a step": (
+        ["advise", "--error", "1", "--dt", "1"],
+        "give --error, the error to meet, or --dt",
+    ),
+    "half a body": (
+        ["advise", "--error", "1", "--mass-kg", "1"],
+        "a body needs --mass-kg, --inertia-kg-m2 and",
+    ),
+    "a body and a run": (
+        ["advise", "--error", "1", "--run", "run", *BODY],
+        "a body on the command line replaces scenarios and --run",
+    ),
+    "two moments": (
+        ["advise", "--error", "1", *BODY, "--inertia-kg-m2", "1,2"],
+        "must be three principal moments",
+    ),
+    "an impossible body": (
+        ["advise", "--error", "1", *BODY, "--inertia-kg-m2", "1,2,9"],
+        "body.inertia_kg_m2",
+    ),
+    "a body at rest": (
+        ["advise", "--error", "1", *BODY, "--spin-rad-s", "0"],
+        "--spin-rad-s: must be finite",
+    ),
+    "a horizon in the past": (
+        ["advise", "--error", "1", "--run", "run", "--horizon-s=-1"],
+        "--horizon-s -1.0: must be a positive number",
+    ),
+    "a search for a step": (["advise", "--dt", "1", "--search"], "--search: searches the settings"),
     "an error in words": (["advise", "--error", "small"], "Invalid value for '--error'"),
     "an error below 0": (["advise", "--error=-1"], "--error -1.0: must be a positive number"),
     "an unknown quantity": (
@@ -248,7 +349,7 @@ WRONG = {
     ),
     "a figure without a format": (
         ["plot", "run", "--figure", "order", "--out", "a", "--scenario", "free"],
-        "--out a: must end in .svg or .png",
+        "--out a: must end in .svg, .pdf or .png",
     ),
     "a figure nowhere": (
         ["plot", "run", "--figure", "order", "--out", "no/a.svg", "--scenario", "free"],
@@ -257,6 +358,18 @@ WRONG = {
     "a figure of nothing": (
         [*("plot", "run", "--figure", "order", "--out", "a.svg", "--scenario", "free"), "--quantity", "x"],
         "--quantity x: unknown measure (available: energy_drift",
+    ),
+    "a film without a format": (
+        ["movie", "run", "--scenario", "free", "--out", "a.avi"],
+        "--out a.avi: must end in .gif, .mp4 or .svg",
+    ),
+    "a film of an unmeasured step": (
+        ["movie", "run", "--scenario", "free", "--out", "a.gif", "--dt", "0.3"],
+        "--dt 0.3: no motion has this step (available: ",
+    ),
+    "a film of an unknown engine": (
+        ["movie", "run", "--scenario", "free", "--out", "a.gif", "--engine", "nobody"],
+        "--engine nobody: not in this run (available: ",
     ),
 }
 

@@ -1,4 +1,4 @@
-"""What of earlier runs a command uses: nothing, truths, answers of installed engines, or all answers."""
+"""What a command reuses of earlier runs: nothing, truths, answers of installed engines, or all answers."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from scenario_file import SCENARIO
-from shaky_engine import build_library, needs_a_compiler, write_shaky
 from typer.testing import CliRunner
 
 import bodycheck
@@ -16,12 +14,15 @@ from bodycheck.adapters import registry
 from bodycheck.cli import commands
 from bodycheck.pytest_plugin import fixtures
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.comparison.comparison_output import print_comparison
+from bodycheck.reports.comparison.describe import comparison_document
+from bodycheck.reports.document import print_document
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs import runner
 from bodycheck.runs.run_options import RunOptions
 from bodycheck.runs.selection import Selection
+from tests.helpers.compiled_engine_package import build_library, needs_a_compiler, write_shaky
+from tests.helpers.scenario_texts import SCENARIO
 
 GATE = """
 [[gate]]
@@ -79,16 +80,16 @@ def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("folder", "_no_run")
 @pytest.mark.parametrize(("words", "reuse"), COMMANDS, ids=lambda part: " ".join(part[:1] + part[-1:]))
-def test_a_command_uses_what_its_purpose_allows(words: list[str], reuse: str) -> None:
-    """A gate and a nightly run measure what is there now; a run may use answers of the same build."""
+def test_command_reuses_what_its_purpose_allows(words: list[str], reuse: str) -> None:
+    """A gate and a nightly run measure again; a run may reuse answers of the same build."""
     done = CliRunner().invoke(commands.app, words)
     assert isinstance(done.exception, ManagedError), done.output
     assert str(done.exception) == reuse
 
 
 @pytest.mark.usefixtures("folder", "_no_run")
-def test_a_nightly_run_times_all_cases_in_ten_passes() -> None:
-    """One undisturbed pass is enough; a run by itself makes one."""
+def test_nightly_run_times_all_cases_in_ten_passes() -> None:
+    """One undisturbed pass suffices; a run outside a history makes one."""
     passes = [
         CliRunner().invoke(commands.app, words).exception.options.speed_passes for words in (NIGHT, RUN)
     ]
@@ -97,18 +98,16 @@ def test_a_nightly_run_times_all_cases_in_ten_passes() -> None:
 
 @pytest.mark.usefixtures("folder", "_no_run")
 @pytest.mark.parametrize(("fresh", "reuse"), [(None, "installed"), (True, "nothing"), (False, "everything")])
-def test_a_run_from_python_uses_the_same(fresh: bool | None, reuse: str) -> None:
-    """fresh stands for --fresh where it is True, and for --reuse where it is False."""
+def test_run_from_python_reuses_the_same(fresh: bool | None, reuse: str) -> None:
+    """fresh=True is --fresh, and fresh=False is --reuse."""
     with pytest.raises(ManagedError, match=f"^{reuse}$"):
         runner.run(["mine.toml"], engines=["reference:m1"], fresh=fresh)
 
 
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(("asked", "reuse"), [(False, "truths"), (True, "everything")])
-def test_gates_in_tests_are_held_by_what_is_there_now(
-    asked: bool, reuse: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The fixture does as the command does, and --bodycheck-reuse as its --reuse."""
+def test_gates_in_tests_measure_again(asked: bool, reuse: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fixture does what the command does, and --bodycheck-reuse is its --reuse."""
     told = {
         "--bodycheck-tolerances": "gates.toml",
         "--bodycheck-suite": "mine.toml",
@@ -133,10 +132,10 @@ def test_gates_in_tests_are_held_by_what_is_there_now(
 
 @pytest.mark.slow
 @needs_a_compiler
-def test_an_engine_that_was_rebuilt_is_run_again_and_named_first(
+def test_rebuilt_engine_is_run_again_and_named_first(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Under the same version, with other numbers: no answer of the old build is taken for the new one's."""
+    """With the same version and other numbers, no answer of the old build is reused."""
     site = folder / "site"
     write_shaky(site)
     monkeypatch.syspath_prepend(str(site))
@@ -169,7 +168,7 @@ def test_an_engine_that_was_rebuilt_is_run_again_and_named_first(
     told = f"build of shaky 1.0: {builds[0][0]} -> {builds[3][0]} (adapter)"
     assert compare(before, after).circumstances == (told,)
     assert compare(before, read_tables(folder / "c")).circumstances == ()
-    print_comparison(compare(before, after))
+    print_document(comparison_document(compare(before, after)))
     assert capsys.readouterr().out.splitlines()[2] == f"Different circumstances: {told}."
     assert rebuilt.manifest["engines"]["shaky"]["builds"] == builds[3]
     assert rebuilt.manifest["engines"]["shaky"]["build"]["id"].startswith(builds[3][0])
@@ -177,7 +176,7 @@ def test_an_engine_that_was_rebuilt_is_run_again_and_named_first(
 
 
 def _kernels() -> Path:
-    """Return the folder of the kernels that are compiled: a cache of its own need not have them anew."""
+    """Return the folder of the compiled kernels, so that a separate cache need not compile them again."""
     from bodycheck._util.compiled_cache import cache_directory
 
     return cache_directory()

@@ -1,4 +1,4 @@
-"""What a caller from Python may hand over for scenarios, engines, steps and times, and what is refused."""
+"""Scenarios, engines, steps and times as arguments from Python, and their refusals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bodycheck.runs.selection import select
 
 
 def test_steps_and_tolerances_may_be_an_array() -> None:
-    """They become doubles of Python, whose repr the reproducing commands have."""
+    """They become Python floats, whose repr is in the reproducing commands."""
     made = select(
         ["intermediate-axis"],
         ["reference:rk4", "reference:taylor"],
@@ -35,8 +35,8 @@ def test_steps_and_tolerances_may_be_an_array() -> None:
         ({"scenarios": []}, "scenarios: name at least one"),
     ],
 )
-def test_one_text_is_no_list_and_no_scenario_is_no_run(asked: dict[str, Any], message: str) -> None:
-    """One line says what would be right, not one for each letter."""
+def test_string_or_empty_list_is_refused(asked: dict[str, Any], message: str) -> None:
+    """One line says what would be right, not one line per letter."""
     with pytest.raises(bodycheck.InputError, match=f"^{message}$"):
         bodycheck.run(**asked)
 
@@ -49,7 +49,7 @@ def test_times_are_a_list_of_numbers(at: Any) -> None:
 
 
 def test_variants_for_off_centre_links_run_only_there() -> None:
-    """A whole engine brings them where a link is off the centre of mass; a requested name runs everywhere."""
+    """Naming an engine adds them where a link is off the centre of mass; naming a variant, everywhere."""
     selection = select(["off-centre-link", "sphere"], ["mujoco", "reference:rk4"])
     runs = {
         (scenario.name, method.name)

@@ -1,4 +1,4 @@
-"""The version matrix and the search for the release in which a measure changed, on releases of a toy."""
+"""The version matrix, and the search for the release in which a measure changed, on releases of a toy."""
 
 from __future__ import annotations
 
@@ -8,15 +8,19 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from front_door import bodycheck_in
-from toy_releases import write_needed, write_toy, write_wheel
 
 import bodycheck
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck.adapters import registry
+from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.versions import environments, uv
 from bodycheck.adapters.versions.uv import releases
 from bodycheck.reports.comparison.measure_track import under_one_name
+from bodycheck.runs import version_search
+from bodycheck.runs.run_options import RunOptions
+from tests.helpers.gate_tables import make_tables
+from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.local_package_index import write_needed, write_toy, write_wheel
 
 STEPS = [2e-2, 1e-2, 5e-3, 2e-3]
 DT = ",".join(map(str, STEPS))
@@ -48,7 +52,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def toy(links: Path, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Install the toy's 2.0 here, and let uv find its releases without a network."""
     try:
-        uv._program()
+        uv.uv_program()
     except UnavailableError as error:
         pytest.skip(str(error))
     installed = tmp_path / "installed"
@@ -70,7 +74,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tu
     monkeypatch.chdir(tmp_path)
 
     def asked(*words: str) -> tuple[int, str, str]:
-        done = bodycheck_in(tmp_path, *words)
+        done = run_bodycheck(tmp_path, *words)
         return done.returncode, done.stdout, done.stderr
 
     return asked
@@ -81,10 +85,10 @@ CONFIGURATIONS = {"uv.toml": "{line}", "pyproject.toml": "[tool.uv]\n{line}"}
 
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize("name", CONFIGURATIONS)
-def test_the_configuration_of_the_working_directory_is_not_read(
+def test_configuration_of_the_working_directory_is_ignored(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Somebody else's checkout may name an index of its own; the user's own configuration counts."""
+    """A checkout may name another index; the user's configuration counts."""
     monkeypatch.delenv("UV_FIND_LINKS")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     checkout, other = tmp_path / "checkout", tmp_path / "other"
@@ -102,8 +106,8 @@ def test_the_configuration_of_the_working_directory_is_not_read(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("toy")
-def test_versions_stand_side_by_side() -> None:
-    """Each is an engine of its own in every table, by its own code, beside the one that is installed here."""
+def test_versions_are_engines_of_their_own() -> None:
+    """Each is run with its own code and is in every table, next to the installed one."""
     run = bodycheck.run(
         ["intermediate-axis"], engines=["toy==1.0", "toy == 2.0:m", "toy"], dt_s=STEPS, speed=False
     )
@@ -118,7 +122,7 @@ def test_versions_stand_side_by_side() -> None:
 
 @pytest.mark.usefixtures("toy")
 def test_two_versions_are_compared_under_one_name() -> None:
-    """Every table says so, and the cases too; else nothing of one would be found in the other."""
+    """Every table and case uses the common name; otherwise nothing could be compared."""
     run = bodycheck.run(["intermediate-axis"], engines=["toy==1.0"], dt_s=STEPS, speed=False)
     tables = under_one_name(run, "toy")
     assert {*tables.results["engine"]} == {*tables.methods["engine"]} == {"toy"}
@@ -127,8 +131,8 @@ def test_two_versions_are_compared_under_one_name() -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("toy")
-def test_speeds_are_measured_in_its_environment() -> None:
-    """A case of a version of its own is timed like any other."""
+def test_speeds_are_measured_in_the_versions_environment() -> None:
+    """A case of a pinned version is timed like any other."""
     run = bodycheck.run(["intermediate-axis"], engines=["toy==1.0"], dt_s=[1e-2])
     assert (run.results["cpu_s"] > 0.0).all()
     assert run.results["engine"].tolist() == ["toy==1.0"]
@@ -144,10 +148,10 @@ def test_speeds_are_measured_in_its_environment() -> None:
         ("toy==1.0:n", "toy==1.0 has no method 'n' (available: m"),
     ],
 )
-def test_a_version_that_cannot_be_had_is_refused(
+def test_unavailable_version_is_refused(
     engine: str, told: str, command: Callable[..., tuple[int, str, str]]
 ) -> None:
-    """Status 2 and one line, after one that an environment was made, and nothing is written."""
+    """Status 2 and one line after the announcement of the environment; nothing is written."""
     status, out, error = command("run", "intermediate-axis", "--engine", engine, "--out", "made")
     assert (status, out) == (2, "")
     *before, fault = error.splitlines()
@@ -166,24 +170,61 @@ def test_a_version_that_cannot_be_had_is_refused(
         ("2.1rc1", None, ["3.0"]),
     ],
 )
-def test_releases_are_those_between_oldest_first(since: str, until: str | None, there: list[str]) -> None:
-    """Both ends count, those that are not listed stand for what lies between; no pre-release."""
+def test_releases_are_listed_oldest_first(since: str, until: str | None, there: list[str]) -> None:
+    """Both ends count, unlisted ends stand for the range between; no pre-releases."""
     assert list(releases("toy", since, until)) == there
 
 
 @pytest.mark.usefixtures("toy")
-def test_where_there_is_no_release_it_is_said() -> None:
-    """By an error that names the engine."""
+def test_missing_releases_are_reported() -> None:
+    """The error names the engine."""
     with pytest.raises(InputError, match="toy: no release that can be installed here"):
         releases("toy", "9.0", None)
 
 
+ERRORS = {"1": 1e-3, "2": 1e-3, "3": 1e-3, "4": 1e-6, "5": 1e-6, "6": 1e-6, "7": 1e-6}
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list that gets each release that is run: of ERRORS, without uv or an engine."""
+    method = Method("m", "", 1, 1, "every stage", "", "")
+
+    def run(_asked: object, release: str, *_: object) -> version_search._Release:
+        case = {"scenario": "intermediate-axis", "engine": "toy", "method": "m", "dt_s": STEPS[-1]}
+        tables = make_tables([{**case, "orientation_error_rad": ERRORS[release]}], scenarios={})
+        return version_search._Release(Engine("toy", release, {"m": method}), {"m": method}, tables)
+
+    monkeypatch.setattr(version_search, "releases", lambda *_: tuple(ERRORS))
+    monkeypatch.setattr(version_search, "_run", run)
+    return []
+
+
+SEARCHED = ("toy", "1", None, "intermediate-axis", None, "orientation_error_rad", STEPS)
+
+
+@pytest.mark.parametrize("every", [None, False, True])
+def test_releases_are_bisected_unless_every_one_is_requested(every: bool | None, told: list[str]) -> None:
+    """Each is run once, the ends first; each finding is the value in its release."""
+    asked = version_search.Search(*SEARCHED, **({} if every is None else {"every": every}))
+    assert not asked.allow_code
+    found = version_search.search(asked, RunOptions(), told.append)
+    assert told[:2] == ["toy==1", "toy==7"]
+    assert len(told) == len({*told}) == (7 if every else 5)
+    (track,) = found.tracks
+    assert {release: finding.value for release, finding in track.findings.items()} == {
+        name.removeprefix("toy=="): ERRORS[name.removeprefix("toy==")] for name in told
+    }
+    assert track.changes == (("3", "4"),)
+    assert (found.versions, found.failed, found.every) == (tuple(ERRORS), {}, bool(every))
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("toy")
-def test_the_release_in_which_a_measure_changed_is_named(
+def test_release_in_which_a_measure_changed_is_found(
     command: Callable[..., tuple[int, str, str]],
 ) -> None:
-    """By one command; one that cannot be imported is stepped around and shown."""
+    """One command finds it; a release that cannot be imported is skipped and shown."""
     status, out, error = command("versions", "toy", "--since", "1.0", "--until", "2.0", "--dt", DT)
     assert status == 0, error
     lines = out.splitlines()
@@ -199,8 +240,8 @@ def test_the_release_in_which_a_measure_changed_is_named(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("toy")
-def test_every_release_is_run_where_that_is_asked_for(command: Callable[..., tuple[int, str, str]]) -> None:
-    """A change that was undone between two that look alike is found; the releases are named together."""
+def test_every_release_is_run_on_request(command: Callable[..., tuple[int, str, str]]) -> None:
+    """A change that was undone within the range is found; the releases are named together."""
     words = ("versions", "toy", "--since", "1.0", "--until", "1.9", "--method", "m", "--dt", "2e-2,1e-2")
     measure = ("--measure", "orientation_error_rad")
     status, out, error = command(*words, *measure)
@@ -220,10 +261,10 @@ def test_every_release_is_run_where_that_is_asked_for(command: Callable[..., tup
     ("measure", "told"),
     [("verdict", "converges in 1.1, as in 1.0"), ("energy_drift", " in 1.1, as in 1.0")],
 )
-def test_equal_ends_are_told_for_what_they_are(
+def test_equal_ends_are_reported(
     measure: str, told: str, command: Callable[..., tuple[int, str, str]]
 ) -> None:
-    """The same in both; a change that was undone between them is not ruled out."""
+    """Both ends are equal; a change that was undone between them is not excluded."""
     words = ("versions", "toy", "--since", "1.0", "--until", "1.1", "--measure", measure, "--dt", DT)
     status, out, error = command(*words)
     assert status == 0, error
@@ -246,7 +287,7 @@ def test_equal_ends_are_told_for_what_they_are(
         (("--since", BROKEN, "--until", BROKEN), "spoilt"),
     ],
 )
-def test_a_wrong_question_is_refused(
+def test_wrong_arguments_are_refused(
     words: tuple[str, ...], told: str, command: Callable[..., tuple[int, str, str]]
 ) -> None:
     """Status 2, and what would be right."""
@@ -257,7 +298,7 @@ def test_a_wrong_question_is_refused(
 
 @pytest.mark.slow
 def test_mujocos_rk4_is_of_order_4_from_4_0_0(command: Callable[..., tuple[int, str, str]]) -> None:
-    """Of the real releases, where a registry can be reached: order 2 in 3.17.0, 4 in 4.0.0."""
+    """For the real releases, where an index can be reached: order 2 in 3.17.0, 4 in 4.0.0."""
     try:
         between = releases("mujoco", "3.16.0", "4.0.0")
     except (InputError, UnavailableError) as error:
@@ -273,7 +314,7 @@ def test_mujocos_rk4_is_of_order_4_from_4_0_0(command: Callable[..., tuple[int, 
 def test_mujocos_4_0_0_improved_and_3_17_0_is_worse(
     command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
-    """Two nightly runs of the real releases, compared by either command: only the way back fails."""
+    """Two nightly runs of the real releases, compared by either command: only the downgrade fails."""
     try:
         releases("mujoco", "3.17.0", "4.0.0")
     except (InputError, UnavailableError) as error:
@@ -281,7 +322,7 @@ def test_mujocos_4_0_0_improved_and_3_17_0_is_worse(
     words = ("nightly", "intermediate-axis", "--history", "kept", "--no-speed", "--engine")
     status, out, error = command(*words, "mujoco==3.17.0")
     assert status == 3, out + error
-    status, out, error = command(*words, "mujoco==4.0.0", "--markdown", "told.md")
+    status, out, error = command(*words, "mujoco==4.0.0", "--out", "told.md")
     assert status == 0, out + error
     first, headline, *_ = out.splitlines()
     assert first == "No regression."
@@ -294,7 +335,7 @@ def test_mujocos_4_0_0_improved_and_3_17_0_is_worse(
     )
     found = f"To find the release: {search} --measure orientation_error_rad --dt 0.001"
     assert found in out.splitlines()
-    assert found in Path("told.md").read_text()
+    assert found.replace("release: ", "release: `") + "`" in Path("told.md").read_text()
     old, new = (f"kept/{night.name}" for night in sorted((tmp_path / "kept").glob("2*")))
     status, out, error = command("compare", old, new, "--fail-on", "worse")
     assert (status, out.splitlines()[2]) == (0, headline), error

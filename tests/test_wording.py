@@ -59,6 +59,6 @@ def prose() -> Iterator[tuple[str, str]]:
 
 @pytest.mark.parametrize("idiom", IDIOMS)
 def test_no_idiom_is_used(idiom: str) -> None:
-    """Each has a standard term, which says the same to every reader."""
+    """Each has a standard term with one meaning for every reader."""
     found = [f"{place}: {text.strip()[:100]}" for place, text in prose() if re.search(idiom, text)]
     assert found == [], f"write {IDIOMS[idiom]}"

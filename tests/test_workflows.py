@@ -1,4 +1,4 @@
-"""The workflows: each action by its hash, least rights, and no command or option that is not there."""
+"""The workflows: pinned actions, least rights, and existing commands and options only."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def jobs(file: Path) -> dict[str, Any]:
 
 @pytest.mark.parametrize("file", WORKFLOWS, ids=lambda file: file.stem)
 def test_actions_are_pinned_by_hash(file: Path) -> None:
-    """With the version that the hash stands for beside it; a tag could be moved."""
+    """The version is next to the hash; a tag could be moved."""
     used = re.findall(r"uses: *(.*)", file.read_text())
     assert used
     assert all(re.fullmatch(r"[\w.-]+/[\w.-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", line) for line in used)
@@ -34,22 +34,22 @@ def test_actions_are_pinned_by_hash(file: Path) -> None:
 
 @pytest.mark.parametrize("file", WORKFLOWS, ids=lambda file: file.stem)
 def test_rights_are_the_least(file: Path) -> None:
-    """Whatever a job may beyond reading is said in the job; each has a time limit or publishes."""
+    """A job declares every right beyond reading, and has a time limit or publishes."""
     assert yaml.safe_load(file.read_text())["permissions"] == {"contents": "read"}
     for job in jobs(file).values():
         assert "timeout-minutes" in job or len(job["steps"]) == 1
 
 
 @pytest.mark.parametrize("file", WORKFLOWS, ids=lambda file: file.stem)
-def test_nothing_foreign_is_put_into_a_shell_line(file: Path) -> None:
-    """Expressions reach a script through its environment: what they hold is no part of the program."""
+def test_expressions_reach_a_script_through_its_environment(file: Path) -> None:
+    """The value of an expression must not become part of a program."""
     scripts = [step["run"] for job in jobs(file).values() for step in job["steps"] if "run" in step]
     assert scripts
     assert not any("${{" in script for script in scripts)
 
 
 @pytest.mark.parametrize("file", SCRIPTS, ids=lambda file: file.name)
-def test_commands_and_options_are_there(file: Path) -> None:
+def test_commands_and_options_exist(file: Path) -> None:
     """Each word after bodycheck is a command, and each option one of its own."""
     lines = [
         shlex.split(line.split("||")[0].split(">")[0])
@@ -66,12 +66,12 @@ def test_commands_and_options_are_there(file: Path) -> None:
 
 
 def test_tests_run_on_three_pythons() -> None:
-    """Those that the package says it supports."""
+    """They are those that the package supports."""
     tests = jobs(_FOLDER / "tests.yml")["tests"]
     assert tests["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
 
 
-def test_a_night_runs_the_tests_that_a_push_leaves_out() -> None:
-    """By the mark that the project's settings explain."""
+def test_nightly_workflow_runs_the_nightly_tests() -> None:
+    """The workflow uses the marker of the project's settings."""
     steps = jobs(_FOLDER / "nightly.yml")["tests"]["steps"]
     assert steps[-1]["run"] == "python -m pytest -m nightly"

@@ -21,16 +21,15 @@ from collections import Counter
 from pathlib import Path
 from subprocess import CompletedProcess
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
-
-from forked import forked
-from front_door import bodycheck_in
-from made_nights import stored, unchanged
-from mutations import any_bytes
-from scenario_file import SCENARIO
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import bodycheck
 from bodycheck._util.untrusted import LONGEST_LINE
+from tests.helpers.child_process import run_in_child
+from tests.helpers.file_mutations import any_bytes
+from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.nightly_runs import store_nightly_runs, unchanged
+from tests.helpers.scenario_texts import SCENARIO
 
 LIMIT_S, MOST_MEGABYTES = 60.0, 500.0
 STATUSES = {0, 1, 2, 3}
@@ -73,9 +72,9 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "list": (("scenarios", "suites", "measures", *ODD), {}),
     "gate": (
         TOML,
-        {"--tolerances": PATHS, "--run": PATHS, "--junit": PATHS, "--json": PATHS, "--margin": ODD},
+        {"--tolerances": PATHS, "--run": PATHS, "--junit": PATHS, "--json": (), "--margin": ODD},
     ),
-    "compare": (PATHS, {"--html": PATHS}),
+    "compare": (PATHS, {"--out": PATHS, "--json": ()}),
     "advise": (TOML, {"--error": NUMBERS, "--quantity": ("energy_drift", *ODD), "--run": PATHS}),
     "report": (PATHS, {"--markdown": ()}),
     "table": (PATHS, {"--format": ("csv", "json", "md", "parquet", *ODD), "--columns": ODD, "--out": PATHS}),
@@ -83,7 +82,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         PATHS,
         {"--figure": ("order", "stability", *ODD), "--out": ("new.svg", *PATHS), "--scenario": TOML},
     ),
-    "nightly": (TOML, {"--history": PATHS, "--engine": ENGINES, "--markdown": PATHS, "--timeout-s": ODD}),
+    "nightly": (TOML, {"--history": PATHS, "--engine": ENGINES, "--out": PATHS, "--timeout-s": ODD}),
     "history list": (PATHS, {}),
     "history query": (PATHS, {}),
     "history prune": (PATHS, {"--keep": ("1", "100", *ODD)}),
@@ -134,7 +133,7 @@ def drawn(dice: random.Random) -> list[str]:
             del chosen[option]
     line = [*command.split(), *words]
     for option, value in chosen.items():
-        line += [option] if option == "--markdown" and command == "report" else [option, value]
+        line += [option] if option in ("--json", "--markdown") else [option, value]
     return [word.replace("\x00", "") for word in line]
 
 
@@ -172,7 +171,7 @@ def main() -> int:
             folder = Path(place, "tried")
             shutil.copytree(sound, folder)
             before = {path.name for path in folder.iterdir()}
-            ended = forked(lambda words=words, folder=folder: bodycheck_in(folder, *words), LIMIT_S)  # type: ignore[misc]
+            ended = run_in_child(lambda words=words, folder=folder: run_bodycheck(folder, *words), LIMIT_S)  # type: ignore[misc]
             megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
             fault = ended.error or fault_of(
                 words, ended.value, before, {path.name for path in folder.iterdir()}
@@ -199,8 +198,8 @@ def prepared(folder: Path) -> Path:
     (folder / "gates.toml").write_text(GATES)
     run = bodycheck.run([folder / "mine.toml"], engines=["reference:m1", "reference:rk4"], jobs=1)
     bodycheck.write_run(run, folder / "run")
-    stored(run, folder / "history", [unchanged, unchanged])
-    table = bodycheck_in(folder, "truth", "mine.toml", "--at", "0,0.5,1").stdout
+    store_nightly_runs(run, folder / "history", [unchanged, unchanged])
+    table = run_bodycheck(folder, "truth", "mine.toml", "--at", "0,0.5,1").stdout
     for name in ("judged.csv", "judged.npz", "judged.csv.zip", "part.stl"):
         (folder / name).write_text(table)
     return folder

@@ -19,18 +19,17 @@ import time
 from collections import Counter
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
-
-from forked import forked
-from made_nights import run_of_night, stored, unchanged
-from mutations import any_bytes, csv_cell, json_value, toml_line
-from scenario_file import SCENARIO
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import bodycheck
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import told_of
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.nightly_run import store_night
+from tests.helpers.child_process import run_in_child
+from tests.helpers.file_mutations import any_bytes, csv_cell, json_value, toml_line
+from tests.helpers.nightly_runs import as_nightly_run, store_nightly_runs, unchanged
+from tests.helpers.scenario_texts import SCENARIO
 
 LIMIT_S, MOST_MEGABYTES = 60.0, 500.0
 GRAMMARS = {".json": json_value, ".csv": csv_cell, ".toml": toml_line}
@@ -55,7 +54,7 @@ def damage(path: Path, dice: random.Random) -> str:
 
 def trial(run: Run, folder: Path, number: int, damaged: Path) -> None:
     """Store one night more, and raise FaultFound unless it is stored, judged, and names the damaged file."""
-    judged, night = store_night(run_of_night(run, number), History(folder))
+    judged, night = store_night(as_nightly_run(run, number), History(folder))
     if History(folder).nights()[-1] != night or told_of(night)["status"] != judged.status:
         raise FaultFound("it is not stored")
     expected = History(folder).nights()
@@ -84,7 +83,7 @@ def main() -> int:
         (Path(place) / "mine.toml").write_text(SCENARIO)
         run = bodycheck.run([Path(place) / "mine.toml"], engines=["reference:m1", "reference:rk4"], jobs=1)
         history = Path(place, "history")
-        stored(run, history, [unchanged] * asked.nights)
+        store_nightly_runs(run, history, [unchanged] * asked.nights)
         for number in range(asked.trials):
             dice = random.Random(f"{asked.seed}/{number}")
             night = dice.choice(History(history).nights())
@@ -92,7 +91,7 @@ def main() -> int:
             content = path.read_bytes()
             way = f"{path.suffix[1:]} {damage(path, dice)}"
             ways[way] += 1
-            ended = forked(lambda path=path: trial(run, history, asked.nights, path), LIMIT_S)  # type: ignore[misc]
+            ended = run_in_child(lambda path=path: trial(run, history, asked.nights, path), LIMIT_S)  # type: ignore[misc]
             megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
             if ended.error is not None:
                 failed.append(number)

@@ -3,7 +3,7 @@
     python tools/fault_trials.py --trials 200 --seed 1
 
 Each trial starts a run, does it some harm, and goes on with what is left, as a user would. Afterwards nothing
-that was on disk may be missing or changed, nothing may have been asked for twice, and the tables must be
+that was on disk may be missing or changed, nothing may have been requested twice, and the tables must be
 those of a run that nothing happened to. Prints the figures; ends with status 1 where a trial failed.
 """
 
@@ -26,17 +26,17 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import pandas as pd
-import scenario_file
-from processes import all_gone, workers_of
-from unprivileged import heed_modes
 
 from bodycheck._util.checksummed_json import opened
 from bodycheck.runs.directory import partial_of
+from tests.helpers import scenario_texts
+from tests.helpers.file_permissions import obey_file_permissions
+from tests.helpers.worker_processes import all_gone, workers_of
 
-SCENARIO = scenario_file.SCENARIO.replace("samples = 11", "samples = 101")
+SCENARIO = scenario_texts.SCENARIO.replace("samples = 11", "samples = 101")
 WORDS = ["run", "mine.toml", "--engine", "reference:m1,reference:rk4,mujoco:euler", "--no-speed"]
 PATIENCE_S = 120.0
 
@@ -65,7 +65,7 @@ class Trial:
         """Return the journal of the run while it lasts."""
         return partial_of(self.out) / "journal"
 
-    def start(self, *words: str, harm: Callable[[], None] = heed_modes) -> subprocess.Popen[str]:
+    def start(self, *words: str, harm: Callable[[], None] = obey_file_permissions) -> subprocess.Popen[str]:
         """Start a command in the folder; `harm` is done to its process before it begins."""
         return subprocess.Popen(
             [sys.executable, "-m", "bodycheck", *words],
@@ -76,7 +76,7 @@ class Trial:
             preexec_fn=harm,
         )
 
-    def begin(self, harm: Callable[[], None] = heed_modes) -> subprocess.Popen[str]:
+    def begin(self, harm: Callable[[], None] = obey_file_permissions) -> subprocess.Popen[str]:
         """Start the run; one in four may take what earlier runs have found."""
         fresh = [] if self.dice.random() < 0.25 else ["--fresh"]
         return self.start(*WORDS, *fresh, "--out", "out", harm=harm)
@@ -233,7 +233,7 @@ def go_on(trial: Trial) -> None:
         raise FaultFound("a result that was stored is missing or changed")
     keys = [json.loads(line.partition(b" ")[2])["key"] for line in final]
     if len(set(keys)) != len(keys):
-        raise FaultFound("something that was stored was asked for again")
+        raise FaultFound("something that was stored was requested again")
 
 
 def whole_lines(journal: Path) -> list[bytes]:
@@ -244,9 +244,9 @@ def whole_lines(journal: Path) -> list[bytes]:
 
 
 def tables(folder: Path) -> Tables:
-    """Return the tables of a run as text, but for its name; nothing is measured of its speed."""
+    """Return the tables of a run as text, without its name and whether answers were reused (some are)."""
     found = {name: pd.read_csv(folder / f"{name}.csv", dtype=str) for name in ("results", "methods")}
-    return {name: table.drop(columns="run_id") for name, table in found.items()}
+    return {name: table.drop(columns=["run_id", "reused"], errors="ignore") for name, table in found.items()}
 
 
 def check(trial: Trial, expected: Tables) -> None:

@@ -18,14 +18,13 @@ import time
 from collections import Counter
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/helpers"))
-
-from fault_reports import results_of
-from random_scenarios import write_scenario
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import bodycheck
-from bodycheck.adapters.registry import engine_names
+from bodycheck.adapters.registry import default_engines
 from bodycheck.reports.summary.cells import summary_cells
+from tests.helpers.random_scenarios import write_scenario
+from tests.helpers.reported_results import reported_results
 
 _DEPARTING = ("pybullet:multibody@defaults", "pybullet:maximal@defaults")
 _ON_REQUEST = (
@@ -34,6 +33,8 @@ _ON_REQUEST = (
     "pybullet:multibody@substeps",
     "pybullet:maximal@substeps",
     "dart:semi-implicit@defaults",
+    "reference:rk4-f32",
+    "reference:m1-f32",
 )
 _AT_ONCE = 10
 _TRUE = ("property", "unstable")
@@ -55,10 +56,10 @@ def main() -> int:
         for first in range(0, len(paths), _AT_ONCE):
             some = paths[first : first + _AT_ONCE]
             requested = _ON_REQUEST[first // _AT_ONCE % len(_ON_REQUEST)]
-            run = bodycheck.run(some, engines=[*engine_names(), requested], speed=False)
+            run = bodycheck.run(some, engines=[*default_engines(), requested], speed=False)
             cases += len(run.cases)
             states.update(c.state for methods in summary_cells(run).values() for c in methods.values())
-            for method, results in results_of(run).items():
+            for method, results in reported_results(run).items():
                 for one in results:
                     found[method in _DEPARTING, one.kind] += 1
                     if method not in _DEPARTING and one.kind != "property":

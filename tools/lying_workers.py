@@ -24,18 +24,18 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-import liar
 import pandas as pd
-from forked import forked
-from front_door import bodycheck_in
-from scenario_file import MEASURED_ANEW, SCENARIO
 
 from bodycheck._util.untrusted import LONGEST_LINE
 from bodycheck.adapters import registry
 from bodycheck.adapters.workers import worker_process
 from bodycheck.reports.run_files.run_reader import read_tables
+from tests.helpers import faulty_worker
+from tests.helpers.child_process import run_in_child
+from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO
 
 TIMEOUT_S, START_S, LIMIT_S, MOST_MEGABYTES = 2.0, 10.0, 120.0, 500.0
 
@@ -44,7 +44,7 @@ class FaultFound(Exception):  # noqa: N818 - what the trials are there to find
     """A run that did not end as it must."""
 
 
-def trial(folder: Path, seed: str, engines: str) -> str:
+def trial(folder: Path, seed: str, engines: str, timeout_s: float = TIMEOUT_S) -> str:
     """Return how a run by these engines ended; raise FaultFound where it must not end so."""
     (folder / "mine.toml").write_text(SCENARIO)
     words = [
@@ -63,12 +63,14 @@ def trial(folder: Path, seed: str, engines: str) -> str:
     speed = [] if random.Random(seed).random() < 0.3 else ["--no-speed"]
     with (
         patch.object(
-            registry, "_plugged_in", lambda: {"liar": EntryPoint("liar", "liar:Liar", "bodycheck.adapters")}
+            registry,
+            "_plugged_in",
+            lambda: {"liar": EntryPoint("liar", "liar:Liar", "bodycheck.adapters")},
         ),
         patch.object(worker_process, "_START_S", START_S),
         patch.object(worker_process.subprocess, "Popen", _popen(seed)),
     ):
-        done = bodycheck_in(folder, *words, *speed, "--timeout-s", str(TIMEOUT_S))
+        done = run_bodycheck(folder, *words, *speed, "--timeout-s", str(timeout_s))
     lines = done.stderr.splitlines()
     if any(len(line) > LONGEST_LINE or not line.isprintable() for line in lines):
         raise FaultFound(f"a line that is too long or not printable: {lines}")
@@ -89,7 +91,7 @@ def _popen(seed: str) -> Any:
 
     def popen(command: list[str], **options: Any) -> Any:
         lies = "liar" in command
-        return start([sys.executable, liar.__file__, seed] if lies else command, **options)
+        return start([sys.executable, "-m", faulty_worker.__name__, seed] if lies else command, **options)
 
     return popen
 
@@ -97,7 +99,7 @@ def _popen(seed: str) -> Any:
 def reference_rows(folder: Path) -> pd.DataFrame:
     """Return the rows of the reference, but for what is measured anew."""
     rows = pd.read_csv(folder / "out/results.csv", dtype=str)
-    return rows[rows["engine"] == "reference"].drop(columns=MEASURED_ANEW).reset_index(drop=True)
+    return rows[rows["engine"] == "reference"].drop(columns=RUN_SPECIFIC_COLUMNS).reset_index(drop=True)
 
 
 def main() -> int:
@@ -111,17 +113,23 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="lying-workers-") as place:
         sound = Path(place, "sound")
         sound.mkdir()
-        forked(lambda: trial(sound, "sound", "reference:m1"), 10 * LIMIT_S)
+        # long enough to compile the reference, so that no trial has to
+        run_in_child(lambda: trial(sound, "sound", "reference:m1", LIMIT_S), 10 * LIMIT_S)
         expected = reference_rows(sound)
+        if set(expected["outcome"]) != {"ok"}:
+            raise FaultFound(f"the reference alone: {expected['message'].tolist()}")
         for number in range(asked.trials):
             folder, seed = Path(place, str(number)), f"{asked.seed}/{number}"
             folder.mkdir()
-            ended = forked(lambda folder=folder, seed=seed: trial(folder, seed, "liar,reference:m1"), LIMIT_S)  # type: ignore[misc]
+            ended = run_in_child(
+                lambda folder=folder, seed=seed: trial(folder, seed, "liar,reference:m1"), LIMIT_S
+            )  # type: ignore[misc]
             megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
             fault = ended.error
             if fault is None and (folder / "out").exists():
                 rows = reference_rows(folder)
-                fault = None if rows.equals(expected) else "the reference's rows differ"
+                differing = [name for name in rows if not rows[name].equals(expected[name])]
+                fault = f"the reference's rows differ in {', '.join(differing)}" if differing else None
             if fault is not None:
                 failed.append(number)
                 print(f"trial {number}: {fault[-1500:]}", flush=True)

@@ -39,63 +39,86 @@ SLACK = 5.0
 """How many times the usual processor time the tests may take, and 5 s beside."""
 
 _MEASURES = ("measures", "scales", "invariants", "case")
-_SPLINES = "test_energy_balance.py::test_the_integral_of_a_spline_is_that_of_every_polynomial_it_contains"
-_GATES = tuple(f"gates/test_{name}.py" for name in ("gate_words", "gate_laws", "gate_files", "proposals"))
+_SPLINES = "test_energy_balance.py::test_integral_of_a_spline_is_exact_for_its_polynomials"
+_GATES = tuple(f"gates/test_{name}.py" for name in ("gate_output", "gate", "gate_files", "proposals"))
+_PAST = "history/test_past_runs.py"
+_NIGHTLY = (
+    "../test_reuse.py",
+    "../test_nightly_command.py",
+    "history/test_damaged_history.py",
+    "../test_nightly_command.py::test_nightly_run_fails_on_a_regression",
+)
 TESTS: dict[str, tuple[str, ...]] = {
-    **{f"reports/measurement/{name}.py": ("test_measure_laws.py", "test_measures.py") for name in _MEASURES},
-    "reports/measurement/work.py": ("test_measure_laws.py", "test_measures.py", _SPLINES),
+    **{f"reports/measurement/{name}.py": ("test_measures.py",) for name in _MEASURES},
+    "reports/measurement/work.py": ("test_measures.py", _SPLINES),
     "reports/measurement/convergence.py": ("test_convergence_laws.py", "test_convergence.py"),
     "reports/measurement/limits.py": ("test_limits.py",),
     "reports/measurement/order.py": ("test_order.py",),
     "reports/measurement/verdicts.py": ("test_state_laws.py",),
-    "reports/measurement/growth.py": ("test_growth_laws.py",),
+    "reports/measurement/growth.py": ("test_growth.py",),
     "reports/measurement/refinement.py": ("test_convergence_laws.py", "test_convergence.py"),
     "reports/measurement/stability.py": ("test_state_laws.py",),
     "reports/summary/worst_results.py": ("test_state_laws.py",),
     "reports/run_files/run_tables.py": ("test_state_laws.py",),
     "reports/summary/cells.py": ("test_state_laws.py",),
-    "adapters/stable_step.py": ("../adapters/test_stable_step_laws.py",),
+    "adapters/stable_step.py": ("../adapters/test_stable_step.py",),
     **{
         f"reports/gates/{name}.py": _GATES
         for name in ("gate", "gate_measure", "gate_output", "proposal", "verdict")
     },
     **{
-        f"reports/comparison/{name}.py": ("comparison/test_change_laws.py",)
+        f"reports/comparison/{name}.py": ("comparison/test_change.py",)
         for name in ("accuracy", "change", "compare", "describe", "environment_diff", "speed_changes")
     },
     **{
-        f"reports/comparison/{name}.py": ("comparison/test_headlines.py", "comparison/test_change_laws.py")
+        f"reports/comparison/{name}.py": ("comparison/test_headlines.py", "comparison/test_change.py")
         for name in ("headlines", "judgements")
     },
     "reports/comparison/release_search.py": ("comparison/test_bisection.py", "comparison/test_headlines.py"),
-    "reports/history/accepted_levels.py": ("history/test_judgement_laws.py",),
-    **{
-        f"reports/comparison/{name}.py": ("comparison/test_one_measure_laws.py",)
-        for name in ("measure_track", "comparison_output")
-    },
-    "reports/history/step_detection.py": ("history/test_level_laws.py",),
-    "reports/history/baseline.py": ("history/test_machine_class.py",),
-    "reports/history/archive.py": ("history/test_nights.py",),
-    "reports/cache/truths.py": ("storage/test_cache.py",),
-    "reports/cache/answers.py": ("storage/test_answers.py",),
-    "reports/cache/journal.py": ("storage/test_journal.py",),
-    "reports/cache/entries.py": ("storage/test_answers.py", "storage/test_cache.py"),
-    "reports/cache/disk_cache.py": ("storage/test_cache.py", "../test_reuse.py"),
-    **{
-        f"{name}.py": ("../test_reuse.py", "../test_nightly_command.py")
-        for name in ("runs/nightly_run", "cli/nightly")
-    },
+    "reports/history/accepted_levels.py": ("history/test_regression.py",),
+    "reports/comparison/measure_track.py": ("comparison/test_measure_track.py",),
+    "reports/comparison/release_results.py": ("comparison/test_version_text.py",),
+    "reports/history/step_detection.py": ("history/test_step_detection.py",),
+    "reports/history/baseline.py": (
+        "history/test_baseline.py",
+        "history/test_damaged_history.py",
+        f"{_PAST}::test_run_dated_in_the_future_is_reported_and_not_a_baseline",
+        f"{_PAST}::test_damaged_past_run_is_named_and_not_a_baseline[a footer, before sums]",
+        "history/test_regression.py::test_runs_of_another_machine_class_are_not_compared",
+        "history/test_regression.py::test_history_without_levels_is_compared_with_its_values",
+    ),
+    "reports/history/archive.py": ("history/test_archive.py", "../test_nightly_command.py"),
+    "reports/cache/truths.py": ("cache/test_cache.py",),
+    "reports/cache/answers.py": ("cache/test_answers.py",),
+    "reports/cache/journal.py": ("cache/test_journal.py",),
+    "reports/cache/entries.py": ("cache/test_answers.py", "cache/test_cache.py"),
+    "reports/cache/disk_cache.py": ("cache/test_cache.py", "../test_reuse.py"),
+    "runs/nightly_run.py": (
+        *_NIGHTLY,
+        f"{_PAST}::test_run_that_cannot_be_judged_is_stored",
+        f"{_PAST}::test_internal_error_of_judging_loses_no_run",
+    ),
+    "cli/nightly.py": (*_NIGHTLY, "../test_nightly_command.py::test_history_is_listed_queried_and_pruned"),
     "adapters/workers/build_identity.py": ("../adapters/test_identity.py",),
-    "_util/platform_identity.py": ("../reference_impl/test_installed_libraries.py",),
-    "_util/file_digests.py": ("../reference_impl/test_remembered_digest.py",),
+    "_util/platform_identity.py": (
+        "../reference_impl/test_installed_libraries.py",
+        "../adapters/test_identity.py",
+    ),
+    "_util/file_digests.py": ("../reference_impl/test_file_digests.py",),
     **{
-        f"adapters/versions/{name}.py": ("../adapters/test_pins.py", "../test_versions.py")
+        f"adapters/versions/{name}.py": ("../adapters/test_pinned_versions.py", "../test_versions.py")
         for name in ("environments", "pins", "uv")
     },
-    "runs/version_search.py": ("../test_versions.py",),
-    "reports/history/regression.py": ("history/test_judgement_laws.py", "history/test_level_laws.py"),
+    "runs/version_search.py": (
+        "../test_versions.py",
+        "../test_versions.py::test_every_release_is_run_on_request",
+    ),
+    "reports/history/regression.py": ("history/test_regression.py", "history/test_step_detection.py"),
 }
-"""Module -> the files under tests/reports that belong to it, the quickest first."""
+"""Module -> the tests under tests/reports that belong to it, fastest first.
+
+Of a file those that are not slow; a test named by itself may be slow: a push runs it too.
+"""
 
 ONLY = {
     "reports/measurement/case.py": {"measured_by", "_horizon"},
@@ -113,16 +136,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         'return "moved" if before == after else "improved" if after > before else "worse"',
         "after > before -> after >= before",
     ): "there the two are not equal",
-    (
-        "reports/measurement/convergence.py",
-        "decades(ended) >= _PLATEAU_DECADES - 1e-6",
-        "decades(ended) >= _PLATEAU_DECADES - 1e-06 -> decades(ended) > _PLATEAU_DECADES - 1e-06",
-    ): "the millionth is slack for round-off: no ratio of steps asked for has this very logarithm",
-    (
-        "reports/measurement/convergence.py",
-        "if found[2] <= widest and found[1] >= max(_LEAST_ORDER, found[2]):",
-        "found[2] <= widest -> found[2] < widest",
-    ): "a half-width that is fitted is never the very double of a level",
     (
         "reports/measurement/growth.py",
         'return "exponential" if unfit_in_time * _EXPONENTIAL_GAIN < unfit else None',
@@ -186,11 +199,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "abs(t[k] - end) > 1e-09 * scene.sample_interval_s -> "
         "abs(t[k] - end) >= 1e-09 * scene.sample_interval_s",
     ): "the billionth is slack for round-off: no switch is this very double beside a sample",
-    (
-        "reports/gates/gate_output.py",
-        'return (json.dumps(told, indent=1, allow_nan=False) + "\\n").encode()',
-        "allow_nan=False -> nothing",
-    ): "it guards what the rows already hold: no number there is infinite or none",
     **{
         ("adapters/versions/environments.py", line, "'utf-8' -> 'utf-8_'"): "a name of the same encoding"
         for line in (
@@ -203,6 +211,36 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         'within, without = environment / "constraints.txt", environment / "overrides.txt"',
         "'overrides.txt' -> 'overrides.txt_'",
     ): "uv is given the name of the file, whatever it is",
+    (
+        "adapters/versions/uv.py",
+        "done = subprocess.run(asked, capture_output=True, text=True, check=False)",
+        "check=False -> nothing",
+    ): "the default, written out for readers",
+    (
+        "adapters/workers/build_identity.py",
+        "told = json.dumps(parts, sort_keys=True)",
+        "True -> False",
+    ): "the parts are always made in one order; sorted, the hash survives another order of the code",
+    (
+        "adapters/workers/build_identity.py",
+        "self._touched |= max(times, default=0) > _BEGIN_NS",
+        "0 -> 1",
+    ): "either is long before the process began",
+    (
+        "adapters/workers/build_identity.py",
+        '("headers", ctypes.c_void_p),',
+        "'headers' -> 'headers_'",
+    ): "of the system's record only `adds` is read",
+    (
+        "_util/file_digests.py",
+        "_RACY_NS = 2_000_000_000",
+        "2000000000 -> 2000000001",
+    ): "a nanosecond more than the 2 s of the coarsest time stamps",
+    (
+        "reports/cache/answers.py",
+        '_Said = TypeVar("_Said", Answer, StableStep)',
+        "'_Said' -> '_Said_'",
+    ): "the name that a type variable prints",
 }
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 
@@ -212,7 +250,7 @@ _OUTPUT = _PLACE / "output.txt"
 _MOST_MEMORY = 8 * 2**30  # bytes of a mutant that never ends
 
 _OPTIONS = (
-    *("-x", "-q", "-n0", "-m", "not slow", "-p", "no:cacheprovider", "--hypothesis-seed=0"),
+    *("-x", "-q", "-n0", "-p", "no:cacheprovider", "--hypothesis-seed=0"),
     *("--tb=short", "--assert=plain"),  # asserts of pytest's own making would precede all imports
 )
 _HEAVY = (
@@ -228,6 +266,7 @@ _HEAVY = (
 )
 
 _FORGOTTEN = (
+    "bodycheck._util.compiled_cache",
     "bodycheck._util.platform_identity",
     "bodycheck._util.file_digests",
 )
@@ -278,11 +317,16 @@ class Mutant:
 
 
 def main() -> int:
-    """Run the tests on the mutants that are asked for; return the exit status."""
+    """Run the tests on the requested mutants; return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--mutants", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--module", action="append", choices=sorted(TESTS), help="all of them, unless told")
+    parser.add_argument(
+        "--module",
+        action="append",
+        choices=sorted(TESTS),
+        help="the module to change; repeatable [default: all]",
+    )
     asked = parser.parse_args()
     every = [mutant for module in TESTS for mutant in mutants_of(module)]
     if stale := EQUIVALENT.keys() - {mutant.key for mutant in every}:
@@ -380,7 +424,10 @@ def _test(tests: Sequence[str], limit_s: float) -> None:
     output = os.open(_OUTPUT, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
-    sys.exit(pytest.main([*_OPTIONS, *(os.path.normpath(f"tests/reports/{test}") for test in tests)]))
+    paths = [os.path.normpath(f"tests/reports/{test}") for test in tests]
+    files, named = ([path for path in paths if ("::" in path) is single] for single in (False, True))
+    failed = pytest.main([*_OPTIONS, "-m", "not slow", *files])
+    sys.exit(failed or (pytest.main([*_OPTIONS, *named]) if named else 0))
 
 
 def mutants_of(module: str) -> Iterator[Mutant]:

@@ -25,16 +25,16 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 import pandas as pd
-from scenario_file import SCENARIO
 
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.queries import nights_table, query, recorded_cases
 from bodycheck.reports.history.regression import Speeds, speeds_of
 from bodycheck.reports.history.step_detection import LEAST_AFTER, LEAST_BEFORE, pooled_spread
+from tests.helpers.scenario_texts import SCENARIO
 
 _QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
 _SCENARIO = SCENARIO.replace("mine", "tumble").replace("samples = 11", "samples = 101")
@@ -45,7 +45,7 @@ _SLOWER = 1.2
 
 
 def main() -> int:
-    """Run the trials that are asked for; return the exit status."""
+    """Run the requested trials; return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--unchanged", type=int, default=20)
@@ -238,7 +238,7 @@ def delay(nights: pd.DataFrame, engine: str, first: int) -> int | None:
 
 
 def alarms(speeds: Speeds) -> list[tuple[tuple[str, str], int, float]]:
-    """Return method, night and size of each step that is told."""
+    """Return method, night and size of each reported step."""
     return [(method, step.told, step.size) for method, steps in speeds.steps.items() for step in steps]
 
 

@@ -102,7 +102,7 @@ def overheads(scenarios: list[str], engines: list[str] | None) -> dict[str, list
         for how, scenario in selection.scenarios:
             problem = Problem.of(scenario, how)
             for engine, method in selection.methods:
-                setting = selection.settings(scenario, method)[0]
+                setting = selection.settings(scenario, engine, method)[0]
                 passes = []
                 asked.clear()
                 for _ in range(1 + _PASSES):  # the first starts the worker and loads its kernels
@@ -123,7 +123,7 @@ def main() -> None:
     """Print a line for each engine, and one for all."""
     parser = argparse.ArgumentParser(description="What a case costs beside its stepping, in ms.")
     parser.add_argument("scenarios", nargs="*", default=["standard"])
-    parser.add_argument("--engine", help="separated by commas; all unless told")
+    parser.add_argument("--engine", help="separated by commas [default: all]")
     given = parser.parse_args()
     found = overheads(given.scenarios, given.engine.split(",") if given.engine else None)
     print(f"{'engine':12s} {'cases':>5s} {'median':>7s} {'mean':>7s} {'90 %':>7s}   of it asking, median")

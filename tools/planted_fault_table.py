@@ -15,14 +15,13 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
-
-from fault_reports import results_of
-from planted_faults import BASES, FAULTS, SOUND, Faulty
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import bodycheck
 from bodycheck.adapters.registry import register_adapter
 from bodycheck.reports.summary.worst_results import Result
+from tests.helpers.planted_faults import BASES, FAULTS, SOUND, Faulty
+from tests.helpers.reported_results import reported_results
 
 
 def described(results: Sequence[Result]) -> str:
@@ -40,7 +39,7 @@ def main(scenarios: list[str]) -> int:
     begin = time.perf_counter()
     run = bodycheck.run(scenarios or ["smoke"], engines=[engine.name for engine in engines], speed=False)
     took = time.perf_counter() - begin
-    found, missed = results_of(run), 0
+    found, missed = reported_results(run), 0
     print("| fault | planted | base | reported by |\n|---|---|---|---|")
     for engine, base in zip(engines, BASES, strict=True):
         accused = found.get(f"{engine.name}:{SOUND}", ())

@@ -24,15 +24,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests/helpers"))
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests/scenarios"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
-from forked import Ended, forked
-from made_nights import stored, unchanged
-from mutations import Mutation, any_bytes, csv_cell, json_value, npz_member, passes, token, toml_line
-from scenario_file import SCENARIO
-from test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
+import pandas as pd
 
 import bodycheck
 from bodycheck._util.errors import BodycheckError
@@ -41,24 +36,43 @@ from bodycheck.adapters.contract import Build, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol
-from bodycheck.reference_impl.kernels.jit import _content, _DamagedError
+from bodycheck.reference_impl.kernels.cache_files import _content, _DamagedError
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.entries import Entry
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.gate import read_gates
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import past_of, readable_nights
 from bodycheck.reports.history.queries import TABLES, query
+from bodycheck.reports.recordings.column_map import ColumnMap, read_map
+from bodycheck.reports.recordings.conversion import recorded_arrays
 from bodycheck.reports.render.html import render_report
-from bodycheck.reports.render.markdown import markdown_summary
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
+from bodycheck.reports.run_files.table_formats import as_parquet
 from bodycheck.reports.run_files.trajectory_files import read_arrays
-from bodycheck.reports.summary.advice import advise
+from bodycheck.reports.summary.advice import settings_within
+from bodycheck.reports.summary.error_curve import curves_of
+from bodycheck.reports.summary.sentences import run_document
 from bodycheck.runs.directory import _describe, _description
 from bodycheck.scenarios.library import load_scenario
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.reader import read_members
+from tests.helpers.child_process import ChildResult, run_in_child
+from tests.helpers.file_mutations import (
+    Mutation,
+    any_bytes,
+    csv_cell,
+    json_value,
+    npz_member,
+    passes,
+    token,
+    toml_line,
+)
+from tests.helpers.nightly_runs import store_nightly_runs, unchanged
+from tests.helpers.scenario_texts import SCENARIO
+from tests.scenarios.test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
 
 LONGEST_S, MOST_MEGABYTES, BATCH = 10.0, 500.0, 25
 
@@ -99,7 +113,7 @@ def all_readers(sound: Path) -> list[Reader]:
     (sound / "mine.toml").write_text(SCENARIO)
     run = bodycheck.run([sound / "mine.toml"], engines=["reference:m1", "reference:rk4"], jobs=1)
     bodycheck.write_run(run, sound / "run")
-    stored(run, sound / "history", [unchanged, unchanged])
+    store_nightly_runs(run, sound / "history", [unchanged, unchanged])
     found = [*_inputs(sound), *_trajectories(sound), *_run_files(sound), *_night_files(sound, run.manifest)]
     return [*found, *_messages(sound), *_caches(sound)]
 
@@ -158,12 +172,34 @@ def _trajectories(sound: Path) -> list[Reader]:
     return [
         Reader("judged .csv", sound / "judged.csv", judged, "csv", csv_cell, 0.2),
         Reader("judged .npz", sound / "judged.npz", judged, "npz", npz_member, 0.2),
-        Reader("trajectory .csv", sound / "judged.csv", read_arrays, "csv", csv_cell, 2.0),
+        *_recordings(sound),
         Reader("trajectory .npz", sound / "judged.npz", read_arrays, "npz", npz_member, 1.0),
         *(
-            Reader(f"judged .csv{suffix}", sound / f"judged.csv{suffix}", read_arrays, "csv", csv_cell, 0.3)
+            Reader(f"judged .csv{suffix}", sound / f"judged.csv{suffix}", _recorded, "csv", csv_cell, 0.3)
             for suffix in (".zip", ".gz", ".tar", ".xz")
         ),
+    ]
+
+
+def _recorded(path: Path) -> None:
+    recorded_arrays(path, ColumnMap())
+
+
+def _recordings(sound: Path) -> list[Reader]:
+    """Recordings in every format that needs no further package, and a map."""
+    table = pd.read_csv(sound / "judged.csv")
+    (sound / "judged.parquet").write_bytes(as_parquet(table))
+    (sound / "judged.jsonl").write_text(json.dumps(table.to_dict("records")[0]) + "\n")
+    (sound / "map.toml").write_text('t_s = "2*t_s"\nqw = "-qw"\nworld = "NED to ENU"\nignore = ["a*"]\n')
+
+    def mapped(path: Path) -> None:
+        recorded_arrays(sound / "judged.csv", read_map([path]))
+
+    return [
+        Reader("recording .csv", sound / "judged.csv", _recorded, "csv", csv_cell, 2.0),
+        Reader("recording .jsonl", sound / "judged.jsonl", _recorded, "json", json_value),
+        Reader("recording .parquet", sound / "judged.parquet", _recorded, "parquet", any_bytes, 0.5),
+        Reader("column map", sound / "map.toml", mapped, "toml", toml_line),
     ]
 
 
@@ -178,8 +214,9 @@ def _run_files(sound: Path) -> list[Reader]:
         tables = read_tables(path.parent)
         compare(other, tables)
         compare(tables, other)
-        markdown_summary(tables)
-        advise(tables.cases, 1e-3, "orientation_error_rad", list(tables.manifest["scenarios"]))
+        markdown(run_document(tables))
+        curves = curves_of(tables, "orientation_error_rad")
+        settings_within(curves, 1e-3, list(tables.manifest["scenarios"]))
 
     def page(path: Path) -> None:
         folder = next(parent for parent in path.parents if (parent / "methods.csv").exists())
@@ -359,9 +396,9 @@ def tried(reader: Reader, folder: Path, sound: Path, seed: str) -> Tried:
     return Tried(reader.name, ending, passes(reader.kind, damaged), seconds, seed, fault)
 
 
-def _together(batch: list[tuple[Reader, str]], folder: Path, sound: Path) -> Ended:
+def _together(batch: list[tuple[Reader, str]], folder: Path, sound: Path) -> ChildResult:
     """Try some mutations in a child of their own."""
-    return forked(
+    return run_in_child(
         lambda: [tried(reader, folder, sound, seed) for reader, seed in batch], 2 * LONGEST_S * len(batch)
     )
 
@@ -382,6 +419,11 @@ def main() -> int:
         sound.mkdir()
         readers = [one for one in all_readers(sound) if asked.only in (None, one.name)]
         shutil.copytree(sound, folder)
+        intact = run_in_child(
+            lambda: [one.read(folder / one.file.relative_to(sound)) for one in readers], 600.0
+        )
+        if intact.error is not None:  # it also compiles the kernels, which takes longer than a reader may
+            raise RuntimeError(f"an intact file is refused: {intact.error}")
         total = sum(reader.weight for reader in readers)
         seeds = [
             (reader, f"{asked.seed}/{reader.name}/{k}")

@@ -19,12 +19,19 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/helpers"))
-
-from random_motions import FORCED, QUANTITIES, exact_motion, far_scene, free_scene, ratios, truth_scene
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.truth.certification import solve_truth
+from tests.helpers.random_motions import (
+    FORCED,
+    QUANTITIES,
+    exact_motion,
+    far_scene,
+    free_scene,
+    ratios,
+    truth_scene,
+)
 
 _TIMES = [0.0, 0.3, 1.0]
 

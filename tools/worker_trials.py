@@ -87,7 +87,7 @@ def cases(program: Program, scenarios: list[str]) -> Iterator[tuple[CaseResult, 
     for how, scenario in selection.scenarios:
         problem = Problem.of(scenario, how)
         for _, method in methods:
-            for setting in selection.settings(scenario, method):
+            for setting in selection.settings(scenario, engine, method):
                 case = Case(scenario.scene, method.name, setting)
                 result = run_case(
                     problem, engine, method, setting, lambda _, c: answers.ask(program, engine, c)

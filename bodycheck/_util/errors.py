@@ -36,6 +36,9 @@ INPUT = 2
 FAULT = 70
 """Exit status for an unexpected exception: EX_SOFTWARE of sysexits.h."""
 
+SIGNALLED = 128
+"""Shells report a command that a signal ended as this status plus the signal's number."""
+
 INTERRUPTED = 130
 """Exit status that shells expect of a command interrupted by Ctrl-C."""
 

@@ -1,16 +1,12 @@
-"""Format numbers, lists and tables as text, for a terminal, a pipe or Markdown."""
+"""Format numbers, steps and lists as text."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from rich.console import Console, JustifyMethod
-    from rich.text import Text
+from difflib import get_close_matches
 
 _MOST_NAMES = 8
+_NEARLY = 0.8  # one or two typing errors in a name of ten letters
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -26,7 +22,8 @@ def scientific(value: float) -> str:
 
 
 def _short_exponent(text: str) -> str:
-    return re.sub(r"e([+-])0*(\d)", r"e\1\2", text).replace("e+", "e") if "e" in text else text
+    mantissa, e, exponent = text.partition("e")
+    return f"{mantissa}e{int(exponent)}" if e else text
 
 
 def step(dt_s: float | None) -> str:
@@ -58,48 +55,15 @@ def count(amount: int, thing: str) -> str:
     return f"{amount} {thing}" if amount == 1 else f"{amount} {thing}s"
 
 
-_ENDLESS = 10_000
+def meant(typed: str, known: Iterable[str]) -> str:
+    """Return "; did you mean NAME?" for a known name that resembles what was typed, else all known names."""
+    names = tuple(known)
+    near = nearest(typed, names)
+    return f" (available: {', '.join(names) or 'none'})" if near is None else f"; did you mean {near}?"
 
 
-def console() -> Console:
-    """Return a console on standard output; it does not wrap lines in a pipe."""
-    from rich.console import Console  # late: numbers are formatted where nothing is printed
-
-    made = Console(highlight=False)
-    if not made.is_terminal:
-        made.width = _ENDLESS
-    return made
-
-
-def print_columns(
-    out: Console, heads: Sequence[str], rows: Iterable[Sequence[str | Text]], right: Sequence[str] = ()
-) -> None:
-    """Print rows under their heads, if any is not empty; right-align `right`; wrap the last column."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, pad_edge=False, header_style="bold", show_header=any(heads))
-    for place, head in enumerate(heads):
-        last = place == len(heads) - 1
-        justify: JustifyMethod = "right" if head in right else "left"
-        table.add_column(head, justify=justify, no_wrap=not last, overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
-    with out.capture() as shown:
-        out.print(table)
-    for line in shown.get().splitlines():
-        print(line.rstrip(), file=out.file)
-
-
-def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a table; what stands in a cell cannot end it."""
-    lines = [heads, ["---"] * len(heads), *rows]
-    return [f"| {' | '.join(escaped_markdown(cell) for cell in line)} |" for line in lines]
-
-
-def escaped_markdown(text: str) -> str:
-    """Return text that Markdown shows as it stands, in one line: no table, tag or mention begins in it."""
-    plain = " ".join(text.split())
-    if plain.startswith("`") and plain.endswith("`") and "`" not in plain[1:-1]:
-        return plain.replace("|", "\\|")
-    return re.sub(r"[\\|<*`\[@]|(?<!\w)_|_(?!\w)", r"\\\g<0>", plain)
+def nearest(typed: str, known: Iterable[str]) -> str | None:
+    """Return the known name that resembles what was typed; None if there is none."""
+    names = {name.lower().replace("_", "-"): name for name in known}
+    near = get_close_matches(typed.lower().replace(" ", "-").replace("_", "-"), names, n=1, cutoff=_NEARLY)
+    return names[near[0]] if near else None

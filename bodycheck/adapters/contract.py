@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal, Protocol, TypeAlias
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
@@ -29,6 +29,8 @@ DEFAULTS = f"{VARIANT}defaults"
 UNALIGNED = f"{VARIANT}unaligned"
 """Suffix of a method that steps a free body by its link's origin, which may be off the centre of mass."""
 Control: TypeAlias = Literal["dt", "tolerance", "none"]
+Precision: TypeAlias = Literal["float64", "float32", "mixed"]
+"""mixed: the state is handed over in float32, and some of the arithmetic is float64."""
 BuildKind: TypeAlias = Literal["installed", "development", "plug-in", "handed over"]
 """installed: a release of an engine that bodycheck supports. development: such an engine, installed editable
 or in a source folder. plug-in: an adapter of another package. handed over: an object of the run's process."""
@@ -43,6 +45,10 @@ class Method:
     constant over it (zero-order hold), or in a closed form only. lasting: the same for loads that vary with
     time or motion, including user's functions; a zero-order hold of these reduces any method to order 1.
     control: what the caller sets: the step size, a tolerance, or nothing. tolerances: the defaults of a run.
+    snippet: the statements with which a user's own program selects this method, such as
+    "world.setTimeStep({dt_s})"; {dt_s} stands for the step in s.
+    precision: of the state and the arithmetic. only_on_request: the method runs only if requested by name, as
+    every variant does.
     """
 
     name: str
@@ -56,11 +62,22 @@ class Method:
     changed_defaults: tuple[str, ...] = ()
     tolerances: tuple[float, ...] = ()
     lasting: Literal["every stage", "held over the step", "in closed form"] = "held over the step"
+    snippet: str = ""
+    precision: Precision = "float64"
+    only_on_request: bool = False
+
+    @classmethod
+    def of(cls, facts: Mapping[str, Any]) -> Method:
+        """Return the method that JSON states; keys of other versions are ignored."""
+        known: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in facts.items()
+        }
+        return cls(**{one.name: known[one.name] for one in fields(cls) if one.name in known})
 
     @property
     def on_request(self) -> bool:
-        """Whether this is a variant of another method, which runs only if requested by name."""
-        return VARIANT in self.name
+        """Whether the method runs only if requested by name."""
+        return self.only_on_request or VARIANT in self.name
 
     @property
     def is_for_off_centre_links(self) -> bool:
@@ -187,7 +204,10 @@ class Solver(Protocol):
 
 
 class Adapter(Protocol):
-    """One engine."""
+    """One engine.
+
+    An adapter may also state what its engine needs, by the attributes of `Requirements`.
+    """
 
     name: str
     version: str
@@ -200,6 +220,22 @@ class Adapter(Protocol):
         """Build a minimal model, without anything that is not in the scene."""
 
 
+class Requirements(Protocol):
+    """What the engine of an adapter needs, as attributes of its class; each of them is optional.
+
+    The adapter's module must not import the engine at its top, so that these can be read where the engine is
+    not installed.
+    """
+
+    distribution: str
+    """The package that provides the engine, such as "drake": NAME==VERSION installs that version of it."""
+    requires: tuple[str, ...]
+    """Requirements in pip's notation, such as ("drake>=1.51",). Where they are not installed next to
+    bodycheck, the engine runs in an environment of its own."""
+    requires_python: str
+    """The versions of Python of that environment, such as ">=3.12,<3.13" [default: the current one]."""
+
+
 class SolvingAdapter(Adapter, Protocol):
     """An engine some of whose methods are controlled by a tolerance or by nothing."""
 
@@ -207,15 +243,20 @@ class SolvingAdapter(Adapter, Protocol):
         """Build a solver for such a method; the tolerance is None for a method without control."""
 
 
-_STATE = 4e-15  # relative; a state goes through at most one change of axes
-_BODY = 1e-12  # relative; an inertia may go through an eigendecomposition
+_STATE: Mapping[Precision, float] = {"float64": 4e-15, "float32": 2e-6, "mixed": 2e-6}
+"""Relative: some 18 eps, as a state goes through at most one change of axes."""
+_BODY: Mapping[Precision, float] = {"float64": 1e-12, "float32": 8e-6, "mixed": 8e-6}
+"""Relative, as an inertia may go through an eigendecomposition."""
 
 
-def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str | None:
+def read_back_mismatch(
+    scene: Scene, dt_s: float | None, found: ReadBack, precision: Precision = "float64"
+) -> str | None:
     """Return how mass, inertia, step, gravity or initial state differ from the scene; None if they do not.
 
-    A quaternion may have the opposite sign. For an engine whose positions and inertia refer to a pivot or a
-    link, the tolerance is relative to those quantities. A state without attitude or without omega is a
+    Numbers are compared with those of the scene rounded to the precision of the method. A quaternion may have
+    the opposite sign. For an engine whose positions and inertia refer to a pivot or a link, the tolerance is
+    relative to those quantities. A state without attitude or without omega is a
     mismatch too, because it could not be compared.
     """
     body, initial = scene.body, scene.initial
@@ -223,10 +264,19 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
     arm = _arm(scene)
     swing = arm * float(np.linalg.norm(initial.omega_body)) if arm else 0.0
 
+    state_slack, body_slack = _STATE[precision], _BODY[precision]
+    real = np.float64 if precision == "float64" else np.float32
+
     def compare(
-        name: str, asked: Array | float, held: Array | float, relative: float = _STATE, beside: float = 0.0
+        name: str,
+        asked: Array | float,
+        held: Array | float,
+        relative: float = state_slack,
+        beside: float = 0.0,
     ) -> None:
-        asked, held = np.asarray(asked, dtype=np.float64), np.asarray(held, dtype=np.float64)
+        with np.errstate(over="ignore"):
+            asked = np.asarray(asked, dtype=real).astype(np.float64)
+        held = np.asarray(held, dtype=np.float64)
         if np.array_equal(asked, held):  # the common case, and much faster
             return
         slack = relative * (float(np.max(np.abs(asked))) + beside)
@@ -234,7 +284,7 @@ def read_back_mismatch(scene: Scene, dt_s: float | None, found: ReadBack) -> str
             faults.append(f"{name} is {_words(held)} in the engine, not {_words(asked)}")
 
     compare("mass", body.mass, found.mass)
-    compare("inertia", body.inertia, found.inertia, _BODY, body.mass * arm * arm)
+    compare("inertia", body.inertia, found.inertia, body_slack, body.mass * arm * arm)
     if dt_s is not None:
         compare("step", dt_s, math.nan if found.dt_s is None else found.dt_s)
     compare("gravity", scene.gravity, found.gravity)

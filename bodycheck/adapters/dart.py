@@ -31,6 +31,7 @@ _SEMI_IMPLICIT = Method(
     keeps="R^T R = 1; linear momentum where the link is at the centre of mass",
     source="DART World::step: Skeleton::computeForwardDynamics, integrateVelocities, integratePositions",
     changed_defaults=("no world: no collision detection, no deactivation",),
+    snippet="world.setTimeStep({dt_s})",
 )
 _UNTOUCHED = replace(_SEMI_IMPLICIT, name=f"{_SEMI_IMPLICIT.name}{DEFAULTS}", changed_defaults=())
 
@@ -184,7 +185,7 @@ class DartSimulation:
 
     def _add_lasting(self) -> None:
         """Add the continuous loads at the present state, held constant over the step (zero-order hold)."""
-        force_and_torque = self._lasting.next_step_size(*self._state())
+        force_and_torque = self._lasting.next_wrench(*self._state())
         self._body.addExtForce(force_and_torque[:3], self._centre, False, True)
         self._body.addExtTorque(force_and_torque[3:], False)
 

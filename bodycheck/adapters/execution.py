@@ -61,6 +61,8 @@ class Answer:
 def record(adapter: Adapter, case: Case) -> Answer:
     """Build, read back and step one case through its samples; exceptions of the engine propagate."""
     scene, method, setting = case.scene, case.method, case.setting
+    if method not in adapter.methods:
+        return Answer("unsupported", f"no method {method!r}")
     if reason := adapter.unsupported(scene, method):
         return Answer("unsupported", reason)
     if setting.dt_s is None:
@@ -75,6 +77,31 @@ def record(adapter: Adapter, case: Case) -> Answer:
     simulation = adapter.build(scene, method, plan.dt_s)
     try:
         held = simulation.read_back()
+        readings = readings_along(simulation, plan.legs())
+        return Answer("ok", "", trajectory_of(scene.sample_times, readings), held, simulation.stepping)
+    finally:
+        simulation.close()
+
+
+def replay(adapter: Adapter, case: Case) -> Answer:
+    """Run one case, read the model back, reset, and return that model and the motion of the second run."""
+    scene, setting = case.scene, case.setting
+    if reason := adapter.unsupported(scene, case.method):
+        return Answer("unsupported", reason)
+    if setting.dt_s is None:
+        solver = cast(SolvingAdapter, adapter).solver(scene, case.method, setting.tolerance)
+        try:
+            solver.solve()
+            held = solver.read_back()
+            return Answer("ok", "", solver.solve(), held, "native", solver.steps)
+        finally:
+            solver.close()
+    plan = plan_steps(scene, setting.dt_s)
+    simulation = adapter.build(scene, case.method, plan.dt_s)
+    try:
+        readings_along(simulation, plan.legs())
+        held = simulation.read_back()
+        simulation.reset()
         readings = readings_along(simulation, plan.legs())
         return Answer("ok", "", trajectory_of(scene.sample_times, readings), held, simulation.stepping)
     finally:
@@ -103,7 +130,10 @@ def trajectory_of(t_s: Array, readings: list[Reading]) -> Trajectory:
 
     def column(name: str) -> Array | None:
         values = [getattr(reading, name) for reading in readings]
-        return None if values[0] is None else np.array(values)
+        if values[0] is None:
+            return None
+        held = np.array(values)
+        return held.astype(np.float64) if held.dtype.kind in "fiu" else held  # others are refused later
 
     position, velocity = column("position"), column("velocity")
     if position is None or velocity is None:

@@ -14,7 +14,7 @@ from bodycheck.reference_impl.rotations import (
     quaternion_to_matrix,
     right_factor,
 )
-from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.scene import Scene, State
 
 
 class EngineAxes:
@@ -71,6 +71,20 @@ class LinkFrame:
     def turned(self, quaternion: Array) -> Array:
         """q_l^-1 q: (4,) quaternion to body axes -> (4,) to link axes."""
         return quaternion_product(conjugate(self.quaternion), quaternion)
+
+    def of_origin(self, state: State) -> tuple[Array, Array, Array]:
+        """Return position (3,), quaternion (4,) and velocity (3,) of the link of a body, world axes."""
+        arm = state.rotation @ self.offset
+        velocity = state.velocity + np.cross(state.omega_world, arm)
+        return state.position + arm, quaternion_product(state.quaternion, self.quaternion), velocity
+
+    def of_body(
+        self, position: Array, quaternion: Array, velocity: Array, omega_world: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return position, quaternion and velocity of the body, from those of its link; all in world axes."""
+        turned = quaternion_product(quaternion, conjugate(self.quaternion))
+        arm = quaternion_to_matrix(turned) @ self.offset
+        return position - arm, turned, velocity - np.cross(omega_world, arm)
 
 
 def link_frame(scene: Scene) -> LinkFrame:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
+from typing import cast, get_args
 
 import numpy as np
 
+from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver, Stepping
+from bodycheck.reference_impl.batch import BatchMethod, advance_checked
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.continuous_loads import packed_lasting
-from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.integrators.evaluated_loads import (
     advance_asking,
     omega_world,
@@ -23,6 +25,7 @@ from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
 from bodycheck.reference_impl.loads_at import lasting_wrench_of
 from bodycheck.reference_impl.pivot import about_pivot, load_about
 from bodycheck.reference_impl.scene import ContinuousLoad, Drag, GravityGradient, Scene, Wrenching
+from bodycheck.reference_impl.single_precision import SINGLE_PRECISION, STEPPED
 from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.step_halving import PivotPlace
@@ -40,7 +43,7 @@ class FixedStep:
         self._scene, self._integrator, self._dt_s = scene, integrator, dt_s
         # A pivoted body is stepped as one that turns about the pivot, which no force moves.
         self._stepped = about_pivot(scene)
-        self._body = packed_body(self._stepped.body)
+        self._body = packed_body(self._stepped.body).astype(integrator.real)
         if scene.pivot is not None:
             self._body[0] = math.inf
         self.stepping = "python" if scene.has_callback_load else "native"
@@ -59,7 +62,8 @@ class FixedStep:
         attitude = (
             initial.quaternion if self._integrator.attitude == "quaternion" else initial.rotation.ravel()
         )
-        self._state = np.concatenate([initial.position, initial.velocity, spin, attitude])
+        state = np.concatenate([initial.position, initial.velocity, spin, attitude])
+        self._state = state.astype(self._integrator.real)
         self._steps_made = 0
         self.apply(NO_WRENCH)
 
@@ -68,10 +72,10 @@ class FixedStep:
         scene, held = self._scene, self._body[1:10].reshape(3, 3)
         about = np.zeros((3, 3)) if scene.pivot is None else self._stepped.body.inertia - scene.body.inertia
         return ReadBack(
-            mass=self._stepped.body.mass,
+            mass=float(self._integrator.real(scene.body.mass)),
             inertia=held - about,
-            dt_s=self._dt_s,
-            gravity=self._scene.gravity,
+            dt_s=float(self._integrator.real(self._dt_s)),
+            gravity=scene.gravity.astype(self._integrator.real),
             state=self.read(),
         )
 
@@ -79,7 +83,8 @@ class FixedStep:
         """Let this wrench act from now on."""
         scene = self._scene
         load = wrench.packed(scene.body, scene.gravity)
-        self._load = load if scene.pivot is None else load_about(scene.pivot, load)
+        load = load if scene.pivot is None else load_about(scene.pivot, load)
+        self._load = load.astype(self._integrator.real)
 
     def advance(self, steps: int) -> None:
         """Make the steps in one compiled call; in Python where a function is to be asked."""
@@ -107,8 +112,8 @@ class FixedStep:
                 arm = turned @ -pivot
                 position, velocity = position + arm, np.cross(turning, arm)
         return Reading(
-            position,
-            velocity,
+            position.astype(method.real),
+            velocity.astype(method.real),
             quaternion=state[9:] if rotation is None else None,
             rotation=rotation,
             omega_world=None if in_body else turning,
@@ -155,6 +160,7 @@ _NO_SERIES = "a load that only a function knows has no Taylor series"
 
 
 def _method_of(integrator: Integrator) -> Method:
+    single = integrator.real is np.float32
     return Method(
         name=integrator.name,
         formula=integrator.formula,
@@ -164,6 +170,8 @@ def _method_of(integrator: Integrator) -> Method:
         lasting=integrator.lasting,
         keeps=integrator.keeps,
         source=integrator.source,
+        precision="float32" if single else "float64",
+        only_on_request=single,
     )
 
 
@@ -222,7 +230,7 @@ class Reference:
         self.methods: Mapping[str, Method] = {
             _EXACT.name: _EXACT,
             _TAYLOR.name: _TAYLOR,
-            **{name: _method_of(integrator) for name, integrator in INTEGRATORS.items()},
+            **{name: _method_of(integrator) for name, integrator in STEPPED.items()},
         }
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
@@ -231,16 +239,26 @@ class Reference:
             return _NO_CLOSED_FORM if scene.has_callback_load or closed_form_of(scene) is None else None
         if method == _TAYLOR.name:
             return _NO_SERIES if scene.has_callback_load else None
-        if scene.has_callback_load and not supports_callbacks(INTEGRATORS[method]):
+        if method in SINGLE_PRECISION and scene.lasting_loads:
+            return f"{method} takes constant loads only"
+        if scene.has_callback_load and not supports_callbacks(STEPPED[method]):
             return f"{method} takes the loads of its stages from compiled code, which can ask no function"
         if scene.pivot is not None and any(isinstance(load, GravityGradient) for load in scene.loads):
             return "a gravity gradient is reduced to no torque about a pivot"
-        refused = _refused(INTEGRATORS[method], scene.lasting_loads)
+        refused = _refused(STEPPED[method], scene.lasting_loads)
         return f"{method} steps no {', '.join(refused)}: its kicks must be exact" if refused else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Return a stepper of the scene."""
-        return FixedStep(scene, INTEGRATORS[method], dt_s)
+        return FixedStep(scene, STEPPED[method], dt_s)
+
+    def record_batch(self, batch: Batch) -> BatchAnswer | None:
+        """Step bodies under constant torques by a batch kernel; None where there is none."""
+        template = batch.template
+        held = template.loads or template.gravity.any() or template.pivot is not None
+        if held or batch.method not in get_args(BatchMethod):
+            return None
+        return _stepped_together(batch, cast("BatchMethod", batch.method))
 
     def solver(self, scene: Scene, method: str, tolerance: float | None) -> Solver:
         """Return the closed form of the scene, or its Taylor series."""
@@ -248,6 +266,20 @@ class Reference:
             return ClosedForm(scene)
         assert tolerance is not None
         return Series(scene, tolerance)
+
+
+def _stepped_together(batch: Batch, method: BatchMethod) -> BatchAnswer:
+    bodies, dt_s, stride = batch.bodies, batch.dt_s, batch.steps_per_sample
+    assert dt_s is not None
+    state = np.zeros((13, len(bodies)))
+    state[6:9], state[9:] = bodies.omega_body.T, bodies.quaternion.T
+    moments, torque = np.ascontiguousarray(bodies.moments.T), np.ascontiguousarray(bodies.torque_body.T)
+    states = [state.copy()]
+    for _ in range(batch.template.samples - 1):
+        advance_checked(state, moments, torque, dt_s, stride, method, threads=1)
+        states.append(state.copy())
+    motion = np.array(states).transpose(2, 0, 1)
+    return BatchAnswer.all_ok(np.ascontiguousarray(motion[..., 9:]), np.ascontiguousarray(motion[..., 6:9]))
 
 
 def _refused(method: Integrator, loads: Sequence[ContinuousLoad]) -> list[str]:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import digest_of
+from bodycheck._util.formatting import meant
 from bodycheck.adapters.contract import Adapter
 
 _BUILT_IN = {
@@ -19,6 +24,25 @@ _BUILT_IN = {
     "dart": ("bodycheck.adapters.dart", "Dart"),
     "reference": ("bodycheck.adapters.reference", "Reference"),
 }
+_OPTIONAL = {
+    "rapier": ("bodycheck.adapters.optional.rapier", "Rapier"),
+    "rapier-js": ("bodycheck.adapters.optional.javascript", "RAPIER"),
+    "jolt-js": ("bodycheck.adapters.optional.javascript", "JOLT"),
+    "cannon-es": ("bodycheck.adapters.optional.javascript", "CANNON"),
+    "drake": ("bodycheck.adapters.optional.drake", "Drake"),
+    "pinocchio": ("bodycheck.adapters.optional.pinocchio", "Pinocchio"),
+    "scipy": ("bodycheck.adapters.optional.scipy_solvers", "SciPy"),
+    "heyoka": ("bodycheck.adapters.optional.heyoka_taylor", "Heyoka"),
+    "newton": ("bodycheck.adapters.optional.newton", "Newton"),
+    "mujoco-warp": ("bodycheck.adapters.optional.mujoco_warp", "MuJoCoWarp"),
+    "mjx": ("bodycheck.adapters.optional.mjx", "Mjx"),
+    "sapien": ("bodycheck.adapters.optional.sapien", "Sapien"),
+    "exudyn": ("bodycheck.adapters.optional.exudyn", "Exudyn"),
+}
+"""Adapters of engines that are not installed with bodycheck, and that run only if requested by name.
+
+They state what their engine needs (`contract.Requirements`), and import it when they are made.
+"""
 _DISTRIBUTIONS = {"mujoco": "mujoco", "pybullet": "pybullet", "dart": "dartpy"}
 _registered: dict[str, Adapter] = {}
 
@@ -37,11 +61,12 @@ def register_adapter(adapter: Adapter) -> None:
 
 
 @contextmanager
-def registered(adapter: Adapter) -> Iterator[None]:
-    """Register an engine for the duration of a with block."""
+def registered(*adapters: Adapter) -> Iterator[None]:
+    """Register engines for the duration of a with block; any others registered within it are removed too."""
     before = dict(_registered)
-    register_adapter(adapter)
     try:
+        for adapter in adapters:
+            register_adapter(adapter)
         yield
     finally:
         _registered.clear()
@@ -50,16 +75,77 @@ def registered(adapter: Adapter) -> Iterator[None]:
 
 def engine_names() -> tuple[str, ...]:
     """Return the names of all known engines, whether or not they can be imported."""
+    return tuple(dict.fromkeys([*default_engines(), *_OPTIONAL]))
+
+
+def default_engines() -> tuple[str, ...]:
+    """Return the names of the engines that run unless others are requested."""
     return tuple(dict.fromkeys([*_BUILT_IN, *_plugged_in(), *_registered]))
 
 
-def distribution_of(engine: str) -> str | None:
-    """Return the package that provides the engine and its version; for a plug-in, that of its entry point.
+def optional_engines() -> tuple[str, ...]:
+    """Return the names of the engines that run only if requested by name."""
+    return tuple(name for name in _OPTIONAL if name not in default_engines())
 
+
+def stated_by(engine: str) -> Any:
+    """Return the class of an optional adapter, or its object, without importing the engine.
+
+    It has the attributes of `contract.Requirements` that the adapter states, if any. Of a plug-in, whose code
+    runs in workers only, these attributes are read from its source, where they must be literals. None for
+    other engines.
+    """
+    if engine in _registered or engine in _BUILT_IN:
+        return None
+    if engine in _plugged_in():
+        return SimpleNamespace(**_stated_in_source(_plugged_in()[engine]))
+    if engine not in _OPTIONAL:
+        return None
+    module, attribute = _OPTIONAL[engine]
+    return getattr(importlib.import_module(module), attribute)
+
+
+_STATED = ("distribution", "requires", "requires_python")
+
+
+def _stated_in_source(point: EntryPoint) -> dict[str, Any]:
+    """Return the attributes of `contract.Requirements` that a class states in the source of its module."""
+    top, *inner = point.module.split(".")
+    spec = find_spec(top)  # imports nothing, unlike that of a module within a package
+    if spec is None or spec.origin is None:
+        return {}
+    root = Path(spec.origin)
+    within = root.parent.joinpath(*inner)
+    for path in (within.with_suffix(".py"), within / "__init__.py") if inner else (root,):
+        with suppress(OSError, ValueError, SyntaxError):
+            return dict(_literals(ast.parse(path.read_bytes()), point.attr))
+    return {}
+
+
+def _literals(module: ast.Module, name: str) -> Iterator[tuple[str, Any]]:
+    for part in module.body:
+        if isinstance(part, ast.ClassDef) and part.name == name:
+            for line in part.body:
+                target = line.targets[0] if isinstance(line, ast.Assign) else getattr(line, "target", None)
+                if isinstance(target, ast.Name) and target.id in _STATED:
+                    with suppress(ValueError):
+                        yield target.id, ast.literal_eval(line.value)  # type: ignore[attr-defined]
+
+
+def distribution_of(engine: str) -> str | None:
+    """Return the package that provides the engine and its version.
+
+    That is the `distribution` that an adapter states, else the package of a plug-in's entry point.
     Returns None for an engine without a package: the reference, and those passed to register_adapter.
     """
     if engine in _DISTRIBUTIONS:
         return _DISTRIBUTIONS[engine]
+    stated = getattr(stated_by(engine), "distribution", None)
+    return stated if isinstance(stated, str) else plug_in_of(engine)
+
+
+def plug_in_of(engine: str) -> str | None:
+    """Return the package of the entry point of an engine; None for an engine that is not a plug-in."""
     point = _plugged_in().get(engine)
     return None if point is None or point.dist is None else point.dist.name
 
@@ -84,7 +170,7 @@ def get_adapter(name: str) -> Adapter:
     if name in _registered:
         return _registered[name]
     if name not in engine_names():
-        raise InputError(f"unknown engine {name!r} (available: {', '.join(engine_names())})")
+        raise InputError(f"unknown engine {name!r}{meant(name, engine_names())}")
     return _import(name)
 
 
@@ -101,7 +187,7 @@ def _import(name: str) -> Adapter:
             module, attribute = _BUILT_IN[name]
             make = getattr(importlib.import_module(module), attribute)
         else:
-            make = _plugged_in()[name].load()
+            make = _plugged_in()[name].load() if name in _plugged_in() else stated_by(name)
         adapter: Adapter = make()
     except Exception as error:  # an engine's module may raise anything
         what = error if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"

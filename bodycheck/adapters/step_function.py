@@ -1,4 +1,4 @@
-"""state(t + dt) = step(state(t), dt): a user's function as an engine with one method."""
+"""state(t + dt) = step(state(t), dt): users' functions as the methods of an engine."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from typing import NoReturn, TypeAlias
 import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
+from bodycheck.adapters.stage_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.wrench import Wrench
+from bodycheck.scenarios.user_functions import user_function
 
 _SHAPES = {"position": (3,), "quaternion": (4,), "velocity": (3,), "omega_body": (3,)}
 
@@ -28,10 +30,19 @@ class StepState(State):
 
     t_s: float
     body: RigidBody
+    acting: Acting
+
+    def loads(self) -> tuple[Array, Array]:
+        """Return force (3,) in world axes, N, with the weight, and torque (3,) in body axes, N m.
+
+        For a stage of a step call it on `dataclasses.replace(state, t_s=..., position=..., ...)`.
+        """
+        return self.acting(self)
 
 
+Acting: TypeAlias = Callable[[StepState], tuple[Array, Array]]
 Step: TypeAlias = Callable[[StepState, float], State]
-"""step(state, dt) -> the state dt seconds later. The function applies all loads itself, including gravity."""
+"""step(state, dt) -> the state dt seconds later, under `state.loads()`."""
 
 
 class StepFunction:
@@ -47,17 +58,7 @@ class StepFunction:
         called = getattr(function, "__name__", type(function).__name__)
         self._function = function
         self.fault: Exception | None = None
-        self.methods: Mapping[str, Method] = {
-            called: Method(
-                name=called,
-                formula="state = step(state, dt)",
-                order=None,
-                evaluations=None,
-                torque="held over the step",
-                keeps="what the function keeps",
-                source="the caller",
-            )
-        }
+        self.methods: Mapping[str, Method] = {called: _method(called)}
 
     def __reduce__(self) -> NoReturn:
         """Refuse pickling: in a worker neither a debugger nor a traceback would reach the function."""
@@ -92,6 +93,45 @@ class StepFunction:
         return found
 
 
+def _method(name: str) -> Method:
+    return Method(
+        name=name,
+        formula="state = step(state, dt)",
+        order=None,
+        evaluations=None,
+        torque="held over the step",
+        keeps="what the function keeps",
+        source="the caller",
+    )
+
+
+class StepModule:
+    """A user's module as an engine of that name; its methods are step functions of the module.
+
+    Raises InputError with one line if the module cannot be imported or lacks one of the functions.
+    """
+
+    version = "user code"
+
+    def __init__(self, name: str, functions: tuple[str, ...]) -> None:
+        self.name = name
+        self._functions = {one: user_function(f"{name}:{one}", allow_code=True) for one in functions}
+        self.methods: Mapping[str, Method] = {one: _method(one) for one in functions}
+
+    def __reduce__(self) -> tuple[type[StepModule], tuple[str, tuple[str, ...]]]:
+        """Let a worker import the module itself."""
+        return StepModule, (self.name, tuple(self._functions))
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:
+        """Return the reason if the body is pivoted: a step function does not get a pivot."""
+        del method
+        return None if scene.pivot is None else "step functions have no pivot"
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
+        """Return a simulation that steps the scene by the function."""
+        return StepFunction(self._functions[method]).build(scene, method, dt_s)
+
+
 class _Stepped:
     """A simulation stepped by the function."""
 
@@ -99,6 +139,7 @@ class _Stepped:
 
     def __init__(self, scene: Scene, engine: StepFunction, dt_s: float) -> None:
         self._scene, self._engine, self._dt_s = scene, engine, dt_s
+        self._loads = StageLoads(scene)
         self.reset()
 
     def reset(self) -> None:
@@ -107,19 +148,24 @@ class _Stepped:
         self._steps = 0
 
     def apply(self, wrench: Wrench) -> None:
-        """Do nothing; the function applies the loads."""
+        """Set the loads that are constant until the next call."""
+        self._loads.wrench = wrench
 
     def advance(self, steps: int) -> None:
         """Make this many steps."""
         for _ in range(steps):
             now = self._steps * self._dt_s
-            state = StepState(**self._held(), t_s=now, body=self._scene.body)
+            state = StepState(**self._held(), t_s=now, body=self._scene.body, acting=self._acting)
             self._state = self._engine.stepped(state, self._dt_s)
             self._steps += 1
 
     def read(self) -> Reading:
         """Return copies of the state that the function returned."""
         return Reading(**self._held())
+
+    def _acting(self, state: StepState) -> tuple[Array, Array]:
+        """Return the sum of the constant loads, the weight and the continuous loads."""
+        return self._loads.at(state.t_s, state.position, state.rotation, state.velocity, state.omega_world)
 
     def _held(self) -> dict[str, Array]:
         return {name: np.array(getattr(self._state, name), dtype=np.float64) for name in _SHAPES}

@@ -1,4 +1,4 @@
-"""Lasting loads for engines that take forces between steps only: evaluated at a step's start, then held."""
+"""Continuous loads for engines that take forces between steps only, held constant over each step."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from bodycheck.reference_impl.scene import Scene
 
 
 class HeldLoads:
-    """The lasting loads of one scene, and the clock of one simulation: t = steps made x dt."""
+    """The continuous loads of one scene, and the clock of one simulation: t = number of steps x dt."""
 
     def __init__(self, scene: Scene, dt_s: float) -> None:
         self._dt_s, self._steps = dt_s, 0
         self._wrench_at = _wrench_at(scene) if scene.lasting_loads else None
 
     def __bool__(self) -> bool:
-        """Tell whether the scene has any."""
+        """Whether the scene has any."""
         return self._wrench_at is not None
 
     def reset(self) -> None:
         """Go back to t = 0."""
         self._steps = 0
 
-    def next_step_size(self, position: Array, rotation: Array, velocity: Array, omega_world: Array) -> Array:
+    def next_wrench(self, position: Array, rotation: Array, velocity: Array, omega_world: Array) -> Array:
         """Return force and torque (6,) for the step that begins here, about the centre of mass, world axes.
 
         The state in world axes, rotation (3, 3) body to world; each call is one step.
@@ -38,7 +38,7 @@ class HeldLoads:
 
 
 def _wrench_at(scene: Scene) -> Callable[[float, Array, Array, Array, Array], Array]:
-    """Return force and torque (6,) of (t, x, R, v, omega): compiled, unless a function is to be asked."""
+    """Return force and torque (6,) as a function of (t, x, R, v, omega), compiled where no callback acts."""
     if scene.has_callback_load:
         asked = lasting_wrench_of(scene)
         return lambda *motion: np.concatenate(asked(*motion))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -16,13 +17,21 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from bodycheck._util.errors import FAULT, INPUT, INTERRUPTED, BodycheckError, InputError, StoppedError
+from bodycheck._util.errors import (
+    FAULT,
+    INPUT,
+    INTERRUPTED,
+    SIGNALLED,
+    BodycheckError,
+    InputError,
+    StoppedError,
+)
+from bodycheck._util.formatting import nearest
 from bodycheck._util.untrusted import printable, printable_lines
 
 if TYPE_CHECKING:
     import typer
 
-_SIGNALLED = 128  # shells report a command killed by a signal as 128 + the signal's number
 _PART = 140  # characters of the command and of the error, so that the line has room for what to do
 _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
@@ -40,7 +49,7 @@ def carry_out(app: typer.Typer, name: str) -> None:
         status = _ended(lambda: _status_of(app, name), name)
         status = _ended(_flushed, name) or status
     if status == INTERRUPTED and received:
-        status = _SIGNALLED + received[0]
+        status = SIGNALLED + received[0]
     if status:
         sys.exit(status)
 
@@ -115,10 +124,17 @@ def _status_of(app: typer.Typer, name: str) -> int:
     except usage_error as error:
         said = io.StringIO()
         error.show(file=said)
-        _say(said.getvalue().rstrip("\n"))
+        _say(_with_suggestion(said.getvalue().rstrip("\n")))
         return int(error.exit_code)
     except Abort as error:  # typer raises it from an EOFError
         raise (error.__cause__ or error) from None
+
+
+def _with_suggestion(message: str) -> str:
+    """Append the choice that resembles what was typed to a message about an unknown choice."""
+    found = re.search(r"'([^']*)' is not one of (.*)\.$", message)
+    near = nearest(found[1], re.findall(r"'([^']*)'", found[2])) if found else None
+    return message.replace("Value error, ", "") + (f" Did you mean '{near}'?" if near else "")
 
 
 def _flushed() -> int:
@@ -157,7 +173,7 @@ def _say(text: str) -> None:
 def _reader_left() -> int:
     """Discard the remaining output and return the status of a program that SIGPIPE killed."""
     _drop_output()
-    return _SIGNALLED + signal.SIGPIPE
+    return SIGNALLED + signal.SIGPIPE
 
 
 def _drop_output() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -10,9 +11,29 @@ import typer
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli._app import carry_out
+from bodycheck.cli.adapter_commands import adapter_commands
+from bodycheck.cli.audit_command import auditing
+from bodycheck.cli.ensemble_commands import ensemble_commands
 from bodycheck.cli.gate_command import gating
+from bodycheck.cli.help_text import HOW, MEASURE, OUTPUT, WATCH, WHAT, Group, described
+from bodycheck.cli.identity_commands import identity_commands
+from bodycheck.cli.merge_command import merging
 from bodycheck.cli.nightly import nightly
-from bodycheck.cli.options import AllowCode, Fresh, Jobs, NoSpeed, Scenarios, TimeoutS, numbers
+from bodycheck.cli.options import (
+    AllowCode,
+    Engines,
+    Fresh,
+    Jobs,
+    Json,
+    NoSpeed,
+    Quiet,
+    Scenarios,
+    ShardOption,
+    TimeoutS,
+    complete_scenarios,
+    numbers,
+    progress_of,
+)
 from bodycheck.cli.stored_runs import questions
 from bodycheck.cli.versions_command import environment_commands, versioning
 from bodycheck.runs.run_options import TIMEOUT_S
@@ -22,6 +43,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="bodycheck",
+    cls=Group,
     help="Measure the accuracy and the speed of rigid-body engines, and detect changes in them.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -50,50 +72,83 @@ def _before_any_command(
 ) -> None: ...
 
 
-@app.command(short_help="Run scenarios on engines and measure them.")
+@app.command(
+    short_help="Run scenarios on engines and measure them.",
+    **described(
+        MEASURE,
+        "bodycheck run intermediate-axis --engine mujoco,dart --out first",
+        "bodycheck run smoke my.toml --engine mujoco:rk4 --dt 1e-2,1e-3 --no-speed",
+        "bodycheck run --resume first",
+    ),
+)
 def run(
     scenarios: Scenarios = None,
-    engine: Annotated[
-        str | None,
-        typer.Option(
-            help="Engines to run, as NAME[==VERSION][:METHOD],...", show_default="every installed engine"
-        ),
-    ] = None,
+    engine: Engines = None,
     dt: Annotated[
         str | None,
         typer.Option(
-            help="Step sizes in s of the fixed-step methods, like 1e-2,1e-3.", show_default="each scenario's"
+            help="Step sizes in s of the fixed-step methods, like 1e-2,1e-3.",
+            show_default="each scenario's",
+            rich_help_panel=WHAT,
         ),
     ] = None,
     tolerance: Annotated[
         str | None,
         typer.Option(
-            help="Error tolerances of the adaptive methods, like 1e-6,1e-9.", show_default="each method's"
+            help="Error tolerances of the adaptive methods, like 1e-6,1e-9.",
+            show_default="each method's",
+            rich_help_panel=WHAT,
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="New or empty folder for the results.", show_default="bodycheck-runs/RUN_ID"),
+        typer.Option(
+            help="New or empty folder for the results.",
+            show_default="bodycheck-runs/RUN_ID",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,
     fresh: Fresh = None,
+    shard: ShardOption = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Run the cases on a Dask cluster, like tcp://scheduler:8786; see docs/clusters.md.",
+            show_default="this machine",
+            rich_help_panel=HOW,
+        ),
+    ] = None,
+    tls_ca_file: Annotated[
+        str | None,
+        typer.Option(help="Certificate of the cluster's authority, PEM.", rich_help_panel=HOW),
+    ] = None,
+    tls_cert: Annotated[
+        str | None, typer.Option(help="Certificate of this client, PEM.", rich_help_panel=HOW)
+    ] = None,
+    tls_key: Annotated[str | None, typer.Option(help="Key of this client, PEM.", rich_help_panel=HOW)] = None,
     allow_code: AllowCode = False,
     resume: Annotated[
         Path | None,
         typer.Option(
             help="Continue the interrupted run of this --out folder with its original settings; cannot be "
-            "combined with other options."
+            "combined with other options than --json and --quiet.",
+            rich_help_panel=HOW,
         ),
     ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run scenarios on engines, and write results.csv, methods.csv, trajectories/ and report.html."""
-    from bodycheck.reports.render.progress import LiveProgress
-    from bodycheck.reports.render.terminal import print_summary
+    from bodycheck.reports.document import answer
+    from bodycheck.reports.summary.sentences import run_data, run_document
     from bodycheck.runs.directory import RunRequest, run_to_folder
     from bodycheck.runs.directory import resume as go_on
 
+    watching = progress_of(quiet=quiet)
     asked = RunRequest(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),
@@ -103,6 +158,11 @@ def run(
         jobs=jobs,
         timeout_s=timeout_s,
         fresh=fresh,
+        shard=shard,
+        cluster=cluster,
+        tls_ca_file=tls_ca_file,
+        tls_cert=tls_cert,
+        tls_key=tls_key,
         allow_code=allow_code,
     )
     if resume is not None:
@@ -110,50 +170,150 @@ def run(
             raise InputError(
                 "--resume: continues a run with its original settings; cannot be combined with other options"
             )
-        measured, report = go_on(resume, LiveProgress)
+        measured, report = go_on(resume, watching)
     else:
-        measured, report = run_to_folder(asked, out, LiveProgress)
-    print_summary(measured)
-    print(report)
+        measured, report = run_to_folder(asked, out, watching)
+    answer(run_document(measured), {**run_data(measured), "report": report}, as_json=json)
+    if not json:
+        print(report)
 
 
-@app.command(short_help="Print the true motion and its error bound.")
+@app.command(
+    short_help="Print the true motion and its error bound.",
+    **described(MEASURE, "bodycheck truth intermediate-axis --at 0,1,10"),
+)
 def truth(
-    scenario: Annotated[str, typer.Argument(help="A built-in scenario or a .toml file.")],
+    scenario: Annotated[
+        str,
+        typer.Argument(help="A built-in scenario or a .toml file.", autocompletion=complete_scenarios),
+    ],
     at: Annotated[str, typer.Option(help="Times in s, like 0,1,10.")],
     allow_code: AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Print the true motion at the given times as CSV.
 
     The last column, bound_rad, bounds the orientation error of the truth.
     """
     from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.run_files.table_formats import FORMATS
     from bodycheck.reports.run_files.trajectory_files import trajectory_table
     from bodycheck.runs import runner
 
-    with watched(f"solving the truth of {scenario}"):
+    with watched(f"solving the truth of {scenario}", quiet=quiet):
         solved = runner.truth(scenario, numbers(at, "--at") or [], allow_code=allow_code)
     table = trajectory_table(solved.trajectory)
     table["bound_rad"] = solved.bound_rad
-    _print_csv(table)
+    if json:
+        sys.stdout.write(FORMATS["json"](table).decode())
+    else:
+        _print_csv(table)
 
 
-@app.command(short_help="Measure a trajectory from any program.")
+@app.command(
+    short_help="Measure trajectories from any program.",
+    **described(
+        MEASURE,
+        "bodycheck judge motion.csv --scenario symmetric-top",
+        "bodycheck judge Atmos_02_sim_05.csv --like nesc",
+        "bodycheck judge log.csv --scenario top.toml --map 't_s=time, wx_body_rad_s=p*deg, ignore=*'",
+        "bodycheck judge a.csv b.csv c.csv d.csv --scenario boxes --dt 8e-3,4e-3,2e-3,1e-3",
+        "bodycheck judge motion.csv --scenario symmetric-top --explain --dt 0.01",
+    ),
+)
 def judge(
-    trajectory: Annotated[Path, typer.Argument(help="A trajectory from any program: .csv or .npz.")],
-    scenario: Annotated[str, typer.Option(help="A built-in scenario or a .toml file.")],
+    trajectories: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="TRAJECTORY...",
+            help="Trajectories from any program: .csv, .npz, .parquet, .jsonl or .mcap.",
+        ),
+    ],
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            help="A built-in scenario or a .toml file.",
+            show_default="the one that --like knows for the file",
+            autocompletion=complete_scenarios,
+        ),
+    ] = None,
+    map_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="PAIRS",
+            help="What the columns are: KEY=VALUE, ..., each quantity a product of a column, numbers and "
+            "units, or a .toml file of these. May be given several times.",
+            show_default="the columns of docs/recordings.md",
+        ),
+    ] = None,
+    like: Annotated[
+        str | None,
+        typer.Option(help="Use the map of a known source: jsbsim, mcap or nesc.", show_default="none"),
+    ] = None,
+    dt: Annotated[
+        str | None,
+        typer.Option(
+            help="The step of each file in s, like 1e-2,5e-3: orders are fitted.", show_default="none"
+        ),
+    ] = None,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Also print which fault explains each error, if one does.")
+    ] = False,
     allow_code: AllowCode = False,
+    json: Json = False,
 ) -> None:
-    """Measure a trajectory against the truth of a scenario, and print one measure per line."""
+    """Measure trajectories against the truth of a scenario: one measure per line, or a ranking of several.
+
+    An energy drift is relative to the truth, and with the suffix _from_start relative to the file's first
+    sample.
+    """
+    from bodycheck.reports.document import answer
+    from bodycheck.reports.judge import judgement_document
+    from bodycheck.reports.render.progress import watched
     from bodycheck.runs import runner
 
-    columns = runner.judge(trajectory, scenario, allow_code=allow_code)
-    width = max(len(name) for name in columns)
-    for name, value in columns.items():
-        print(f"{name:{width}}  {value}")
+    steps_s = numbers(dt, "--dt")
+    with watched(f"solving the truth of {scenario or like}"):
+        ranking = runner.rank(
+            trajectories,
+            scenario,
+            steps_s,
+            column_map=map_ or (),
+            like=like,
+            allow_code=allow_code,
+        )
+        cases = [
+            runner.explain(
+                path,
+                scenario,
+                dt_s=None if steps_s is None else steps_s[place],
+                column_map=map_ or (),
+                like=like,
+                allow_code=allow_code,
+            )
+            for place, path in enumerate(trajectories if explain else ())
+        ]
+    if not cases:
+        answer(judgement_document(ranking), ranking.data, as_json=json)
+        return
+    from bodycheck.reports.diagnosis.document import explanation_data, explanation_document
+
+    judged = judgement_document(ranking)
+    parts = (*judged.parts, *explanation_document(cases).parts)
+    data = {**ranking.data, "explanations": explanation_data(cases)}
+    answer(replace(judged, parts=parts), data, as_json=json)
 
 
-@app.command(short_help="Print mass, centre of mass and inertia of a solid.")
+@app.command(
+    short_help="Print mass, centre of mass and inertia of a solid.",
+    **described(
+        MEASURE,
+        "bodycheck body part.stl --density-kg-m3 1240 --unit mm",
+        "bodycheck body torus --size-m 1.0,0.3 --density-kg-m3 1000",
+    ),
+)
 def body(
     solid: Annotated[
         str,
@@ -195,36 +355,66 @@ def body(
     allow_code: Annotated[
         bool, typer.Option("--allow-code", help="Allow importing the function, which runs its module's code.")
     ] = False,
+    json: Json = False,
 ) -> None:
     """Print mass, centre of mass and inertia tensor of a solid as TOML.
 
     Meshes and shapes are exact to round-off and come with principal axes, estimates with standard errors.
     """
+    import tomllib
+
+    from bodycheck.reports.document import json_text
     from bodycheck.scenarios.solids import SolidRequest, as_toml, mass_properties
 
     size, box = numbers(size_m, "--size-m"), numbers(box_m, "--box-m")
     asked = SolidRequest(solid, density_kg_m3, size, box, monte_carlo, allow_code, unit, overlap)
-    for line in as_toml(mass_properties(asked)):
-        print(line)
+    lines = "\n".join(as_toml(mass_properties(asked)))
+    print(json_text(tomllib.loads(lines)) if json else lines)
 
 
-@app.command(name="list")
+@app.command(
+    name="list",
+    short_help="List scenarios, suites, engines, methods or measures.",
+    **described(MEASURE, "bodycheck list methods"),
+)
 def list_(
     what: Annotated[
         Literal["scenarios", "suites", "engines", "methods", "measures"], typer.Argument(help="What to list.")
     ],
+    json: Json = False,
 ) -> None:
     """List the available scenarios, suites, engines, methods or measures."""
-    from bodycheck.reports.summary.catalogue import print_catalogue
+    from bodycheck.reports.document import answer
+    from bodycheck.reports.summary.catalogue import catalogue, catalogue_document
 
-    print_catalogue(what)
+    entries = catalogue(what)
+    answer(catalogue_document(what, entries), entries, as_json=json)
+
+
+app.add_typer(auditing)
+app.add_typer(questions)
+
+
+@app.command(short_help="Print what works here and what does not.", **described(MEASURE, "bodycheck doctor"))
+def doctor(json: Json = False) -> None:
+    """Print the versions, the caches, and what works here: every engine is started once."""
+    from bodycheck.reports.document import answer
+    from bodycheck.reports.render.progress import watched
+    from bodycheck.runs.doctor import diagnosis, diagnosis_document
+
+    with watched("starting every engine"):
+        found = diagnosis()
+    answer(diagnosis_document(found), found, as_json=json)
 
 
 app.add_typer(gating)
-app.add_typer(questions)
 app.add_typer(nightly)
+app.add_typer(merging)
 app.add_typer(versioning)
-app.add_typer(environment_commands, name="environments")
+app.add_typer(identity_commands)
+app.add_typer(adapter_commands)
+app.add_typer(ensemble_commands)
+app.add_typer(environment_commands, name="environments", rich_help_panel=WATCH)
 
 
 def _print_csv(table: pd.DataFrame) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,15 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bodycheck._util.errors import InputError, StoppedError
-from bodycheck.cli.options import AllowCode, Fresh, Jobs, Scenarios, TimeoutS
+from bodycheck.cli.help_text import OUTPUT, WATCH, described
+from bodycheck.cli.options import AllowCode, Fresh, Jobs, Json, Quiet, Scenarios, TimeoutS, progress_of
 from bodycheck.runs.run_options import TIMEOUT_S
 
 if TYPE_CHECKING:
+    from bodycheck.reports.document import Document
     from bodycheck.reports.gates.gate import Gate
     from bodycheck.reports.gates.verdict import GateResult
     from bodycheck.reports.run_files.run_reader import Tables
     from bodycheck.reports.run_files.run_tables import Run
-    from bodycheck.runs.run_options import RunOptions
+    from bodycheck.runs.run_options import ProgressFactory, RunOptions
 
 gating = typer.Typer()
 
@@ -25,15 +28,32 @@ _FAILED = 1
 _MOST_MARGIN = 300.0  # decades; a larger margin would overflow the bound
 
 
-@gating.command(short_help="Check engines against the bounds of a file.")
+@gating.command(
+    short_help="Check engines against the bounds of a file.",
+    **described(
+        WATCH,
+        "bodycheck gate standard --tolerances tolerances.toml --junit gates.xml",
+        "bodycheck gate --tolerances tolerances.toml --run first --json",
+    ),
+)
 def gate(
     tolerances: Annotated[Path, typer.Option(help="TOML file with the gates, see docs/gates.md.")],
     scenarios: Scenarios = None,
     run: Annotated[
         Path | None, typer.Option(help="Check the stored run of this folder.", show_default="a new run")
     ] = None,
-    junit: Annotated[Path | None, typer.Option(help="Also write the results as JUnit XML.")] = None,
-    json: Annotated[Path | None, typer.Option(help="Also write the results as JSON.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="New or empty folder to keep the new run and its report in.",
+            show_default="not kept",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    junit: Annotated[
+        Path | None,
+        typer.Option(help="Also write the results as JUnit XML to this file.", rich_help_panel=OUTPUT),
+    ] = None,
     update: Annotated[
         bool, typer.Option("--update", help="Tighten the bounds in the file to what the run meets.")
     ] = False,
@@ -51,6 +71,8 @@ def gate(
     timeout_s: TimeoutS = TIMEOUT_S,
     fresh: Fresh = None,
     allow_code: AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Check engines against the bounds of a file.
 
@@ -61,32 +83,39 @@ def gate(
         raise InputError(
             f"--run {run}: a stored run has its own scenarios; give --run or scenarios, not both"
         )
+    if run is not None and out is not None:
+        raise InputError(f"--out {out}: keeps a new run; give --run or --out, not both")
     from bodycheck._util.files import check_file, write_whole
     from bodycheck.reports.cache.reuse import reuse_of
+    from bodycheck.reports.document import answer, print_document
     from bodycheck.reports.gates.gate import read_gates
-    from bodycheck.reports.gates.gate_output import as_json, as_junit, print_results
+    from bodycheck.reports.gates.gate_output import as_junit, results_data, results_document
     from bodycheck.reports.gates.verdict import held
     from bodycheck.reports.run_files.run_reader import read_tables
+    from bodycheck.reports.run_files.writer import check_output
     from bodycheck.runs.run_options import RunOptions
 
     gates = read_gates(tolerances)
-    outputs = {"--junit": junit, "--json": json, "--update": tolerances if update else None}
+    outputs = {"--junit": junit, "--update": tolerances if update else None}
     for option, path in outputs.items():
         check_file(option, path)
+    if out is not None:
+        check_output(out)
     measured: Run | Tables
     if run is None:
         options = RunOptions(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
-        measured = _new_run(gates, scenarios or ["standard"], options, allow_code=allow_code)
+        watching = progress_of(quiet=quiet)
+        measured = _new_run(gates, scenarios or ["standard"], options, watching, out, allow_code=allow_code)
     else:
         measured = read_tables(run)
     results = held(gates, measured)
-    print_results(results)
+    answer(results_document(results), results_data(results, str(tolerances), measured.run_id), as_json=json)
     if junit is not None:
         write_whole(junit, as_junit(results, str(tolerances)))
-    if json is not None:
-        write_whole(json, as_json(results, str(tolerances), measured.run_id))
     if update:
-        _update(tolerances, results, margin, loosen)
+        changes = _update(tolerances, results, margin, loosen)
+        if not json:
+            print_document(changes)
         results = held(read_gates(tolerances), measured)
     if any(result.status != "passed" for result in results):
         raise typer.Exit(_FAILED)
@@ -103,25 +132,35 @@ def _check(*, update: bool, margin: float | None, loosen: str | None) -> None:
 
 
 def _new_run(
-    gates: Sequence[Gate], scenarios: Sequence[str], options: RunOptions, *, allow_code: bool
+    gates: Sequence[Gate],
+    scenarios: Sequence[str],
+    options: RunOptions,
+    watching: ProgressFactory,
+    out: Path | None,
+    *,
+    allow_code: bool,
 ) -> Run:
-    from bodycheck.reports.render.progress import LiveProgress
+    """Run what the gates check, and write it to `out`, if given."""
+    from bodycheck.runs.directory import write_run
     from bodycheck.runs.gate_run import run_for_gates
 
     try:
-        return run_for_gates(gates, scenarios, options, LiveProgress, allow_code=allow_code)
+        run = run_for_gates(gates, scenarios, options, watching, allow_code=allow_code)
     except KeyboardInterrupt:
         raise StoppedError("stopped before any gate was checked") from None
+    if out is not None:
+        print(write_run(run, out), file=sys.stderr)
+    return run
 
 
-def _update(file: Path, results: Sequence[GateResult], margin: float | None, loosen: str | None) -> None:
-    """Replace bounds in a file by what a run meets, and print which; loosen: the reason to loosen some."""
+def _update(file: Path, results: Sequence[GateResult], margin: float | None, loosen: str | None) -> Document:
+    """Replace bounds in a file by what a run meets, and return which; loosen: the reason to loosen some."""
     from bodycheck._util.files import write_whole
-    from bodycheck.reports.gates.gate_output import print_changes
+    from bodycheck.reports.gates.gate_output import changes_document
     from bodycheck.reports.gates.proposal import MARGIN_DECADES, edited, proposals
 
     margin = MARGIN_DECADES if margin is None else margin
     changes = proposals(results, margin, loosen=loosen is not None)
     before = file.read_bytes().decode("utf-8-sig")
     write_whole(file, edited(before, str(file), changes, loosen).encode())
-    print_changes(changes, results, margin)
+    return changes_document(changes, results, margin)

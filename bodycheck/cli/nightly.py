@@ -5,27 +5,43 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from bodycheck._util.errors import InputError, StoppedError
+from bodycheck.cli.help_text import OUTPUT, WATCH, Group, described
 from bodycheck.cli.options import (
     AllowCode,
+    Engines,
     Jobs,
+    Json,
     NoSpeed,
+    OutFiles,
+    Quiet,
     Scenarios,
+    ShardOption,
     Threshold,
     TimeoutS,
     Tolerances,
+    check_out_files,
+    progress_of,
     thresholds_of,
+    write_out_files,
 )
 from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.runs.run_options import TIMEOUT_S
 
+if TYPE_CHECKING:
+    from bodycheck.reports.history.regression import Judgement
+    from bodycheck.runs.directory import RunRequest
+    from bodycheck.runs.run_options import ProgressFactory
+
 nightly = typer.Typer()
-history = typer.Typer(help="List, query and prune a history of nightly runs.", no_args_is_help=True)
-nightly.add_typer(history, name="history")
+history = typer.Typer(
+    cls=Group, help="List, query and prune a history of nightly runs.", no_args_is_help=True
+)
+nightly.add_typer(history, name="history", rich_help_panel=WATCH)
 
 _EXITS = {"no regression": 0, "regression": 1, "nothing measured": 1, "insufficient history": 3}
 
@@ -34,35 +50,46 @@ _LEFT_OUT = 1
 _Folder = Annotated[Path, typer.Argument(metavar="HISTORY", help="Folder of a history.")]
 
 
-@nightly.command(name="nightly", short_help="Run, store, and compare with earlier runs.")
+@nightly.command(
+    name="nightly",
+    short_help="Run, store, and compare with earlier runs.",
+    **described(WATCH, "bodycheck nightly --history nights --engine mujoco,reference:rk4"),
+)
 def nightly_(
-    history: Annotated[Path, typer.Option(help="Folder of the history; created if it does not exist.")],
-    scenarios: Scenarios = None,
-    engine: Annotated[
-        str | None,
-        typer.Option(help="Engines to run, as NAME[:METHOD],...", show_default="every installed engine"),
+    history: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the history; created if it does not exist.",
+            show_default="required without --shard",
+        ),
     ] = None,
-    markdown: Annotated[Path | None, typer.Option(help="Also write the comparison as Markdown.")] = None,
+    scenarios: Scenarios = None,
+    engine: Engines = None,
+    out: OutFiles = None,
     threshold: Threshold = THRESHOLD,
     tolerances: Tolerances = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,
+    shard: ShardOption = None,
+    part: Annotated[
+        Path | None,
+        typer.Option(help="With --shard: new or empty folder for this shard.", rich_help_panel=OUTPUT),
+    ] = None,
     allow_code: AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run scenarios, append the run to a history, and compare it with the earlier nightly runs.
 
     The exit status is 1 on a regression or if nothing was measured, and 3 if the history is insufficient to
     compare with.
     """
-    from bodycheck._util.files import check_file, write_whole
-    from bodycheck.reports.history.history_output import print_night
-    from bodycheck.reports.render.progress import LiveProgress
     from bodycheck.runs.directory import RunRequest
-    from bodycheck.runs.nightly_run import run_night
+    from bodycheck.runs.nightly_run import SPEED_PASSES, run_night
 
     thresholds = thresholds_of(threshold, tolerances)
-    check_file("--markdown", markdown)
+    check_out_files(out)
     asked = RunRequest(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),
@@ -70,36 +97,76 @@ def nightly_(
         jobs=jobs,
         timeout_s=timeout_s,
         fresh=True,  # a stored result would hide a change of the engine
+        shard=shard,
+        speed_passes=SPEED_PASSES,
         allow_code=allow_code,
     )
+    if shard is not None:
+        _run_shard(asked, part, history, progress_of(quiet=quiet))
+        return
+    if history is None or part is not None:
+        raise InputError(
+            "--part: requires --shard" if part else "--history: required, the folder of a history"
+        )
     try:
-        judged, night = run_night(asked, history, LiveProgress, thresholds)
+        judged, night = run_night(asked, history, progress_of(quiet=quiet), thresholds)
     except KeyboardInterrupt:
         raise StoppedError("stopped; nothing was stored") from None
-    print_night(judged)
-    print(night / "night.html")
-    if markdown is not None:
-        write_whole(markdown, (night / "night.md").read_bytes())
+    tell_night(judged, night, out, json=json)
+
+
+def _run_shard(asked: RunRequest, part: Path | None, history: Path | None, watching: ProgressFactory) -> None:
+    """Run one shard of a nightly run into a folder of its own; `merge --history` judges all of them."""
+    from bodycheck.runs.directory import run_to_folder
+
+    if part is None or history is not None:
+        raise InputError(
+            f"--shard {asked.shard}: requires --part, no --history (`bodycheck merge --history` stores it)"
+        )
+    _, report = run_to_folder(asked, part, watching)
+    print(report)
+
+
+def tell_night(judged: Judgement, night: Path, out: Sequence[Path] | None, *, json: bool) -> None:
+    """Print the judgement of a stored nightly run, write the files of --out, and exit with its status."""
+    from bodycheck.reports.document import answer, json_text
+    from bodycheck.reports.history.history_output import night_data, night_document
+
+    data = {**night_data(judged), "folder": night}
+    answer(night_document(judged), data, as_json=json)
+    if not json:
+        print(night / "night.html")
+    texts = {".html": (night / "night.html").read_text, ".md": (night / "night.md").read_text}
+    write_out_files(out, {**texts, ".json": lambda: json_text(data) + "\n"})
     raise typer.Exit(_EXITS[judged.status])
 
 
-@history.command(name="list", short_help="Print one line per nightly run.")
-def list_(folder: _Folder) -> None:
+@history.command(
+    name="list",
+    short_help="Print one line per nightly run.",
+    **described("Commands", "bodycheck history list nights"),
+)
+def list_(folder: _Folder, json: Json = False) -> None:
     """Print one line per nightly run, oldest first: status, number of changes, cases and engines.
 
     Damaged runs are reported on standard error and left out; then the exit status is 1.
     """
+    from bodycheck.reports.document import answer
     from bodycheck.reports.history.archive import History
     from bodycheck.reports.history.baseline import readable_nights
-    from bodycheck.reports.history.history_output import print_nights
+    from bodycheck.reports.history.history_output import nights_data, nights_document
     from bodycheck.reports.history.queries import nights_table
 
     nights, left_out = readable_nights(History.existing(folder).nights())
-    print_nights(nights_table(nights))
+    table = nights_table(nights)
+    answer(nights_document(table), nights_data(table), as_json=json)
     _tell(left_out)
 
 
-@history.command(short_help="Query nightly runs in SQL.")
+@history.command(
+    short_help="Query nightly runs in SQL.",
+    **described("Commands", "bodycheck history query nights 'SELECT run_id, status FROM nights'"),
+)
 def query(
     folder: _Folder,
     sql: Annotated[
@@ -123,7 +190,10 @@ def query(
     _tell(left_out)
 
 
-@history.command(short_help="Remove old nightly runs.")
+@history.command(
+    short_help="Remove old nightly runs.",
+    **described("Commands", "bodycheck history prune nights --keep 60"),
+)
 def prune(
     folder: _Folder, keep: Annotated[int, typer.Option(help="Number of newest nightly runs to keep.")]
 ) -> None:

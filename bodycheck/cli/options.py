@@ -1,24 +1,93 @@
-"""Arguments and options shared by several commands, and the parsing of their values."""
+"""Arguments and options shared by several commands, their completion, and the parsing of their values."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
 from bodycheck._util.errors import InputError
+from bodycheck.cli.help_text import HOW, OUTPUT, WHAT
 from bodycheck.reports.gates.thresholds import Thresholds
+
+if TYPE_CHECKING:
+    from bodycheck.runs.run_options import ProgressFactory
+
+
+def complete_scenarios(incomplete: str) -> list[tuple[str, str]]:
+    """Return the built-in scenarios and suites with their descriptions, and the .toml files."""
+    from bodycheck.scenarios.library import scenario_summaries, suites
+
+    names = [*scenario_summaries().items(), *((name, "suite") for name in suites())]
+    folder = Path(incomplete).parent if "/" in incomplete else Path()
+    files = [(str(path), "file") for path in sorted(folder.glob("*.toml"))] if folder.is_dir() else []
+    return [(name, about) for name, about in (*names, *files) if name.startswith(incomplete)]
+
+
+def complete_engines(incomplete: str) -> list[str]:
+    """Return the words that complete the last of NAME[:METHOD],...: engines, then an engine's methods."""
+    first, comma, last = incomplete.rpartition(",")
+    return [f"{first}{comma}{word}" for word in _engine_words(last) if word.startswith(last)]
+
+
+def _engine_words(incomplete: str) -> Iterator[str]:
+    from bodycheck.adapters.registry import engine_names
+
+    engine, colon, _ = incomplete.partition(":")
+    if not colon:
+        yield from engine_names()
+        return
+    for method in methods_of(engine):
+        yield f"{engine}:{method}"
+
+
+def methods_of(engine: str) -> tuple[str, ...]:
+    """Return the methods of an engine; none for an unknown or unavailable one.
+
+    Those of an optional engine are what its adapter states: completion installs nothing.
+    """
+    from bodycheck.adapters.contract import Engine
+    from bodycheck.adapters.registry import engine_names, optional_engines, stated_by
+    from bodycheck.adapters.workers.engine_pool import announced
+
+    if engine in optional_engines():
+        return tuple(stated_by(engine).methods)
+    if engine not in engine_names():
+        return ()
+    found = announced([engine])[engine]
+    return tuple(found.methods) if isinstance(found, Engine) else ()
+
 
 Scenarios: TypeAlias = Annotated[
     list[str] | None,
-    typer.Argument(help="Built-in scenarios, suites or .toml files.", show_default="standard"),
+    typer.Argument(
+        help="Built-in scenarios, suites or .toml files.",
+        show_default="standard",
+        autocompletion=complete_scenarios,
+    ),
+]
+Scenario: TypeAlias = Annotated[
+    str, typer.Option(help="A built-in scenario or a .toml file.", autocompletion=complete_scenarios)
+]
+Engines: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        help="Engines to run, as NAME[==VERSION][:METHOD],... or cmd:COMMAND",
+        show_default="every installed engine",
+        rich_help_panel=WHAT,
+        autocompletion=complete_engines,
+    ),
 ]
 Jobs: TypeAlias = Annotated[
-    int | None, typer.Option(help="Number of cases to run in parallel.", show_default="one per core")
+    int | None,
+    typer.Option(
+        help="Number of cases to run in parallel.", show_default="one per core", rich_help_panel=HOW
+    ),
 ]
-TimeoutS: TypeAlias = Annotated[float, typer.Option(help="Time limit of one case in s.")]
+TimeoutS: TypeAlias = Annotated[float, typer.Option(help="Time limit of one case in s.", rich_help_panel=HOW)]
 Fresh: TypeAlias = Annotated[
     bool | None,
     typer.Option(
@@ -27,9 +96,22 @@ Fresh: TypeAlias = Annotated[
         "[default: gate runs again; run and versions reuse for installed engines and run plug-ins and "
         "editable installs again]",
         show_default=False,
+        rich_help_panel=HOW,
     ),
 ]
-NoSpeed: TypeAlias = Annotated[bool, typer.Option("--no-speed", help="Do not measure CPU time.")]
+ShardOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--shard",
+        metavar="K/N",
+        help="Run part K of N, chosen by a hash, like 3/8; `bodycheck merge` puts the parts together.",
+        show_default="the whole run",
+        rich_help_panel=HOW,
+    ),
+]
+NoSpeed: TypeAlias = Annotated[
+    bool, typer.Option("--no-speed", help="Do not measure CPU time.", rich_help_panel=HOW)
+]
 Threshold: TypeAlias = Annotated[
     float,
     typer.Option(
@@ -45,6 +127,25 @@ AllowCode: TypeAlias = Annotated[
         "--allow-code",
         help="Allow scenario files to import functions f(t, position, R, velocity, omega) -> force, torque, "
         "which runs their modules' code; R is (3, 3), t a number, the others (3,).",
+        rich_help_panel=HOW,
+    ),
+]
+Json: TypeAlias = Annotated[
+    bool,
+    typer.Option("--json", help="Print the answer as JSON, in full precision.", rich_help_panel=OUTPUT),
+]
+Quiet: TypeAlias = Annotated[
+    bool,
+    typer.Option("--quiet", "-q", help="Show no progress on standard error.", rich_help_panel=OUTPUT),
+]
+OutFiles: TypeAlias = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--out",
+        metavar="FILE",
+        help="Also write the answer to this file: .html lists all changes, .json has them as data, .md or a "
+        "name without suffix is Markdown. May be given several times.",
+        rich_help_panel=OUTPUT,
     ),
 ]
 
@@ -76,3 +177,61 @@ def thresholds_of(threshold: float, tolerances: Path | None) -> Thresholds:
     from bodycheck.reports.gates.gate import read_thresholds  # imports pydantic
 
     return read_thresholds(tolerances, threshold)
+
+
+def progress_of(*, quiet: bool, label: str = "") -> ProgressFactory:
+    """Return what shows the progress of a run, with a label before each phase."""
+    if quiet:
+        from bodycheck.runs.run_options import no_progress
+
+        return no_progress
+    from bodycheck.reports.render.progress import LiveProgress
+
+    return lambda cases_listed: LiveProgress(cases_listed, label)
+
+
+_ANSWER_SUFFIXES = (".html", ".md", ".json", "")
+
+
+def check_out_files(paths: Sequence[Path] | None) -> None:
+    """Raise InputError for a file that --out names and that has another suffix or cannot be written."""
+    from bodycheck._util.files import check_file
+
+    for path in paths or ():
+        if path.suffix not in _ANSWER_SUFFIXES:
+            raise InputError(f"--out {path}: must end in .html, .md or .json")
+        check_file("--out", path)
+
+
+def write_out_files(paths: Sequence[Path] | None, texts: Mapping[str, Callable[[], str]]) -> None:
+    """Write each file that --out names, by its suffix; texts: suffix -> function that returns the content."""
+    from bodycheck._util.files import write_whole
+
+    for path in paths or ():
+        write_whole(path, texts[path.suffix or ".md"]().encode())
+
+
+PICTURES = (".png", ".svg", ".pdf")
+"""The formats of figures."""
+
+
+def check_explanation_files(paths: Sequence[Path] | None) -> None:
+    """Raise InputError for a file of an explanation that has another suffix or cannot be written."""
+    from bodycheck._util.files import check_file
+
+    for path in paths or ():
+        if path.suffix in PICTURES:
+            from bodycheck.reports.render.figures import check_picture
+
+            check_picture(path)
+        elif path.suffix not in (".html", ".md", ".json"):
+            raise InputError(f"--out {path}: must end in .html, .md, .json, {', '.join(PICTURES)}")
+        check_file("--out", path)
+
+
+def write_explanations(paths: Sequence[Path] | None, contents: Mapping[str, Callable[[], bytes]]) -> None:
+    """Write each file, by its suffix; contents: suffix -> function that returns the content."""
+    from bodycheck._util.files import write_whole
+
+    for path in paths or ():
+        write_whole(path, contents[path.suffix]())

@@ -1,4 +1,4 @@
-"""The commands that read stored runs: compare, advise, report, table, plot."""
+"""The commands that read stored runs: compare, advise, explain, report, table, plot, movie."""
 
 from __future__ import annotations
 
@@ -8,11 +8,33 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.options import AllowCode, Threshold, Tolerances, thresholds_of
+from bodycheck._util.formatting import meant
+from bodycheck.cli.help_text import ASK, OUTPUT, described
+from bodycheck.cli.options import (
+    PICTURES,
+    AllowCode,
+    Json,
+    OutFiles,
+    Quiet,
+    Threshold,
+    Tolerances,
+    check_explanation_files,
+    check_out_files,
+    complete_scenarios,
+    numbers,
+    progress_of,
+    thresholds_of,
+    write_explanations,
+    write_out_files,
+)
 from bodycheck.reports.gates.thresholds import THRESHOLD
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from bodycheck.reports.comparison.change import Status
+    from bodycheck.reports.run_files.run_reader import Tables
+    from bodycheck.scenarios.free_body import FreeBody
 
 FAIL_ON: dict[str, tuple[Status, ...]] = {
     "worse": ("worse", "missing"),
@@ -34,7 +56,14 @@ _AllowCode = Annotated[
 ]
 
 
-@questions.command(short_help="Print what changed between two runs.")
+@questions.command(
+    short_help="Print what changed between two runs.",
+    **described(
+        ASK,
+        "bodycheck compare before after --fail-on worse",
+        "bodycheck compare before after --out changes.html --out changes.md",
+    ),
+)
 def compare(
     before: Annotated[Path, typer.Argument(metavar="RUN_A", help="Folder of the run before the change.")],
     after: Annotated[Path, typer.Argument(metavar="RUN_B", help="Folder of the run after the change.")],
@@ -47,43 +76,62 @@ def compare(
     ] = "never",
     threshold: Threshold = THRESHOLD,
     tolerances: Tolerances = None,
-    html: Annotated[Path | None, typer.Option(help="Also write all changes as an HTML page.")] = None,
-    markdown: Annotated[Path | None, typer.Option(help="Also write the output as Markdown.")] = None,
+    out: OutFiles = None,
+    json: Json = False,
 ) -> None:
     """Print what changed between two runs: outcomes, verdicts, orders, accuracy, speed.
 
     A change above the threshold is worse or improved, a smaller one moved; rows of one run only are new or
     missing. With --fail-on worse or moved, the exit status is also 1 if the runs have no case in common.
     """
-    from bodycheck._util.files import check_file, write_whole
     from bodycheck.reports.comparison.compare import compare as compared
-    from bodycheck.reports.comparison.comparison_output import (
-        comparison_markdown,
-        print_comparison,
-        render_comparison,
-    )
+    from bodycheck.reports.comparison.describe import comparison_data, comparison_document, comparison_page
+    from bodycheck.reports.document import answer, json_text
+    from bodycheck.reports.document import markdown as as_markdown
     from bodycheck.reports.run_files.run_reader import read_tables
 
     thresholds = thresholds_of(threshold, tolerances)
-    check_file("--html", html)
-    check_file("--markdown", markdown)
+    check_out_files(out)
     comparison = compared(read_tables(before), read_tables(after), thresholds)
-    if html is not None:
-        write_whole(html, render_comparison(comparison).encode())
-    if markdown is not None:
-        write_whole(markdown, comparison_markdown(comparison).encode())
-    print_comparison(comparison)
+    document, data = comparison_document(comparison), comparison_data(comparison)
+    texts = {
+        ".html": lambda: comparison_page(comparison),
+        ".md": lambda: as_markdown(document),
+        ".json": lambda: json_text(data) + "\n",
+    }
+    write_out_files(out, texts)
+    answer(document, data, as_json=json)
     nothing = fail_on != "never" and not comparison.paired
     if nothing or comparison.of_status(*FAIL_ON[fail_on]):
         raise typer.Exit(_FAILED)
 
 
-@questions.command(short_help="Print the cheapest setting for an error tolerance.")
+@questions.command(
+    short_help="Print the cheapest setting for an error, or the error of a step.",
+    **described(
+        ASK,
+        "bodycheck advise --error 1e-3",
+        "bodycheck advise full-tensor --dt 5e-3 --run first",
+        "bodycheck advise --mass-kg 0.5 --inertia-kg-m2 2e-3,3e-3,4e-3 --spin-rad-s 20 --error 1e-3",
+    ),
+)
 def advise(
-    error: Annotated[float, typer.Option(help="The error tolerance to meet, like 1e-3.")],
     scenarios: Annotated[
         list[str] | None,
-        typer.Argument(help="Built-in scenarios, suites or .toml files.", show_default="all of the run"),
+        typer.Argument(
+            help="Built-in scenarios, suites or .toml files.",
+            show_default="all of the run",
+            autocompletion=complete_scenarios,
+        ),
+    ] = None,
+    error: Annotated[
+        float | None, typer.Option(help="The error tolerance to meet, like 1e-3.", show_default=False)
+    ] = None,
+    dt: Annotated[
+        float | None,
+        typer.Option(
+            help="Instead of --error: a step size in s, to print each method's error.", show_default=False
+        ),
     ] = None,
     quantity: Annotated[
         str,
@@ -92,6 +140,32 @@ def advise(
             "energy_drift, angular_momentum_drift or omega_error."
         ),
     ] = "orientation_error_rad",
+    horizon_s: Annotated[
+        float | None,
+        typer.Option(
+            help="Time in s over which the error counts.",
+            show_default="the duration of each scenario; 10 rotations of a body given here",
+        ),
+    ] = None,
+    search: Annotated[
+        bool, typer.Option("--search", help="Measure until every recommended setting is a measured one.")
+    ] = False,
+    mass_kg: Annotated[
+        float | None,
+        typer.Option(help="Instead of scenarios: mass in kg of a free body.", show_default=False),
+    ] = None,
+    inertia_kg_m2: Annotated[
+        str | None,
+        typer.Option(help="Its principal moments in kg m^2, like 0.002,0.003,0.004.", show_default=False),
+    ] = None,
+    spin_rad_s: Annotated[
+        str | None,
+        typer.Option(
+            help="Its angular velocity in rad/s: three components in body axes, or one number, |omega|, for "
+            "three equal components.",
+            show_default=False,
+        ),
+    ] = None,
     run: Annotated[
         Path | None,
         typer.Option(
@@ -99,19 +173,109 @@ def advise(
         ),
     ] = None,
     allow_code: AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Print the cheapest engine, method and step size that meet an error tolerance in a run."""
-    from bodycheck.reports.render.answer_text import print_advice
-    from bodycheck.reports.summary.advice import advise as advised
-    from bodycheck.reports.summary.advice import check_question
-    from bodycheck.runs.choose import chosen_run
+    """Print the cheapest engine, method and step size that meet an error tolerance.
 
-    check_question(error, quantity)
-    folder, tables, names = chosen_run(run, scenarios or [], allow_code=allow_code)
-    print_advice(advised(tables.cases, error, quantity, names), error, quantity, str(folder))
+    Settings between and beyond the measured steps are predicted from the order. Without a tolerance, --dt
+    prints the error of each method at a step.
+    """
+    from bodycheck.reports.document import answer
+    from bodycheck.reports.summary.advice_document import advice_document
+    from bodycheck.runs import advice_run
+
+    inertia, spin = numbers(inertia_kg_m2, "--inertia-kg-m2"), numbers(spin_rad_s, "--spin-rad-s")
+    asked = advice_run.AdviceRequest(
+        error=error,
+        dt_s=dt,
+        quantity=quantity,
+        horizon_s=horizon_s,
+        search=search,
+        scenarios=tuple(scenarios or ()),
+        body=_free_body(mass_kg, inertia, spin),
+        run=run,
+        allow_code=allow_code,
+    )
+    advice = advice_run.advise(asked, progress_of(quiet=quiet))
+    answer(advice_document(advice), advice, as_json=json)
 
 
-@questions.command(short_help="Render the report of a run again.")
+def _free_body(
+    mass_kg: float | None, inertia_kg_m2: list[float] | None, spin_rad_s: list[float] | None
+) -> FreeBody | None:
+    """Return the body of three options; raises InputError where only some of them are given."""
+    from bodycheck.scenarios.free_body import FreeBody
+
+    if mass_kg is None and inertia_kg_m2 is None and spin_rad_s is None:
+        return None
+    if mass_kg is None or inertia_kg_m2 is None or spin_rad_s is None:
+        raise InputError("a body needs --mass-kg, --inertia-kg-m2 and --spin-rad-s")
+    return FreeBody(mass_kg, inertia_kg_m2, spin_rad_s)
+
+
+@questions.command(
+    short_help="Print the cause of wrong motions, with evidence.",
+    **described(
+        ASK,
+        "bodycheck explain first",
+        "bodycheck explain first --case full-tensor,pybullet:multibody@defaults,0.01 --out why.html",
+    ),
+)
+def explain(
+    run: _Run,
+    case: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENARIO[,ENGINE[:METHOD][,STEP]]",
+            help="The cases to explain, patterns allowed.",
+            show_default="one of each method on each scenario where a verdict counts against it",
+        ),
+    ] = None,
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Also write to this file: .html, .md, .json, .png, .svg or .pdf; may be repeated.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    allow_code: _AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Print which fault explains a wrong motion, its fitted parameters, and what would confirm it.
+
+    The reference runs the one-step map of the method with each fault that it knows, alone and in pairs, and
+    compares the result with the motion of the engine from sample to sample.
+    """
+    from bodycheck.reports.document import answer, json_text
+    from bodycheck.reports.document import markdown as as_markdown
+    from bodycheck.reports.render.progress import watched
+    from bodycheck.runs.explain_run import explain_run
+
+    check_explanation_files(out)
+    with watched("comparing the motions with each fault", quiet=quiet):
+        cases = explain_run(run, case, allow_code=allow_code)
+    from bodycheck.reports.diagnosis import document as explanations
+
+    document, data = explanations.explanation_document(cases), explanations.explanation_data(cases)
+    texts: dict[str, Callable[[], bytes]] = {
+        ".html": lambda: explanations.explanation_page(cases).encode(),
+        ".md": lambda: as_markdown(document).encode(),
+        ".json": lambda: (json_text(data) + "\n").encode(),
+        **{
+            suffix: lambda suffix=suffix: explanations.explanation_figure(cases, suffix)  # type: ignore[misc]
+            for suffix in PICTURES
+        },
+    }
+    write_explanations(out, texts)
+    answer(document, data, as_json=json)
+
+
+@questions.command(
+    short_help="Render the report of a run again.",
+    **described(ASK, "bodycheck report first", "bodycheck report first --markdown"),
+)
 def report(
     run: _Run,
     markdown: Annotated[
@@ -123,25 +287,35 @@ def report(
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
     if markdown:
-        from bodycheck.reports.render.markdown import markdown_summary
+        from bodycheck.reports.document import markdown as as_markdown
+        from bodycheck.reports.summary.sentences import run_document
 
-        print(markdown_summary(read_tables(run)))
+        print(as_markdown(run_document(read_tables(run))), end="")
         return
     from bodycheck._util.files import write_whole
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.render.html import render_report
+    from bodycheck.reports.render.progress import watched
 
     page = run / "report.html"
-    write_whole(page, render_report(read_run(run, allow_code=allow_code, cache=Cache.default())).encode())
+    with watched("measuring the stored motions again"):
+        rendered = render_report(read_run(run, allow_code=allow_code, cache=Cache.default()))
+    write_whole(page, rendered.encode())
     print(page)
 
 
-@questions.command(short_help="Print a table of a run in another format.")
+@questions.command(
+    short_help="Print a table of a run in another format.",
+    **described(ASK, "bodycheck table first results --columns engine,method,dt_s --format md"),
+)
 def table(
     run: _Run,
     which: Annotated[
-        Literal["results", "methods", "stability", "probes"],
-        typer.Argument(metavar="TABLE", help="The table: results, methods, stability or probes."),
+        Literal["results", "methods", "stability", "probes", "diagnoses", "fingerprints", "laws"],
+        typer.Argument(
+            metavar="TABLE",
+            help="The table: results, methods, stability, probes, diagnoses, fingerprints or laws.",
+        ),
     ] = "results",
     as_: Annotated[
         Literal["csv", "json", "md", "parquet"],
@@ -150,7 +324,10 @@ def table(
     columns: Annotated[
         str | None, typer.Option(help="Columns to print, like scenario,dt_s.", show_default="all")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Output file.", show_default="standard output")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Output file.", show_default="standard output", rich_help_panel=OUTPUT),
+    ] = None,
 ) -> None:
     """Print a table of a run as CSV, JSON or Markdown, or write it to a file, also as Parquet."""
     from bodycheck._util.files import write_whole
@@ -165,12 +342,15 @@ def table(
         "methods": tables.methods,
         "stability": tables.stability,
         "probes": tables.probes,
+        "diagnoses": tables.diagnoses,
+        "fingerprints": tables.fingerprints,
+        "laws": tables.laws,
     }[which]
     if columns is not None:
         asked = [name.strip() for name in columns.split(",")]
         if unknown := [name for name in asked if name not in found.columns]:
-            known = ", ".join(found.columns)
-            raise InputError(f"--columns {columns}: {which} has no {', '.join(unknown)} (available: {known})")
+            known = meant(unknown[0], found.columns)
+            raise InputError(f"--columns {columns}: {which} has no {', '.join(unknown)}{known}")
         found = found[asked]
     content = FORMATS[as_](found)
     if out is None:
@@ -179,14 +359,17 @@ def table(
         write_whole(out, content)
 
 
-@questions.command(short_help="Draw a figure of a run for a paper.")
+@questions.command(
+    short_help="Draw a figure of a run for a paper.",
+    **described(ASK, "bodycheck plot first --figure work-precision --out figure.svg"),
+)
 def plot(
     run: _Run,
     figure: Annotated[
-        Literal["work-precision", "order", "drift", "stability"],
-        typer.Option(help="The figure: work-precision, order, drift or stability."),
+        Literal["work-precision", "order", "drift", "stability", "polhode", "motion"],
+        typer.Option(help="The figure: work-precision, order, drift, stability, polhode or motion."),
     ],
-    out: Annotated[Path, typer.Option(help="Output file: .svg or .png.")],
+    out: Annotated[Path, typer.Option(help="Output file: .svg, .pdf or .png.", rich_help_panel=OUTPUT)],
     scenario: Annotated[
         str | None, typer.Option(help="A scenario of the run.", show_default="the only one")
     ] = None,
@@ -196,31 +379,115 @@ def plot(
             help="The measure to plot: energy_drift, omega_error, ...", show_default="orientation_error_rad"
         ),
     ] = None,
+    engine: Annotated[
+        str | None,
+        typer.Option(help="What to draw, like mujoco,dart:semi-implicit.", show_default="all"),
+    ] = None,
+    columns: Annotated[
+        int, typer.Option(help="Width in columns of a paper: 1 (3.5 in) or 2 (7.2 in).", min=1, max=2)
+    ] = 1,
+    style: Annotated[Path | None, typer.Option(help="A matplotlib style file.", show_default="none")] = None,
     allow_code: _AllowCode = False,
 ) -> None:
-    """Draw a figure of one scenario for a paper: error against CPU time, against step size, or over time."""
+    """Draw a figure of one scenario for a paper.
+
+    Error against CPU time, against step size, or over time; stable steps; the polhode; the body at six times.
+    """
     from bodycheck._util.files import check_file, write_whole
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.measurement.measure_bounds import TRUTH_BOUNDS
-    from bodycheck.reports.render.figures import STABILITY, check_picture, picture
+    from bodycheck.reports.render.figures import (
+        BODIES,
+        NEED_MOTIONS,
+        STABILITY,
+        Appearance,
+        check_picture,
+        picture,
+    )
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
     check_picture(out)
     check_file("--out", out)
-    if quantity is not None and (figure == STABILITY or quantity not in TRUTH_BOUNDS):
+    if quantity is not None and (figure in (STABILITY, *BODIES) or quantity not in TRUTH_BOUNDS):
         what = (
             f"not used by --figure {figure}"
-            if figure == STABILITY
-            else f"unknown measure (available: {', '.join(TRUTH_BOUNDS)})"
+            if figure in (STABILITY, *BODIES)
+            else f"unknown measure{meant(quantity, TRUTH_BOUNDS)}"
         )
         raise InputError(f"--quantity {quantity}: {what}")
     tables = read_tables(run)
+    scenario = _scenario_of(tables, scenario)
+    engines = _engines_of(tables, engine)
+    appearance = Appearance(columns, style, engines)
+    needs_motions = figure in NEED_MOTIONS
+    found = read_run(run, allow_code=allow_code, cache=Cache.default()) if needs_motions else tables
+    measure = quantity or "orientation_error_rad"
+    write_whole(out, picture(found, figure, scenario, measure, out.suffix, appearance))
+    print(out)
+
+
+def _scenario_of(tables: Tables, scenario: str | None) -> str:
+    """Return the scenario that --scenario names, or the only one; raises InputError if there is none."""
     there = list(tables.manifest["scenarios"])
     if scenario is None and len(there) == 1:
-        scenario = there[0]
+        return there[0]
     if scenario is None or scenario not in there:
         asked = "is required" if scenario is None else f"{scenario}: not in this run"
-        raise InputError(f"--scenario {asked} (available: {', '.join(there)})")
-    found = read_run(run, allow_code=allow_code, cache=Cache.default()) if figure == "drift" else tables
-    write_whole(out, picture(found, figure, scenario, quantity or "orientation_error_rad", out.suffix))
+        raise InputError(f"--scenario {asked}{meant(scenario or '', there)}")
+    return scenario
+
+
+def _engines_of(tables: Tables, engine: str | None) -> tuple[str, ...]:
+    """Return the engines and methods that --engine names; raises InputError if one is not in the run."""
+    from bodycheck.reports.render.figures import check_engines
+
+    engines = tuple(name.strip() for name in engine.split(",")) if engine else ()
+    check_engines(tables, engines)
+    return engines
+
+
+@questions.command(
+    short_help="Write a film of the motions of a run.",
+    **described(
+        ASK,
+        "bodycheck movie first --scenario intermediate-axis --out flip.gif",
+        "bodycheck movie first --engine mujoco:euler,dart --dt 0.01 --out flip.mp4",
+    ),
+)
+def movie(
+    run: _Run,
+    out: Annotated[Path, typer.Option(help="Output file: .gif, .mp4 or .svg.", rich_help_panel=OUTPUT)],
+    scenario: Annotated[
+        str | None, typer.Option(help="A scenario of the run.", show_default="the only one")
+    ] = None,
+    engine: Annotated[
+        str | None, typer.Option(help="The bodies, like mujoco,dart:semi-implicit.", show_default="all")
+    ] = None,
+    dt: Annotated[
+        float | None,
+        typer.Option(help="Step size in s.", show_default="the coarsest that most methods share"),
+    ] = None,
+    allow_code: _AllowCode = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a film of one scenario: the body of each engine, and over it the truth as a grey ghost.
+
+    An engine shows the method farthest from the truth. A film has at most 200 frames, each a stored sample,
+    and lasts about 10 s; .mp4 needs ffmpeg on the path. An .svg is a strip of six frames.
+    """
+    from bodycheck._util.files import check_file, write_whole
+    from bodycheck.reports.cache.disk_cache import Cache
+    from bodycheck.reports.render import movie as films
+    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.run_files.run_reader import read_run, read_tables
+
+    films.check_movie(out)
+    check_file("--out", out)
+    tables = read_tables(run)
+    scenario = _scenario_of(tables, scenario)
+    engines = _engines_of(tables, engine)
+    with watched("drawing the frames", quiet=quiet):
+        found = read_run(run, allow_code=allow_code, cache=Cache.default())
+        film = films.movie(found, scenario, out.suffix, engines, dt)
+    write_whole(out, film)
     print(out)

@@ -3,26 +3,49 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.options import AllowCode, Fresh, Jobs, Threshold, TimeoutS, numbers, thresholds_of
+from bodycheck.cli.help_text import WATCH, Group, described
+from bodycheck.cli.options import (
+    AllowCode,
+    Fresh,
+    Jobs,
+    Json,
+    Quiet,
+    Scenario,
+    Threshold,
+    TimeoutS,
+    numbers,
+    progress_of,
+    thresholds_of,
+)
 from bodycheck.reports.gates.thresholds import THRESHOLD
 from bodycheck.runs.run_options import TIMEOUT_S
 
 versioning = typer.Typer()
 
 
-@versioning.command(short_help="Find the release in which a measure changed.")
+@versioning.command(
+    short_help="Find the release in which a measure changed.",
+    **described(
+        WATCH,
+        "bodycheck versions mujoco --since 3.6 --method rk4",
+        "bodycheck versions mujoco --since 3.6 --measure energy_drift --every --json",
+        "bodycheck versions mujoco --since 3.6 --audit robot.urdf",
+    ),
+)
 def versions(
     engine: Annotated[str, typer.Argument(help="An engine that is installed from a package, like mujoco.")],
     since: Annotated[str, typer.Option(help="The first release to consider, like 3.6.")],
     until: Annotated[
         str | None, typer.Option(help="The last release to consider.", show_default="the newest")
     ] = None,
-    scenario: Annotated[str, typer.Option(help="A built-in scenario or a .toml file.")] = "intermediate-axis",
+    scenario: Scenario = "intermediate-axis",
     method: Annotated[
         str | None, typer.Option(help="A method of the engine.", show_default="every method")
     ] = None,
@@ -32,6 +55,10 @@ def versions(
     ] = "order.orientation_error_rad",
     dt: Annotated[
         str | None, typer.Option(help="Step sizes in s, like 1e-2,1e-3.", show_default="the scenario's")
+    ] = None,
+    audit: Annotated[
+        Path | None,
+        typer.Option(help="Import this URDF or MJCF file in place of a scenario, as `audit` does."),
     ] = None,
     every: Annotated[
         bool,
@@ -45,16 +72,26 @@ def versions(
     timeout_s: TimeoutS = TIMEOUT_S,
     fresh: Fresh = None,
     allow_code: AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run releases of an engine and print those in which a measure changed.
 
     Each release runs in its own environment. The exit status is 0 whether or not a measure changed.
     """
     from bodycheck.reports.cache.reuse import reuse_of
-    from bodycheck.reports.render.answer_text import print_found
+    from bodycheck.reports.comparison.release_results import found_data, found_document
+    from bodycheck.reports.document import answer
     from bodycheck.runs.run_options import RunOptions
     from bodycheck.runs.version_search import Search, search
 
+    told = partial(_tell, quiet=quiet)
+    if audit is not None:
+        from bodycheck.runs.audit_versions import audit_versions
+
+        found = audit_versions(engine, since, until, audit, every=every, timeout_s=timeout_s, told=told)
+        answer(found_document(found), found_data(found), as_json=json)
+        return
     steps = numbers(dt, "--dt")
     asked = Search(
         *(engine, since, until, scenario, method, measure, steps),
@@ -62,27 +99,84 @@ def versions(
         every=every,
         thresholds=thresholds_of(threshold, None),
     )
-    options = RunOptions(speed=False, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"))
-    print_found(search(asked, options, lambda name: print(name, file=sys.stderr)))
+    options = RunOptions(
+        speed=False, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"), laws=False
+    )
+    found = search(
+        asked,
+        options,
+        told=told,
+        watching=lambda name: progress_of(quiet=quiet, label=name),
+    )
+    answer(found_document(found), found_data(found), as_json=json)
+
+
+def _tell(name: str, *, quiet: bool) -> None:
+    if not quiet:
+        print(name, file=sys.stderr)
 
 
 environment_commands = typer.Typer(
-    help="List and remove the environments of pinned engine versions.", no_args_is_help=True
+    cls=Group, help="Make, list and remove the environments of engines.", no_args_is_help=True
 )
 
 
-@environment_commands.command(name="list", short_help="Print one line per environment.")
-def list_() -> None:
+@environment_commands.command(
+    short_help="Make environments.",
+    **described("Commands", "bodycheck environments make drake mujoco==3.17.0"),
+)
+def make(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Engines, NAME or NAME==VERSION, like drake.")
+    ] = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Make those of all engines that run only on request.")
+    ] = False,
+) -> None:
+    """Make the environments of engines ahead of a run, and print one line per engine.
+
+    The exit status is 1 if one cannot be made.
+    """
+    from bodycheck.adapters.registry import optional_engines
+    from bodycheck.adapters.versions.pins import engine_fault
+    from bodycheck.adapters.workers.engine_pool import announced
+
+    if every == bool(names):
+        raise InputError("environments make: give either names like drake or --all")
+    if faults := [fault for name in names or () if (fault := engine_fault(name))]:
+        raise InputError("\n".join(faults))
+    missing = False
+    for name in names or optional_engines():
+        engine = announced([name])[name]
+        missing |= isinstance(engine, str)
+        print(engine if isinstance(engine, str) else f"{name}  {engine.version}")
+    if missing:
+        raise typer.Exit(1)
+
+
+@environment_commands.command(
+    name="list",
+    short_help="Print one line per environment.",
+    **described("Commands", "bodycheck environments list"),
+)
+def list_(json: Json = False) -> None:
     """Print one line per environment: engine and version, size, folder; then the sources of its packages."""
     from bodycheck.adapters.versions.environments import environments
+    from bodycheck.reports.document import json_text
 
+    if json:
+        print(json_text(environments()))
+        return
     for found in environments():
         print(f"{found.name}  {found.size / 1e6:.0f} MB  {found.folder}")
         for setting in found.packages_from:
             print(f"    {setting}")
 
 
-@environment_commands.command(short_help="Remove environments.")
+@environment_commands.command(
+    short_help="Remove environments.",
+    **described("Commands", "bodycheck environments remove mujoco==3.17.0"),
+)
 def remove(
     names: Annotated[
         list[str] | None, typer.Argument(help="Names as printed by `list`, like mujoco==3.17.0.")

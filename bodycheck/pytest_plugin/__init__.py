@@ -36,6 +36,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "required by that fixture",
     )
     group.addoption(
+        "--bodycheck-report",
+        metavar="DIR",
+        help="keep each run, with its report, in DIR/TEST/RUN_ID [default: runs are not kept]",
+    )
+    group.addoption(
         "--bodycheck-reuse",
         action="store_true",
         help="let gates reuse results of earlier runs by the same build of an engine "

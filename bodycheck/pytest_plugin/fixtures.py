@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -22,12 +24,14 @@ from bodycheck.reports.gates.gate import Gate, read_gates
 from bodycheck.reports.gates.verdict import held
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs import runner
+from bodycheck.runs.directory import write_run
 from bodycheck.runs.gate_run import run_for_gates
 from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import load_scenarios
 
 _KEYS = ("scenario", "engine", "method", "dt_s")
+_LONGEST_NAME = 150
 
 
 @dataclass(frozen=True)
@@ -37,13 +41,14 @@ class Bench:
     said: dict[str, Any]
     record: Record
     nodeid: str
+    kept_in: Path | None = None
 
     @classmethod
     def of(cls, request: pytest.FixtureRequest) -> Bench:
         """Return the fixture of one test."""
         marker = request.node.get_closest_marker("bodycheck")
         said = {**(_said(marker) if marker else {}), **getattr(request, "param", {})}
-        return cls(said, _recorder(request), request.node.nodeid)
+        return cls(said, _recorder(request), request.node.nodeid, _report_folder(request))
 
     def run(
         self,
@@ -81,7 +86,11 @@ class Bench:
                 tolerances=None if tolerance is None else [tolerance],
                 speed=False,
             )
-        return Measured(found, self.record, shlex.join(["pytest", self.nodeid]) if own else None)
+        rerun = shlex.join(["pytest", self.nodeid]) if own else None
+        report = None if self.kept_in is None else _kept(found, self.kept_in, rerun)
+        if report is not None:
+            self.record(f"report {report}")
+        return Measured(found, self.record, rerun, report=report)
 
     def step(
         self,
@@ -106,6 +115,31 @@ def _known(engine: Any) -> AbstractContextManager[None]:
 
 def _steps(dt_s: float | Sequence[float] | None) -> Sequence[float] | None:
     return [dt_s] if isinstance(dt_s, int | float) else dt_s
+
+
+def _report_folder(request: pytest.FixtureRequest) -> Path | None:
+    """Return DIR/TEST of --bodycheck-report; None without this option."""
+    folder = request.config.getoption("--bodycheck-report")
+    return None if folder is None else Path(folder).absolute() / _file_name(request.node.nodeid)
+
+
+def _file_name(nodeid: str) -> str:
+    """Return a folder name for a test; a digest distinguishes tests that differ only in other characters."""
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "-", nodeid).strip("-.")[-_LONGEST_NAME:]
+    return f"{plain}-{sha256(nodeid.encode()).hexdigest()[:8]}"
+
+
+def _kept(run: Run, folder: Path, rerun: str | None) -> Path:
+    """Write a run and its report to folder/RUN_ID; return the report's path.
+
+    rerun: the command that runs it again, where that is a test.
+    """
+    if rerun is not None:
+        cases = tuple(replace(case, columns={**case.columns, "reproduce": rerun}) for case in run.cases)
+        names = ("results", "probes", "fingerprints", "laws")
+        tables = {name: getattr(run, name).assign(reproduce=rerun) for name in names}
+        run = replace(run, cases=cases, **tables)
+    return write_run(run, folder / run.run_id)
 
 
 def _refuse(why: str) -> NoReturn:
@@ -162,6 +196,7 @@ class HeldGate:
     beside: tuple[Gate, ...]
     scenarios: tuple[str, ...]
     reuse: Reuse
+    kept_in: Path | None = None
     record: Record | None = None
 
     def within(self, request: pytest.FixtureRequest) -> HeldGate:
@@ -172,13 +207,17 @@ class HeldGate:
         """Assert that the gate passes; a gate that matched or measured nothing fails."""
         __tracebackhide__ = True
         assert self.record is not None
-        (result,) = held([self.gate], _run_of(self.beside, self.scenarios, self.reuse))
-        assert_passed(result, self.record)
+        run, report = _run_of(self.beside, self.scenarios, self.reuse, self.kept_in)
+        (result,) = held([self.gate], run)
+        assert_passed(result, self.record, report=report)
 
 
 @cache
-def _run_of(gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse) -> Run:
-    return run_for_gates(gates, scenarios, RunOptions(reuse=reuse), lambda _: nullcontext(NULL_PROGRESS))
+def _run_of(
+    gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse, kept_in: Path | None
+) -> tuple[Run, Path | None]:
+    run = run_for_gates(gates, scenarios, RunOptions(reuse=reuse), lambda _: nullcontext(NULL_PROGRESS))
+    return run, None if kept_in is None else _kept(run, kept_in, None)
 
 
 def parametrize_gates(metafunc: pytest.Metafunc) -> None:
@@ -195,6 +234,8 @@ def parametrize_gates(metafunc: pytest.Metafunc) -> None:
     # under pytest-xdist each process runs what its own gates need; otherwise one run serves all gates
     shared = hasattr(metafunc.config, "workerinput")
     reuse: Reuse = "everything" if metafunc.config.getoption("--bodycheck-reuse") else "truths"
-    params = [HeldGate(gate, (gate,) if shared else gates, scenarios, reuse) for gate in gates]
+    folder = metafunc.config.getoption("--bodycheck-report")
+    kept_in = None if folder is None else Path(folder).absolute() / "gates"
+    params = [HeldGate(gate, (gate,) if shared else gates, scenarios, reuse, kept_in) for gate in gates]
     names = [f"{place}-{gate.scenario}-{gate.engine}-{gate.method}" for place, gate in enumerate(gates)]
     metafunc.parametrize("bodycheck_gate", params, ids=names, indirect=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from glob import escape
+from pathlib import Path
 from typing import Any, TypeAlias
 
 from bodycheck._util.errors import InputError
@@ -24,13 +25,15 @@ Record: TypeAlias = Callable[[str], None]
 class Measured:
     """The measures of a run: one case, or the cases of several steps, methods or scenarios.
 
-    results: one row per case, with the columns of results.csv. methods: orders and verdicts.
+    results: one row per case, with the columns of results.csv. methods: orders and verdicts. report: the
+    report of the run, where --bodycheck-report keeps it.
     """
 
     run: Run
     record: Record
     rerun: str | None = None
     cause: Exception | None = None
+    report: Path | None = None
 
     @property
     def results(self) -> Any:
@@ -92,7 +95,7 @@ class Measured:
             replace(check, row=replace(check.row, reproduce=self._command(check.row)))
             for check in result.checks
         )
-        assert_passed(replace(result, checks=checks), self.record, self.cause)
+        assert_passed(replace(result, checks=checks), self.record, self.cause, self.report)
 
     def _command(self, row: Row) -> str:
         return self.rerun or row.reproduce
@@ -102,16 +105,21 @@ def _who(row: Row) -> str:
     return " ".join(filter(None, (row.scenario, f"{row.engine}:{row.method}", row.at)))
 
 
-def assert_passed(result: GateResult, record: Record, cause: Exception | None = None) -> None:
-    """Raise AssertionError, with one paragraph per failing row, if a gate does not pass."""
+def assert_passed(
+    result: GateResult, record: Record, cause: Exception | None = None, report: Path | None = None
+) -> None:
+    """Raise AssertionError, with one paragraph per failing row and the report, if a gate does not pass."""
     __tracebackhide__ = True
     record(f"{result.status} {line_of(result)}")
     if result.status == "passed":
         return
     lines = [line_of(result)]
     rows = failure_rows([result])
-    for _, *cells, command in rows[:_MOST_ROWS]:
+    for (_, *cells, command), check in zip(rows[:_MOST_ROWS], result.failed, strict=False):
         lines += [" | ".join(filter(None, cells)), f"    {command}"]
+        lines += [f"    {line}" for line in check.row.errors]
     if len(rows) > _MOST_ROWS:
         lines.append(f"and {len(rows) - _MOST_ROWS} more")
+    if report is not None:
+        lines.append(f"report: {report}")
     raise AssertionError("\n".join(lines)) from cause

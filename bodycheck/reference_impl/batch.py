@@ -2,23 +2,25 @@
 
 The state is one array (13, n) with one row per quantity, so that one instruction steps several bodies. A
 block of bodies makes all its steps before the next block is fetched from memory. Numba's threads share the
-blocks (numba.set_num_threads); the results do not depend on the number of threads.
+blocks (numba.set_num_threads); the results do not depend on the number of threads. The kernels release the
+GIL, so several threads may also call `advance_batch` at the same time, each with a batch of its own.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Literal, TypeAlias
 
-import numba
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.dormand_prince import A, B, Turning, combined, plus
-from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel, parallel_kernel
+from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel, long_kernel
 
-BatchMethod: TypeAlias = Literal["rk4", "dop853"]
+BatchMethod: TypeAlias = Literal["m1", "rk4", "dop853"]
 _Six: TypeAlias = tuple[float, float, float, float, float, float]
 
 WIDTH = 64
@@ -27,6 +29,7 @@ WIDTH = 64
 # A block is one array: the compiler sees that its rows do not overlap only if their offsets are constants.
 _Q, _HALF_SPIN, _ABOUT, _ROWS = 0, 4, 7, 13  # rows: q, omega / 2, the constants `about` of `_rates`
 _LINE = 64  # bytes
+_SERIES = 0.25  # of (h |omega| / 2)^2: up to it, the series below have all bits of the sine and the cosine
 _FLAT = 1e-12  # relative: by how much rounding may raise a plate's largest moment above the sum of the others
 
 
@@ -77,6 +80,46 @@ def _dop853_step(y: Turning, h: float, about: _Six) -> Turning:
 
 
 @inlined_kernel
+def _cosine(y: float) -> float:
+    """cos sqrt(y) by its Taylor series, for 0 <= y <= 1/4."""
+    high = 1.0 / 40320.0 - y * (1.0 / 3628800.0 - y * (1.0 / 479001600.0 - y * (1.0 / 87178291200.0)))
+    return 1.0 - y * (0.5 - y * (1.0 / 24.0 - y * (1.0 / 720.0 - y * high)))
+
+
+@inlined_kernel
+def _sine_over_angle(y: float) -> float:
+    """sin sqrt(y) / sqrt(y) by its Taylor series, for 0 <= y <= 1/4."""
+    high = 1.0 / 362880.0 - y * (1.0 / 39916800.0 - y * (1.0 / 6227020800.0 - y * (1.0 / 1307674368000.0)))
+    return 1.0 - y * (1.0 / 6.0 - y * (1.0 / 120.0 - y * (1.0 / 5040.0 - y * high)))
+
+
+@inlined_kernel
+def _spun(y: Turning, h: float, about: _Six) -> tuple[float, float, float]:
+    """s + h s', s = omega / 2, as `_rates` has s'."""
+    a, b, c = y[4], y[5], y[6]
+    return (
+        a + h * (about[0] * (b * c) + about[3]),
+        b + h * (about[1] * (c * a) + about[4]),
+        c + h * (about[2] * (a * b) + about[5]),
+    )
+
+
+@inlined_kernel
+def _turned(y: Turning, h: float, cosine: float, ratio: float) -> Turning:
+    """q exp(h s), with cosine = cos(h |s|) and ratio = sin(h |s|) / (h |s|)."""
+    a, b, c = h * ratio * y[4], h * ratio * y[5], h * ratio * y[6]
+    return (
+        y[0] * cosine - y[1] * a - y[2] * b - y[3] * c,
+        y[1] * cosine + y[0] * a + y[2] * c - y[3] * b,
+        y[2] * cosine + y[0] * b + y[3] * a - y[1] * c,
+        y[3] * cosine + y[0] * c + y[1] * b - y[2] * a,
+        y[4],
+        y[5],
+        y[6],
+    )
+
+
+@inlined_kernel
 def _lane(block: Array, i: int) -> tuple[Turning, _Six]:
     """Return q and omega / 2 of body i of a block, and the six constants of its motion."""
     at = _ABOUT * WIDTH + i
@@ -106,6 +149,31 @@ def _store_lane(block: Array, i: int, y: Turning) -> None:
     """Write q and omega / 2 of body i."""
     block[i], block[WIDTH + i], block[2 * WIDTH + i], block[3 * WIDTH + i] = y[0], y[1], y[2], y[3]
     block[4 * WIDTH + i], block[5 * WIDTH + i], block[6 * WIDTH + i] = y[4], y[5], y[6]
+
+
+@kernel
+def _m1_block(block: Array, dt: float, steps: int) -> None:
+    """Make all steps of a block by map M1; only a body that rotates far in one step leaves the fast loops."""
+    cosines, ratios, squares = np.empty(WIDTH), np.empty(WIDTH), np.empty(WIDTH)
+    for _ in range(steps):
+        largest = 0.0
+        for i in range(WIDTH):
+            y, about = _lane(block, i)
+            a, b, c = _spun(y, dt, about)
+            block[_HALF_SPIN * WIDTH + i] = a
+            block[(_HALF_SPIN + 1) * WIDTH + i] = b
+            block[(_HALF_SPIN + 2) * WIDTH + i] = c
+            square = dt * dt * (a * a + b * b + c * c)
+            squares[i], cosines[i], ratios[i] = square, _cosine(square), _sine_over_angle(square)
+            largest = max(largest, square)
+        if not largest <= _SERIES:
+            for i in range(WIDTH):
+                if not squares[i] <= _SERIES:
+                    angle = math.sqrt(squares[i])
+                    cosines[i], ratios[i] = math.cos(angle), math.sin(angle) / angle
+        for i in range(WIDTH):
+            y, about = _lane(block, i)
+            _store_lane(block, i, _turned(y, dt, cosines[i], ratios[i]))
 
 
 @kernel
@@ -160,25 +228,41 @@ def _scatter(block: Array, state: Array, begin: int, duration: float) -> None:
             state[k, j] += duration * state[3 + k, j]
 
 
-@parallel_kernel
-def _advance_rk4(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
-    """Make the steps in place, block by block."""
-    for k in numba.prange((state.shape[1] + WIDTH - 1) // WIDTH):
+@long_kernel
+def _advance_m1(
+    state: Array, moments: Array, torque: Array, dt: float, steps: int, first: int, end: int
+) -> None:
+    """Make the steps in place, of the blocks from first to end."""
+    for k in range(first, end):
+        block = _gathered(state, moments, torque, k * WIDTH)
+        _m1_block(block, dt, steps)
+        _scatter(block, state, k * WIDTH, dt * steps)
+
+
+@long_kernel
+def _advance_rk4(
+    state: Array, moments: Array, torque: Array, dt: float, steps: int, first: int, end: int
+) -> None:
+    """Make the steps in place, of the blocks from first to end."""
+    for k in range(first, end):
         block = _gathered(state, moments, torque, k * WIDTH)
         _rk4_block(block, dt, steps)
         _scatter(block, state, k * WIDTH, dt * steps)
 
 
-@parallel_kernel
-def _advance_dop853(state: Array, moments: Array, torque: Array, dt: float, steps: int) -> None:
-    """Make the steps in place, block by block."""
-    for k in numba.prange((state.shape[1] + WIDTH - 1) // WIDTH):
+@long_kernel
+def _advance_dop853(
+    state: Array, moments: Array, torque: Array, dt: float, steps: int, first: int, end: int
+) -> None:
+    """Make the steps in place, of the blocks from first to end."""
+    for k in range(first, end):
         block = _gathered(state, moments, torque, k * WIDTH)
         _dop853_block(block, dt, steps)
         _scatter(block, state, k * WIDTH, dt * steps)
 
 
-_ADVANCE: dict[str, Callable[[Array, Array, Array, float, int], None]] = {
+_ADVANCE: dict[str, Callable[[Array, Array, Array, float, int, int, int], None]] = {
+    "m1": _advance_m1,
     "rk4": _advance_rk4,
     "dop853": _advance_dop853,
 }
@@ -191,14 +275,17 @@ def advance_batch(
     steps: int,
     method: BatchMethod = "rk4",
     torque: Array | None = None,
+    threads: int | None = None,
 ) -> None:
     """Make `steps` steps of dt seconds for n bodies, in place.
 
     state (13, n), C-contiguous doubles: position and velocity in world axes, omega in body axes,
     quaternion (w, x, y, z); each column is laid out as in the single-body kernels. Body axes are principal
     axes. Quaternions are not renormalised. moments (3, n): the principal moments, kg m^2. torque (3, n):
-    constant in body axes, N m; None for free bodies. method: "rk4", the classical Runge-Kutta method of
-    order 4, or "dop853", the method of Dormand and Prince of order 8 (integrators/rk4.py, dop853.py).
+    constant in body axes, N m; None for free bodies. method: "m1", the map of most engines, of order 1;
+    "rk4", the classical Runge-Kutta method of order 4; "dop853", that of Dormand and Prince of order 8
+    (integrators/explicit_gyro.py, rk4.py, dop853.py), whose steps these equal up to the order of the sums:
+    some 16 ulp per step. threads: [default: numba.get_num_threads()].
 
     Raises ValueError, naming the value, for a state of another shape or dtype, numbers that are not finite,
     dt <= 0, steps < 0, an unknown method, and moments that no body can have.
@@ -218,7 +305,29 @@ def advance_batch(
     moments = _checked("moments", moments, n)
     _check_finite("state", state)
     _check_bodies(moments)
-    _ADVANCE[method](state, moments, held, float(dt), int(steps))
+    advance_checked(state, moments, held, float(dt), int(steps), method, threads or _threads())
+
+
+def advance_checked(
+    state: Array, moments: Array, torque: Array, dt: float, steps: int, method: BatchMethod, threads: int
+) -> None:
+    """Make the steps of `advance_batch`, which has checked its arguments; a state that diverged may go on."""
+    blocks, advance = (state.shape[1] + WIDTH - 1) // WIDTH, _ADVANCE[method]
+    threads = min(threads, blocks)
+    if threads <= 1:
+        advance(state, moments, torque, dt, steps, 0, blocks)
+        return
+    ends = [blocks * k // threads for k in range(threads + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        done = [pool.submit(advance, state, moments, torque, dt, steps, *part) for part in pairwise(ends)]
+        for one in done:
+            one.result()
+
+
+def _threads() -> int:
+    import numba  # late: it takes a second
+
+    return int(numba.get_num_threads())
 
 
 def _checked(name: str, value: Array, n: int) -> Array:

@@ -13,14 +13,14 @@ import numpy as np
 
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
-from bodycheck.reference_impl.kernels.jit import exact_kernel, kernel
+from bodycheck.reference_impl.kernels.jit import exact_kernel
 
 _RF_SPREAD = 2.5e-3  # series error spread^6 / 4, below 1e-16
 _RF_SPREAD_DD = 4e-6  # as above, error below 1e-32
 _AGM_GAP_DD = 1e-16  # the error of the mean is gap^2
 
 
-@kernel
+@exact_kernel
 def carlson_rf(x: float, y: float, z: float) -> float:
     """R_F(x, y, z) = 1/2 int_0^inf dt / sqrt((t + x)(t + y)(t + z)).
 
@@ -133,7 +133,7 @@ class Quotients(NamedTuple):
     """The factors that make sn(K) = cn(0) = dn(0) = 1."""
 
 
-@kernel
+@exact_kernel
 def _trigonometric(nome: float, sin_x: float, cos_x: float) -> tuple[float, float, float]:
     """(theta1 / 2q^1/4, theta2 / 2q^1/4, theta3) / theta4 at x, for q <= exp(-pi/2) (DLMF 20.2)."""
     q2 = nome * nome
@@ -155,7 +155,7 @@ def _trigonometric(nome: float, sin_x: float, cos_x: float) -> tuple[float, floa
     return theta1 * inverse, theta2 * inverse, (even + odd) * inverse
 
 
-@kernel
+@exact_kernel
 def _exponential(
     nome: float, decay: float, one_minus_decay2: float, rise: float, one_minus_rise2: float
 ) -> tuple[float, float, float]:
@@ -226,7 +226,7 @@ def circular_argument(v: DoubleDouble, rate: DoubleDouble) -> tuple[float, float
     return s + x_low * c, c - x_low * s
 
 
-@kernel
+@exact_kernel
 def _exponential_pair(y: float) -> tuple[float, float]:
     """(e^-y, 1 - e^-2y), both accurate relative to their size for small and large y >= 0."""
     if y < 0.5:
@@ -248,14 +248,14 @@ def exponential_argument(
     return decay, one_minus_decay2, rise, one_minus_rise2
 
 
-@kernel
+@exact_kernel
 def circular_functions(q: Quotients, sin_x: float, cos_x: float) -> tuple[float, float, float]:
     """(sn, cn, dn) from the sine and cosine of x = pi u / 2K."""
     sn, cn, dn = _trigonometric(q.nome, sin_x, cos_x)
     return q.sn * sn, q.cn * cn, q.dn * dn
 
 
-@kernel
+@exact_kernel
 def exponential_functions(
     q: Quotients, sign: float, argument: tuple[float, float, float, float]
 ) -> tuple[float, float, float]:
@@ -265,7 +265,7 @@ def exponential_functions(
     return sign * q.sn * sn, q.cn * cn, q.dn * dn
 
 
-@kernel
+@exact_kernel
 def jacobi(u: float, m1: float) -> tuple[float, float, float]:
     """Return (sn, cn, dn)(u | m), m = 1 - m1, for any real u and 0 <= m1 <= 1.
 

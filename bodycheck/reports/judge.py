@@ -1,21 +1,32 @@
-"""Judge a trajectory written by any program, with all measures that its quantities allow."""
+"""Judge trajectories written by any program, with all measures that their quantities allow, and rank them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import number, scientific, step
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.truths import known_truth
-from bodycheck.reports.measurement.case import stable_motion
+from bodycheck.reports.diagnosis.diagnosis import diagnosed
+from bodycheck.reports.diagnosis.explain import ExplainedCase
+from bodycheck.reports.document import Column, Document, Sentence, Table
+from bodycheck.reports.measurement.case import CaseResult, stable_motion
+from bodycheck.reports.measurement.convergence import Convergence, Judged, Point, convergence_of
 from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
 from bodycheck.reports.measurement.measures import (
     MEASURES,
+    QUANTITIES,
+    SCALES,
     Compared,
     Motion,
     departures_of,
@@ -23,19 +34,93 @@ from bodycheck.reports.measurement.measures import (
     series_of,
 )
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.run_files.trajectory_files import read_arrays
+from bodycheck.reports.measurement.scales import Scales
+from bodycheck.reports.measurement.study import limit
+from bodycheck.reports.recordings.column_map import ColumnMap
+from bodycheck.reports.recordings.conversion import recorded_arrays
 from bodycheck.scenarios.model import Scenario
 
+FROM_START = "_from_start"
+"""Suffix of an energy drift relative to the first sample of the file, instead of relative to the truth."""
 
-def judge_file(path: Path, scenario: Scenario, scenario_spec: str, cache: Cache | None) -> dict[str, Any]:
+_PREFERRED = ("orientation_error_rad", "omega_error", "position_error", "velocity_error")
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Judged files, best first.
+
+    rows: file, dt_s where given, and what `judge_file` returns. quantity: the measure that they are ranked
+    by, "" where they have none in common. orders: measure -> its convergence over the steps.
+    """
+
+    rows: tuple[dict[str, Any], ...]
+    quantity: str
+    orders: Mapping[str, Convergence]
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The answer as plain data: the columns of a single file, else the files, their rank and orders."""
+        if len(self.rows) == 1 and not self.orders:
+            return {name: value for name, value in self.rows[0].items() if name != "file"}
+        return {"ranked_by": self.quantity, "files": self.rows, "orders": self.orders}
+
+
+def judge_files(
+    paths: Sequence[Path],
+    scenario: Scenario,
+    scenario_spec: str,
+    cache: Cache | None,
+    column_map: ColumnMap,
+    steps_s: Sequence[float] | None = None,
+) -> Ranking:
+    """Judge several files of one scenario and rank them by the first error that all of them have.
+
+    steps_s: the step of each file, from which orders are fitted. Raises InputError like `judge_file`.
+    """
+    rows = [
+        {"file": str(path), **judge_file(path, scenario, scenario_spec, cache, column_map)} for path in paths
+    ]
+    if steps_s is not None:
+        rows = [{"file": row["file"], "dt_s": dt_s, **row} for row, dt_s in zip(rows, steps_s, strict=True)]
+    ended = [row for row in rows if row["outcome"] == "ok"]
+    common = [name for name in (*_PREFERRED, *MEASURES) if ended and all(name in row for row in ended)]
+    quantity = next(iter(common), "")
+    ranked = sorted(rows, key=lambda row: (row["outcome"] != "ok", row.get(quantity, 0.0)))
+    orders = {} if steps_s is None else _orders(rows, common, Problem.of(scenario, scenario_spec, cache))
+    return Ranking(tuple(ranked), quantity, orders)
+
+
+def _orders(
+    rows: Sequence[Mapping[str, Any]], common: Iterable[str], problem: Problem
+) -> dict[str, Convergence]:
+    """Return the convergence of each judged measure that all files that ended well have."""
+    found = {}
+    for quantity in QUANTITIES:
+        if quantity in common and MEASURES[quantity].judged == "limit":
+            points = [Point(row["dt_s"], row.get(quantity)) for row in rows]
+            found[quantity] = convergence_of(points, Judged(floor=limit(problem, quantity)))
+    return found
+
+
+def judge_file(
+    path: Path,
+    scenario: Scenario,
+    scenario_spec: str,
+    cache: Cache | None,
+    column_map: ColumnMap | None = None,
+) -> dict[str, Any]:
     """Return outcome, message and measures of the trajectory in a file, like a row of results.csv.
 
     Raises InputError where the file is invalid or its times are outside the scenario's duration.
     """
-    arrays = read_arrays(path)
+    arrays = recorded_arrays(path, column_map or ColumnMap())
     scene, t_s = scenario.scene, arrays["t_s"]
     if t_s[0] < 0.0 or t_s[-1] > scenario.duration_s * (1.0 + 1e-12):
-        raise InputError(f"{path}: t_s must lie between 0 and the duration, {scenario.duration_s!r} s")
+        raise InputError(
+            f"{path}: t_s must lie between 0 and the duration, {scenario.duration_s!r} s, but goes from "
+            f"{float(t_s[0])!r} to {float(t_s[-1])!r}"
+        )
     scales = Problem.of(scenario, scenario_spec, cache).scales
     truth = known_truth(scene, t_s, cache)
     trusted = t_s < truth.trusted_until_s
@@ -61,14 +146,74 @@ def judge_file(path: Path, scenario: Scenario, scenario_spec: str, cache: Cache 
     compared = Compared(
         scene, truth.trajectory, true, trajectory, motion, kept, until=int(np.count_nonzero(trusted))
     )
-    series = series_of(compared, departures_of(compared))
+    departures = departures_of(compared)
+    if column_map is not None and column_map.euler:  # the file has no quaternion
+        departures.pop("quaternion_norm_error", None)
+    series = series_of(compared, departures)
     founded = {
         name: values[: compared.until]
         for name, values in series.items()
         if MEASURES[name].needs(scene) <= had
     }
     worst = worst_drift(compared.invariant_drifts)
-    return columns | reduced(founded, scales) | (worst.columns if worst else {})
+    own = _drifts_from_start(founded, departures, compared.until, scales)
+    return columns | reduced(founded, scales) | own | (worst.columns if worst else {})
+
+
+def _drifts_from_start(
+    founded: Iterable[str], departures: Mapping[str, Array], until: int, scales: Scales
+) -> dict[str, float]:
+    """Return max |(E - E*) - (E - E*)(0)| over the scale: max |E - E(0)| where the energy is conserved.
+
+    In other scenes, it is the energy gained since the first sample, compared with the gain of the truth.
+    """
+    found = {}
+    for name in ("energy_drift", "rotational_energy_drift"):
+        scale = getattr(scales, SCALES[name])
+        if name in founded and scale > 0.0:
+            departure = departures[name][:until, 0]
+            found[f"{name}{FROM_START}"] = float(np.max(np.abs(departure - departure[0]))) / scale
+    return found
+
+
+def explained_file(
+    path: Path,
+    scenario: Scenario,
+    scenario_spec: str,
+    cache: Cache | None,
+    column_map: ColumnMap,
+    dt_s: float | None = None,
+) -> ExplainedCase:
+    """Return the diagnosis of the trajectory in a file.
+
+    dt_s: the step of the program that wrote it, None if unknown. Raises InputError as `judge_file` does,
+    and where the step does not fit the times.
+    """
+    arrays = recorded_arrays(path, column_map)
+    problem, t_s = Problem.of(scenario, scenario_spec, cache), arrays["t_s"]
+    truth = known_truth(scenario.scene, t_s, cache)
+    trajectory, known = _completed(arrays, truth.trajectory), frozenset(_quantities(arrays))
+    scene = scenario.scene
+    if dt_s is not None:
+        scene = _sampled_at(scene, t_s, dt_s)
+    found = diagnosed(scene, trajectory, problem.scales, dt_s, known=known)
+    columns = {"scenario": scenario.name, "control": "none" if dt_s is None else "dt", "dt_s": dt_s}
+    case = CaseResult({**columns, "engine": path.name, "method": ""}, trajectory)
+    return ExplainedCase(problem, (path.name,), case, (), found)
+
+
+def _sampled_at(scene: Scene, t_s: Array, dt_s: float) -> Scene:
+    """Return the scene with the samples of a file; raise InputError where these do not fit the step."""
+    end = float(t_s[-1])
+    evenly = np.arange(len(t_s)) * end / max(len(t_s) - 1, 1)
+    if len(t_s) < 2 or not np.allclose(t_s, evenly, rtol=0.0, atol=1e-9 * end):
+        raise InputError(f"--dt {dt_s}: needs evenly spaced times that begin at 0")
+    sampled = replace(scene, duration_s=end, samples=len(t_s))
+    try:
+        plan_steps(sampled, dt_s)
+    except ValueError as error:
+        raise InputError(f"--dt {dt_s}: {error}") from None
+    return sampled
 
 
 def _quantities(arrays: dict[str, Array]) -> set[str]:
@@ -91,3 +236,47 @@ def _completed(arrays: dict[str, Array], truth: Trajectory) -> Trajectory:
     if "omega_body_rad_s" not in filled and "omega_world_rad_s" not in filled:
         filled["omega_body_rad_s"] = truth.omega_body
     return Trajectory(**filled)
+
+
+def judgement_document(ranking: Ranking) -> Document:
+    """Return the measures of a single file, or the files by rank with their main measures and orders."""
+    if len(ranking.rows) == 1 and not ranking.orders:
+        lines = tuple((name, str(value)) for name, value in ranking.data.items())
+        return Document("bodycheck judge", (Table((Column("", "fixed"), Column("")), lines),))
+    energies = ("energy_drift", "rotational_energy_drift")
+    energy = next((name for name in energies if any(name in row for row in ranking.rows)), energies[0])
+    shown = dict.fromkeys(filter(None, (ranking.quantity, energy, f"{energy}{FROM_START}")))
+    steps = ["dt_s"] if "dt_s" in ranking.rows[0] else []
+    columns = (
+        Column("#", "number"),
+        Column("file", "name"),
+        *(Column(name.replace("_", " "), "number") for name in (*steps, *shown)),
+        Column("outcome"),
+    )
+    rows = tuple(
+        (
+            str(place) if row["outcome"] == "ok" else "",
+            row["file"],
+            *(step(row[name]) for name in steps),
+            *(scientific(row[name]) if name in row else "" for name in shown),
+            row["outcome"] + f": {row['message']}" * bool(row["message"]),
+        )
+        for place, row in enumerate(ranking.rows, 1)
+    )
+    by = f"ranked by {ranking.quantity}" if ranking.quantity else "not ranked: no measure in common"
+    head = Sentence(f"{ranking.rows[0]['scenario']}: {len(rows)} files, {by}")
+    orders = Table(
+        (Column("measure", "fixed"), Column("verdict"), Column("order", "number"), Column("95 %", "fixed")),
+        tuple(
+            (name, found.verdict, number(found.order, 3), _interval(found))
+            for name, found in ranking.orders.items()
+        ),
+        title="Order over the steps",
+    )
+    return Document("bodycheck judge", (head, Table(columns, rows), orders))
+
+
+def _interval(found: Convergence) -> str:
+    if found.order is None:
+        return ""
+    return f"{number(found.order_low, 3)} to {number(found.order_high, 3)}"

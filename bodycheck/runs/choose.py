@@ -8,15 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.render.progress import LiveProgress
+from bodycheck._util.formatting import meant
 from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_tables
 from bodycheck.runs.directory import RUNS, RunRequest, run_to_folder
+from bodycheck.runs.run_options import ProgressFactory
 from bodycheck.scenarios.library import load_scenarios
 from bodycheck.scenarios.serialization import written
 
 
 def chosen_run(
-    folder: Path | None, asked: Sequence[str], *, allow_code: bool
+    folder: Path | None,
+    asked: Sequence[str],
+    *,
+    allow_code: bool,
+    watching: ProgressFactory,
 ) -> tuple[Path, Tables, list[str]]:
     """Return a run's folder, its tables, and the names of the requested scenarios [default: all of the run].
 
@@ -38,7 +43,7 @@ def chosen_run(
                 _warn_left_out(error)
     scenarios = list(asked) or ["standard"]
     print(f"no stored run in {RUNS}/ has these scenarios; running {' '.join(scenarios)}", file=sys.stderr)
-    _, report = run_to_folder(RunRequest(scenarios=scenarios, allow_code=allow_code), None, LiveProgress)
+    _, report = run_to_folder(RunRequest(scenarios=scenarios, allow_code=allow_code), None, watching)
     return _named(report.parent, asked, allow_code=allow_code)
 
 
@@ -50,7 +55,7 @@ def _named(folder: Path, asked: Sequence[str], *, allow_code: bool) -> tuple[Pat
         loaded = [] if word in known else load_scenarios([word], allow_code=allow_code)
         names += [scenario.name for _, scenario in loaded] or [word]
     if missing := [name for name in names if name not in known]:
-        raise InputError(f"{folder}: has no scenario {', '.join(missing)} (available: {', '.join(known)})")
+        raise InputError(f"{folder}: has no scenario {', '.join(missing)}{meant(missing[0], known)}")
     return folder, tables, list(dict.fromkeys(names)) or known
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +24,7 @@ from pydantic import (
 
 from bodycheck._util.errors import InputError, StoppedError
 from bodycheck._util.files import atomic_write
+from bodycheck._util.shard import Shard
 from bodycheck._util.untrusted import quoted, read_json
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.reuse import reuse_of
@@ -37,6 +40,9 @@ RUNS = Path("bodycheck-runs")
 """The default parent folder of runs."""
 
 _REQUEST = "request.json"
+_WITHOUT_CASES = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>bodycheck</title><p>No case: none falls to this shard.</p></html>
+"""
 
 
 @dataclass(frozen=True)
@@ -54,17 +60,51 @@ class RunRequest:
     timeout_s: StrictFloat = TIMEOUT_S
     fresh: StrictBool | None = None
     allow_code: StrictBool = False
+    shard: StrictStr | None = None
+    speed_passes: StrictInt = 1
+    cluster: StrictStr | None = None
+    tls_ca_file: StrictStr | None = None
+    tls_cert: StrictStr | None = None
+    tls_key: StrictStr | None = None
 
     @property
     def selection(self) -> Selection:
         """Resolve and check scenarios, engines, steps and tolerances; raises InputError if any is wrong."""
-        return select(self.scenarios, self.engines, self.dt_s, self.tolerances, allow_code=self.allow_code)
+        shard = None if self.shard is None else Shard.parse(self.shard)
+        whole = select(self.scenarios, self.engines, self.dt_s, self.tolerances, allow_code=self.allow_code)
+        return whole if shard is None else whole.of_shard(shard)
 
     @property
     def options(self) -> RunOptions:
         """Return the run's options; raises InputError if any is wrong."""
         reuse = reuse_of(self.fresh, "installed")
-        return RunOptions(speed=self.speed, jobs=self.jobs, timeout_s=self.timeout_s, reuse=reuse)
+        return RunOptions(
+            speed=self.speed,
+            jobs=self.jobs,
+            timeout_s=self.timeout_s,
+            reuse=reuse,
+            speed_passes=self.speed_passes,
+        )
+
+    @contextmanager
+    def connected(self) -> Iterator[RunOptions]:
+        """Return the run's options with the cluster's executors, if there is one, for a with block.
+
+        Raises InputError if an option is wrong or the cluster cannot be used.
+        """
+        options = self.options
+        files = [self.tls_ca_file, self.tls_cert, self.tls_key]
+        given = [file for file in files if file is not None]
+        if given and (len(given) < len(files) or self.cluster is None):
+            raise InputError("--tls-ca-file, --tls-cert, --tls-key: give all three, with --cluster")
+        if self.cluster is None:
+            yield options
+            return
+        from bodycheck.runs.cluster import TlsFiles, connected
+
+        tls = TlsFiles(*given) if given else None
+        with connected(self.cluster, tls, speed=self.speed) as cluster:
+            yield replace(options, executor=cluster.executor, timing=cluster.timing)
 
 
 class _Description(BaseModel):
@@ -83,7 +123,7 @@ def run_to_folder(asked: RunRequest, out: Path | None, watching: ProgressFactory
     """
     identity = Identity.new()
     out = out or RUNS / identity.run_id
-    options = asked.options
+    _ = asked.options  # checks them
     check_output(out)
     partial = partial_of(out)
     if (partial / _REQUEST).exists():
@@ -92,8 +132,9 @@ def run_to_folder(asked: RunRequest, out: Path | None, watching: ProgressFactory
         selection = asked.selection
     except KeyboardInterrupt:
         raise StoppedError("stopped before anything was measured") from None
-    _describe(partial, asked, identity, out)
-    return _carried_out(selection, options, identity, out, watching)
+    with asked.connected() as options:
+        _describe(partial, asked, identity, out)
+        return _carried_out(selection, options, identity, out, watching)
 
 
 def _describe(partial: Path, asked: RunRequest, identity: Identity, out: Path) -> None:
@@ -134,7 +175,8 @@ def resume(out: Path, watching: ProgressFactory) -> tuple[Run, Path]:
         selection = asked.selection
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_go_on(out)}") from None
-    return _carried_out(selection, asked.options, identity, out, watching)
+    with asked.connected() as options:
+        return _carried_out(selection, options, identity, out, watching)
 
 
 def _description(path: Path) -> tuple[RunRequest, Identity]:
@@ -168,6 +210,7 @@ def _carried_out(
     try:
         with Journal(partial / "journal") as journal, watching(selection.cases_listed()) as progress:
             measured = run_selection(selection, options, identity, journal=journal, progress=progress)
+            progress.phase("writing the report")
             report = write_run(measured, out, beside=partial)
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_go_on(out)}") from None
@@ -193,4 +236,4 @@ def write_run(run: Run, out: str | Path, *, beside: Path | None = None) -> Path:
     from bodycheck.reports.render.html import render_report  # late: Jinja is needed only now
 
     check_output(Path(out))
-    return write_files(run, render_report(run), Path(out), beside=beside)
+    return write_files(run, render_report(run) if run.cases else _WITHOUT_CASES, Path(out), beside=beside)

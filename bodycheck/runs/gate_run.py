@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from bodycheck.adapters.programs import is_program
+from bodycheck.adapters.registry import default_engines, engine_names, optional_engines
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.manifest import Identity
@@ -26,8 +28,12 @@ def run_for_gates(
 
     scenarios: names, suites, paths of TOML files. Raises InputError if they are wrong.
     """
+    others = [gate.engine for gate in gates if not any(gate.wants_engine(name) for name in engine_names())]
+    programs = [name for name in dict.fromkeys(others) if is_program(name)]
+    named = [name for name in optional_engines() if any(gate.engine == name for gate in gates)]
     selection = select(
         scenarios,
+        [*default_engines(), *named, *programs],
         allow_code=allow_code,
         wanted=lambda engine, method: any(
             gate.wants_method(engine.name, method.name)
@@ -45,6 +51,7 @@ def run_for_gates(
     options = replace(
         options,
         speed=any(gate.looks_at.is_speed for gate in gates),
+        laws=any(gate.looks_at.source == "laws" for gate in gates),
         stable_steps=any(gate.looks_at.source == "stability" for gate in gates),
     )
     with watching(selection.cases_listed()) as progress:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import secrets
+import subprocess
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -19,6 +20,8 @@ from bodycheck.reports.measurement.speed import MachineNoise
 from bodycheck.runs.run_options import RunOptions
 from bodycheck.runs.selection import Selection
 from bodycheck.scenarios.serialization import written
+
+_GIT_S = 10.0  # at most, for a command of git
 
 
 @dataclass(frozen=True)
@@ -59,11 +62,9 @@ def manifest_of(
         "run_id": identity.run_id,
         "created": identity.created.isoformat(timespec="seconds"),
         "bodycheck": version("bodycheck"),
+        "commit": commit(),
         "python": platform.python_version(),
-        "platform": platform.platform(),
-        "system": f"{platform.system()} {platform.machine()}",
-        "cpu": cpu_model(),
-        "cores": os.cpu_count(),
+        **(machine() if options.timing is None else options.timing.machine),
         "libraries": {name: version(name) for name in ("numpy", "numba", "scipy", "pandas")},
         "engines": engines,
         "dt_s": selection.dt_s,
@@ -76,7 +77,48 @@ def manifest_of(
         "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),
         "scenarios": {s.name: written(s) for _, s in selection.scenarios},
         **seconds,
+        **({} if selection.whole is None else {"shard": _shard(selection, selection.whole)}),
     }
+
+
+def _shard(selection: Selection, whole: Selection) -> dict[str, Any]:
+    """Return which shard a run is, and of what: all scenarios and methods, in order."""
+    return {
+        "shard": str(selection.shard),
+        "scenarios": {scenario.name: scenario_spec for scenario_spec, scenario in whole.scenarios},
+        "methods": [[engine.name, method.name] for engine, method in whole.methods],
+        "off_centre_only": sorted(map(list, whole.off_centre_only)),
+    }
+
+
+def machine() -> dict[str, Any]:
+    """Return the facts of this machine."""
+    return {
+        "platform": platform.platform(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "cpu": cpu_model(),
+        "cores": os.cpu_count(),
+    }
+
+
+def commit() -> str | None:
+    """Return the commit of the git checkout that this package is part of, with "+" if it is modified."""
+    package = Path(__file__).parents[1]
+    try:
+        if not _git(package, "ls-files", "__init__.py"):
+            return None  # installed below a checkout of something else
+        return _git(package, "rev-parse", "--short=10", "HEAD") + "+" * bool(
+            _git(package, "status", "--porcelain", "--untracked-files=no", ".")
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _git(folder: Path, *words: str) -> str:
+    done = subprocess.run(
+        ["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=_GIT_S, check=True
+    )
+    return done.stdout.strip()
 
 
 def cpu_model() -> str:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+from bodycheck._util.errors import InputError
+from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import seal_night
-from bodycheck.reports.history.history_output import night_markdown, render_night
+from bodycheck.reports.history.baseline import readable_nights, seal_night, told_of
+from bodycheck.reports.history.feed import write_feed
+from bodycheck.reports.history.history_output import night_document, night_page
 from bodycheck.reports.history.nightly_files import (
     write_judgement,
     write_report_of_night,
@@ -64,6 +68,13 @@ def store_night(
     if fault is not None:
         fault.add_note(f"the run is stored in {night}, but could not be judged")
         raise fault
+    with history.locked():
+        stored = [folder for folder in history.nights() if folder not in history.dated_in_future(run.run_id)]
+        readable, _ = readable_nights(stored)
+        try:
+            write_feed(history.folder, map(told_of, readable))
+        except InputError as error:  # the run is stored and judged
+            print(f"{error}; the feed lacks this run", file=sys.stderr)
     return judged, night
 
 
@@ -71,6 +82,6 @@ def _judged(run: Run, history: History, folder: Path, thresholds: Thresholds) ->
     write_report_of_night(run, folder)
     judged = judge_night(history, read_tables(folder), thresholds)
     write_judgement(judged, folder)
-    (folder / "night.html").write_text(render_night(judged), encoding="utf-8")
-    (folder / "night.md").write_text(night_markdown(judged), encoding="utf-8")
+    (folder / "night.html").write_text(night_page(judged), encoding="utf-8")
+    (folder / "night.md").write_text(markdown(night_document(judged)), encoding="utf-8")
     return judged

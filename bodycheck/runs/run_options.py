@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.cache.reuse import Reuse
 
 TIMEOUT_S = 120.0
 """Default time limit of one case."""
+
+
+_IN_FLIGHT = 512
+"""Cases that an executor has at most at a time: enough to fill batches for many workers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """An executor that times cases, and the facts of its machines, all of one class, for the manifest."""
+
+    executor: Executor
+    machine: Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +35,8 @@ class RunOptions:
     speed: whether to measure CPU time. jobs: number of cases to run in parallel, None for one per core.
     timeout_s: time limit of one case in s. reuse: which results of earlier runs to reuse. stable_steps:
     whether to search the largest stable step of each method. speed_passes: how often to time every case.
+    executor: runs the cases elsewhere. timing: times them elsewhere.
+    laws: whether to compare each method with the known one-step maps, and to check the laws.
     """
 
     speed: bool = True
@@ -30,6 +45,9 @@ class RunOptions:
     reuse: Reuse = "installed"
     stable_steps: bool = True
     speed_passes: int = 1
+    executor: Executor | None = None
+    timing: Timing | None = None
+    laws: bool = True
 
     def __post_init__(self) -> None:
         if self.jobs is not None and self.jobs < 1:
@@ -40,37 +58,44 @@ class RunOptions:
     @property
     def workers(self) -> int:
         """The number of cases to run in parallel."""
-        return self.jobs or len(os.sched_getaffinity(0))
+        return self.jobs or (len(os.sched_getaffinity(0)) if self.executor is None else _IN_FLIGHT)
+
+    @property
+    def timing_executor(self) -> Executor | None:
+        """The executor that times cases; None to time them in this process."""
+        return None if self.timing is None else self.timing.executor
 
 
 class Progress(Protocol):
     """Callbacks that report the progress of a run."""
 
     def phase(self, what: str) -> None:
-        """Report the start of a phase: compilation, truths, motions or speeds."""
+        """Report the start of a phase."""
+
+    def compiling(self, done: int, total: int) -> None:
+        """Report that kernels are being compiled, and how many of the compilations are done."""
 
     def truth_begun(self, scenario: str) -> None:
         """Report that a truth that is not in the cache is being solved, which may take long."""
 
+    def motions_begun(self) -> None:
+        """Report that the cases begin."""
+
     def case_done(self) -> None:
         """Report that another case has ended."""
+
+    def speeds_begun(self) -> None:
+        """Report that the timing of the cases begins."""
 
     def speed_measured(self) -> None:
         """Report that another case was timed."""
 
 
 class _NullProgress:
-    def phase(self, what: str) -> None:
+    def _ignore(self, *_: object) -> None:
         pass
 
-    def truth_begun(self, scenario: str) -> None:
-        pass
-
-    def case_done(self) -> None:
-        pass
-
-    def speed_measured(self) -> None:
-        pass
+    phase = compiling = truth_begun = motions_begun = case_done = speeds_begun = speed_measured = _ignore
 
 
 NULL_PROGRESS: Progress = _NullProgress()
@@ -78,3 +103,8 @@ NULL_PROGRESS: Progress = _NullProgress()
 
 ProgressFactory: TypeAlias = Callable[[int], AbstractContextManager[Progress]]
 """number of listed cases -> context manager that yields the run's Progress."""
+
+
+def no_progress(cases_listed: int) -> AbstractContextManager[Progress]:  # noqa: ARG001 - a ProgressFactory
+    """Report nothing."""
+    return nullcontext(NULL_PROGRESS)

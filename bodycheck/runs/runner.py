@@ -2,32 +2,45 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.adapters.execution import Case
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.reference_impl.precompile import compile_kernels
+from bodycheck.adapters.workers.executors import ExecutorEngines
+from bodycheck.reference_impl.precompile import compile_kernels, interprets_closed_forms
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.reuse import reuse_of
 from bodycheck.reports.cache.truths import is_known, known_truth
-from bodycheck.reports.judge import judge_file
+from bodycheck.reports.diagnosis.explain import ExplainedCase, diagnosis_row, explained_cases, wrong_verdicts
+from bodycheck.reports.judge import Ranking, explained_file, judge_files
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.scheduler import Task, run_tasks
 from bodycheck.reports.measurement.speed import measure_speeds
 from bodycheck.reports.measurement.study import Study, study
+from bodycheck.reports.probes.fingerprint import fingerprint_of, fingerprint_row
+from bodycheck.reports.probes.laws import check_laws, law_rows
 from bodycheck.reports.probes.probe import probe_rows
+from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
 from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.run_files.tables import (
+    DIAGNOSIS_COLUMNS,
+    FINGERPRINT_COLUMNS,
+    LAW_COLUMNS,
     METHOD_COLUMNS,
     PROBE_COLUMNS,
     RESULT_COLUMNS,
@@ -39,6 +52,9 @@ from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOp
 from bodycheck.runs.selection import Selection, select
 from bodycheck.scenarios.library import PROBES, load_scenario
 from bodycheck.scenarios.model import Scenario
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def run(
@@ -52,6 +68,7 @@ def run(
     timeout_s: float = TIMEOUT_S,
     fresh: bool | None = None,
     allow_code: bool = False,
+    executor: Executor | None = None,
 ) -> Run:
     """Measure scenarios x methods x steps and return the tables with the motions behind them.
 
@@ -61,12 +78,14 @@ def run(
     method's]. speed: whether to measure CPU time. jobs: number of cases to run in parallel [default: one per
     core]. timeout_s: time limit of one case in s. fresh: True runs every case again; False reuses results of
     earlier runs by the same build of an engine; None reuses those of installed engines only, not of plug-ins
-    and editable installs. allow_code: whether scenarios may name functions, whose code runs. Raises
-    InputError for wrong input.
+    and editable installs. allow_code: whether scenarios may name functions, whose code runs. executor: runs
+    the cases elsewhere, each as one task; its workers need bodycheck and the engines. Speeds are measured
+    here. Raises InputError for wrong input.
     """
     if not scenarios:
         raise InputError("scenarios: name at least one")
-    options = RunOptions(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"))
+    reuse = reuse_of(fresh, "installed")
+    options = RunOptions(speed=speed, jobs=jobs, timeout_s=timeout_s, reuse=reuse, executor=executor)
     selection = select(scenarios, engines, dt_s, tolerances, allow_code=allow_code)
     return run_selection(selection, options, Identity.new(), journal=None, progress=NULL_PROGRESS)
 
@@ -84,25 +103,25 @@ def run_selection(
     journal: stores the results of this run and supplies those of its interrupted part; None to store none.
     """
     begin = time.perf_counter()
-    progress.phase("compiling the reference's kernels, once per machine")
     cache = Cache.default()
     cache.prune()
     cache = cache.write_only() if options.reuse == "nothing" else cache
-    _compile(selection, cache)
-    compiled = time.perf_counter()
+    # without a compilation, what was checked and loaded counts as part of the truths
+    compiled = time.perf_counter() if _compile(selection, cache, progress) else begin
     answers = Answers(journal, cache, options.timeout_s, reuse=options.reuse, run_id=identity.run_id)
     progress.phase("solving the truths")
     problems = [
         _solved(scenario, scenario_spec, cache, progress) for scenario_spec, scenario in selection.scenarios
     ]
-    progress.phase("motions")
+    progress.motions_begun()
     solved = time.perf_counter()
-    studies, probed = _studies_and_probes(selection, problems, answers, options, progress)
+    found = _motions(selection, problems, answers, options, progress)
     recorded = time.perf_counter()
-    cases = tuple(case for studied in studies for case in studied.cases)
+    cases = tuple(case for studied in found.studies for case in studied.cases)
+    diagnoses = _diagnoses(selection, problems, found.studies, progress)
     quietness = None
     if options.speed:
-        progress.phase("speeds, one case at a time")
+        progress.speeds_begun()
         cases, quietness = measure_speeds(
             problems,
             cases,
@@ -110,6 +129,7 @@ def run_selection(
             answers,
             timeout_s=options.timeout_s,
             passes=options.speed_passes,
+            executor=options.timing_executor,
             case_done=progress.speed_measured,
         )
     ended = time.perf_counter()
@@ -121,18 +141,55 @@ def run_selection(
         "speeds_s": ended - recorded,
         "run_s": ended - compiled,
     }
-    method_rows = (row for studied in studies for row in studied.method_rows)
-    stability_rows = (studied.stability_row for studied in studies if studied.stability_row is not None)
+
+    def table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
+        return as_table(({"run_id": run_id, **row} for row in rows), columns)
+
+    names = {(row["engine"], row["method"]): row["fingerprint"] for row in found.fingerprints}
+    method_rows = (
+        {**row, "fingerprint": names.get((row["engine"], row["method"]))}
+        for studied in found.studies
+        for row in studied.method_rows
+    )
+    stability_rows = (studied.stability_row for studied in found.studies if studied.stability_row is not None)
     return Run(
         run_id=run_id,
-        results=as_table(({"run_id": run_id, **case.columns} for case in cases), RESULT_COLUMNS),
-        methods=as_table(({"run_id": run_id, **row} for row in method_rows), METHOD_COLUMNS),
-        stability=as_table(({"run_id": run_id, **row} for row in stability_rows), STABILITY_COLUMNS),
+        results=table((case.columns for case in cases), RESULT_COLUMNS),
+        methods=table(method_rows, METHOD_COLUMNS),
+        stability=table(stability_rows, STABILITY_COLUMNS),
         manifest=manifest_of(identity, selection, options, cases, seconds, quietness),
         problems=tuple(problems),
         cases=cases,
-        probes=as_table(({"run_id": run_id, **row} for row in probed), PROBE_COLUMNS),
+        probes=table(found.probes, PROBE_COLUMNS),
+        sentinels=tuple(found.sentinels),
+        diagnoses=table(diagnoses, DIAGNOSIS_COLUMNS),
+        fingerprints=table(found.fingerprints, FINGERPRINT_COLUMNS),
+        laws=table(found.laws, LAW_COLUMNS),
     )
+
+
+@dataclass(frozen=True)
+class _Motions:
+    """The studies of all scenarios by all methods, the rows about methods alone, and a shard's sentinels."""
+
+    studies: list[Study]
+    probes: list[dict[str, Any]]
+    fingerprints: list[dict[str, Any]]
+    laws: list[dict[str, Any]]
+    sentinels: list[Sentinel]
+
+
+def _diagnoses(
+    selection: Selection, problems: Sequence[Problem], studies: Sequence[Study], progress: Progress
+) -> list[dict[str, Any]]:
+    """Return the rows of diagnoses.csv without run_id: of the methods that verdicts count against."""
+    rows = [row for studied in studies for row in studied.method_rows]
+    if not wrong_verdicts(rows):
+        return []
+    progress.phase("diagnosing wrong motions")
+    orders = {(engine.name, method.name): method.order for engine, method in selection.methods}
+    cases = [case for studied in studies for case in studied.cases]
+    return [diagnosis_row(one) for one in explained_cases(problems, cases, rows, orders)]
 
 
 def _solved(scenario: Scenario, scenario_spec: str, cache: Cache, progress: Progress) -> Problem:
@@ -143,29 +200,51 @@ def _solved(scenario: Scenario, scenario_spec: str, cache: Cache, progress: Prog
     return Problem.of(scenario, scenario_spec, cache)
 
 
-def _compile(selection: Selection, cache: Cache) -> None:
-    """Compile what the reference's methods and the truths that are not cached will call."""
+def _compile(selection: Selection, cache: Cache, progress: Progress) -> bool:
+    """Compile what the reference's methods and the truths that are not cached will call.
+
+    Returns whether anything had to be compiled.
+    """
+    compilations: list[int] = []
+
+    def compiled(done: int, total: int) -> None:
+        compilations.append(done)
+        progress.compiling(done, total)
+
     scenes = [scenario.scene for _, scenario in selection.scenarios]
     # a user's function is first called when its truth is solved, which reports its errors
     scenes = [scene for scene in scenes if not scene.has_callback_load]
-    if any((engine.name, method.name) == ("reference", "exact") for engine, method in selection.methods):
-        scenes += [load_scenario(name).scene for name in PROBES]
+    free = [scene for scene in scenes if scene.is_free_rotation]
+    unsolved = [scene.samples for scene in free if not is_known(scene, scene.sample_times, cache)]
+    solves_truths = any(
+        (engine.name, method.name) == ("reference", "exact") for engine, method in selection.methods
+    )
+    if not solves_truths and interprets_closed_forms(unsolved):
+        scenes = [scene for scene in scenes if not scene.is_free_rotation]
+    probes = {f"probe-{name}": load_scenario(name).scene for name in PROBES if solves_truths}
     integrators = [
         method.name
         for engine, method in selection.methods
         if engine.name == "reference" and method.control == "dt"
     ]
-    compile_kernels(scenes, integrators, lambda scene: is_known(scene, scene.sample_times, cache))
+    compile_kernels(
+        scenes,
+        integrators,
+        lambda scene: is_known(scene, scene.sample_times, cache),
+        never_cached=probes,
+        compiled=compiled,
+    )
+    return bool(compilations)
 
 
-def _studies_and_probes(
+def _motions(
     selection: Selection,
     problems: Sequence[Problem],
     answers: Answers,
     options: RunOptions,
     progress: Progress,
-) -> tuple[list[Study], list[dict[str, Any]]]:
-    """Return the studies of every scenario by every method, and every method's probes, run in parallel."""
+) -> _Motions:
+    """Run every scenario by every method, and each method's probes, fingerprint and laws, in parallel."""
     pairs = [
         (problem, engine, method)
         for problem in problems
@@ -176,7 +255,7 @@ def _studies_and_probes(
     probed: dict[int, list[dict[str, Any]]] = {}
 
     def task(place: int, problem: Problem, engine: Engine, method: Method) -> Task:
-        settings = selection.settings(problem.scenario, method)
+        settings = selection.settings(problem.scenario, engine, method)
 
         def do(engine_pool: EnginePool) -> None:
             done[place] = study(
@@ -184,7 +263,7 @@ def _studies_and_probes(
                 engine,
                 method,
                 settings,
-                adaptive=selection.dt_s is None,
+                adaptive=selection.is_adaptive,
                 ask=partial(answers.ask, engine_pool),
                 search=partial(answers.search, engine_pool) if options.stable_steps else None,
                 case_done=progress.case_done,
@@ -199,11 +278,44 @@ def _studies_and_probes(
 
         return Task(engine.name, 0.0, do)  # probes are cheap, so they run last
 
+    def sentinel(place: int, scenario: Scenario, engine: Engine, method: Method, setting: Setting) -> Task:
+        def do(engine_pool: EnginePool) -> None:
+            answer = answers.sentinel(engine_pool, engine, Case(scenario.scene, method.name, setting))
+            compared[place] = Sentinel.of(scenario.name, engine, method, setting, answer)
+
+        return Task(engine.name, 0.0, do)
+
+    named: dict[int, dict[str, Any]] = {}
+    lawful: dict[int, list[dict[str, Any]]] = {}
+
+    def identify(place: int, engine: Engine, method: Method) -> Task:
+        def do(engine_pool: EnginePool) -> None:
+            ask, again = partial(answers.ask, engine_pool), partial(answers.replay, engine_pool)
+            found = fingerprint_of(engine, method, ask)
+            named[place] = fingerprint_row(engine, method, found)
+            lawful[place] = law_rows(
+                engine, method, check_laws(engine, method, ask, again, reversible=found.reversible)
+            )
+
+        return Task(engine.name, 0.0, do)
+
     tasks = [task(place, *pair) for place, pair in enumerate(pairs)]
-    probes = [probe(place, *method) for place, method in enumerate(selection.methods)]
-    run_tasks([*tasks, *probes], options.workers)
-    rows = [row for place in range(len(probes)) for row in probed[place]]
-    return [done[place] for place in range(len(pairs))], rows
+    probed_methods = [pair for pair in selection.methods if selection.probes(*pair)]
+    probes = [probe(place, *pair) for place, pair in enumerate(probed_methods)]
+    numbered = enumerate(probed_methods) if options.laws else ()
+    sentinels = [] if selection.whole is None else selection.whole.sentinels()
+    compared: dict[int, Sentinel] = {}
+    tasks += [*probes, *(identify(place, *pair) for place, pair in numbered)]
+    tasks += [sentinel(place, *case) for place, case in enumerate(sentinels)]
+    remote = None if options.executor is None else ExecutorEngines(options.executor, selection.methods)
+    run_tasks(tasks, options.workers, remote)
+    return _Motions(
+        [done[place] for place in range(len(pairs))],
+        [row for place in range(len(probes)) for row in probed[place]],
+        [named[place] for place in sorted(named)],
+        [row for place in sorted(lawful) for row in lawful[place]],
+        [compared[place] for place in range(len(sentinels))],
+    )
 
 
 _WEIGHTS = {"reference": 0.02}
@@ -233,13 +345,80 @@ def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False
     return solved
 
 
-def judge(trajectory: str | Path, scenario: str | Path, *, allow_code: bool = False) -> dict[str, Any]:
-    """Return the measures of a trajectory from any program (.csv or .npz), by column name.
+def judge(
+    trajectory: str | Path,
+    scenario: str | Path | None = None,
+    *,
+    column_map: MapSpec | Sequence[MapSpec] = (),
+    like: str | None = None,
+    allow_code: bool = False,
+) -> dict[str, Any]:
+    """Return the measures of a trajectory from any program, by column name.
 
-    trajectory: t_s (n,) in s, and any of position_m (n, 3), velocity_m_s (n, 3), quaternion (n, 4) scalar
-    first or rotation (n, 3, 3), omega_body_rad_s or omega_world_rad_s (n, 3); docs/questions.md lists the
-    columns of a CSV. Measures of quantities that the file lacks are left out. allow_code: as for `truth`.
-    Raises InputError if a file is wrong.
+    trajectory: a .csv, .npz, .parquet, .jsonl or .mcap file with t_s (n,) in s, and any of position_m (n, 3),
+    velocity_m_s (n, 3), quaternion (n, 4) scalar first or rotation (n, 3, 3), omega_body_rad_s or
+    omega_world_rad_s (n, 3); docs/recordings.md lists the columns of a table, and the keys of a column map:
+    pairs as text, the path of a TOML file, its content, or several of these. like: the source of a file whose
+    map, and perhaps scenario, is built in. Measures of quantities that the file lacks are left out.
+    allow_code: as for `truth`. Raises InputError if a file or a map is wrong.
     """
-    loaded = load_scenario(scenario, allow_code=allow_code)
-    return judge_file(Path(trajectory), loaded, str(scenario), Cache.default())
+    ranking = rank([trajectory], scenario, column_map=column_map, like=like, allow_code=allow_code)
+    return {name: value for name, value in ranking.rows[0].items() if name != "file"}
+
+
+def rank(
+    trajectories: Sequence[str | Path],
+    scenario: str | Path | None = None,
+    steps_s: Sequence[float] | None = None,
+    *,
+    column_map: MapSpec | Sequence[MapSpec] = (),
+    like: str | None = None,
+    allow_code: bool = False,
+) -> Ranking:
+    """Judge several trajectories of one scenario, best first, and fit their orders.
+
+    steps_s: the step of each file. The others: as for `judge`. Raises InputError if a file or a map is wrong.
+    """
+    paths = [Path(trajectory) for trajectory in trajectories]
+    if steps_s is not None and (
+        len(steps_s) != len(paths) or not all(0.0 < dt_s < math.inf for dt_s in steps_s)
+    ):
+        given = ", ".join(map(repr, steps_s))
+        raise InputError(f"--dt {given}: one positive number per file is needed ({len(paths)} files)")
+    found = _column_map(column_map, like)
+    spec = _scenario_spec(scenario, like, paths[0])
+    loaded = load_scenario(spec, allow_code=allow_code)
+    return judge_files(paths, loaded, spec, Cache.default(), found, steps_s)
+
+
+def explain(
+    trajectory: str | Path,
+    scenario: str | Path | None = None,
+    *,
+    dt_s: float | None = None,
+    column_map: MapSpec | Sequence[MapSpec] = (),
+    like: str | None = None,
+    allow_code: bool = False,
+) -> ExplainedCase:
+    """Return the diagnosis of a trajectory from any program.
+
+    dt_s: the step of the program in s; without it, the motion is compared with the exact flow. Other
+    parameters and errors as for `judge`.
+    """
+    found, path = _column_map(column_map, like), Path(trajectory)
+    spec = _scenario_spec(scenario, like, path)
+    loaded = load_scenario(spec, allow_code=allow_code)
+    return explained_file(path, loaded, spec, Cache.default(), found, dt_s)
+
+
+def _column_map(column_map: MapSpec | Sequence[MapSpec], like: str | None) -> ColumnMap:
+    several = isinstance(column_map, Sequence) and not isinstance(column_map, str)
+    return read_map(column_map if several else (column_map,), like)  # type: ignore[arg-type]
+
+
+def _scenario_spec(scenario: str | Path | None, like: str | None, path: Path) -> str:
+    """Return the scenario of a trajectory; raise InputError where neither it nor its source names one."""
+    known = scenario if scenario is not None else scenario_of(like, path)
+    if known is None:
+        raise InputError("a scenario is needed: --scenario NAME, or --like with a file of a known name")
+    return str(known)

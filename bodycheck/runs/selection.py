@@ -10,14 +10,19 @@ from pathlib import Path
 from typing import TypeAlias
 
 from bodycheck._util.errors import InputError, InsideWorkerError
+from bodycheck._util.formatting import meant
+from bodycheck._util.shard import Shard
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.adapters.registry import engine_names
+from bodycheck.adapters.programs import is_program, split_method
+from bodycheck.adapters.registry import default_engines, register_adapter, registered_adapter
+from bodycheck.adapters.step_function import StepModule
 from bodycheck.adapters.versions.pins import engine_fault
 from bodycheck.adapters.workers.engine_pool import Announcement, announcing
-from bodycheck.adapters.workers.worker import RUN_PID
+from bodycheck.adapters.workers.launcher import RUN_PID
 from bodycheck.reference_impl.wrench import steps_per_sample
 from bodycheck.scenarios.library import load_scenarios
 from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.user_functions import user_function
 
 Wanted: TypeAlias = Callable[[Engine, Method], bool]
 """(engine, method) -> whether to run the method."""
@@ -34,13 +39,32 @@ class Selection:
     tolerances: tuple[float, ...] | None
     off_centre_only: frozenset[tuple[str, str]] = frozenset()
     """(engine, method) of unrequested methods, which run only where a link is off the centre of mass."""
+    single_steps: Mapping[tuple[str, str, str], float] | None = None
+    """(scenario, engine, method) -> the only step in s to run, for measurements in addition to a run."""
+    shard: Shard | None = None
+    """The part of `whole` that is run."""
+    whole: Selection | None = None
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether a run adds steps where an order needs them."""
+        return self.dt_s is None and self.single_steps is None
 
     def runs_on(self, scenario: Scenario, engine: Engine, method: Method) -> bool:
-        """Return whether the method runs on this scenario."""
+        """Return whether the method runs on this scenario.
+
+        Its cases stay in one shard, because the results of some determine the steps of others.
+        """
+        if self.shard is not None and not self.shard.has("study", scenario.name, engine.name, method.name):
+            return False
+        if self.single_steps is not None:
+            return (scenario.name, engine.name, method.name) in self.single_steps
         return (engine.name, method.name) not in self.off_centre_only or scenario.scene.is_off_centre
 
-    def settings(self, scenario: Scenario, method: Method) -> list[Setting]:
+    def settings(self, scenario: Scenario, engine: Engine, method: Method) -> list[Setting]:
         """Return the step sizes or tolerances of a method on a scenario, coarsest first."""
+        if self.single_steps is not None:
+            return [Setting(dt_s=self.single_steps[scenario.name, engine.name, method.name])]
         match method.control:
             case "dt":
                 return [Setting(dt_s=dt_s) for dt_s in sorted(self.dt_s or scenario.steps, reverse=True)]
@@ -50,10 +74,40 @@ class Selection:
             case _:
                 return [Setting()]
 
+    def probes(self, engine: Engine, method: Method) -> bool:
+        """Return whether the method is probed."""
+        return self.shard is None or self.shard.has("probes", engine.name, method.name)
+
+    def of_shard(self, shard: Shard) -> Selection:
+        """Return the part of this selection that a shard runs, with those scenarios that it needs."""
+        part = replace(self, shard=shard, whole=self)
+        needed = tuple(
+            (scenario_spec, scenario)
+            for scenario_spec, scenario in self.scenarios
+            if any(part.runs_on(scenario, engine, method) for engine, method in self.methods)
+        )
+        return replace(part, scenarios=needed)
+
+    def sentinels(self) -> list[tuple[Scenario, Engine, Method, Setting]]:
+        """Return the cases that every shard runs: each method at its coarsest setting on one scenario.
+
+        That is the scenario with the fewest steps among those that name no function.
+        """
+        scenarios = [s for _, s in self.scenarios if not s.scene.has_callback_load]
+        if not scenarios:
+            return []
+        steps = {s.name: s.duration_s / max(self.dt_s or s.steps) for s in scenarios}
+        shortest = min(scenarios, key=lambda s: (steps[s.name], s.name))
+        return [
+            (shortest, engine, method, self.settings(shortest, engine, method)[0])
+            for engine, method in self.methods
+            if self.runs_on(shortest, engine, method)
+        ]
+
     def cases_listed(self) -> int:
         """Return the number of cases, to which a run adds steps where an order needs them."""
         return sum(
-            len(self.settings(scenario, method))
+            len(self.settings(scenario, engine, method))
             for _, scenario in self.scenarios
             for engine, method in self.methods
             if self.runs_on(scenario, engine, method)
@@ -69,7 +123,7 @@ def select(
     allow_code: bool = False,
     wanted: Wanted | None = None,
 ) -> Selection:
-    """Resolve names, suites and paths; engines as NAME[==VERSION][:METHOD]; steps in s for every scenario.
+    """Resolve names, suites and paths; engines as `split_method` has them; steps in s for every scenario.
 
     allow_code: scenarios may name functions, whose code runs. wanted: replaces `engines`; selects among the
     methods of all available engines.
@@ -82,7 +136,8 @@ def select(
         if isinstance(listed, str):
             raise InputError(f"{what} must be a list of names, like [{listed!r}], not a string")
     steps, asked_tolerances = _doubles("dt_s", dt_s), _doubles("tolerances", tolerances)
-    names = [_parted(name) for name in engines or engine_names()]
+    names = [split_method(name) for name in engines or default_engines()]
+    _register_modules(names, allow_code=allow_code)
     asked = [name for name in dict.fromkeys(engine for engine, _, _ in names) if not engine_fault(name)]
     with announcing(asked) as announcement:
         loaded = checked_scenarios(scenarios, steps, asked_tolerances, allow_code=allow_code)
@@ -93,6 +148,27 @@ def select(
     selection = Selection(tuple(loaded), methods, unavailable, steps or None, asked_tolerances or None)
     off_centre = wanted is None and any(scenario.scene.is_off_centre for _, scenario in loaded)
     return _with_off_centre_methods(selection, names) if off_centre else selection
+
+
+def _register_modules(names: Sequence[tuple[str, str, str]], *, allow_code: bool) -> None:
+    """Register modules with step functions, given as MODULE:FUNCTION, as engines of that name.
+
+    Raises InputError where code is not allowed, or a module or function cannot be imported.
+    """
+    functions: dict[str, list[str]] = {}
+    for engine, mark, function in names:
+        known = not engine_fault(engine) and not isinstance(registered_adapter(engine), StepModule)
+        if mark == ":" and not known and _is_module(engine):
+            user_function(f"{engine}:{function}", allow_code=allow_code)
+            functions.setdefault(engine, []).append(function)
+    for engine, found in functions.items():
+        register_adapter(StepModule(engine, tuple(dict.fromkeys(found))))
+
+
+def _is_module(name: str) -> bool:
+    """Whether a module of this name lies in the working directory."""
+    path = Path(*name.split("."))
+    return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
 
 
 def _with_off_centre_methods(selection: Selection, names: Sequence[tuple[str, str, str]]) -> Selection:
@@ -171,32 +247,28 @@ def _wanted_methods(
     return tuple(pair for pair in pairs if wanted(*pair)), unavailable
 
 
-def _parted(name: str) -> tuple[str, str, str]:
-    """Split NAME[==VERSION][:METHOD] into engine, colon (or '') and method."""
-    engine, colon, method = name.partition(":")
-    return "==".join(part.strip() for part in engine.split("==")), colon, method.strip()
-
-
 def _methods(
     names: Sequence[tuple[str, str, str]], announcement: Announcement, *, by_name: bool
 ) -> tuple[tuple[tuple[Engine, Method], ...], dict[str, str]]:
     """Return the requested methods, or all methods of all available engines, and why engines are unavailable.
 
-    by_name: whether the engines were requested by name, so that an unavailable one is an error.
+    by_name: whether the engines were requested by name, so that an unavailable one is an error; a program is
+    one only if no other engine is available.
     """
     asked = dict.fromkeys(engine for engine, _, _ in names)
     faults = [fault for engine in asked if (fault := engine_fault(engine))]
     found = announcement()
     unavailable = {name: engine for name, engine in found.items() if isinstance(engine, str)}
     if by_name:
-        faults += unavailable.values()
+        others = any(isinstance(engine, Engine) for engine in found.values())
+        faults += [why for name, why in unavailable.items() if not (others and is_program(name))]
     methods: dict[tuple[str, str], tuple[Engine, Method]] = {}
     for name, colon, method in names:
         engine = found.get(name)
         if not isinstance(engine, Engine):
             continue
         if colon and method not in engine.methods:
-            faults.append(f"{name} has no method {method!r} (available: {', '.join(engine.methods)})")
+            faults.append(f"{name} has no method {method!r}{meant(method, engine.methods)}")
             continue
         fair = [name for name, facts in engine.methods.items() if not facts.on_request]
         for chosen in [method] if colon else fair:

@@ -7,17 +7,18 @@ from dataclasses import dataclass
 from functools import partial
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import meant
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.versions.pins import Pin
 from bodycheck.adapters.versions.uv import releases
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
+from bodycheck.reports.comparison.release_results import Found, Track
 from bodycheck.reports.comparison.release_search import changes, every_change
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
-from bodycheck.reports.render.answer_text import Found, Track
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
+from bodycheck.runs.run_options import ProgressFactory, RunOptions, no_progress
 from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import Selection, checked_scenarios
 from bodycheck.scenarios.model import Scenario
@@ -55,11 +56,17 @@ class _Release:
     tables: Tables | None
 
 
-def search(asked: Search, options: RunOptions, told: Callable[[str], None]) -> Found:
+def search(
+    asked: Search,
+    options: RunOptions,
+    told: Callable[[str], None],
+    watching: Callable[[str], ProgressFactory] = lambda name: no_progress,  # noqa: ARG005 - a factory per release
+) -> Found:
     """Run every release, or bisect between the first and the last release to find where the measure changed.
 
-    told: called with the name of each release before it runs. Releases that cannot be installed or run are
-    skipped. Raises InputError if the input is wrong or no release can be run.
+    told: called with the name of each release before it runs. watching: name -> what shows the progress of
+    that release. Releases that cannot be installed or run are skipped. Raises InputError if the input is
+    wrong or no release can be run.
     """
     comparable(asked.measure)
     scenario_spec, scenario = _one_scenario(asked)
@@ -69,7 +76,8 @@ def search(asked: Search, options: RunOptions, told: Callable[[str], None]) -> F
     def run(version: str) -> _Release | str:
         if version not in runs:
             told(Pin(asked.engine, version).name)
-            runs[version] = _run(asked, version, scenario_spec, scenario, options)
+            watched = watching(Pin(asked.engine, version).name)
+            runs[version] = _run(asked, version, (scenario_spec, scenario), options, watched)
         return runs[version]
 
     ends = [
@@ -121,7 +129,11 @@ def _finding(
 
 
 def _run(
-    asked: Search, version: str, scenario_spec: str, scenario: Scenario, options: RunOptions
+    asked: Search,
+    version: str,
+    scenario: tuple[str, Scenario],
+    options: RunOptions,
+    watching: ProgressFactory,
 ) -> _Release | str:
     """Run one release, or return why it cannot be run."""
     name = Pin(asked.engine, version).name
@@ -136,13 +148,14 @@ def _run(
     if not methods:
         return _Release(engine, methods, None)
     selection = Selection(
-        scenarios=((scenario_spec, scenario),),
+        scenarios=(scenario,),
         methods=tuple((engine, method) for method in methods.values()),
         unavailable={},
         dt_s=tuple(asked.dt_s) if asked.dt_s else None,
         tolerances=None,
     )
-    measured = run_selection(selection, options, Identity.new(), journal=None, progress=NULL_PROGRESS)
+    with watching(selection.cases_listed()) as progress:
+        measured = run_selection(selection, options, Identity.new(), journal=None, progress=progress)
     return _Release(engine, methods, under_one_name(measured, asked.engine))
 
 
@@ -152,4 +165,4 @@ def _nothing(asked: Search, runs: Mapping[str, _Release | str]) -> str:
     if not engines:
         return "\n".join(str(why) for why in runs.values())
     has = dict.fromkeys(name for engine in engines for name in engine.methods)
-    return f"--method {asked.method}: {asked.engine} has no such method (available: {', '.join(has)})"
+    return f"--method {asked.method}: {asked.engine} has no such method{meant(str(asked.method), has)}"

@@ -1,4 +1,4 @@
-"""[body]: a rigid body given by mass and inertia, by a mesh file, or by a primitive of uniform density."""
+"""[body]: a rigid body given by mass and inertia, a mesh file, a primitive, or a link of a model file."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     Discriminator,
+    Field,
     PlainSerializer,
     PlainValidator,
     SerializerFunctionWrapHandler,
@@ -20,6 +21,7 @@ from pydantic import (
     ValidationInfo,
     field_validator,
     model_serializer,
+    model_validator,
 )
 
 from bodycheck.reference_impl.arrays import Array
@@ -36,6 +38,7 @@ from bodycheck.scenarios.fields import (
     finite_numbers,
     rows,
 )
+from bodycheck.scenarios.model_files.link_of_file import MODEL_FORMATS, LinkOfFile, link_of_file
 from bodycheck.scenarios.shapes import MeshSolid, Unit, mesh_solid
 
 _TENSOR_TOLERANCE = 1e-12  # relative: for symmetry and the triangle inequality
@@ -137,7 +140,8 @@ def _meshed(value: Any, info: ValidationInfo) -> MeshSolid:
 
 
 def _mesh_facts(mesh: MeshSolid) -> dict[str, str]:
-    return {"file": mesh.name, "sha256": mesh.sha256}
+    facts = {"file": mesh.name, "sha256": mesh.sha256}
+    return facts | {"surface": mesh.surface} if mesh.surface else facts
 
 
 class MeshBody(_Solid):
@@ -187,22 +191,90 @@ class ShapeBody(_Solid):
         return primitive(self.shape, self.size_m).at_density(self.density_kg_m3)
 
 
+def _of_file(value: Any, info: ValidationInfo) -> LinkOfFile:
+    """Read the link of this name from the model file that the table names."""
+    if value is not None and not isinstance(value, str):
+        raise ValueError("needs the name of a link")
+    named = [info.data.get(name) for name in MODEL_FORMATS]
+    if sum(name is not None for name in named) != 1:
+        raise ValueError("needs either urdf or mjcf, the name of a model file")
+    folder = (info.context or {}).get("folder", Path())
+    kind = MODEL_FORMATS[0] if named[0] is not None else MODEL_FORMATS[1]
+    found = link_of_file(folder, str(info.data[kind]), kind, value)
+    _possible(np.array(found.inertia))
+    return found
+
+
+def _link_facts(link: LinkOfFile) -> dict[str, str]:
+    return {"name": link.name, "sha256": link.sha256}
+
+
+class FileBody(_BodyTable):
+    """A link of a model file, alone; body axes are the link's, with the origin at its centre of mass."""
+
+    urdf: StrictStr | None = None
+    mjcf: StrictStr | None = None
+    of_file: Annotated[
+        LinkOfFile,
+        PlainValidator(_of_file),
+        PlainSerializer(_link_facts),
+        Field(alias="link"),
+    ]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _only_link(cls, value: Any) -> Any:
+        return {**value, "link": value.get("link")} if isinstance(value, dict) else value
+
+    @property
+    def mass_kg(self) -> float:
+        """The mass in kg."""
+        return self.of_file.mass
+
+    @property
+    def inertia_kg_m2(self) -> Matrix:
+        """The tensor about the centre of mass, in link axes, in kg m^2."""
+        return _possible(np.array(self.of_file.inertia))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How the inertia follows from the file, if it is not written there."""
+        return self.of_file.notes
+
+    @model_serializer(mode="wrap")
+    def _with_what_came_of_it(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Add the resulting numbers to the keys of the file, so that the model file is no longer needed."""
+        return {
+            **handler(self),
+            "centre_m": list(self.of_file.centre),
+            "mass_kg": self.mass_kg,
+            "inertia_kg_m2": self.inertia_kg_m2,
+            "notes": self.notes,
+        }
+
+
 GIVEN = "a [body] with mass_kg, inertia_kg_m2"
 MESH = "a [body] with mesh, density_kg_m3"
 SHAPE = "a [body] with shape, size_m, density_kg_m3"
-BODY_FORMS = (GIVEN, MESH, SHAPE)
+FILE = "a [body] with urdf or mjcf, link"
+BODY_FORMS = (GIVEN, MESH, SHAPE, FILE)
 """The members of the union below, named as in messages."""
 
 
 def _form(value: Any) -> str:
-    """Return which of the three forms a table, or a body to be serialised, has by its keys."""
+    """Return which of the forms a table, or a body to be serialised, has by its keys."""
     keys = value if isinstance(value, dict) else getattr(type(value), "model_fields", ())
+    if "urdf" in keys or "mjcf" in keys:
+        return FILE
     if "mesh" in keys:
         return MESH
     return SHAPE if "shape" in keys or "size_m" in keys else GIVEN
 
 
 Body: TypeAlias = Annotated[
-    Annotated[GivenBody, Tag(GIVEN)] | Annotated[MeshBody, Tag(MESH)] | Annotated[ShapeBody, Tag(SHAPE)],
+    Annotated[GivenBody, Tag(GIVEN)]
+    | Annotated[MeshBody, Tag(MESH)]
+    | Annotated[ShapeBody, Tag(SHAPE)]
+    | Annotated[FileBody, Tag(FILE)],
     Discriminator(_form),
 ]

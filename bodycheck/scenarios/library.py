@@ -5,15 +5,15 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Sequence
-from difflib import get_close_matches
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import nearest
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import Members, parse_members, read_members
 
-_NEARLY = 0.8  # one or two typing errors in a name of ten letters
 _LIBRARY = files("bodycheck.scenarios") / "library"
 
 _FORCINGS = (
@@ -27,6 +27,8 @@ _HARD = (
 )
 PROBES = ("probe", "probe-free")
 """Scenarios that every run uses to probe each method, besides the requested ones; part of no suite."""
+RECORDED = ("nesc-tumbling-brick",)
+"""Scenarios of published recordings, for `judge --like`; part of no suite."""
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -34,10 +36,11 @@ def scenario_names() -> tuple[str, ...]:
     return tuple(sorted(entry.name[:-5] for entry in _LIBRARY.iterdir() if entry.name.endswith(".toml")))
 
 
+@cache
 def suites() -> dict[str, tuple[str, ...]]:
     """Return the suites: name -> scenario names."""
     special = _FORCINGS + _HARD
-    full = tuple(name for name in scenario_names() if name not in PROBES)
+    full = tuple(name for name in scenario_names() if name not in (*PROBES, *RECORDED))
     return {
         "smoke": ("free-flight", "powered-flight", "fast-flight"),
         "standard": tuple(name for name in full if name not in special),
@@ -45,6 +48,12 @@ def suites() -> dict[str, tuple[str, ...]]:
         "hard": _HARD,
         "full": full,
     }
+
+
+def as_suite(names: Sequence[str]) -> Sequence[str]:
+    """Return the name of the suite that has exactly these scenarios, or else the names."""
+    suite = next((suite for suite, members in suites().items() if {*members} == {*names}), None)
+    return names if suite is None else [suite]
 
 
 def scenario_summaries() -> dict[str, str]:
@@ -144,7 +153,6 @@ def _meant(name: str) -> str:
     """Return a question with the file or built-in name that resembles this one, else all names."""
     if os.path.isfile(f"{name}.toml"):  # noqa: PTH113 - accepts names of any length
         return f"did you mean {name}.toml?"
-    typed = name.lower().replace(" ", "-").replace("_", "-")
-    if near := get_close_matches(typed, (*scenario_names(), *suites()), n=1, cutoff=_NEARLY):
-        return f"did you mean {near[0]}?"
+    if near := nearest(name, (*scenario_names(), *suites())):
+        return f"did you mean {near}?"
     return f"built-in scenarios: {', '.join(scenario_names())}; suites: {', '.join(suites())}"

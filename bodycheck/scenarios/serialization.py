@@ -10,8 +10,10 @@ from pydantic import ValidationError
 
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
-from bodycheck.scenarios.body import MeshBody, ShapeBody
+from bodycheck.scenarios.body import FileBody, MeshBody, ShapeBody
+from bodycheck.scenarios.mesh_files.decimation import read_obj_text
 from bodycheck.scenarios.model import Scenario
+from bodycheck.scenarios.model_files.link_of_file import MODEL_FORMATS, LinkOfFile
 from bodycheck.scenarios.reader import fault_lines
 from bodycheck.scenarios.shapes import MeshSolid
 
@@ -47,8 +49,10 @@ def as_written(told: Mapping[str, Any], where: str, *, allow_code: bool = False)
     return scenario
 
 
-def _shaped(told: Mapping[str, Any]) -> MeshBody | ShapeBody | None:
-    """Return the body of a mesh or a shape with its stored numbers; None for a body given by numbers."""
+def _shaped(told: Mapping[str, Any]) -> MeshBody | ShapeBody | FileBody | None:
+    """Return the body of a mesh, shape or model file with its stored numbers; else None."""
+    if "of_file" in told:
+        return _of_file(told)
     if "mesh" not in told and "shape" not in told:
         return None
     solid = MassProperties(
@@ -62,7 +66,24 @@ def _shaped(told: Mapping[str, Any]) -> MeshBody | ShapeBody | None:
     else:
         known |= {name: told[name] for name in _MESH if name in told}
         facts, light = told["mesh"], solid.at_density(1.0 / density)
-        mesh = MeshSolid(facts["file"], facts["sha256"], told.get("mesh_unit"), light)
+        surface = str(facts.get("surface", ""))
+        if surface:
+            read_obj_text(surface)  # raises ValueError here, and not where it is drawn
+        mesh = MeshSolid(facts["file"], facts["sha256"], told.get("mesh_unit"), light, surface)
         body = MeshBody.model_construct(None, mesh=mesh, density_kg_m3=density, **known)
     vars(body)["solid"] = solid  # fills the cached property, which would read the file
     return body
+
+
+def _of_file(told: Mapping[str, Any]) -> FileBody:
+    link = LinkOfFile(
+        told["of_file"]["name"],
+        told["of_file"]["sha256"],
+        told["mass_kg"],
+        tuple(told["centre_m"]),
+        tuple(tuple(row) for row in told["inertia_kg_m2"]),
+        tuple(told["notes"]),
+    )
+    known: dict[str, Any] = {name: told[name] for name in MODEL_FORMATS if name in told}
+    known |= {name: tuple(told[name]) for name in _LINK if name in told}
+    return FileBody.model_construct(None, of_file=link, **known)

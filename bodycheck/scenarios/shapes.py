@@ -23,6 +23,7 @@ from bodycheck._util.file_digests import digest_of
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
 from bodycheck.reference_impl.mass_properties.solid import primitive as unit_density_primitive
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
+from bodycheck.scenarios.mesh_files.decimation import decimated, obj_text
 
 Unit: TypeAlias = Literal["mm", "cm", "m", "in"]
 
@@ -38,6 +39,9 @@ _LARGE_M, _HEAVY_KG = 10.0, 1e5
 _SMALL_M, _LIGHT_KG = 2e-3, 1e-5
 _DENSITIES = (0.05, 25000.0)
 """Plausible densities in kg/m^3: hydrogen has 0.08, osmium 22600."""
+
+_INTERPRETED_TRIANGLES = 500
+"""So many are checked in at most 2 s by interpretation; compilation takes 10 s. Both give the same bits."""
 
 
 def doubts(solid: MassProperties, density: float, unit: Unit | None) -> tuple[str, ...]:
@@ -70,8 +74,8 @@ def _diameter(solid: MassProperties) -> float:
     return 2.0 * math.sqrt(5.0 / 3.0 * 0.5 * float(np.trace(solid.inertia)) / solid.mass)
 
 
-def known_solid(name: str, work_out: Callable[[], MassProperties]) -> MassProperties:
-    """Return the solid of a mesh file from the cache, or compute and cache it.
+def known_solid(name: str, work_out: Callable[[], tuple[MassProperties, str]]) -> tuple[MassProperties, str]:
+    """Return the solid of a mesh file and its surface from the cache, or compute and cache them.
 
     name: the file's hash and suffix. The cache key also covers the code that reads and integrates meshes:
     another release of bodycheck, numpy or numba computes the solid again. If the cache folder cannot be
@@ -84,26 +88,29 @@ def known_solid(name: str, work_out: Callable[[], MassProperties]) -> MassProper
         kept = opened(place.read_bytes())
         if kept is not None:
             centre, inertia = np.array(kept["centre"]), np.array(kept["inertia"])
-            return MassProperties(kept["mass"], centre, inertia, tuple(kept["notes"]))
-    found = work_out()
+            return MassProperties(kept["mass"], centre, inertia, tuple(kept["notes"])), kept["surface"]
+    found, surface = work_out()
     arrays = {"centre": found.centre.tolist(), "inertia": found.inertia.tolist()}
     with suppress(OSError):
         place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_bytes(sealed({"mass": found.mass, **arrays, "notes": list(found.notes)}))
-    return found
+        kept = {"mass": found.mass, **arrays, "notes": list(found.notes), "surface": surface}
+        place.write_bytes(sealed(kept))
+    return found, surface
 
 
 @dataclass(frozen=True)
 class MeshSolid:
     """A mesh file's name and SHA-256, and the solid that it bounds, at unit density in the file's axes.
 
-    unit: as specified, or None; the lengths of `solid` are always in m.
+    unit: as specified, or None; the lengths of `solid` are always in m. surface: the decimated mesh, for
+    drawing, as OBJ in the file's unit; "" in runs of earlier versions.
     """
 
     name: str
     sha256: str
     unit: Unit | None
     solid: MassProperties = field(compare=False)
+    surface: str = field(compare=False, default="")
 
     def at_density(self, density: float) -> MassProperties:
         """Return the solid at a density in kg/m^3, with warnings about implausible values in its notes."""
@@ -124,13 +131,19 @@ def mesh_solid(
     with open_mesh(path) as file:
         digest = file_digest(file, "sha256").hexdigest()
         known_as = f"{digest}-{overlap}{Path(name).suffix}"
-        solid = known_solid(known_as, lambda: _solid(path, file, digest, overlap))
-    return MeshSolid(name, digest, unit, solid.scaled(UNITS[unit or "m"]))
+        solid, surface = known_solid(known_as, lambda: _solid(path, file, digest, overlap))
+    return MeshSolid(name, digest, unit, solid.scaled(UNITS[unit or "m"]), surface)
 
 
-def _solid(path: Traversable, file: BufferedIOBase, digest: str, overlap: Overlap) -> MassProperties:
-    """Return the solid of an open mesh file with this SHA-256; raises InputError if the file changes."""
+def _solid(
+    path: Traversable, file: BufferedIOBase, digest: str, overlap: Overlap
+) -> tuple[MassProperties, str]:
+    """Return the solid of an open mesh file with this SHA-256, and its surface, decimated, as OBJ.
+
+    Raises InputError if the file changes meanwhile.
+    """
     # importing numba takes a second, and most meshes are cached
+    from bodycheck.reference_impl.kernels.jit import interpreted
     from bodycheck.reference_impl.mass_properties.mesh_check import checked_mesh
     from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
 
@@ -139,12 +152,19 @@ def _solid(path: Traversable, file: BufferedIOBase, digest: str, overlap: Overla
     file.seek(0)
     if file_digest(file, "sha256").hexdigest() != digest:
         raise InputError(f"{path}: changed while it was read")
-    try:
+
+    def checked() -> tuple[MassProperties, str]:
         mesh = checked_mesh(vertices, triangles, overlap)
-        solid = polyhedron(mesh.vertices, mesh.triangles)
+        solid = replace(polyhedron(mesh.vertices, mesh.triangles), notes=mesh.notes)
+        return solid, obj_text(*decimated(mesh.vertices, mesh.triangles))
+
+    try:
+        if len(triangles) <= _INTERPRETED_TRIANGLES:
+            with suppress(FloatingPointError), interpreted():  # compiled code has inf and NaN
+                return checked()
+        return checked()
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
-    return replace(solid, notes=mesh.notes)
 
 
 def load_mesh(

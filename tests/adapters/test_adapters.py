@@ -1,8 +1,7 @@
-"""Laws that hold for every method of every engine, with the maps that the engines' steps should be."""
+"""Laws that every method of every engine must satisfy, and the map that each engine's step must equal."""
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,15 +13,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from spin_steps import SpinStep, explicit_step, implicit_gyroscopic_step, implicit_step
 
 from bodycheck.adapters.contract import DEFAULTS, VARIANT, Adapter, Reading, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, Timed, Torque
 from bodycheck.reference_impl.wrench import Wrench, wrench_between
+from tests.helpers.engine_methods import adapter_of, engine_methods
+from tests.helpers.first_order_maps import SpinStep, explicit_step, implicit_gyroscopic_step, implicit_step
 
-ENGINES = {"mujoco": "MuJoCo", "pybullet": "PyBullet", "dart": "Dart"}
+ENGINES = ("mujoco", "pybullet", "dart")
 
 # Which of the maps below a method is, and each of its variants; rk4 is not one of them.
 EXPLICIT = ("mujoco:euler", "pybullet:multibody", "dart:semi-implicit")
@@ -35,20 +35,7 @@ def methods(*, but: tuple[str, ...] = ()) -> list[Any]:
 
     but: parts of the names of those left out; those with untouched defaults are, too.
     """
-    found: list[Any] = []
-    for engine, class_name in ENGINES.items():
-        try:
-            module = importlib.import_module(f"bodycheck.adapters.{engine}")
-        except ImportError as error:
-            found.append(pytest.param(None, "", id=engine, marks=pytest.mark.skip(reason=str(error))))
-            continue
-        adapter: Adapter = getattr(module, class_name)()
-        found += [
-            pytest.param(adapter, method, id=f"{engine}:{method}")
-            for method in adapter.methods
-            if not any(part in method for part in (*but, DEFAULTS))
-        ]
-    return found
+    return engine_methods(ENGINES, lambda _, method: not any(part in method for part in (*but, DEFAULTS)))
 
 
 every_method = pytest.mark.parametrize(("adapter", "method"), methods())
@@ -130,7 +117,7 @@ def packed(reading: Reading) -> Array:
 
 @every_method
 def test_method_states_its_facts(adapter: Adapter, method: str) -> None:
-    """A method goes by its own lower-case name and says its formula, what it keeps and where that is from."""
+    """A method has a lower-case name, a formula, what it conserves and the source of these facts."""
     facts = adapter.methods[method]
     assert facts.name == method == method.lower()
     assert facts.formula
@@ -145,16 +132,16 @@ def test_method_states_its_facts(adapter: Adapter, method: str) -> None:
 
 @every_method
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES.keys())
-def test_engine_holds_the_scene_it_was_given(adapter: Adapter, method: str, body: RigidBody) -> None:
-    """Mass, inertia, step, gravity and initial state come back from the engine as they were asked for."""
+def test_engine_reads_back_the_scene(adapter: Adapter, method: str, body: RigidBody) -> None:
+    """Mass, inertia, step, gravity and initial state are read back from the engine as they were given."""
     scene = scene_of(body, gravity=(0.1, -0.2, -9.81))
     with built(adapter, scene, method, 1.0 / 300.0) as simulation:
         assert read_back_mismatch(scene, 1.0 / 300.0, simulation.read_back()) is None
 
 
 @every_method
-def test_engine_holds_any_initial_state(adapter: Adapter, method: str) -> None:
-    """Any orientation comes back, half turns among them, and so do large and small numbers beside it."""
+def test_engine_reads_back_any_initial_state(adapter: Adapter, method: str) -> None:
+    """Any initial state is read back: half turns, large numbers, and small numbers next to large ones."""
     rng = np.random.default_rng(20)
     for _ in range(25):
         quaternion = rng.normal(size=4) * np.array([rng.choice([0.0, 1e-12, 1e-6, 1.0]), 1.0, 1.0, 1.0])
@@ -201,18 +188,18 @@ def lighter(scene: Scene) -> Scene:
     ("plant", "named"),
     [(heavier, "mass"), (stouter, "inertia"), (mirrored, "inertia"), (faster, "omega"), (lighter, "gravity")],
 )
-def test_wrong_scene_in_the_engine_is_named(
+def test_wrong_scene_in_the_engine_is_reported(
     adapter: Adapter, method: str, plant: Callable[[Scene], Scene], named: str
 ) -> None:
-    """An engine that was built with another mass, inertia, omega or gravity is found out."""
+    """An engine built with a wrong mass, inertia, omega or gravity is reported, with the quantity."""
     scene = scene_of(gravity=(0.0, 0.0, -9.81))
     with built(adapter, plant(scene), method, 1e-3) as simulation:
         assert named in str(read_back_mismatch(scene, 1e-3, simulation.read_back()))
 
 
 @every_method
-def test_wrong_step_in_the_engine_is_named(adapter: Adapter, method: str) -> None:
-    """An engine that was built with another step is found out."""
+def test_wrong_step_in_the_engine_is_reported(adapter: Adapter, method: str) -> None:
+    """An engine built with a wrong step is reported."""
     scene = scene_of()
     with built(adapter, scene, method, 1e-3 * (1.0 + 1e-13)) as simulation:
         assert "step" in str(read_back_mismatch(scene, 1e-3, simulation.read_back()))
@@ -224,7 +211,7 @@ def test_wrong_step_in_the_engine_is_named(adapter: Adapter, method: str) -> Non
 @every_method
 @pytest.mark.parametrize("kind", ["free", "everything"])
 def test_reset_repeats_the_run_bitwise(adapter: Adapter, method: str, kind: str) -> None:
-    """A second run after reset has the same digits, and the same as a simulation built anew."""
+    """A second run after reset equals the first, and a run of a new simulation, bit for bit."""
     scene = scene_of(loads=LOADS[kind], gravity=(0.0, 0.0, -9.81))
 
     def run(simulation: Simulation) -> list[bytes]:
@@ -244,8 +231,8 @@ def test_reset_repeats_the_run_bitwise(adapter: Adapter, method: str, kind: str)
 
 
 @every_method
-def test_reset_takes_the_wrench_away(adapter: Adapter, method: str) -> None:
-    """After reset nothing acts, as in a simulation that was never given a wrench."""
+def test_reset_removes_the_wrench(adapter: Adapter, method: str) -> None:
+    """After reset no wrench acts, as in a simulation that never received one."""
     scene = scene_of(loads=LOADS["everything"])
     with built(adapter, scene, method, 1e-2) as simulation:
         simulation.advance(5)
@@ -259,10 +246,8 @@ def test_reset_takes_the_wrench_away(adapter: Adapter, method: str) -> None:
 @every_method
 @pytest.mark.parametrize("kind", LOADS)
 @pytest.mark.parametrize("dt_s", [1e-2, 1.0 / 300.0])
-def test_many_steps_in_one_call_are_as_many_calls(
-    adapter: Adapter, method: str, kind: str, dt_s: float
-) -> None:
-    """n steps in one call end where n calls of one step end, to 1e-12."""
+def test_n_steps_in_one_call_equal_n_calls(adapter: Adapter, method: str, kind: str, dt_s: float) -> None:
+    """n steps in one call end where n calls of one step end, within 1e-12."""
     scene = scene_of(loads=LOADS[kind], gravity=(0.2, 0.3, -9.81))
     for steps in (3, 49, 100):
         with built(adapter, scene, method, dt_s) as at_once, built(adapter, scene, method, dt_s) as singly:
@@ -275,8 +260,8 @@ def test_many_steps_in_one_call_are_as_many_calls(
 
 
 @every_method
-def test_wrench_acts_until_the_next_takes_its_place(adapter: Adapter, method: str) -> None:
-    """Legs under changing wrenches end where a loop that gives each step its wrench ends, to 1e-12."""
+def test_wrench_acts_until_the_next_replaces_it(adapter: Adapter, method: str) -> None:
+    """Legs of constant wrenches end where a loop that sets the wrench at each step ends, within 1e-12."""
     loads = tuple(
         replace(load, from_s=0.01 * first, until_s=0.01 * (first + 9))
         for first, load in enumerate(LOADS["everything"], start=3)
@@ -295,8 +280,8 @@ def test_wrench_acts_until_the_next_takes_its_place(adapter: Adapter, method: st
 
 
 @every_method
-def test_simulations_do_not_disturb_one_another(adapter: Adapter, method: str) -> None:
-    """A run has the same digits beside another that is alive, and after others were closed twice."""
+def test_simulations_are_independent(adapter: Adapter, method: str) -> None:
+    """A run is bit for bit the same while another simulation exists, and after others were closed twice."""
     scene = scene_of(loads=LOADS["body torque"], gravity=(0.0, 0.0, -9.81))
     other = scene_of(BODIES["plate"], gravity=(0.0, 1.0, 0.0))
     with built(adapter, scene, method, 1e-2) as alone:
@@ -314,7 +299,7 @@ def test_simulations_do_not_disturb_one_another(adapter: Adapter, method: str) -
 
 @every_method
 def test_readings_are_copies(adapter: Adapter, method: str) -> None:
-    """A reading keeps its numbers when the engine goes on."""
+    """A reading keeps its values while the engine continues."""
     with built(adapter, scene_of(), method, 1e-2) as simulation:
         reading = simulation.read()
         before = packed(reading).copy()
@@ -323,8 +308,8 @@ def test_readings_are_copies(adapter: Adapter, method: str) -> None:
 
 
 @every_method
-def test_rotation_is_the_one_of_the_same_state(adapter: Adapter, method: str) -> None:
-    """Matrix and quaternion of one reading agree to 1e-15 rad: neither is a step old."""
+def test_rotation_and_quaternion_are_of_the_same_state(adapter: Adapter, method: str) -> None:
+    """The matrix and the quaternion of one reading agree to 1e-15 rad: neither is one step old."""
     with built(adapter, scene_of(), method, 1e-2) as simulation:
         simulation.advance(13)
         reading = simulation.read()
@@ -414,7 +399,7 @@ def substeps_of(method: str) -> int:
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.3, -0.4, -9.81)], ids=["weightless", "heavy"])
 @pytest.mark.parametrize("body", ["diagonal", "full", "plate beyond the limit by a round-off"])
 @pytest.mark.parametrize("kind", LOADS)
-def test_step_is_the_map_it_is_said_to_be(
+def test_step_equals_its_map(
     adapter: Adapter, method: str, kind: str, body: str, gravity: tuple[float, float, float]
 ) -> None:
     """100 steps of 1e-2 s end within 1e-11 of 100 steps of the method's map in plain numpy."""
@@ -431,7 +416,7 @@ def test_step_is_the_map_it_is_said_to_be(
 
 @first_order_methods
 def test_semi_implicit_fall_is_ahead_by_half_a_step(adapter: Adapter, method: str) -> None:
-    """After 10 s of free fall in steps of 1e-3 s the position is off by g h T / 2 = 0.049 m, to 1e-9 m.
+    """After 10 s of free fall the position error is g h T / 2, within 1e-9 m.
 
     With substeps h is the length of one.
     """
@@ -463,10 +448,10 @@ def true_motion(scene: Scene) -> tuple[Array, Array, Array, Array]:
 
 
 @pytest.mark.parametrize("kind", LOADS)
-def test_rk4_is_of_order_4_under_any_load(kind: str) -> None:
-    """MuJoCo's rk4 shows order 4 +- 0.2 wherever it errs: loads are turned with the body at each stage."""
+def test_rk4_is_of_order_4_under_every_load(kind: str) -> None:
+    """MuJoCo's rk4 has order 4 +- 0.2, because loads are rotated with the body at each stage."""
     pytest.importorskip("mujoco")
-    adapter = importlib.import_module("bodycheck.adapters.mujoco").MuJoCo()
+    adapter = adapter_of("mujoco")
     scene = scene_of(loads=LOADS[kind], gravity=(0.0, 0.0, -9.81))
     truth = true_motion(scene)
     errors = []

@@ -1,4 +1,4 @@
-"""What is particular to DART."""
+"""Behaviour that is specific to DART."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def in_a_world(simulation: DartSimulation) -> Any:
     return world
 
 
-def test_step_is_that_of_a_world() -> None:
-    """200 steps end bit for bit where World.step ends, though no world is there."""
+def test_step_equals_that_of_a_world() -> None:
+    """200 steps end bit for bit where World.step ends, although the adapter has no world."""
     alone, inside = built(scene_of()), built(scene_of())
     world = in_a_world(inside)
     alone.advance(200)
@@ -64,8 +64,8 @@ def test_no_body_is_put_to_sleep() -> None:
     np.testing.assert_allclose(simulation.read().position, [1e-5, 0.0, 0.0], rtol=1e-9, atol=1e-18)
 
 
-def test_lost_state_reads_as_nan_and_is_not_stepped_on(capfd: pytest.CaptureFixture[str]) -> None:
-    """Where DART shows the identity for a lost rotation, NaN is read; then its warnings end."""
+def test_lost_state_reads_as_nan_and_stops_stepping(capfd: pytest.CaptureFixture[str]) -> None:
+    """Where DART replaces a lost rotation by the identity, NaN is read, and stepping stops."""
     scene = scene_of()
     fast = replace(scene, initial=replace(scene.initial, omega_body=np.array([10.0, 200.0, 10.0])))
     simulation = built(fast, 0.5)
@@ -83,8 +83,8 @@ def test_lost_state_reads_as_nan_and_is_not_stepped_on(capfd: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize("planted", ["mass", "inertia", "step", "gravity"])
-def test_read_back_asks_the_engine(planted: str) -> None:
-    """A number that changes in the engine changes what is read back."""
+def test_read_back_reads_the_engine(planted: str) -> None:
+    """A value changed in the engine changes what is read back."""
     scene = scene_of()
     simulation = built(scene)
     assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is None

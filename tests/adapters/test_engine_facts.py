@@ -1,4 +1,4 @@
-"""What the engines' pages say of the engines themselves: why the adapters build and read as they do."""
+"""Facts about the engines on which their adapters and pages depend."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def mujoco_body(**said: Any) -> Any:
-    """Return the model of a free body of these moments, of which more is said."""
+    """Return the model of a free body with these moments and further attributes."""
     mujoco = pytest.importorskip("mujoco")
     spec = mujoco.MjSpec()
     body = spec.worldbody.add_body(name="body")
@@ -25,15 +25,15 @@ def mujoco_body(**said: Any) -> Any:
     return spec.compile()
 
 
-def test_mujoco_drops_iquat_without_ipos() -> None:
-    """The principal axes that are said count only where the centre of mass is said too."""
+def test_mujoco_ignores_iquat_without_ipos() -> None:
+    """The principal axes are used only if the centre of mass is also given."""
     turned = [0.6, 0.8, 0.0, 0.0]
     assert mujoco_body(iquat=turned).body_iquat[1].tolist() == [1.0, 0.0, 0.0, 0.0]
     np.testing.assert_allclose(mujoco_body(iquat=turned, ipos=[0.0, 0.0, 0.0]).body_iquat[1], turned)
 
 
-def test_mujoco_shows_poses_that_are_a_step_old() -> None:
-    """After mj_step qpos has moved on, and xpos is where the body was before."""
+def test_mujoco_poses_are_one_step_old() -> None:
+    """After mj_step qpos is new, and xpos is that of the step before."""
     mujoco = pytest.importorskip("mujoco")
     model = mujoco_body()
     data = mujoco.MjData(model)
@@ -43,8 +43,8 @@ def test_mujoco_shows_poses_that_are_a_step_old() -> None:
 
 
 @pytest.mark.parametrize("off", [["SPRING"], ["DAMPER"], ["SPRING", "DAMPER"]])
-def test_mujoco_asks_no_callback_without_springs_and_dampers(off: list[str]) -> None:
-    """With one of them on the passive forces are asked for, with both off they are not."""
+def test_mujoco_calls_back_only_with_springs_or_dampers(off: list[str]) -> None:
+    """The passive-force callback is called with either of them enabled, and not with both disabled."""
     mujoco = pytest.importorskip("mujoco")
     model = mujoco_body()
     model.opt.disableflags = sum(int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in off)
@@ -70,8 +70,8 @@ def dart_body() -> tuple[Any, Any, Any]:
     return skeleton, joint, body
 
 
-def test_dart_tells_the_momentum_in_body_axes() -> None:
-    """The velocities of a free joint are in world axes, and getAngularMomentum is not."""
+def test_dart_returns_the_angular_momentum_in_body_axes() -> None:
+    """The velocities of a free joint are in world axes; getAngularMomentum is in body axes."""
     _, joint, body = dart_body()
     omega_world = np.array([0.3, 1.0, -0.2])
     joint.setVelocities(np.concatenate([omega_world, np.zeros(3)]))
@@ -80,8 +80,8 @@ def test_dart_tells_the_momentum_in_body_axes() -> None:
 
 
 @pytest.mark.parametrize("given", ["external", "of the joint"])
-def test_dart_keeps_what_was_given_in_world_axes_in_axes_of_its_own(given: str) -> None:
-    """When the body is turned afterwards an external torque has turned with it, and a joint's has not."""
+def test_dart_stores_external_torques_in_body_axes(given: str) -> None:
+    """If the body is rotated afterwards, an external torque rotates with it; a joint's torque does not."""
     dartpy = pytest.importorskip("dartpy")
     skeleton, joint, body = dart_body()
     torque = np.array([1.0, 0.0, 0.0])
@@ -111,8 +111,8 @@ def bullet() -> Iterator[Any]:
 @pytest.mark.parametrize(
     ("start", "end"), [(500.0, 100.0), (50.0, 50.0 - 0.04 * (1.0 + 50.0) * 50.0 / 240.0)]
 )
-def test_pybullets_defaults_damp_and_clamp(bullet: Any, start: float, end: float) -> None:
-    """A step of 1/240 s takes 0.04 (1 + |v|) v of the velocity a second, and what is above 100 at once."""
+def test_pybullet_damps_and_clamps_by_default(bullet: Any, start: float, end: float) -> None:
+    """A step of 1/240 s removes 0.04 (1 + |v|) v of the velocity per second, and clamps it at 100."""
     body = bullet.createMultiBody(baseMass=1.0)
     bullet.resetBaseVelocity(body, [start, 0.0, 0.0], [0.0, 0.0, 0.0])
     bullet.stepSimulation()
@@ -173,10 +173,10 @@ def omega_after_a_step(bullet: Any, body: int) -> np.ndarray[Any, Any]:
         ([MOMENTS, {**UNCLAMPED, "mass": 1.0}], (2.0, 1.0, 0.8)),
     ],
 )
-def test_pybullet_minds_with_what_an_inertia_is_set(
+def test_pybullet_inertia_depends_on_what_is_set_with_it(
     bullet: Any, changes: list[dict[str, Any]], answer: tuple[float, ...]
 ) -> None:
-    """On a link without a shape a velocity limit spoils the first inertia, and with the mass a later one.
+    """On a link without a shape a velocity limit spoils the first inertia, and the mass a later one.
 
     Seen in the angular acceleration under a torque of (1, 1, 1) N m.
     """
@@ -186,20 +186,20 @@ def test_pybullet_minds_with_what_an_inertia_is_set(
 
 
 @pytest.mark.parametrize("turned", [UNTURNED, (0.0, 0.0, math.sin(0.2), math.cos(0.2))])
-def test_pybullet_leaves_the_turn_of_a_links_inertial_frame_out(
+def test_pybullet_ignores_the_rotation_of_a_links_inertial_frame(
     bullet: Any, turned: tuple[float, ...]
 ) -> None:
-    """Under (1, 1, 1) N m moments of 1, 2 and 2.5 kg m^2 answer as if they stood about the link's axes."""
+    """Under (1, 1, 1) N m, moments of 1, 2 and 2.5 kg m^2 act as if about the link's axes."""
     body = link_of(bullet, MOMENTS, turned=turned)
     push_joint(bullet, body, (1.0, 1.0, 1.0))
     assert 240.0 * omega_after_a_step(bullet, body) == pytest.approx((1.0, 0.5, 0.4), rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize(("pushed", "late_rad"), [("joint", 0.0), ("link", 0.1)])
-def test_pybullet_turns_a_torque_on_a_link_by_the_pose_of_a_step_before(
+def test_pybullet_rotates_a_link_torque_by_the_previous_pose(
     bullet: Any, pushed: str, late_rad: float
 ) -> None:
-    """A ball that turns by 0.1 rad a step is pushed about its own x: the link's torque is 0.1 rad behind."""
+    """The torque on a link of a ball that rotates by 0.1 rad per step lags by 0.1 rad."""
     undamped = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0}
     body = link_of(bullet, {"localInertiaDiagonal": (1.0, 1.0, 1.0)}, undamped)
     bullet.setTimeStep(1e-2)

@@ -1,4 +1,4 @@
-"""Identity of what runs: the same where nothing changed, another where anything that counts did."""
+"""The build identity: unchanged where nothing changed, different where anything that affects results did."""
 
 from __future__ import annotations
 
@@ -7,15 +7,19 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Callable, Iterator
+from importlib.metadata import distribution
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
-from shaky_engine import build_library, needs_a_compiler, write_shaky
 
 from bodycheck._util.platform_identity import VARIABLES
+from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import build_identity
+from tests.helpers.compiled_engine_package import build_library, needs_a_compiler, write_shaky
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="there is no /proc")
 
@@ -47,7 +51,7 @@ def _one_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 def builds(engine: str, site: Path, then: str = "", **variables: str) -> list[Any]:
-    """Return what a process of its own announces of an engine, and what it says after a piece of code."""
+    """Return the builds of an engine in a new process, before and after running a piece of code."""
     path = os.pathsep.join((str(site), *filter(None, sys.path)))
     ended = subprocess.run(
         [sys.executable, "-P", "-c", ANNOUNCED, engine, then],
@@ -95,8 +99,8 @@ CHANGED: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
 
 @needs_a_compiler
 @pytest.mark.parametrize("what", UNCHANGED)
-def test_the_identity_is_the_same_where_nothing_changed(what: str, site: Path) -> None:
-    """Neither times nor bytecode nor variables that change nothing are part of it."""
+def test_identity_ignores_what_cannot_change_results(what: str, site: Path) -> None:
+    """Times, bytecode and irrelevant environment variables are not part of the identity."""
     before, _ = builds("shaky", site)
     UNCHANGED[what][0](site)
     after, _ = builds("shaky", site, **UNCHANGED[what][1])
@@ -106,8 +110,8 @@ def test_the_identity_is_the_same_where_nothing_changed(what: str, site: Path) -
 
 @needs_a_compiler
 @pytest.mark.parametrize("what", CHANGED)
-def test_the_identity_is_another_where_something_changed(what: str, site: Path) -> None:
-    """And the part that changed is named, alone."""
+def test_identity_changes_with_each_part(what: str, site: Path) -> None:
+    """A changed part changes the identity, and only that part differs."""
     change, variables, part = CHANGED[what]
     before, _ = builds("shaky", site)
     change(site)
@@ -125,19 +129,20 @@ def test_the_identity_is_another_where_something_changed(what: str, site: Path) 
         ("", False),
         ("import wave", False),
         ("import shaky.third", False),
-        ("import bodycheck.adapters.versions.environments", False),
+        ("import bodycheck.reports.gates.thresholds", False),
         ("import elsewhere", True),
         ("import jinja2.sandbox", True),
         ("import ctypes; ctypes.CDLL(sys.path[0] + '/libelsewhere.so')", True),
+        ("import ctypes; ctypes.CDLL(sys.path[0] + '/a folder/libelsewhere.so')", True),
     ],
 )
-def test_what_is_loaded_later_from_elsewhere_changes_the_identity(
-    then: str, counts: bool, site: Path
-) -> None:
-    """A module or a library from a folder that was not hashed; not what belongs to Python or the package."""
+def test_code_loaded_later_from_elsewhere_changes_the_identity(then: str, counts: bool, site: Path) -> None:
+    """Modules and libraries from other folders count; those of Python and the package do not."""
     (site / "shaky/third.py").touch()
     (site / "elsewhere.py").touch()
-    shutil.copy(site / "shaky/libshaky.so", site / "libelsewhere.so")
+    (site / "a folder").mkdir()
+    for folder in (site, site / "a folder"):
+        shutil.copy(site / "shaky/libshaky.so", folder / "libelsewhere.so")
     then = then.replace("sys.path[0]", repr(str(site)))
     first, later = builds("shaky", site, then)
     assert first["id"]
@@ -147,8 +152,8 @@ def test_what_is_loaded_later_from_elsewhere_changes_the_identity(
 
 
 @needs_a_compiler
-def test_a_module_that_is_made_when_it_is_used_is_left_alone(site: Path) -> None:
-    """To look at every imported module must import no other."""
+def test_lazy_module_is_not_imported_by_the_identity(site: Path) -> None:
+    """Inspecting the imported modules imports no other module."""
     lazy = (
         "import sys, types\nclass Lazy(types.ModuleType):\n"
         "    def __getattr__(self, name):\n        raise ImportError(name)\n"
@@ -161,8 +166,8 @@ def test_a_module_that_is_made_when_it_is_used_is_left_alone(site: Path) -> None
 
 @needs_a_compiler
 @needs_proc
-def test_a_library_that_was_replaced_while_it_was_loaded_has_no_identity(site: Path) -> None:
-    """What is on the disk is not what runs: nothing of it can be found again."""
+def test_library_replaced_while_loaded_has_no_identity(site: Path) -> None:
+    """The file on the disk is not the loaded one, so no answer can be stored."""
     shutil.copy(site / "shaky/libshaky.so", site / "libelsewhere.so")
     place = str(site / "libelsewhere.so")
     load = f"import ctypes, os; ctypes.CDLL({place!r}); os.unlink({place!r})"
@@ -172,8 +177,8 @@ def test_a_library_that_was_replaced_while_it_was_loaded_has_no_identity(site: P
 
 
 @needs_a_compiler
-def test_a_file_that_changes_while_the_engine_is_imported_leaves_no_identity(site: Path) -> None:
-    """What was imported may be older than what was hashed."""
+def test_file_changed_during_import_leaves_no_identity(site: Path) -> None:
+    """The imported code may be older than the hashed file."""
     text = (site / "shaky/__init__.py").read_text()
     slow = "import bodycheck.adapters.workers.build_identity\n"
     slow += "(Path(__file__).parent / 'table.dat').write_text('4 5 6')\n"
@@ -183,8 +188,8 @@ def test_a_file_that_changes_while_the_engine_is_imported_leaves_no_identity(sit
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference"])
-def test_an_installed_engine_says_what_it_is_made_of(engine: str, tmp_path: Path) -> None:
-    """Python, libraries, processor, our own code, and the distribution that the engine came from."""
+def test_installed_engine_lists_its_parts(engine: str, tmp_path: Path) -> None:
+    """The build names Python, libraries, processor, bodycheck's code and the engine's distribution."""
     name = {"dart": "dartpy"}.get(engine, engine)
     if engine != "reference":
         pytest.importorskip(name)
@@ -197,6 +202,51 @@ def test_an_installed_engine_says_what_it_is_made_of(engine: str, tmp_path: Path
     assert needed <= first["parts"].keys()
     assert all(len(first["parts"][name].split()[-1]) == 16 for name in ("numpy", "loaded", "bodycheck"))
     assert first["parts"].get("distribution", "").startswith("" if engine == "reference" else f"{name} ")
+    # the adapter is a part of bodycheck, and few engines come with libraries beside their package
+    assert "adapter" not in first["parts"]
+    libraries = engine != "reference" and Path(str(distribution(name).locate_file(f"{name}.libs"))).is_dir()
+    assert ("engine libraries" in first["parts"]) is libraries
+
+
+@pytest.mark.parametrize(
+    ("package", "counts"),
+    [("yaml", False), ("coverage", False), ("charset_normalizer", False), ("jinja2", True), ("yaml2", True)],
+)
+def test_packages_that_numba_imports_do_not_change_a_plug_in(
+    package: str, counts: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """numba imports them if they are installed, sooner or later; they change no result."""
+    loaded = build_identity.Loaded(Reference(), handed_over=True)
+    module = ModuleType("made_up_module")
+    module.__file__ = str(Path(sysconfig.get_path("purelib"), package, "made_up.py"))
+    monkeypatch.setitem(sys.modules, "made_up_module", module)
+    assert (loaded.later() is not None) is counts
+
+
+def test_variables_start_with_the_name_of_the_engine() -> None:
+    """In capitals, with an underscore in place of a hyphen."""
+    assert build_identity._variables_of("my-engine") == ("MY_ENGINE_*",)
+
+
+@pytest.mark.parametrize("linked", ["the folder", "the package"])
+def test_installed_engine_is_found_through_a_link(
+    linked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """lib64 is often a link to lib; what lies behind it is installed all the same."""
+    site, link = tmp_path / "site", tmp_path / "link"
+    (site / "made_up_engine-1.dist-info").mkdir(parents=True)
+    facts = "Metadata-Version: 2.1\nName: made_up_engine\nVersion: 1\n"
+    (site / "made_up_engine-1.dist-info" / "METADATA").write_text(facts)
+    (site / "made_up_engine").mkdir()
+    (site / "made_up_engine" / "__init__.py").touch()
+    if linked == "the folder":
+        link.symlink_to(site)
+    else:
+        link.mkdir()
+        (link / "made_up_engine").symlink_to(site / "made_up_engine")
+        monkeypatch.syspath_prepend(str(site))
+    monkeypatch.syspath_prepend(str(link))
+    assert build_identity._is_installed("made_up_engine")
 
 
 @pytest.mark.parametrize(
@@ -210,14 +260,14 @@ def test_an_installed_engine_says_what_it_is_made_of(engine: str, tmp_path: Path
         (None, "sources", False),
     ],
 )
-def test_an_editable_engine_and_one_in_a_source_folder_are_not_installed(
+def test_editable_engine_is_not_installed(
     direct_url: Any,
     origin: str,
     installed: bool,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """What pip wrote down says the first, the place of the package the second."""
+    """An editable install and a package in a source folder both count as development."""
     facts = tmp_path / "site" / "made_up_engine-1.dist-info"
     facts.mkdir(parents=True)
     (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: made_up_engine\nVersion: 1\n")
@@ -232,8 +282,8 @@ def test_an_editable_engine_and_one_in_a_source_folder_are_not_installed(
     assert not build_identity._is_installed("no_such_engine")
 
 
-def test_every_variable_has_its_reason() -> None:
-    """The one list of them says of each why it counts."""
+def test_every_variable_has_a_reason() -> None:
+    """Each environment variable of the list has the reason why it counts."""
     assert all(reason.strip() for reason in VARIABLES.values())
     assert {"OMP_*", "MKL_*", "OPENBLAS_*", "NUMBA_*", "LD_PRELOAD", "LD_LIBRARY_PATH"} <= VARIABLES.keys()
 
@@ -253,8 +303,8 @@ print(get_adapter("{engine}").version)
 @pytest.mark.parametrize(
     ("engine", "package"), [("dart", "dartpy"), ("mujoco", "mujoco"), ("pybullet", "pybullet")]
 )
-def test_an_engine_announces_the_version_that_its_package_states(engine: str, package: str) -> None:
-    """It is asked of the package that is there: no version is written down in an adapter."""
+def test_engine_announces_the_version_of_its_package(engine: str, package: str) -> None:
+    """The version is read from the installed package, not written down in the adapter."""
     pytest.importorskip(package)
     program = VERSION.format(engine=engine, package=package)
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)

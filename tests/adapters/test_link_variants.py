@@ -1,8 +1,7 @@
-"""A link off the centre of mass as engines step it by default: by the velocity of the link's origin."""
+"""A link off the centre of mass as engines step it by default: with the velocity of the link's origin."""
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -12,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from spin_steps import skew
 
-from bodycheck.adapters.contract import VARIANT, Adapter, Reading, Simulation, read_back_mismatch
+from bodycheck.adapters.contract import VARIANT, Reading, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Link, Load, PointForce, RigidBody, Scene, SineTorque, State, Torque
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.wrench import wrench_between
+from tests.helpers.engine_methods import adapter_of
+from tests.helpers.first_order_maps import skew
 
 BUILDS = ("unaligned", "welded")
 EXPLICIT = ("mujoco:euler", "dart:semi-implicit")
@@ -67,8 +67,7 @@ def built(name: str, scene: Scene, dt_s: float) -> Iterator[Simulation]:
     """Build ENGINE:METHOD, the loads acting, and close it; skip where there is no such engine."""
     engine, method = name.split(":")
     pytest.importorskip({"dart": "dartpy"}.get(engine, engine))
-    module = importlib.import_module(f"bodycheck.adapters.{engine}")
-    adapter: Adapter = getattr(module, {"mujoco": "MuJoCo", "dart": "Dart", "pybullet": "PyBullet"}[engine])()
+    adapter = adapter_of(engine)
     assert adapter.unsupported(scene, method) is None
     simulation = adapter.build(scene, method, dt_s)
     simulation.apply(wrench_between(scene, 0.0, scene.duration_s))
@@ -141,8 +140,8 @@ def by_the_origin(scene: Scene, h: float, *, implicit: bool) -> State4:
 @pytest.mark.parametrize("name", BY_THE_ORIGIN)
 @pytest.mark.parametrize("link", LINKS)
 @pytest.mark.parametrize("kind", LOADS)
-def test_step_is_that_of_the_links_origin(name: str, link: str, kind: str) -> None:
-    """200 steps of 1e-2 s end within 1e-11 of the map in plain numpy, whichever way the link is turned."""
+def test_step_equals_the_map_of_the_links_origin(name: str, link: str, kind: str) -> None:
+    """200 steps of 1e-2 s end within 1e-11 of the map in plain numpy, for any rotation of the link."""
     scene = scene_of(LOADS[kind], LINKS[link])
     with built(name, scene, 1e-2) as simulation:
         simulation.advance(200)
@@ -167,7 +166,7 @@ def errors(name: str, scene: Scene, dt_s: float) -> list[float]:
 
 @pytest.mark.parametrize("name", [*BY_THE_ORIGIN, *RK4])
 def test_centre_of_mass_drifts_at_the_order_of_the_method(name: str) -> None:
-    """Weightless and free, where it should go straight on, it leaves its line at the method's order."""
+    """A free body without gravity leaves its straight line at the method's order."""
     scene = replace(scene_of(), gravity=np.zeros(3))
     coarse, fine = (errors(name, scene, dt_s) for dt_s in (1e-2, 5e-3))
     order = 4.0 if name in RK4 else 1.0
@@ -176,16 +175,16 @@ def test_centre_of_mass_drifts_at_the_order_of_the_method(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["mujoco:euler", "mujoco:implicit", "mujoco:discrete"])
-def test_an_aligned_body_goes_straight_on(name: str) -> None:
-    """With the default changed that `changed_defaults` names, the same body keeps its line to round-off."""
+def test_aligned_body_moves_straight(name: str) -> None:
+    """With the default changed as `changed_defaults` states, the body stays on its line to round-off."""
     scene = replace(scene_of(), gravity=np.zeros(3))
     assert max(errors(name, scene, 1e-2)[:2]) < 1e-13
 
 
 @pytest.mark.parametrize("name", [*BY_THE_ORIGIN, *RK4])
 @pytest.mark.parametrize("link", LINKS)
-def test_engine_holds_the_scene(name: str, link: str) -> None:
-    """Mass, inertia, step, gravity and initial state come back, put together from the bodies of the model."""
+def test_engine_reads_back_the_scene(name: str, link: str) -> None:
+    """Mass, inertia, step, gravity and initial state are read back, summed over the bodies of the model."""
     scene = scene_of(LOADS["constant"], LINKS[link])
     with built(name, scene, 1e-2) as simulation:
         assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is None
@@ -200,8 +199,8 @@ PLANTED: dict[str, tuple[str, Any]] = {
 
 
 @pytest.mark.parametrize("planted", PLANTED)
-def test_read_back_asks_the_welded_child(planted: str) -> None:
-    """A number of the child that changes in the compiled model changes what is read back."""
+def test_read_back_reads_the_welded_child(planted: str) -> None:
+    """A value of the child changed in the compiled model changes what is read back."""
     scene = scene_of(link=LINKS["turned"])
     with built("mujoco:euler@welded", scene, 1e-2) as simulation:
         assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is None
@@ -212,7 +211,7 @@ def test_read_back_asks_the_welded_child(planted: str) -> None:
 
 @pytest.mark.parametrize("name", [*BY_THE_ORIGIN, *RK4])
 def test_reset_repeats_the_run_bitwise(name: str) -> None:
-    """A second run after reset has the same digits."""
+    """A second run after reset is bit for bit the same."""
     scene = scene_of(LOADS["lasting"], LINKS["turned"])
     ends = []
     with built(name, scene, 1e-2) as simulation:
@@ -228,7 +227,7 @@ def test_reset_repeats_the_run_bitwise(name: str) -> None:
 @pytest.mark.parametrize("method", ["euler", "implicit", "implicitfast", "discrete", "rk4"])
 @pytest.mark.parametrize("link", LINKS)
 def test_mass_in_a_welded_child_moves_as_mass_in_the_body(method: str, link: str) -> None:
-    """One body in two spellings ends the same to 1e-13, under constant loads of every kind."""
+    """One body in two descriptions ends the same to 1e-13, under constant loads of every kind."""
     scene = scene_of(LOADS["constant"], LINKS[link])
     ends = []
     for build in BUILDS:

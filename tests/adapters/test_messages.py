@@ -1,4 +1,4 @@
-"""The typed check of what a worker says knows every fact of the contract, and costs little."""
+"""The typed check of a worker's messages knows every field of the contract."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from bodycheck.adapters.workers import protocol
 from bodycheck.adapters.workers.message_check import MethodMessage, ReadBackMessage
 
 
-def test_check_knows_every_fact_of_the_contract() -> None:
-    """A fact that only one of the two has would be refused, or be lost."""
+def test_check_knows_every_field_of_the_contract() -> None:
+    """A field that only one of the two has would be refused or lost."""
     assert {field.name for field in fields(Method)} == MethodMessage.model_fields.keys()
     assert {field.name for field in fields(ReadBack)} == ReadBackMessage.model_fields.keys()
 
 
 @pytest.mark.parametrize("name", ["mujoco", "dart", "reference"])
 def test_announcement_of_a_built_in_engine_passes_the_check_unchanged(name: str) -> None:
-    """The facts of its methods arrive as they are."""
+    """The facts of a built-in engine's methods pass the check unchanged."""
     adapter = get_adapter(name)
     protocol.check_engine(adapter)
     build = Build("c0de", "installed", {"python": "3"})

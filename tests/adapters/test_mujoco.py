@@ -1,4 +1,4 @@
-"""What is particular to MuJoCo."""
+"""Behaviour that is specific to MuJoCo."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def model_arrays(simulation: MuJoCoSimulation) -> dict[str, Array]:
 
 
 def test_every_integrator_of_the_installed_version_is_a_method() -> None:
-    """An integrator that is new in MuJoCo makes this fail until its facts are written down."""
+    """A new integrator of MuJoCo makes this fail until its facts are entered."""
     names = {name.removeprefix("mjINT_").lower() for name in mujoco.mjtIntegrator.__members__}
     assert {name for name, facts in MuJoCo.methods.items() if not facts.on_request} == names
 
 
 def test_compiler_still_refuses_what_the_adapter_works_around() -> None:
-    """MuJoCo's compiler refuses moments that break the triangle inequality by one round-off."""
+    """MuJoCo's compiler refuses moments that violate the triangle inequality by one round-off."""
     spec = mujoco.MjSpec()
     body = spec.worldbody.add_body(mass=1.0, inertia=BEYOND_THE_LIMIT)
     body.add_freejoint()
@@ -61,7 +61,7 @@ def test_plate_has_exactly_its_moments() -> None:
 
 
 def test_setting_the_moments_afterwards_changes_nothing_else() -> None:
-    """A plate's model differs from that of a body on the limit by a few round-offs, nowhere by more."""
+    """A plate's model differs from that of a body on the limit by a few round-offs."""
     plate, inside = (
         model_arrays(built(scene_of(np.diag(moments)))) for moments in (BEYOND_THE_LIMIT, [1.0, 2.0, 3.0])
     )
@@ -70,7 +70,7 @@ def test_setting_the_moments_afterwards_changes_nothing_else() -> None:
 
 
 def test_mass_matrix_follows_the_moments_set_afterwards() -> None:
-    """Where real and compiled moments differ by 10 %, a torque from rest is answered by the real ones."""
+    """Where real and compiled moments differ by 10 %, the response to a torque from rest is the real one."""
     impossible = scene_of(np.diag([1.0, 2.0, 3.3]), (Torque("body", np.array([0.1, 0.2, 0.3])),))
     impossible = replace(impossible, initial=replace(impossible.initial, omega_body=np.zeros(3)))
     simulation = built(impossible)
@@ -92,12 +92,12 @@ def test_mass_matrix_follows_the_moments_set_afterwards() -> None:
     ],
 )
 def test_model_has_only_the_actuators_that_the_loads_need(loads: tuple[Timed, ...], actuators: int) -> None:
-    """One actuator for the body-fixed forces together, one for each point of a world force, else none."""
+    """There is one actuator for all body-fixed forces, one per point of a world force, and no other."""
     assert built(scene_of(np.eye(3), loads))._model.nu == actuators
 
 
-def test_load_that_the_scene_has_not_is_refused() -> None:
-    """A force at a point that the model has no actuator for is an error, not silence."""
+def test_force_at_a_point_without_actuator_is_refused() -> None:
+    """A force at a point that the model has no actuator for is an error."""
     strange = scene_of(np.eye(3), (PointForce("world", np.ones(3), np.ones(3)),))
     with pytest.raises(ValueError, match="no load of the scene"):
         built(scene_of(np.eye(3))).apply(wrench_between(strange, 0.0, 1.0))
@@ -106,8 +106,8 @@ def test_load_that_the_scene_has_not_is_refused() -> None:
 @pytest.mark.parametrize(
     "planted", ["body_mass", "body_inertia", "body_iquat", "opt.timestep", "opt.gravity"]
 )
-def test_read_back_asks_the_engine(planted: str) -> None:
-    """A number that changes in the compiled model changes what is read back."""
+def test_read_back_reads_the_engine(planted: str) -> None:
+    """A value changed in the compiled model changes what is read back."""
     scene = scene_of(np.array([[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 2.5]]))
     simulation = built(scene)
     assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is None
@@ -121,8 +121,8 @@ def test_read_back_asks_the_engine(planted: str) -> None:
     assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is not None
 
 
-def test_body_that_grew_unstable_is_not_put_back_to_rest() -> None:
-    """At |omega| h = 20 rad, Euler ends in a state that tells of it: autoreset would show a body at rest."""
+def test_unstable_body_is_not_reset_to_rest() -> None:
+    """At |omega| h = 20 rad, Euler ends in an unstable state; autoreset would return a body at rest."""
     scene = scene_of(np.diag([1.0, 2.0, 3.0]))
     fast = replace(scene, initial=replace(scene.initial, omega_body=np.array([10.0, 200.0, 10.0])))
     simulation = built(fast, dt_s=0.1)
@@ -132,8 +132,8 @@ def test_body_that_grew_unstable_is_not_put_back_to_rest() -> None:
     assert not np.linalg.norm(omega) < 1e10
 
 
-def test_large_acceleration_alone_is_no_fault() -> None:
-    """A spin with |omega|^2 above 1e10, which MuJoCo warns of, still keeps its angular momentum to 1e-5."""
+def test_large_acceleration_alone_is_not_an_error() -> None:
+    """A spin with |omega|^2 above 1e10, which MuJoCo warns of, keeps its angular momentum to 1e-5."""
     scene = scene_of(np.diag([1.0, 2.0, 3.0]))
     spinning = replace(scene, initial=replace(scene.initial, omega_body=np.array([2e5, 1e5, 2e5])))
     simulation = built(spinning, "rk4", dt_s=1e-7)
@@ -146,7 +146,7 @@ def test_large_acceleration_alone_is_no_fault() -> None:
     np.testing.assert_allclose(momentum, [2e5, 2e5, 6e5], rtol=1e-5)
 
 
-def test_warning_that_numbers_were_altered_is_raised() -> None:
+def test_warning_of_altered_numbers_is_raised() -> None:
     """When MuJoCo replaces a singular inertia by a larger one, reading the state raises RuntimeError."""
     simulation = built(scene_of(np.diag([1.0, 2.0, 3.0])))
     simulation._model.dof_M0[3:] = 1e-17
@@ -155,16 +155,16 @@ def test_warning_that_numbers_were_altered_is_raised() -> None:
         simulation.read()
 
 
-def test_warnings_stay_off_the_terminal_and_the_disk(
+def test_warnings_are_neither_printed_nor_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """An unstable run prints and writes nothing, and leaves the user's own handler in place."""
+    """An unstable run prints and writes nothing, and the user's own handler stays in place."""
     monkeypatch.chdir(tmp_path)
     heard: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(heard.append)
     try:
-        test_body_that_grew_unstable_is_not_put_back_to_rest()
+        test_unstable_body_is_not_reset_to_rest()
         mujoco.get_mju_user_warning()("still mine")
     finally:
         mujoco.set_mju_user_warning(before)
@@ -175,7 +175,7 @@ def test_warnings_stay_off_the_terminal_and_the_disk(
 
 @pytest.mark.parametrize("scene", [scene_of(np.eye(3), mass=1e-16), scene_of(1e-16 * np.eye(3))])
 def test_body_below_the_compilers_minimum_is_unsupported(scene: Scene) -> None:
-    """A mass or moment below mjMINVAL is refused with the reason, as the compiler would refuse it."""
+    """A mass or moment below mjMINVAL is refused with the reason, as by the compiler."""
     assert "1e-15" in str(MuJoCo().unsupported(scene, "euler"))
     with pytest.raises(ValueError, match="mjMINVAL"):
         built(scene)
@@ -189,8 +189,8 @@ def loaded_by_a_sine() -> Scene:
     return replace(scene_of(np.eye(3)), loads=(SineTorque("body", np.array([1.0, 0.0, 0.0]), 3.0, 0.5),))
 
 
-def test_callback_is_gone_after_each_call() -> None:
-    """MuJoCo calls nothing of ours between two calls, whether the last one ended well or not."""
+def test_callback_is_removed_after_each_call() -> None:
+    """Between two calls MuJoCo has no callback of bodycheck, however the last call ended."""
     simulation = built(loaded_by_a_sine())
     simulation.advance(3)
     assert mujoco.get_mjcb_passive() is None
@@ -201,8 +201,8 @@ def test_callback_is_gone_after_each_call() -> None:
     assert mujoco.get_mjcb_passive() is None
 
 
-def test_callback_touches_no_other_body() -> None:
-    """A model that is stepped while another one's loads are set feels nothing of them."""
+def test_callback_acts_on_its_own_model_only() -> None:
+    """Stepping a model while another one's loads are set applies none of them."""
     loaded, free = built(loaded_by_a_sine()), built(loaded_by_a_sine())
     lasting = loaded._lasting
     assert lasting is not None
@@ -214,8 +214,8 @@ def test_callback_touches_no_other_body() -> None:
     np.testing.assert_array_equal(after.omega_body, before.omega_body)
 
 
-def test_evaluations_that_are_not_the_stages_are_found_out() -> None:
-    """Where MuJoCo evaluates forces more often than a step has stages, the clock is wrong: that is said."""
+def test_unexpected_evaluations_are_reported() -> None:
+    """It is an error if MuJoCo evaluates forces more often than a step has stages."""
     simulation = built(loaded_by_a_sine(), "rk4")
     lasting = simulation._lasting
     assert lasting is not None

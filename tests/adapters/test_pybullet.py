@@ -1,4 +1,4 @@
-"""What is particular to PyBullet."""
+"""Behaviour that is specific to PyBullet."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from spin_steps import SpinStep, explicit_step, implicit_gyroscopic_step
 
 from bodycheck.adapters.contract import read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, SineTorque, State, Timed, Torque
 from bodycheck.reference_impl.wrench import wrench_between
+from tests.helpers.first_order_maps import SpinStep, explicit_step, implicit_gyroscopic_step
 
 pybullet = pytest.importorskip("pybullet")
 
@@ -63,7 +63,7 @@ def adapter() -> Iterator[PyBullet]:
 
 @both_methods
 def test_first_step_has_the_inertia_of_the_initial_pose(adapter: PyBullet, method: str) -> None:
-    """From rest, one step under a body torque gives h I^-1 tau: nothing is left of a pose before."""
+    """From rest, one step under a body torque gives h I^-1 tau."""
     scene = scene_of((BODY_TORQUE,))
     simulation = loaded(adapter, scene, method)
     for _ in range(2):
@@ -101,8 +101,8 @@ def test_slow_body_is_not_put_to_sleep(adapter: PyBullet, method: str) -> None:
 
 
 @both_methods
-def test_growth_beyond_all_numbers_ends_in_nan(adapter: PyBullet, method: str) -> None:
-    """An unstable body ends non-finite or bounded by its own map, never at a clamp of ours."""
+def test_unbounded_growth_ends_in_nan(adapter: PyBullet, method: str) -> None:
+    """An unstable body ends non-finite or bounded by its own map, never at a clamp of the adapter."""
     simulation = adapter.build(moving(scene_of(), (0.0, 0.0, 0.0), (10.0, 200.0, 10.0)), method, 0.5)
     simulation.advance(100)
     omega = simulation.read().omega_world
@@ -115,7 +115,7 @@ def test_growth_beyond_all_numbers_ends_in_nan(adapter: PyBullet, method: str) -
 @pytest.mark.parametrize("steps", [2001, 70_001])
 @pytest.mark.parametrize("dt_s", [1e-3, 1.0 / 300.0, 0.1])
 def test_one_call_makes_every_step(adapter: PyBullet, method: str, dt_s: float, steps: int) -> None:
-    """A free fall in one advance ends at g h^2 n (n + 1) / 2.
+    """A free fall of 2001 substeps in one advance ends at g h^2 n (n + 1) / 2: no substep is left out.
 
     Asked for 2001 substeps of 1e-3 s in one call, Bullet makes 2000 and leaves one for the next call.
     """
@@ -139,18 +139,18 @@ def test_one_call_makes_every_step(adapter: PyBullet, method: str, dt_s: float, 
         ((WORLD_TORQUE, WORLD_FORCE), "python"),
     ],
 )
-def test_stepping_is_native_where_nothing_turns_with_the_body(
+def test_stepping_is_native_where_no_load_rotates_with_the_body(
     adapter: PyBullet, method: str, loads: tuple[Timed, ...], stepping: str
 ) -> None:
-    """Bullet's own substeps are used for gravity and for loads that are constant in world axes."""
+    """Bullet's substeps are used under gravity and loads that are constant in world axes."""
     simulation = adapter.build(scene_of(loads), method, 1e-2)
     assert simulation.stepping == stepping
     simulation.close()
 
 
 @both_methods
-def test_substeps_under_uniform_loads_are_steps(adapter: PyBullet, method: str) -> None:
-    """Under a world torque and a central world force, 1023 substeps are 1023 steps, bit for bit."""
+def test_substeps_under_constant_loads_equal_steps(adapter: PyBullet, method: str) -> None:
+    """Under a world torque and a central world force, 1023 substeps equal 1023 steps, bit for bit."""
     scene = moving(scene_of((WORLD_TORQUE, CENTRAL_FORCE)), (0.1, 0.2, 0.3), (0.1, 2.0, 0.1))
     at_once, singly = (loaded(adapter, scene, method, 1e-3) for _ in range(2))
     at_once.advance(1023)
@@ -164,7 +164,7 @@ def test_substeps_under_uniform_loads_are_steps(adapter: PyBullet, method: str) 
 
 @both_methods
 def test_central_force_has_no_torque_far_away(adapter: PyBullet, method: str) -> None:
-    """A million kilometres off the origin, a force through the centre of mass turns nothing."""
+    """A million kilometres from the origin, a force through the centre of mass exerts no torque."""
     scene = scene_of((CENTRAL_FORCE, BODY_FORCE))
     scene = replace(scene, initial=replace(scene.initial, position=np.array([1e9, -1e9, 1e9])))
     simulation = loaded(adapter, scene, method)
@@ -175,7 +175,7 @@ def test_central_force_has_no_torque_far_away(adapter: PyBullet, method: str) ->
 
 @both_methods
 def test_arm_of_a_force_is_exact_far_away(adapter: PyBullet, method: str) -> None:
-    """A million kilometres off the origin, a world force at a body point turns the body as at the origin."""
+    """A million kilometres from the origin, a force at a body point exerts the torque of the origin."""
     near = scene_of((WORLD_FORCE,))
     far = replace(near, initial=replace(near.initial, position=np.array([1e9, -1e9, 1e9])))
     simulations = [loaded(adapter, scene, method) for scene in (near, far)]
@@ -187,8 +187,8 @@ def test_arm_of_a_force_is_exact_far_away(adapter: PyBullet, method: str) -> Non
         simulation.close()
 
 
-def test_client_is_reused_when_no_other_is_alive(adapter: PyBullet) -> None:
-    """A closed simulation's client serves the next one; two that are alive have one each."""
+def test_client_is_reused_when_it_is_free(adapter: PyBullet) -> None:
+    """A closed simulation's client serves the next one; two open simulations have one client each."""
     first = adapter.build(scene_of(), "multibody", 1e-2)
     second = adapter.build(scene_of(), "maximal", 1e-2)
     assert first._client != second._client
@@ -201,10 +201,8 @@ def test_client_is_reused_when_no_other_is_alive(adapter: PyBullet) -> None:
     third.close()
 
 
-def test_a_client_in_which_building_failed_is_given_up(
-    adapter: PyBullet, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is disconnected, with the half of a body that may be in it; the next case has another."""
+def test_client_is_discarded_after_a_failed_build(adapter: PyBullet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is disconnected, with whatever was built in it; the next case gets a new one."""
 
     def refused(*_: object, **__: object) -> None:
         raise pybullet.error("no dynamics today")
@@ -222,8 +220,8 @@ def test_a_client_in_which_building_failed_is_given_up(
 
 
 @both_methods
-def test_quarter_turn_and_more_in_a_step_is_cut(adapter: PyBullet, method: str) -> None:
-    """Beyond |omega| h = pi/4 Bullet turns a body by less, so a step that long is no fault of the adapter."""
+def test_rotation_per_step_is_limited_by_bullet(adapter: PyBullet, method: str) -> None:
+    """Beyond |omega| h = pi/4 Bullet itself rotates a body by less."""
     angles = []
     for turn in (0.78, 1.0, 5.0):
         scene = moving(scene_of(inertia=np.eye(3)), (0.0, 0.0, 0.0), (turn, 0.0, 0.0))
@@ -240,8 +238,8 @@ def test_quarter_turn_and_more_in_a_step_is_cut(adapter: PyBullet, method: str) 
 
 @both_methods
 @pytest.mark.parametrize("planted", ["mass", "inertia", "step", "gravity"])
-def test_read_back_asks_the_engine(adapter: PyBullet, method: str, planted: str) -> None:
-    """A number that changes in the engine changes what is read back."""
+def test_read_back_reads_the_engine(adapter: PyBullet, method: str, planted: str) -> None:
+    """A value changed in the engine changes what is read back."""
     scene = scene_of(inertia=np.array([[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 2.5]]))
     simulation = adapter.build(scene, method, 1e-2)
     assert read_back_mismatch(scene, 1e-2, simulation.read_back()) is None
@@ -263,10 +261,8 @@ def test_read_back_asks_the_engine(adapter: PyBullet, method: str, planted: str)
 
 
 @pytest.mark.parametrize(("size", "turns"), [(5e-6, True), (2e-6, False)])
-def test_a_small_body_loses_its_gyroscopic_term_in_maximal_coordinates(
-    adapter: PyBullet, size: float, turns: bool
-) -> None:
-    """Where the moments multiply to less than machine epsilon omega stays constant, as on no other path."""
+def test_small_body_loses_its_gyroscopic_term(adapter: PyBullet, size: float, turns: bool) -> None:
+    """In maximal coordinates omega stays constant if the product of the moments is below machine epsilon."""
     small = moving(scene_of(inertia=size * np.diag([1.0, 2.0, 2.5])), (0.0, 0.0, 0.0), (0.3, 1.0, -0.2))
     for method, expected in (("maximal", turns), ("multibody", True)):
         simulation = loaded(adapter, small, method)
@@ -285,8 +281,8 @@ URDF = """
 
 
 @pytest.mark.parametrize("kind", ["multibody", "maximal"])
-def test_untouched_body_is_one_loaded_from_a_file(kind: str, tmp_path: Path) -> None:
-    """With its defaults a body makes, digit for digit, the steps of a URDF's: damping, clamps and all."""
+def test_body_with_defaults_equals_one_loaded_from_a_file(kind: str, tmp_path: Path) -> None:
+    """With its defaults a body makes the steps of a URDF's, bit for bit: damping, clamps and all."""
     inertia = np.diag([1.0, 2.0, 2.5])
     initial = State(
         np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.array([3.0, 0.0, 40.0]), np.array([0.9, 1.3, -0.8])
@@ -327,8 +323,8 @@ def test_untouched_body_is_one_loaded_from_a_file(kind: str, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("method", "step"), [("multibody", explicit_step), ("maximal", implicit_gyroscopic_step)]
 )
-def test_a_load_that_varies_is_held_over_all_substeps(method: str, step: SpinStep) -> None:
-    """A sine torque in body axes stays as it was at the start of the four substeps, in world axes too."""
+def test_varying_load_is_constant_over_all_substeps(method: str, step: SpinStep) -> None:
+    """A sine torque in body axes keeps its value of the step's start over the four substeps."""
     sine = SineTorque("body", np.array([0.9, -1.2, 0.7]), 2.3, 0.4)
     scene = replace(moving(scene_of(), (0.0, 0.0, 0.0), (0.9, 1.3, -0.8)), loads=(sine,))
     simulation = PyBullet().build(scene, f"{method}@substeps", 1e-2)
@@ -348,7 +344,7 @@ def test_a_load_that_varies_is_held_over_all_substeps(method: str, step: SpinSte
 
 @pytest.mark.parametrize("method", ["multibody", "maximal"])
 def test_substeps_are_steps_of_their_length(method: str) -> None:
-    """Free, a step with four substeps makes the digits of four steps, and holds its own."""
+    """A free step of four substeps equals four steps bit for bit, and reads back its own length."""
     scene = moving(scene_of(), (1.0, 2.0, 3.0), (0.1, 2.0, 0.1))
     ends = []
     for name, dt_s, steps in ((method, 2.5e-3, 400), (f"{method}@substeps", 1e-2, 100)):

@@ -1,4 +1,4 @@
-"""The reference's closed form as a method among the others."""
+"""The closed form of the reference as a method."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ PUSH = PointForce("world", np.array([1.0, 0.5, 0.0]), np.zeros(3), 0.7)
     [(), (PULSE, PUSH), (Drag(0.1, 0.5 * TOP.body.inertia), PUSH)],
     ids=["free", "pulse and push", "drag"],
 )
-def test_closed_form_is_the_truth(loads: tuple[Timed, ...]) -> None:
-    """Where the scene has a closed form the method holds the scene, and its samples are the exact truth's."""
+def test_closed_form_equals_the_exact_truth(loads: tuple[Timed, ...]) -> None:
+    """The method reads back the scene, and its samples are those of the exact truth."""
     scene, reference = replace(TOP, loads=loads), Reference()
     assert reference.unsupported(scene, "exact") is None
     solver = reference.solver(scene, "exact", None)
@@ -38,8 +38,8 @@ def test_closed_form_is_the_truth(loads: tuple[Timed, ...]) -> None:
     np.testing.assert_array_equal(found.position_m, truth.trajectory.position_m)
 
 
-def test_without_closed_form_the_reason_is_given() -> None:
-    """A torque across the spin leaves no closed form: the method says so, and is not built all the same."""
+def test_scene_without_closed_form_is_unsupported() -> None:
+    """A torque across the spin has no closed form: the method states the reason and refuses to build."""
     scene, reference = replace(TOP, loads=(Torque("body", np.ones(3)),)), Reference()
     assert "no closed form" in str(reference.unsupported(scene, "exact"))
     assert reference.unsupported(scene, "taylor") is None

@@ -1,4 +1,4 @@
-"""A scene that travels to a worker and back is the same scene."""
+"""A scene sent to a worker arrives unchanged."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenario_text import parse_scenario
 
 from bodycheck.adapters.contract import Adapter
 from bodycheck.adapters.reference import Reference
@@ -17,12 +16,13 @@ from bodycheck.adapters.workers.protocol import line_of, message_of
 from bodycheck.reference_impl.integrators import INTEGRATORS
 from bodycheck.reference_impl.scene import CallbackLoad, Scene
 from bodycheck.scenarios.library import load_scenario, load_scenarios
+from tests.helpers.scenario_parsing import parse_scenario
 
 LIBRARY = [how for how, _ in load_scenarios(["standard", "forcings"])]
 
 
 def there_and_back(scene: Scene) -> Scene:
-    """Return what the line of a scene says."""
+    """Return the scene that is read from the message of a scene."""
     return scene_of(message_of(line_of(scene_message(scene))))
 
 
@@ -40,8 +40,8 @@ def same(one: Any, other: Any) -> bool:
 
 
 @pytest.mark.parametrize("name", LIBRARY)
-def test_a_scene_survives_its_message(name: str) -> None:
-    """Body, start, loads of every kind, gravity, pivot: equal to the last bit."""
+def test_scene_survives_its_message(name: str) -> None:
+    """Body, initial state, loads of every kind, gravity and pivot are equal to the last bit."""
     scene = load_scenario(name).scene
     assert same(there_and_back(scene), scene)
 
@@ -58,15 +58,15 @@ link_quaternion = [0.6, 0.0, 0.8, 0.0]
 """
 
 
-def test_a_link_frame_survives_its_message() -> None:
-    """The frame in which an engine is to be built is the worker's to know."""
+def test_link_frame_survives_its_message() -> None:
+    """The frame in which an engine is to be built arrives unchanged."""
     scene = parse_scenario(LINKED, "linked.toml").scene
     assert scene.link is not None
     assert same(there_and_back(scene), scene)
 
 
-def test_a_function_travels_as_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The worker imports it by that name, and asks the same function."""
+def test_callback_load_is_sent_as_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The worker imports the function by that name and evaluates it."""
     (tmp_path / "my_wrench_here.py").write_text("def f(t, x, r, v, w):\n    return [t, 0, 0], -w\n")
     monkeypatch.chdir(tmp_path)
     text = LINKED + '[[forcing]]\nkind = "callable"\nfunction = "my_wrench_here:f"\n'
@@ -80,8 +80,8 @@ def test_a_function_travels_as_its_name(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("name", LIBRARY)
-def test_the_reference_refuses_what_it_cannot_by_a_reason(name: str) -> None:
-    """Each of its methods either says why it is not for a scene, or is made for it without an error."""
+def test_reference_refuses_unsupported_scenes_with_a_reason(name: str) -> None:
+    """Each method either states why it does not support a scene or builds it without error."""
     adapter: Adapter = Reference()
     scene = load_scenario(name).scene
     assert adapter.unsupported(scene, "taylor") is None
@@ -92,8 +92,10 @@ def test_the_reference_refuses_what_it_cannot_by_a_reason(name: str) -> None:
         assert reason is None or reason.isprintable()
 
 
-def test_the_reference_asks_a_function_where_it_can(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of its methods those refuse whose loads are needed within compiled code, each by its reason."""
+def test_reference_supports_callback_loads_where_it_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Methods that need loads within compiled code refuse them with a reason."""
     (tmp_path / "asked_by_the_reference.py").write_text("def f(t, x, r, v, w):\n    return -v, -w\n")
     monkeypatch.chdir(tmp_path)
     text = LINKED + '[[forcing]]\nkind = "callable"\nfunction = "asked_by_the_reference:f"\n'
@@ -101,6 +103,8 @@ def test_the_reference_asks_a_function_where_it_can(tmp_path: Path, monkeypatch:
     adapter: Adapter = Reference()
     reasons = {name: adapter.unsupported(scene, name) for name in adapter.methods}
     compiled = [m.name for m in INTEGRATORS.values() if m.lasting == "every stage" and m.tableau is None]
+    single = [name for name, method in adapter.methods.items() if method.precision == "float32"]
     refused = {"exact": "closed form", "taylor": "series", **dict.fromkeys(compiled, "compiled")}
+    refused |= dict.fromkeys(single, "constant loads only")
     assert {name for name, reason in reasons.items() if reason} == set(refused)
     assert all(words in (reasons[name] or "") for name, words in refused.items())

@@ -1,34 +1,35 @@
-"""The largest stable step: of made-up methods, of linear theory, and beside a scan without any cleverness."""
+"""The largest stable step: its search, linear theory, and comparison with a scan of every step."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.contract import Reading, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.stable_step import Search, StableStep, largest_stable, stable_step
 from bodycheck.adapters.workers import case_messages, protocol
 from bodycheck.adapters.workers.worker import RequestHandler
-from bodycheck.reference_impl.scene import Drag, Load, RigidBody, Scene, Spring, State
+from bodycheck.reference_impl.scene import Drag, Load, RigidBody, Scene, Spring, State, Torque
 from bodycheck.scenarios.library import load_scenario
 
 
 def unstable_above(limit: float) -> Callable[[float], str | None]:
-    """Return a method that breaks down at every step above a limit."""
+    """Return a method that is unstable at every step above a limit."""
     return lambda step: f"broken at {step!r}" if step > limit else None
 
 
 @pytest.mark.parametrize("limit", [1.01e-3, 3e-3, 0.0333, 0.5, 0.99])
 @pytest.mark.parametrize("start", [1e-3, 0.4])
-def test_the_bracket_holds_the_limit_to_one_percent(limit: float, start: float) -> None:
-    """The largest stable step is below the limit, the next unstable one above, 1 % apart, with its reason."""
+def test_bracket_contains_the_limit_within_one_percent(limit: float, start: float) -> None:
+    """The limit lies between the stable and the unstable step, 1 % apart, the latter with its reason."""
     found = largest_stable(unstable_above(limit), start, 1e-4, 1.0)
     assert found.stable_s is not None
     assert found.unstable_s is not None
@@ -36,20 +37,9 @@ def test_the_bracket_holds_the_limit_to_one_percent(limit: float, start: float) 
     assert found.reason == f"broken at {found.unstable_s!r}"
 
 
-def test_a_method_that_never_breaks_down_is_stable_up_to_the_highest_step() -> None:
-    """There is no unstable step then, and no reason."""
-    assert largest_stable(unstable_above(2.0), 1e-3, 1e-4, 1.0) == StableStep("ok", stable_s=1.0)
-
-
-def test_a_method_that_always_breaks_down_has_no_stable_step() -> None:
-    """The lowest step is the one that was found unstable."""
-    found = largest_stable(unstable_above(0.0), 1e-3, 1e-4, 1.0)
-    assert (found.stable_s, found.unstable_s, found.reason) == (None, 1e-4, "broken at 0.0001")
-
-
 @pytest.mark.parametrize("begin", [0.031, 0.07, 0.1, 0.23, 0.44])
-def test_the_first_unstable_steps_count_and_not_the_last(begin: float) -> None:
-    """An island of unstable steps that is wider than a tenth is never passed over."""
+def test_first_unstable_steps_count(begin: float) -> None:
+    """An island of unstable steps that is wider than a tenth is never skipped."""
     found = largest_stable(lambda step: "sea" if begin < step < 1.11 * begin else None, 1e-2, 1e-3, 1.0)
     assert found.stable_s == pytest.approx(begin, rel=0.01)
 
@@ -77,8 +67,8 @@ THEORY = {
 
 
 @pytest.mark.parametrize("what", THEORY)
-def test_the_limit_is_that_of_linear_theory(what: str) -> None:
-    """Stiff springs and drag break an explicit method down at the step that theory gives, within 2 %."""
+def test_limit_equals_that_of_linear_theory(what: str) -> None:
+    """Stiff springs and drag make an explicit method unstable at the theoretical step, within 2 %."""
     scene, method, limit = THEORY[what]
     found = stable_step(Reference(), Search(Case(scene, method, Setting(dt_s=1e-3)), 1e-4, 0.1, 1e6))
     assert found.outcome == "ok"
@@ -127,8 +117,8 @@ SCANNERS = [
 )
 @pytest.mark.parametrize(("engine", "method"), SCANNERS)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # what runs away overflows
-def test_the_limit_is_that_of_a_scan_of_every_step(scenario: str, engine: str, method: str) -> None:
-    """The first unstable step of a scan in steps of 1 %, judged at every step, is within 2 % of the limit."""
+def test_limit_equals_that_of_a_scan(scenario: str, engine: str, method: str) -> None:
+    """The first unstable step of a scan in steps of 1 % is within 2 % of the limit."""
     if engine != "reference":
         pytest.importorskip({"mujoco": "mujoco", "dart": "dartpy"}[engine])
     duration, start, highest, limit_j = SCANNED[scenario]
@@ -149,23 +139,23 @@ SEARCH = Search(Case(SPRING, "m1", Setting(dt_s=1e-3)), 1e-4, 0.1, 1e6)
 
 
 @pytest.mark.parametrize("limit", [1e6, math.inf])
-def test_a_search_is_the_same_after_its_message(limit: float) -> None:
-    """Read and written again a request is the very same, an infinite limit of K too."""
+def test_search_survives_its_message(limit: float) -> None:
+    """A request written and read again is the same, with an infinite limit of K too."""
     message = case_messages.search_message(replace(SEARCH, kinetic_limit_j=limit))
     assert case_messages.search_message(case_messages.search_of(message)) == message
     assert case_messages.search_of(message).kinetic_limit_j == limit
 
 
-def test_a_worker_answers_a_search() -> None:
-    """What a worker says is what the search finds."""
+def test_worker_answers_a_search() -> None:
+    """A worker's answer equals the result of the search."""
     answer = RequestHandler(Reference()).answer(
         {"id": 1, "do": "stable-step", **case_messages.search_message(SEARCH)}
     )
     assert protocol.stable_step_of(answer) == stable_step(Reference(), SEARCH)
 
 
-def test_a_scene_that_an_engine_cannot_represent_is_unsupported() -> None:
-    """No step is tried then."""
+def test_unsupported_scene_is_reported() -> None:
+    """No step is tried."""
     found = stable_step(Reference(), replace(SEARCH, case=Case(DRAG, "splitting6", Setting(dt_s=1e-3))))
     assert (found.outcome, found.stable_s) == ("unsupported", None)
     assert found.message
@@ -184,7 +174,188 @@ def test_a_scene_that_an_engine_cannot_represent_is_unsupported() -> None:
         {"stable_s": 0.1, "unstable_s": math.inf},
     ],
 )
-def test_what_says_no_step_is_no_answer(wrong: dict[str, object]) -> None:
-    """Neither no step at all nor what is no positive number passes for a finding."""
+def test_answer_without_a_valid_step_is_refused(wrong: dict[str, object]) -> None:
+    """An answer without a step, or with one that is not a positive number, is refused."""
     with pytest.raises(protocol.ProtocolError):
         protocol.stable_step_of({"outcome": "ok", "message": "", "reason": "", **wrong})
+
+
+# -------------------------------------------------------------------------------------- trials of the search
+
+
+def trials(limit: float, start: float, lowest: float, highest: float) -> tuple[list[float], StableStep]:
+    """Return the steps that are tried of a method that breaks down above a limit, and what is found."""
+    tried: list[float] = []
+
+    def broken(step: float) -> str | None:
+        tried.append(step)
+        return "broken" if step > limit else None
+
+    return tried, largest_stable(broken, start, lowest, highest)
+
+
+def test_scan_goes_up_by_a_tenth_and_then_bisects() -> None:
+    """On a log scale the bracket is halved until it is at most 1 % wide."""
+    tried, found = trials(1.5, 1.0, 0.1, 2.0)
+    scan = [1.1**k for k in range(6)]
+    assert tried[:6] == pytest.approx(scan)
+    assert tried[6] == pytest.approx(math.sqrt(scan[4] * scan[5]))
+    assert len(tried) == 6 + 4  # log 1.1 / 2^4 is the first within log 1.01
+    assert found.stable_s is not None
+    assert found.unstable_s is not None
+    assert found.stable_s <= 1.5 < found.unstable_s <= 1.01 * found.stable_s
+    assert found.reason == "broken"
+
+
+def test_scan_ends_with_the_highest_step() -> None:
+    """The highest step is tried, and nothing after it."""
+    tried, found = trials(9.0, 1.0, 0.1, 1.15)
+    assert tried == pytest.approx([1.0, 1.1, 1.15])
+    assert found == StableStep("ok", stable_s=1.15)
+    assert trials(9.0, 1.0, 0.1, 1.0) == ([1.0], StableStep("ok", stable_s=1.0))
+
+
+def test_unstable_start_is_halved_down_to_the_lowest_step() -> None:
+    """The lowest step is tried; from the first stable step the scan goes up."""
+    tried, found = trials(0.0, 1.0, 0.3, 2.0)
+    assert tried == [1.0, 0.5, 0.3]
+    assert found == StableStep("ok", unstable_s=0.3, reason="broken")
+    tried, found = trials(0.3, 1.0, 0.3, 2.0)
+    assert tried[:4] == pytest.approx([1.0, 0.5, 0.3, 0.33])
+    assert found.stable_s is not None
+    assert found.stable_s == pytest.approx(0.3, rel=0.01)
+
+
+# ------------------------------------------------------------------------------------------- of an engine
+
+
+@dataclass
+class Runner:
+    """A body of 2 kg at 1 m/s whose speed changes at given steps; it records the calls."""
+
+    scene: Scene
+    dt_s: float
+    speeds: dict[int, float]
+    advanced: list[int] = field(default_factory=list)
+    closed: int = 0
+
+    def apply(self, wrench: Any) -> None:
+        """Heed no load."""
+
+    def advance(self, steps: int) -> None:
+        """Count."""
+        self.advanced.append(steps)
+
+    def read(self) -> Reading:
+        """Return the speed of the last change."""
+        made = sum(self.advanced)
+        speed = [1.0, *(speed for begin, speed in self.speeds.items() if made >= begin)][-1]
+        velocity = np.array([speed, 0.0, 0.0])
+        return Reading(np.zeros(3), velocity, np.array([1.0, 0, 0, 0]), omega_body=np.zeros(3))
+
+    def close(self) -> None:
+        """Count."""
+        self.closed += 1
+
+
+class Running:
+    """An engine whose method is stable where its speeds are; it records its simulations."""
+
+    def __init__(self, speeds: dict[int, float], above_s: float = 0.0) -> None:
+        self.speeds, self.above_s, self.made = speeds, above_s, list[Runner]()
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:
+        """Refuse one method."""
+        del scene
+        return "no" if method == "none" else None
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> Runner:
+        """Build one, that runs away only at steps above the limit."""
+        del method
+        self.made.append(Runner(scene, dt_s, self.speeds if dt_s > self.above_s else {}))
+        return self.made[-1]
+
+
+def searched(
+    engine: Any, dt_s: float, *loads: Torque, duration_s: float = 1.0, samples: int = 11, **cells: Any
+) -> StableStep:
+    """Return what is found from one step up to it, of a body of 2 kg; the limit of K is 100 J."""
+    start = State(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
+    scene = Scene(RigidBody(2.0, np.eye(3)), start, loads, np.zeros(3), duration_s, samples)
+    case = Case(scene, cells.pop("method", "rk4"), Setting(dt_s=dt_s))
+    bounds = {"lowest_s": dt_s, "highest_s": dt_s, "kinetic_limit_j": 100.0, **cells}
+    return stable_step(engine, Search(case, **bounds))
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "dt_s", "samples", "advanced"),
+    [
+        (1.0, 0.25, 11, [1, 1, 1, 1]),
+        (1.0, 0.3, 3, [2, 2]),  # the last step ends after the scene
+        (1.0, 0.2, 3, [2, 2, 1]),
+        (1.1, 0.1, 2, [11]),  # 1.1 / 0.1 is a rounding above 11
+        (1.0, 3.0, 11, [1]),
+        (1.0, 0.001, 1001, 50 * [20]),
+        (1.0, 0.001, 11, 10 * [100]),
+    ],
+)
+def test_trial_covers_the_scene_and_its_samples(
+    duration_s: float, dt_s: float, samples: int, advanced: list[int]
+) -> None:
+    """A trial ends with its last step and reads at each sample, at most fifty times."""
+    engine = Running({})
+    found = searched(engine, dt_s, duration_s=duration_s, samples=samples)
+    assert found == StableStep("ok", stable_s=dt_s)
+    (made,) = engine.made
+    assert (made.advanced, made.closed) == (advanced, 1)
+    assert made.scene.duration_s == sum(advanced) * dt_s
+    assert made.scene.samples == 2
+    assert made.dt_s == pytest.approx(dt_s)
+
+
+def test_trial_stops_at_every_switching_time() -> None:
+    """Each segment between switching times is advanced in pieces of its own."""
+    engine = Running({})
+    push = Torque("world", np.array([1.0, 0.0, 0.0]), from_s=0.3, until_s=0.8)
+    searched(engine, 0.1, push, samples=6)
+    assert engine.made[0].advanced == [2, 1, 2, 2, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("speeds", "reason"),
+    [
+        ({3: 10.0}, ""),  # K = 100 J, and no more
+        ({3: 10.1}, "kinetic energy above 100 times the true maximum from t = 0.3 s on"),
+        ({3: 10.1, 4: 1.0}, "kinetic energy above 100 times the true maximum from t = 0.3 s on"),
+        ({5: math.nan}, "velocity_m_s is not finite from t = 0.5 s on"),
+        ({5: 1e200}, "kinetic energy above 100 times the true maximum from t = 0.5 s on"),
+    ],
+)
+def test_method_is_unstable_at_an_invalid_reading(speeds: dict[int, float], reason: str) -> None:
+    """Kinetic energy above its limit, or a value that is not finite, is reported with its time."""
+    found = searched(Running(speeds), 0.1)
+    expected = {"unstable_s": 0.1, "reason": reason} if reason else {"stable_s": 0.1}
+    assert found == StableStep("ok", **expected)
+
+
+def test_search_stays_within_its_bounds() -> None:
+    """It goes from the case's step down to the lowest and up to the highest step."""
+    engine = Running({1: 1e3}, above_s=0.06)
+    found = searched(engine, 0.2, lowest_s=0.05, highest_s=0.4)
+    assert [made.dt_s for made in engine.made[:4]] == pytest.approx([0.2, 0.1, 0.05, 0.055])
+    assert found.stable_s == pytest.approx(0.06, rel=0.01)
+    assert all(made.closed == 1 for made in engine.made)
+    assert searched(engine, 0.1, method="none") == StableStep("unsupported", "no")
+
+
+def test_simulation_is_closed_when_the_engine_raises(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The engine's error is passed on."""
+
+    def give_up(runner: Runner, steps: int) -> None:
+        raise RuntimeError(f"{runner.dt_s}: no solution after {steps} step")
+
+    monkeypatch.setattr(Runner, "advance", give_up)
+    engine = Running({})
+    with pytest.raises(RuntimeError, match="no solution after 1 step"):
+        searched(engine, 0.1)
+    assert engine.made[0].closed == 1

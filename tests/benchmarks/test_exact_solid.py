@@ -1,4 +1,4 @@
-"""The rational mass properties that the mesh is measured with are right themselves."""
+"""The rational mass properties with which meshes are compared."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 
 
 @pytest.mark.parametrize("shift", [np.zeros(3), np.array([1000.0, -0.1, 3.0])])
-def test_the_unit_tetrahedron_has_the_values_of_the_textbook(shift: np.ndarray) -> None:
-    """m = 1/6, centre 1/4, and about it I_xx = 1/80, I_xy = 1/480, wherever it lies, without any rounding."""
+def test_unit_tetrahedron_has_the_textbook_values(shift: np.ndarray) -> None:
+    """m = 1/6, centre 1/4, and about it I_xx = 1/80, I_xy = 1/480, exactly, wherever it lies."""
     moved = _CORNERS + shift
     exact = exact_solid(moved, _FACES)
     if not shift.any():
@@ -32,8 +32,8 @@ def test_the_unit_tetrahedron_has_the_values_of_the_textbook(shift: np.ndarray) 
 
 
 @pytest.mark.parametrize("fault", ["mass", "centre", "inertia"])
-def test_a_wrong_solid_is_told(fault: str) -> None:
-    """One part in 10^9 in mass, centre or inertia shows as such."""
+def test_wrong_solid_is_detected(fault: str) -> None:
+    """A part in 10^9 in mass, centre or inertia is detected."""
     vertices, triangles = ellipsoid_mesh(1)
     right = polyhedron(vertices, triangles)
     exact = exact_solid(vertices, triangles)
@@ -47,7 +47,7 @@ def test_a_wrong_solid_is_told(fault: str) -> None:
 
 
 @pytest.mark.parametrize("subdivisions", [0, 1, 3])
-def test_the_mesh_is_closed_and_nears_the_ellipsoid(subdivisions: int) -> None:
+def test_mesh_is_closed_and_converges_to_the_ellipsoid(subdivisions: int) -> None:
     """20 x 4^n triangles, each edge once in each direction, volume towards 4/3 pi a b c from below."""
     vertices, triangles = ellipsoid_mesh(subdivisions)
     assert len(triangles) == 20 * 4**subdivisions

@@ -1,4 +1,4 @@
-"""The search finds the cheapest setting that keeps an error, whatever the error's law."""
+"""The search for the cheapest setting that meets an error tolerance, whatever the error's law."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from benchmarks.search import cheapest, most_accurate, tried
 
 @dataclass
 class Synthetic:
-    """A solver whose angle to the truth is what a law says; it must have been run from its start."""
+    """A solver whose angle to the truth follows a given law; it must start from its initial state."""
 
     problem: Problem
     angle: float
@@ -50,8 +50,8 @@ def contender(law: Callable[[float], float], settings: tuple[float, ...]) -> Con
 
 @pytest.mark.parametrize("order", [1, 2, 4, 8])
 @pytest.mark.parametrize("target", [1e-2, 1e-5, 1e-9])
-def test_the_fewest_steps_of_a_method_of_known_order_are_found(order: int, target: float) -> None:
-    """With error 0.9 n^-p the setting found is the first of the grid from (target / 0.9)^(-1/p) on."""
+def test_fewest_steps_of_a_method_of_known_order_are_found(order: int, target: float) -> None:
+    """With error 0.9 n^-p the setting is the first of the grid from (target / 0.9)^(-1/p) on."""
     needed = (target / 0.9) ** (-1.0 / order)
     settings = tuple(needed * (0.9 + 0.03 * k) for k in range(10))
     found = cheapest(tried(contender(lambda n: 0.9 * n**-order, settings), FREE, target), target)
@@ -59,14 +59,14 @@ def test_the_fewest_steps_of_a_method_of_known_order_are_found(order: int, targe
     assert found.setting == next(n for n in settings if n >= needed)
 
 
-def test_the_search_goes_no_further_than_it_must() -> None:
-    """No setting beyond the first that keeps the hardest target is tried: they cost the most."""
+def test_search_stops_at_the_first_setting() -> None:
+    """No setting beyond the first that meets the hardest target is tried: they cost the most."""
     found = tried(contender(lambda n: 1.0 / n, tuple(float(n) for n in range(1, 100))), FREE, 0.1)
     assert [one.setting for one in found] == [float(n) for n in range(1, 11)]
 
 
-def test_an_error_that_is_not_monotone_gives_the_first_setting() -> None:
-    """A dearer setting with a smaller error is no reason to pay for it."""
+def test_error_that_is_not_monotone_gives_the_first_setting() -> None:
+    """A more expensive setting with a smaller error is not chosen."""
     errors = {1.0: 1e-1, 2.0: 1e-4, 3.0: 1e-3, 4.0: 1e-6}
     found = tried(contender(errors.__getitem__, tuple(errors)), FREE, 1e-6)
     assert [one.setting for one in found] == [1.0, 2.0, 3.0, 4.0]
@@ -74,8 +74,8 @@ def test_an_error_that_is_not_monotone_gives_the_first_setting() -> None:
 
 
 @pytest.mark.parametrize("lost", [math.nan, math.inf])
-def test_what_is_out_of_reach_or_lost_is_never_found(lost: float) -> None:
-    """A floor above the target gives None and the best there is; NaN and infinity are never good."""
+def test_unreachable_target_gives_none(lost: float) -> None:
+    """A floor above the target gives None and the best setting; NaN and infinity are never accepted."""
     errors = {1.0: lost, 2.0: 1e-3, 3.0: 1e-5, 4.0: 1e-5, 5.0: lost}
     found = tried(contender(errors.__getitem__, tuple(errors)), FREE, 1e-9)
     assert len(found) == len(errors)
@@ -91,15 +91,15 @@ def test_omega_counts_as_much_as_the_angle() -> None:
     assert FREE.error((-2.0 * true.attitude[-1], true.omega_body[-1])) < 1e-15
 
 
-def test_the_truth_of_a_free_body_is_no_closed_form() -> None:
-    """The closed form is a contender, so it is measured with the other method, whose bound is below 1e-15."""
+def test_truth_of_a_free_body_is_not_the_closed_form() -> None:
+    """The closed form is a contender, so the truth is the other method, with a bound below 1e-15."""
     assert FREE.truth.kind == "certified"
     assert FREE.truth.bound_rad[-1] < 1e-15
     assert replace(FREE, name="again").truth.kind == "certified"
 
 
 def test_grids_are_evenly_spaced_and_equally_fine() -> None:
-    """Steps come eight to the octave, tolerances eight to the decade, both from cheap to dear."""
+    """Steps are eight per octave, tolerances eight per decade, both from cheap to expensive."""
     steps, tols = np.array(step_counts(64, 4096)), np.array(tolerances(1e-2, 1e-6))
     assert (steps[0], steps[-1], len(steps)) == (64, 4096, 6 * 8 + 1)
     assert np.diff(np.log2(steps)) == pytest.approx(1 / 8, abs=0.02)

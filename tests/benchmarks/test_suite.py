@@ -1,4 +1,4 @@
-"""The benchmark as a whole, at sizes that a test can afford; and what is committed of the real one."""
+"""The benchmark as a whole at reduced sizes, and the committed results of the full one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from typing import Any, cast
 
 import pandas as pd
 import pytest
-from full_disk import no_file_longer_than
 
 from benchmarks.__main__ import main
 from benchmarks.figures import FIGURES, Figure, Measured
@@ -23,6 +22,7 @@ from benchmarks.store import NOT_LIKE_FOR_LIKE, POINTS, read_points, read_result
 from benchmarks.suite import Measurements
 from benchmarks.table import markdown_table, terminal_table
 from bodycheck._util.errors import InputError
+from tests.helpers.file_size_limit import file_size_limit
 
 ROOT = Path(__file__).parents[2]
 COMMITTED = ROOT / "benchmarks"
@@ -40,8 +40,8 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.nightly
-def test_every_figure_is_there_and_none_is_judged(quick: Path) -> None:
-    """results.csv has the list's figures in order; what was not measured says why, and nothing is a pass."""
+def test_smoke_test_has_every_figure_and_no_verdict(quick: Path) -> None:
+    """results.csv has the figures in order; what was not measured says why, and nothing passes."""
     results = read_results(quick)
     assert list(results["figure"]) == [figure.name for figure in FIGURES]
     assert results.loc[results["value"].isna(), "note"].all()
@@ -52,8 +52,8 @@ def test_every_figure_is_there_and_none_is_judged(quick: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_tuned_contenders_keep_the_error(quick: Path) -> None:
-    """Each timed point's error is at most its target; one without a time shows an error above it."""
+def test_tuned_contenders_meet_the_target(quick: Path) -> None:
+    """Each timed point's error is at most its target; one without a time has an error above it."""
     points = read_points(quick)
     timed = points["time_s"].notna()
     assert {"Taylor", "closed form", "MuJoCo rk4", "scipy DOP853"} <= set(points.loc[timed, "contender"])
@@ -65,8 +65,8 @@ def test_tuned_contenders_keep_the_error(quick: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_the_machine_is_named_by_its_parts_alone(quick: Path) -> None:
-    """machine.json has processor, cores, versions, and the note that it is not like for like; no path."""
+def test_machine_is_described_without_paths(quick: Path) -> None:
+    """machine.json has processor, cores, versions and the note that sizes differ; no path."""
     text = (quick / "machine.json").read_text()
     facts = json.loads(text)
     assert facts["note"] == NOT_LIKE_FOR_LIKE
@@ -98,14 +98,14 @@ def not_to_be_reached(*told: object) -> Measurements:
     ],
     ids=["no folder", "the committed ones", "a file", "within a file", "no place for files"],
 )
-def test_a_folder_that_is_not_to_be_written_is_refused_before_anything_is_measured(
+def test_wrong_output_folder_is_refused_before_measuring(
     words: list[str],
     message: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """It is told in one line, with status 2; small sizes never take the place of the committed figures."""
+    """It is one line and status 2; reduced sizes never replace the committed figures."""
     (tmp_path / "file").touch()
     monkeypatch.chdir(ROOT if words == ["--quick"] else tmp_path)
     monkeypatch.setattr("benchmarks.suite.measure", not_to_be_reached)
@@ -113,10 +113,10 @@ def test_a_folder_that_is_not_to_be_written_is_refused_before_anything_is_measur
     assert re.fullmatch(message + "\n", capsys.readouterr().err)
 
 
-def test_an_interrupt_ends_in_one_line_and_leaves_nothing(
+def test_interrupt_ends_in_one_line_without_output(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Ctrl-C while it measures: the status is that of an interrupt, and no folder was made."""
+    """Ctrl-C while it measures gives the status of an interrupt, and no folder."""
 
     def interrupted(*told: object) -> Measurements:
         raise KeyboardInterrupt(told)
@@ -127,11 +127,11 @@ def test_an_interrupt_ends_in_one_line_and_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_full_disk_leaves_no_file_cut_off(tmp_path: Path) -> None:
-    """A file that cannot be written whole is not there, and the one line says which it is."""
+def test_full_disk_leaves_no_truncated_file(tmp_path: Path) -> None:
+    """A file that cannot be written completely is absent, and one line names it."""
     points = read_points(COMMITTED)
     results = Measurements([Measured(figure.name, None) for figure in FIGURES], cast("Any", points))
-    with pytest.MonkeyPatch.context() as patched, no_file_longer_than(10_000):
+    with pytest.MonkeyPatch.context() as patched, file_size_limit(10_000):
         patched.setattr("benchmarks.store.points_table", lambda measured: measured.points)
         with pytest.raises(InputError, match=f"{POINTS}: cannot be written: File too large"):
             write_results(results, tmp_path, command="", quick=False)
@@ -152,7 +152,7 @@ def test_a_full_disk_leaves_no_file_cut_off(tmp_path: Path) -> None:
     ],
 )
 def test_a_target_is_met_or_missed(figure: Figure, value: float | None, verdict: str) -> None:
-    """At the bound is met, beyond it and NaN missed; nothing measured is neither."""
+    """At the bound is met, beyond it and NaN missed; without a measurement it is neither."""
     assert figure.verdict(value) == verdict
 
 
@@ -161,8 +161,8 @@ def test_names_of_figures_are_unique() -> None:
     assert len({figure.name for figure in FIGURES}) == len(FIGURES)
 
 
-def test_the_committed_results_are_of_this_list() -> None:
-    """results.csv has every figure, with the targets that stand in the code and the verdicts they give."""
+def test_committed_results_match_the_list() -> None:
+    """results.csv has every figure with the targets of the code and their verdicts."""
     results = read_results(COMMITTED)
     assert list(results["figure"]) == [figure.name for figure in FIGURES]
     for figure, (_, row) in zip(FIGURES, results.iterrows(), strict=True):
@@ -172,31 +172,31 @@ def test_the_committed_results_are_of_this_list() -> None:
     assert results.loc[against, "note"].str.contains(NOT_LIKE_FOR_LIKE, regex=False).all()
 
 
-def test_the_readme_has_the_committed_numbers() -> None:
-    """The README's table is the one that the committed results give."""
+def test_readme_has_the_committed_numbers() -> None:
+    """The README's table is generated from the committed results."""
     page = (ROOT / "README.md").read_text()
     assert with_table(page, markdown_table(read_results(COMMITTED))) == page
 
 
-def test_the_picture_is_of_the_committed_points() -> None:
-    """The committed picture is the one that the committed points give, and is well-formed."""
+def test_picture_shows_the_committed_points() -> None:
+    """The committed picture is generated from the committed points, and is well-formed."""
     drawn = work_precision_picture(read_points(COMMITTED))
     assert (COMMITTED / PICTURE).read_text() == drawn
     ET.fromstring(drawn)
 
 
-def test_a_page_without_its_marks_is_refused() -> None:
-    """The table is put between the marks and nowhere else."""
+def test_page_without_markers_is_refused() -> None:
+    """The table is only put between the markers."""
     assert with_table(f"a\n{BEGIN}old\n{END}b\n", "new\n") == f"a\n{BEGIN}new\n{END}b\n"
     with pytest.raises(ValueError, match="needs the marks"):
         with_table(f"a\n{END}b\n{BEGIN}", "new\n")
 
 
 @pytest.mark.parametrize(("word", "status"), [("--help", 0), ("quick", 2)])
-def test_the_readme_is_rewritten_only_where_nothing_else_is_asked(
+def test_readme_is_written_only_without_arguments(
     word: str, status: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Help and what is no option leave it as it is."""
+    """Help and unknown options leave it unchanged."""
     (tmp_path / "README.md").write_text("a page")
     monkeypatch.setattr("benchmarks.readme.ROOT", tmp_path)
     monkeypatch.setattr("sys.argv", ["readme", word])
@@ -206,8 +206,8 @@ def test_the_readme_is_rewritten_only_where_nothing_else_is_asked(
     assert (tmp_path / "README.md").read_text() == "a page"
 
 
-def test_the_terminal_says_misses_as_misses() -> None:
-    """The table counts every verdict."""
+def test_terminal_counts_every_verdict() -> None:
+    """The table counts met, missed and unmeasured targets."""
     rows = {
         "verdict": ["pass", "miss", "miss", "not measured"],
         "value": [1.0, 2.0, 3e8, float("nan")],

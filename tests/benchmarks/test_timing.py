@@ -1,4 +1,4 @@
-"""Timing is fair in its order and right in its arithmetic; no test says how long anything takes."""
+"""Timing: its order and its arithmetic; no test depends on how long anything takes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Noted:
         self.log.append(self.name)
 
 
-def test_every_round_runs_every_task_and_begins_with_another() -> None:
+def test_rounds_rotate_the_order_of_tasks() -> None:
     """After the warm-up each round has each task once, in a rotated order, always from its start."""
     log: list[str] = []
     seconds = interleaved([Noted(name, log) for name in "abc"], replace(QUICK, rounds=4))
@@ -47,8 +47,8 @@ def test_short_tasks_are_run_often_enough_to_fill_their_time() -> None:
 
 
 @pytest.mark.parametrize("was_on", [True, False])
-def test_the_collector_is_left_as_it_was(was_on: bool) -> None:
-    """Garbage collection is as before after the timing, and off within."""
+def test_garbage_collection_is_restored(was_on: bool) -> None:
+    """Garbage collection is off during the timing, and as before afterwards."""
     within: list[bool] = []
 
     class Looking(Noted):
@@ -65,8 +65,8 @@ def test_the_collector_is_left_as_it_was(was_on: bool) -> None:
     assert not any(within[-QUICK.rounds :])
 
 
-def test_ratios_are_of_medians_between_paired_quartiles() -> None:
-    """A round that slows both tasks alike leaves the paired ratios alone."""
+def test_paired_ratios_ignore_common_slowdowns() -> None:
+    """A round that slows both tasks alike does not change the paired ratios."""
     fast = np.array([1.0, 1.0, 1.0, 5.0, 5.0])
     found = ratio(3.0 * fast, fast)
     assert (found.median, found.low, found.high) == (3.0, 3.0, 3.0)

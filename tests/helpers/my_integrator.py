@@ -1,4 +1,4 @@
-"""The integrator that the README's test holds to its order: classical Runge-Kutta 4, as a user writes it."""
+"""The user's integrator in the README's test: classical Runge-Kutta 4."""
 
 from __future__ import annotations
 

@@ -10,15 +10,6 @@ from typing import Any
 
 import mpmath
 import numpy as np
-from gauss_in_decimals import DIGITS, Oracle
-from series_in_integers import (
-    BITS,
-    advanced,
-    exact_states,
-    fixed,
-    rational_inverse,
-    rational_rotation,
-)
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads_at import sum_of_wrenches
@@ -37,6 +28,15 @@ from bodycheck.reference_impl.scene import (
     TorsionSpring,
 )
 from bodycheck.reference_impl.truth.truth import Truth
+from tests.helpers.decimal_gauss_solver import DIGITS, Oracle
+from tests.helpers.integer_taylor_series import (
+    BITS,
+    advanced,
+    exact_states,
+    fixed,
+    rational_inverse,
+    rational_rotation,
+)
 
 MP = mpmath.mp.clone()
 MP.dps = 80

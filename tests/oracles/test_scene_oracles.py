@@ -1,4 +1,4 @@
-"""Numbers from outside: what other people's programs and closed forms say of whole scenes."""
+"""Published numbers and closed forms for whole scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closed forms of forced motion against forty digits, against the certified solver, and at their edges.
+"""Closed forms of forced motion against forty digits, the certified solver, and their limits.
 
 The forty digits are those of Euler's equations as they stand, with omega and R in body axes, whose Taylor
 series are summed in integers; they know neither a fixed axis nor a stretched time.
@@ -328,7 +328,7 @@ SHORT = {"stretched, strongly": 0.03}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
-def test_forty_digits(name: str) -> None:
+def test_closed_forms_match_forty_digits(name: str) -> None:
     """Attitude and omega are right to 4e-15, position and velocity to rounding, with every kind of load."""
     scene, t_s = SCENES[name], TIMES * SHORT.get(name, 1.0)
     motion = closed(scene).at(t_s)
@@ -407,7 +407,7 @@ OWN_KERNEL = pytest.mark.nightly  # a certified solver for loads that no other t
 def test_truth_lies_within_its_bounds_of_the_certified_solver(
     make: Callable[[int], Scene], seed: int
 ) -> None:
-    """Random bodies and loads: the truth is called exact, and a second method is within its bounds."""
+    """For random bodies and loads the truth is exact, and the certified solver is within its bounds."""
     scene, t_s = make(seed), np.array([0.0, 1e-9, 0.3, 2.0, 5.0, 10.0])
     truth = solve_truth(scene, t_s)
     assert truth.kind == "exact"
@@ -429,7 +429,7 @@ def nearly(scene: Scene) -> Scene:
     ],
 )
 def test_round_off_is_that_of_the_certified_truth(name: str) -> None:
-    """What a stepper has to expect does not depend on how the truth was found."""
+    """The stated round-off of a stepper does not depend on how the truth was computed."""
     scene = SCENES[name]
     exact, other = solve_truth(scene, TIMES), solve_truth(nearly(scene), TIMES)
     assert (exact.kind, other.kind) == ("exact", "certified")
@@ -440,7 +440,7 @@ def test_round_off_is_that_of_the_certified_truth(name: str) -> None:
 
 
 @pytest.mark.parametrize("t_s", [1e3, 1e6, 3e7])
-def test_spinning_up_for_long(t_s: float) -> None:
+def test_long_spin_up_keeps_its_digits(t_s: float) -> None:
     """theta = w0 t + tau t^2 / 2I, reduced from 1e15 rad without losing a digit."""
     scene = scene_of(BRICK, (0, 0, 2), body_torque(0, 0, 0.7), quaternion=(1, 0, 0, 0))
     motion = closed(scene).at(np.array([t_s]))
@@ -451,8 +451,8 @@ def test_spinning_up_for_long(t_s: float) -> None:
 
 
 @pytest.mark.parametrize("k", [0.75 * 2.0**-20, 0.125, 8.0])
-def test_drag_for_long(k: float) -> None:
-    """After 1e9 s the body rests where the free one is at s = 1 / k; a fixed axis has turned by w0 / k."""
+def test_drag_for_long_ends_at_rest(k: float) -> None:
+    """After 1e9 s the body rests where the free one is at s = 1 / k; a fixed axis has rotated by w0 / k."""
     inertia, omega = np.array([1.0, 2.0, 4.0]), (0.0, 3.0, 0.0)
     motion = closed(scene_of(np.diag(inertia), omega, drag(0.0, k * inertia), quaternion=(1, 0, 0, 0)))
     half = MP.mpf(3.0) / MP.mpf(k) * (1 - MP.exp(-MP.mpf(k) * 10**9)) / 2
@@ -461,8 +461,8 @@ def test_drag_for_long(k: float) -> None:
     assert found.omega_body[0, 1] == pytest.approx(float(3 * MP.exp(-MP.mpf(k) * 10**9)), rel=1e-12, abs=0.0)
 
 
-def test_torque_back_to_the_start() -> None:
-    """A torque that stops and reverses the body brings it back to where it was, to the last digit."""
+def test_torque_that_reverses_returns_to_the_start() -> None:
+    """A torque that stops and reverses the body returns it to its start, to the last digit."""
     scene = scene_of(BRICK, (0, 0, 1e6), body_torque(0, 0, -2.5e3), quaternion=(1, 0, 0, 0))
     motion = closed(scene).at(np.array([0.0, 2e3]))
     assert np.abs(motion.attitude[1] - motion.attitude[0]).max() <= EPS
@@ -500,8 +500,8 @@ NO_CLOSED_FORM: dict[str, Scene] = {
 
 
 @pytest.mark.parametrize("name", NO_CLOSED_FORM)
-def test_no_closed_form(name: str) -> None:
-    """What is not exactly of a closed form, for the doubles given, has none."""
+def test_scene_near_a_closed_form_has_none(name: str) -> None:
+    """A scene that is not exactly of a closed form, in its doubles, has none."""
     assert closed_form_of(NO_CLOSED_FORM[name]) is None
 
 
@@ -511,8 +511,8 @@ def test_what_has_no_closed_form_is_certified() -> None:
     assert solve_truth(scene, TIMES).kind == "certified"
 
 
-def test_torques_that_cancel_leave_a_body_at_rest() -> None:
-    """A body that nothing turns, though torques act on it, has a truth: it stays as it is."""
+def test_cancelling_torques_leave_a_body_at_rest() -> None:
+    """A body on which torques cancel has a truth: it stays at rest."""
     truth = solve_truth(BALANCED, TIMES)
     assert not truth.trajectory.omega_body.any()
     assert np.ptp(truth.trajectory.attitude, axis=0).max() == 0.0
@@ -521,8 +521,8 @@ def test_torques_that_cancel_leave_a_body_at_rest() -> None:
 # --------------------------------------------------------------------------------------- many choices
 
 
-def test_any_order_and_no_times() -> None:
-    """Times may come in any order, twice or not at all; at a switch the state is the one on both sides."""
+def test_times_may_come_in_any_order() -> None:
+    """Times may come in any order, twice or not at all; at a switch both sides agree."""
     motion = closed(SCENES["pulses and drag"])
     picks = np.array([4, 0, 3, 3, 1])
     shuffled, ordered = motion.at(TIMES[picks]), motion.at(TIMES)
@@ -535,21 +535,21 @@ def test_any_order_and_no_times() -> None:
 
 @pytest.mark.parametrize("name", ["spun up", "stretched", "central force"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -1.0])
-def test_impossible_times(name: str, bad: float) -> None:
-    """A time that is none is refused by its value."""
+def test_impossible_times_are_refused(name: str, bad: float) -> None:
+    """An impossible time is refused with its value."""
     with pytest.raises(ValueError, match=repr(bad)):
         closed(SCENES[name]).at(np.array([0.0, bad]))
 
 
 @pytest.mark.parametrize("name", ["spun up", "two sines", "sine of rate 0"])
-def test_times_too_far(name: str) -> None:
-    """A time at which the angle would no longer be known is refused by its value."""
+def test_times_beyond_the_known_angle_are_refused(name: str) -> None:
+    """A time at which the angle would have no known digit is refused with its value."""
     with pytest.raises(ValueError, match=r"1e\+15 rad until t = 1e\+18 s"):
         closed(SCENES[name]).at(np.array([0.0, 1e18]))
 
 
-def test_far_round_the_bend() -> None:
-    """The way there counts, not the rate on arrival: a body that has just stopped, or swung back."""
+def test_limit_on_the_angle_counts_the_whole_path() -> None:
+    """The angle rotated counts, not the final rate: a body may have stopped or swung back."""
     stopped = closed(scene_of(BRICK, (0, 0, 1e13), body_torque(0, 0, -2.5e10)))
     swung = closed(scene_of(BRICK, (0, 0, 0), sine("body", (0, 0, 1e6), 1.0, 0.0)))
     whole_turns_s = float(2 * MP.pi * 1600000000000)
@@ -558,8 +558,8 @@ def test_far_round_the_bend() -> None:
             motion.at(np.array([t_s]))
 
 
-def test_impossible_body() -> None:
-    """A body that is none is refused by its tensor, free or stretched."""
+def test_impossible_body_is_refused() -> None:
+    """An impossible tensor is refused with its value, free or under drag."""
     for loads in ((), (drag(0.0, [1, -2, 3]),)):
         with pytest.raises(ValueError, match=r"positive definite.*-2.0"):
             closed_form_of(scene_of(np.diag([1.0, -2.0, 3.0]), (0.1, 0.2, 0.3), *loads))
@@ -580,7 +580,7 @@ def log_uniform(seed: int, low: float, high: float) -> list[float]:
     return [float(sign * size) for size in sizes for sign in (1.0, -1.0)]
 
 
-def test_exponential() -> None:
+def test_exponential_matches_mpmath() -> None:
     """e^x to (1 + |x|) 2^-102, and its limits."""
     for x in log_uniform(1, -20.0, 2.8):
         true = MP.exp(MP.mpf(x))
@@ -589,7 +589,7 @@ def test_exponential() -> None:
     assert exponential((710.0, 0.0))[0] == math.inf
 
 
-def test_decay_means() -> None:
+def test_decay_means_match_mpmath() -> None:
     """e^-z, (1 - e^-z) / z and (z - 1 + e^-z) / z^2 to 2^-100 of themselves, also where all digits cancel."""
     with MP.workdps(120):
         for z in log_uniform(2, -30.0, 2.5):
@@ -601,8 +601,8 @@ def test_decay_means() -> None:
     assert decay_means((0.0, 0.0)) == ((1.0, 0.0), (1.0, 0.0), (0.5, 0.0))
 
 
-def test_swing() -> None:
-    """theta and w of a sine torque to 2^-98 of what its amplitude could do, over 1e-20 to 1e6 rad."""
+def test_sine_torque_matches_mpmath() -> None:
+    """theta and w of a sine torque to 2^-98 of the largest possible value, over 1e-20 to 1e6 rad."""
     phases = np.random.default_rng(3).uniform(-7.0, 7.0, size=500)
     for z, p in zip(log_uniform(4, -20.0, 6.0), phases.tolist(), strict=False):
         t = 3.7

@@ -1,4 +1,4 @@
-"""Energy, momentum and inertia of a body against sums over the points that it is made of."""
+"""Energy, momentum and inertia of a body against sums over its points."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ clouds = pytest.mark.parametrize("body", [cloud(seed) for seed in range(10)])
 
 
 @clouds
-def test_points_move_as_the_body_does(body: Cloud) -> None:
-    """x = R x0 + xc, and its rate is v = omega x r + vc, against a turn made small."""
+def test_points_move_with_the_body(body: Cloud) -> None:
+    """x = R x0 + xc, and its rate is v = omega x r + vc, against a small rotation."""
     positions = point_positions(body.rotation, body.position, body.points)
     for x, x0 in zip(positions, body.points, strict=True):
         assert np.max(np.abs(x - (body.rotation @ x0 + body.position))) <= 16 * EPS * np.max(
@@ -136,7 +136,7 @@ def test_momenta_are_the_sums_over_the_points(body: Cloud) -> None:
 
 @clouds
 def test_inertia_in_world_axes_is_that_of_the_moved_points(body: Cloud) -> None:
-    """I(t) = R I0 R^T is the inertia of the points where they are, about their centre."""
+    """I(t) = R I0 R^T is the inertia of the moved points about their centre."""
     arms = body.points @ body.rotation.T
     moved = inertia_of_points(body.masses, arms)
     scale = float(np.trace(moved))
@@ -183,7 +183,7 @@ def check_principal(tensor: Array) -> Array:
 
 
 @clouds
-def test_principal_axes_put_the_tensor_together(body: Cloud) -> None:
+def test_principal_axes_reproduce_the_tensor(body: Cloud) -> None:
     """I = A diag(J) A^T with A a rotation and J ascending."""
     check_principal(body.inertia)
 
@@ -240,7 +240,7 @@ def test_free_angular_acceleration_keeps_the_energy() -> None:
     assert np.array_equal(angular_acceleration(body.inertia, np.zeros(3), np.zeros(3)), np.zeros(3))
 
 
-def test_batches_are_single_calls_side_by_side() -> None:
+def test_batches_equal_single_calls() -> None:
     """Functions of leading batch dimensions give what single calls give."""
     rng = np.random.default_rng(5)
     tensor = cloud(0).inertia

@@ -1,4 +1,4 @@
-"""Elliptic integrals and functions against mpmath, log-uniformly into every corner."""
+"""Elliptic integrals and functions against mpmath, at log-uniform parameters."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def test_jacobi(m1: float) -> None:
 
 
 @pytest.mark.parametrize("u", [2.0, -40.0, 1e12])
-def test_jacobi_sees_a_wrong_parameter(u: float) -> None:
-    """A parameter that is off by 1e-13 would be noticed: the bound above can fail."""
+def test_jacobi_test_detects_a_wrong_parameter(u: float) -> None:
+    """A parameter that is off by 1e-13 exceeds the bound of the test above."""
     found = elliptic.jacobi(u, 0.3 * (1.0 + 1e-13))
     true = true_functions(u, 0.3)
     assert max(abs(a / b - 1) for a, b in zip(found, true, strict=True)) > 4e-15
@@ -66,7 +66,7 @@ def test_jacobi_sees_a_wrong_parameter(u: float) -> None:
 
 @pytest.mark.parametrize("m1", PARAMETERS)
 def test_jacobi_identities(m1: float) -> None:
-    """sn^2 + cn^2 = 1, dn^2 = cn^2 + m1 sn^2, sn and its like are odd, cn and dn even."""
+    """sn^2 + cn^2 = 1, dn^2 = cn^2 + m1 sn^2; sn and its ratios are odd, cn and dn even."""
     for u in RNG.normal(size=20) * 5.0:
         sn, cn, dn = elliptic.jacobi(float(u), m1)
         assert abs(sn * sn + cn * cn - 1.0) < 8.0 * EPS
@@ -75,14 +75,14 @@ def test_jacobi_identities(m1: float) -> None:
 
 
 @pytest.mark.parametrize("m1", [-1e-9, 1.0 + 1e-9, math.nan])
-def test_jacobi_refuses(m1: float) -> None:
+def test_parameter_outside_its_range_is_refused(m1: float) -> None:
     """A parameter outside [0, 1] is refused."""
     with pytest.raises(ValueError, match="m1"):
         elliptic.jacobi(0.5, m1)
 
 
 def test_jacobi_limits() -> None:
-    """m1 = 1 gives the circular functions, m1 = 0 the hyperbolic ones, for ever."""
+    """m1 = 1 gives the circular functions, m1 = 0 the hyperbolic ones, at any argument."""
     for u in RNG.normal(size=20) * 3.0:
         assert elliptic.jacobi(float(u), 1.0) == pytest.approx((math.sin(u), math.cos(u), 1.0), abs=4.0 * EPS)
         hyperbolic = (math.tanh(u), 1.0 / math.cosh(u), 1.0 / math.cosh(u))
@@ -128,8 +128,8 @@ def test_complete_k_on_the_separatrix() -> None:
 
 @pytest.mark.parametrize("p", [1e-15, 1e-3, 0.5, 1.0, 3.0, 1e6, 1e15])
 @pytest.mark.parametrize("kc", MODULI[:8])
-def test_complete_integral(kc: float, p: float) -> None:
-    """Bulirsch's cel is right to 1e-29 for both of its terms: Carlson's R_F and R_J give them too."""
+def test_complete_integral_matches_carlsons(kc: float, p: float) -> None:
+    """Bulirsch's cel is right to 1e-29 for both of its terms, by Carlson's R_F and R_J."""
     sine = MP.elliprj(0, MP.mpf(kc) ** 2, 1, p) / 3
     cosine = MP.elliprf(0, MP.mpf(kc) ** 2, 1) - p * sine
     pair = (kc, 0.0), (p, 0.0)

@@ -1,4 +1,4 @@
-"""The truth of forced motion against fifty digits: springs, drag, orbits, pivots, by formulas of their own.
+"""The truth of forced motion against fifty digits: springs, drag, orbits and pivots, by other formulas.
 
 The state is R and the angular momentum in world axes, about the pivot where there is one, and position and
 velocity; the method is Gauss's of twelve stages, order 24, in decimal arithmetic.
@@ -11,12 +11,12 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
-from gauss_in_decimals import DIGITS, Oracle, decimals, dot, norm, plus, rotation_of, times
 
 from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import distances
 from bodycheck.scenarios.library import load_scenario
+from tests.helpers.decimal_gauss_solver import DIGITS, Oracle, decimals, dot, norm, plus, rotation_of, times
 
 CASES = {
     "lagrange-top": (0.4, 1 / 64),
@@ -43,7 +43,7 @@ CASES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_truth_of_forced_motion_lies_within_its_bounds(name: str) -> None:
-    """All quantities are as near to fifty digits as is said; x, v and omega are known to round-off."""
+    """All quantities are within their bounds of fifty digits; x, v and omega to round-off."""
     scene, (until, step) = load_scenario(name).scene, CASES[name]
     t_s = [0.0, 0.5 * until, until]
     truth = solve_truth(scene, np.array(t_s))
@@ -81,8 +81,8 @@ def test_truth_of_forced_motion_lies_within_its_bounds(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["heavy-top", "sleeping-top/9.0"])
-def test_the_prepared_series_of_a_pivoted_body_is_the_truth(name: str) -> None:
-    """In doubles too the body turns about its pivot, which stays, and its centre of mass follows."""
+def test_series_of_a_pivoted_body_equals_the_truth(name: str) -> None:
+    """In doubles the body rotates about its pivot, which stays, and its centre of mass follows."""
     scene = load_scenario(name).scene
     truth = solve_truth(scene, scene.sample_times).trajectory
     found = TaylorMotion.of(scene, 1e-15).solve(scene.sample_times).trajectory
@@ -93,8 +93,8 @@ def test_the_prepared_series_of_a_pivoted_body_is_the_truth(name: str) -> None:
     assert np.max(np.abs(places - places[0])) <= 1e-15
 
 
-def test_a_pivot_and_a_gravity_gradient_are_refused_together() -> None:
-    """No equations are known of a body in orbit about a planet that a pivot holds."""
+def test_pivot_with_gravity_gradient_is_refused() -> None:
+    """A body in orbit cannot have a pivot fixed in the world."""
     scene = replace(load_scenario("satellite-libration").scene, pivot=np.array([0.0, 0.0, 1.0]))
     with pytest.raises(ValueError, match="no gravity gradient can act on it"):
         solve_truth(scene, np.array([1.0]))

@@ -1,4 +1,4 @@
-"""The closed form of free rotation against Euler's equations integrated to 60 digits, and against laws.
+"""The closed form of free rotation against Euler's equations in 60 digits, and against laws.
 
 The first truth knows no elliptic function: the angular momentum and the world axes, seen from the body, obey
 y' = y x omega, and their Taylor series are summed in integers. Times of 1e6 s and more are
@@ -348,8 +348,8 @@ def assert_right(rotation: FreeRotation, true: Truth, times: tuple[float, ...]) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
-def test_truth_in_every_corner(name: str) -> None:
-    """Attitude and omega are right to 4e-15 after some turns either way, whatever the body."""
+def test_truth_matches_sixty_digits_for_any_body(name: str) -> None:
+    """Attitude and omega are right to 4e-15 after some rotations in either direction."""
     inertia, omega = CASES[name]
     turn_s = 2.0 * math.pi / (float(np.linalg.norm(omega)) or 1.0)
     rotation = closed_form(inertia, omega)
@@ -359,16 +359,16 @@ def test_truth_in_every_corner(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LONG_CASES)
-def test_truth_after_the_flips(name: str) -> None:
-    """Beside the separatrix it is still so after a flip or more, where a stepper has lost every digit."""
+def test_truth_matches_sixty_digits_after_flips(name: str) -> None:
+    """Next to the separatrix it is still right after flips, where a stepper has lost every digit."""
     inertia, omega, t_s = LONG_CASES[name]
     assert_right(closed_form(inertia, omega), Truth(inertia, omega), (0.2 * t_s, t_s))
 
 
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("gap", GAPS)
-def test_nearly_symmetric(gap: float, order: tuple[int, int, int]) -> None:
-    """Two nearly equal moments do no harm, in a general spin and in one within their plane."""
+def test_nearly_symmetric_bodies_lose_no_digits(gap: float, order: tuple[int, int, int]) -> None:
+    """Two nearly equal moments lose no digits, in a general spin and in one within their plane."""
     for moments, spin in (([1, 1 + gap, 2], [0.4, -0.7, 0.5]), ([1, 1 + gap, 2], [1, 1e-5, 3e-6])):
         inertia, omega = [moments[i] for i in order], [spin[i] for i in order]
         assert_right(closed_form(inertia, omega), Truth(inertia, omega), (2.7,))
@@ -379,7 +379,7 @@ FAR = ["general", "general, other side", "oblate", "needle, not symmetric", "100
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAR)
-def test_truth_far_away(name: str) -> None:
+def test_truth_at_long_times_loses_no_digits(name: str) -> None:
     """Nothing is lost at 1e6 s and 1e9 s, forwards or backwards."""
     rotation = closed_form(*CASES[name])
     once = truth(name).once(4.0 * rotation.quarter_period_s)
@@ -388,8 +388,8 @@ def test_truth_far_away(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_truths_agree() -> None:
-    """Steps all the way, whole periods and the textbook give the same to 1e-45."""
+def test_oracles_agree() -> None:
+    """Steps all the way, whole periods and the textbook agree to 1e-45."""
     inertia, omega = CASES["general"]
     once = truth("general").once(4.0 * closed_form(inertia, omega).quarter_period_s)
     stepped = truth("general").at(-9.0)
@@ -414,8 +414,8 @@ TEXTBOOK: list[tuple[Any, Any]] = [
 
 
 @pytest.mark.parametrize("case", range(len(TEXTBOOK)))
-def test_textbook_in_every_corner(case: int) -> None:
-    """The corners whose periods are long or whose flips are many are right at any time, on any axes."""
+def test_textbook_formula_holds_for_any_body(case: int) -> None:
+    """Bodies with long periods or many flips are right at any time, about any axis."""
     order = ORDERS[case % len(ORDERS)]
     inertia, omega = ([values[i] for i in order] for values in TEXTBOOK[case])
     rotation = closed_form(inertia, omega)
@@ -437,8 +437,8 @@ FULL: list[Any] = [
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("moments", FULL)
-def test_textbook_of_full_tensors(moments: Any, seed: int) -> None:
-    """Full tensors are right at any time: moments equal to rounding, needles, spins all but about an axis."""
+def test_textbook_formula_holds_for_full_tensors(moments: Any, seed: int) -> None:
+    """Full tensors are right at any time: nearly equal moments, needles, spins near an axis."""
     rng = np.random.default_rng(seed)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     tensor = axes @ np.diag(moments) @ axes.T
@@ -451,8 +451,8 @@ def test_textbook_of_full_tensors(moments: Any, seed: int) -> None:
 
 @pytest.mark.parametrize("offset", [0.0, 1e-12, -1e-6])
 @pytest.mark.parametrize("seed", range(4))
-def test_flips_of_full_tensors_far_away(offset: float, seed: int) -> None:
-    """A full tensor a rounding beside the separatrix, whatever the numbers, flips on time after 1e9 s."""
+def test_full_tensors_flip_on_time(offset: float, seed: int) -> None:
+    """A full tensor one round-off from the separatrix flips on time after 1e9 s."""
     rng = np.random.default_rng(seed)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     i1, i2, i3 = moments = np.sort(rng.uniform(1.0, 3.0, size=3))
@@ -467,7 +467,7 @@ def test_flips_of_full_tensors_far_away(offset: float, seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_offset_of_1e_160() -> None:
+def test_offset_of_1e_160_flips_on_time() -> None:
     """A spin that leaves the middle axis by 1e-160 flips 640 s later, on time."""
     inertia, omega = [1, 2, 3], [1e-160, 1, -3e-160]
     for t_s in (10.0, 637.0, 1e9):
@@ -475,8 +475,8 @@ def test_offset_of_1e_160() -> None:
 
 
 @pytest.mark.parametrize("name", ["general", "plate"])
-def test_one_ulp_is_seen(name: str) -> None:
-    """A body with a moment off by one ulp fails the tolerance at 1e6 s: the bound can fail."""
+def test_one_ulp_is_detected(name: str) -> None:
+    """A body with a moment off by one ulp exceeds the tolerance at 1e6 s: the bound can fail."""
     inertia, omega = CASES[name]
     wrong = closed_form([float(np.nextafter(inertia[0], 9.0)), *inertia[1:]], omega)
     assert attitude_error(wrong.at([1e6])[0][0], textbook(inertia, omega, 1e6)[0]) > 1e2 * TOLERANCE
@@ -498,7 +498,7 @@ def test_starts_at_the_state(name: str) -> None:
 
 @pytest.mark.parametrize("name", LAWS + list(LONG_CASES))
 def test_quaternion_is_continuous(name: str) -> None:
-    """The quaternion never jumps to its negative, through half periods and whole turns."""
+    """The quaternion never jumps to its negative, through half periods and whole rotations."""
     inertia, omega, *_ = (CASES | LONG_CASES)[name]
     times = np.linspace(-60.0, 60.0, 6001) / np.linalg.norm(omega)
     quaternion, _ = closed_form(inertia, omega).at(times)
@@ -506,7 +506,7 @@ def test_quaternion_is_continuous(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LAWS + list(LONG_CASES))
-def test_momentum_and_energy(name: str) -> None:
+def test_momentum_and_energy_are_constant(name: str) -> None:
     """The world's angular momentum and the energy are constant to rounding over 1e9 s."""
     inertia, omega, *_ = (CASES | LONG_CASES)[name]
     tensor = as_tensor(inertia)
@@ -523,7 +523,7 @@ def test_momentum_and_energy(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["general", "oblate", "needle", "plate", "sphere", "axis 3", "tensor"])
 def test_group_property(name: str) -> None:
-    """Starting again from the state at t1 and going on for t2 is going for t1 + t2."""
+    """Starting again from the state at t1 and continuing for t2 equals continuing for t1 + t2."""
     inertia, omega = CASES[name]
     turn_s = 1.0 / float(np.linalg.norm(omega))
     rotation = closed_form(inertia, omega)
@@ -582,7 +582,7 @@ def test_largest_numbers() -> None:
     "name", ["general", "plate", "needle, not symmetric", "separatrix", "oblate", "prolate"]
 )
 def test_frame_indifference(name: str) -> None:
-    """Other body axes, a quarter turn about each other, describe the same motion."""
+    """Other body axes, a quarter rotation apart, describe the same motion."""
     inertia, omega = CASES[name]
     tensor, spin = np.diag(np.asarray(inertia, dtype=float)), np.array(omega, dtype=float)
     times = np.array([0.3, -7.0, 1e5]) / np.linalg.norm(spin)
@@ -611,8 +611,8 @@ def product(p: Any, q: Any) -> Array:
     )
 
 
-def test_steady_is_exact() -> None:
-    """About a principal axis, on a sphere or at rest, omega is given back bit by bit for ever."""
+def test_steady_rotation_is_exact() -> None:
+    """About a principal axis, on a sphere or at rest, omega is returned bit for bit at any time."""
     times = np.linspace(-1e9, 1e9, 11)
     for inertia, omega in (
         ([1, 2, 3], [0, 0.1, 0]),
@@ -626,7 +626,7 @@ def test_steady_is_exact() -> None:
 
 
 def test_separatrix_never_returns() -> None:
-    """On the separatrix, told from its neighbours exactly, the spin ends along the middle axis."""
+    """On the separatrix, identified exactly, the spin ends along the middle axis."""
     rotation = closed_form([4, 5, 9], [3, 2, 1])
     assert rotation.quarter_period_s == math.inf
     for t_s in (1e3, 1e9, -1e9):
@@ -635,8 +635,8 @@ def test_separatrix_never_returns() -> None:
     assert 10.0 < beside.quarter_period_s < 100.0
 
 
-def test_negligible_components() -> None:
-    """A component 1e-300 of the largest is no tumbling, and does no harm."""
+def test_negligible_components_do_no_harm() -> None:
+    """A component 1e-300 of the largest is not a tumbling motion."""
     rotation = closed_form([1, 2, 3], [1e-300, 1, 5e-324])
     quaternion, omega = rotation.at([0.0, 1e9])
     assert np.isfinite(quaternion).all()
@@ -663,8 +663,8 @@ def all_cases() -> tuple[Array, Array, Array]:
     return np.array([tensor for tensor, _ in cases]), quaternions, omegas
 
 
-def test_many_bodies_are_as_each_alone() -> None:
-    """Steady, doubtful and tumbling bodies set up together move, bit for bit, as each does alone."""
+def test_many_bodies_equal_each_alone() -> None:
+    """Steady, undecided and tumbling bodies set up together move bit for bit as each alone."""
     states, times = all_cases(), np.array([0.0, 0.3, -7.0, 1e5])
     together = FreeRotations.from_states(*states)
     quaternion, omega = together.at(times)
@@ -676,14 +676,14 @@ def test_many_bodies_are_as_each_alone() -> None:
         assert together.quarter_period_s[k] == alone.quarter_period_s
 
 
-def test_no_bodies() -> None:
-    """No body at all has no motion."""
+def test_no_bodies_have_no_motion() -> None:
+    """An empty set of bodies gives empty arrays."""
     nobody = FreeRotations.from_states(np.zeros((0, 3, 3)), np.zeros((0, 4)), np.zeros((0, 3)))
     assert nobody.at([0.0, 1.0])[0].shape == (0, 2, 4)
 
 
-def test_one_bad_body_is_refused_by_its_numbers() -> None:
-    """Among many bodies the one that is none is refused, by what it is or where it stands."""
+def test_one_impossible_body_is_named() -> None:
+    """Among many bodies the impossible one is refused with its number or its values."""
     inertia, quaternion, omega = all_cases()
     inertia[3] = np.diag([1.0, -2.0, 3.0])
     with pytest.raises(ValueError, match=r"positive definite, got \[\[1.0, 0.0, 0.0\], \[0.0, -2.0"):
@@ -696,8 +696,8 @@ def test_one_bad_body_is_refused_by_its_numbers() -> None:
 
 
 @pytest.mark.parametrize("offset", [0.3, 0.1, 1e-2, 1e-9, 1e-15])
-def test_doubt_changes_nothing(offset: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whether floating point decides or exact integers do, the motion is the same to rounding."""
+def test_exact_decision_does_not_change_the_motion(offset: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether floating point or exact integers classify it, the motion is the same to rounding."""
     state = (tensor_of([4, 5, 9]), QUATERNION, _Q @ [3 * (1 + offset), 2, 1])
     decided = FreeRotation.from_state(*state).at([1e9])
 
@@ -734,8 +734,8 @@ _EYE = np.eye(3)
         (_EYE, QUATERNION, [[1, 2, 3]], r"omega_body must have shape \(3,\)"),
     ],
 )
-def test_refused_states(inertia: Any, quaternion: Any, omega: Any, message: str) -> None:
-    """A state that is none is refused, and the message shows it."""
+def test_impossible_states_are_refused(inertia: Any, quaternion: Any, omega: Any, message: str) -> None:
+    """An impossible state is refused, and the message shows it."""
     with pytest.raises(ValueError, match=message):
         FreeRotation.from_state(inertia, quaternion, omega)
 
@@ -751,14 +751,14 @@ def test_refused_states(inertia: Any, quaternion: Any, omega: Any, message: str)
         ([[1.0]], "shape"),
     ],
 )
-def test_refused_times(omega: list[float], times: Any, message: str) -> None:
-    """Times that are no finite numbers, or too far for the phase to be known, are refused by value."""
+def test_impossible_times_are_refused(omega: list[float], times: Any, message: str) -> None:
+    """Times that are not finite, or too far for the phase to be known, are refused with their value."""
     with pytest.raises(ValueError, match=message):
         closed_form([1, 2, 3], omega).at(times)
 
 
 def test_rounding_asymmetry_is_accepted() -> None:
-    """A tensor whose halves differ by rounding stands for its symmetric part."""
+    """A tensor that is asymmetric by rounding stands for its symmetric part."""
     tensor = tensor_of([1, 2, 3])
     skewed = tensor.copy()
     skewed[0, 1] = np.nextafter(skewed[0, 1], 9.0)

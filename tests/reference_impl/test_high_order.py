@@ -182,8 +182,8 @@ REFINEMENTS: dict[int, tuple[tuple[int, ...], float]] = {
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", LOADS)
 @every_method
-def test_error_shrinks_with_the_stated_order(method: Integrator, kind: str) -> None:
-    """Under every kind of wrench orientation, omega, position and velocity converge with the stated order."""
+def test_error_has_the_stated_order(method: Integrator, kind: str) -> None:
+    """Under every kind of wrench orientation, omega, position and velocity have the stated order."""
     steps, tolerance = REFINEMENTS[method.order]
     found = [errors(method, kind, n) for n in steps]
     assert slope(steps, [error["orientation"] for error in found]) == pytest.approx(
@@ -198,11 +198,11 @@ def test_error_shrinks_with_the_stated_order(method: Integrator, kind: str) -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", LOADS)
 def test_order_eight_reaches_round_off(kind: str) -> None:
-    """With 64 steps of 1/32 s nothing is left of the error of dop853 but rounding."""
+    """With 64 steps of 1/32 s the error of dop853 is rounding."""
     assert max(errors(DOP853, kind, 64).values()) <= 64 * EPS
 
 
-def test_tableau_is_hairers() -> None:
+def test_dop853_tableau_equals_hairers() -> None:
     """The coefficients are those that scipy has from dop853.f, and sum_j b_j a_ji = b_i (1 - c_i)."""
     a = np.array([[row.get(j, 0.0) for j in range(1, 13)] for row in ROWS])
     b, c = np.array([WEIGHTS.get(j, 0.0) for j in range(1, 13)]), np.array(NODES)
@@ -226,14 +226,14 @@ def free_run(method: Integrator, dt: float, portions: int, each: int) -> list[Ar
 
 
 @where(lambda method: method.spin == "angular_momentum")
-def test_momentum_is_kept_to_the_bit(method: Integrator) -> None:
-    """Where no torque acts L in world axes does not change at all, whatever the step."""
+def test_momentum_is_conserved_to_the_bit(method: Integrator) -> None:
+    """Without torque L in world axes does not change at all, whatever the step."""
     assert np.array_equal(free_run(method, 0.2, 1, 1000)[0][6:9], packed_start(method)[6:9])
 
 
 @where(lambda method: "angular momentum" in method.preserves)
-def test_momentum_of_the_reported_motion_is_kept(method: Integrator) -> None:
-    """R I omega, from the R and the omega reported, holds to 1e-14 of itself over 1e5 steps."""
+def test_momentum_of_the_reported_motion_is_conserved(method: Integrator) -> None:
+    """R I omega of the reported motion is constant to 1e-14 over 1e5 steps."""
     simulation = Reference().build(
         Scene(BODY, START, (), np.zeros(3), duration_s=1000.0, samples=2), method.name, 0.01
     )
@@ -249,8 +249,8 @@ def test_momentum_of_the_reported_motion_is_kept(method: Integrator) -> None:
 
 
 @where(lambda method: "rotation group" in method.preserves)
-def test_norm_of_the_quaternion_is_kept(method: Integrator) -> None:
-    """|q| strays from 1 as rounding does, by some 1e-13 in 1e5 steps, while it is nowhere taken back to 1."""
+def test_norm_of_the_quaternion_is_conserved(method: Integrator) -> None:
+    """|q| drifts from 1 by round-off, some 1e-13 in 1e5 steps, without normalisation."""
     norms = [float(np.linalg.norm(state[9:])) for state in free_run(method, 0.05, 100, 1000)]
     assert max(abs(norm - 1.0) for norm in norms) <= 5e-13
 
@@ -266,7 +266,7 @@ def energy_errors(method: Integrator, dt: float) -> Array:
 
 @where(lambda method: "symplectic form" in method.preserves)
 def test_energy_error_of_a_symplectic_method_is_bounded(method: Integrator) -> None:
-    """Through 1e5 steps of 0.2 s the error of the energy swings and does not grow."""
+    """Over 1e5 steps of 0.2 s the error of the energy oscillates and does not grow."""
     found = energy_errors(method, 0.2)
     assert np.max(np.abs(found)) <= 1e-8
     assert np.max(np.abs(found[-50:])) <= 1.5 * np.max(np.abs(found[:50]))
@@ -274,13 +274,13 @@ def test_energy_error_of_a_symplectic_method_is_bounded(method: Integrator) -> N
 
 
 def test_energy_error_of_a_method_that_is_not_symplectic_grows() -> None:
-    """Through 1e5 steps of 0.05 s the error of cf4 more than doubles."""
+    """Over 1e5 steps of 0.05 s the error of cf4 more than doubles."""
     drifting = energy_errors(CF4, 0.05)
     assert np.max(np.abs(drifting[-50:])) > 2.0 * np.max(np.abs(drifting[:50]))
 
 
-def test_splitting_keeps_energy_and_momentum_under_a_force_with_a_potential() -> None:
-    """A force F held in the world at a point a: E = T - F . (x + R a) stays bounded, L . F to round-off."""
+def test_splitting_conserves_under_a_force_with_a_potential() -> None:
+    """With a constant world force F at a: E = T - F . (x + R a) is bounded, L . F constant to round-off."""
     pull = next(load for load in LOADS["world force"] if isinstance(load, PointForce))
     load, state = wrench_named("world force").packed(BODY, np.zeros(3)), packed_start(SPLITTING6)
     still = np.concatenate([np.zeros(6), state[6:]])  # the centre of mass falls away: left out of E
@@ -300,8 +300,8 @@ def test_splitting_keeps_energy_and_momentum_under_a_force_with_a_potential() ->
     assert worst_along <= 1e-12
 
 
-def test_splitting_returns_where_it_came_from() -> None:
-    """Composed symmetrically, the steps with the motion reversed lead back to the start to round-off."""
+def test_splitting_is_reversible() -> None:
+    """Composed symmetrically, the reversed steps lead back to the start to round-off."""
     load, body = wrench_named("all at once").packed(BODY, np.zeros(3)), packed_body(BODY)
     state = packed_start(SPLITTING6)
     first = state.copy()
@@ -314,7 +314,7 @@ def test_splitting_returns_where_it_came_from() -> None:
 
 @pytest.mark.parametrize("moments", [(2.0, 2.0, 3.0), (1.0, 2.0, 2.0), (1.5, 1.5, 1.5)])
 def test_splitting_is_exact_for_a_symmetric_body(moments: tuple[float, float, float]) -> None:
-    """With two equal moments a free body is where the closed form has it, after steps of any length."""
+    """With two equal moments a free body follows the closed form, for steps of any length."""
     body = RigidBody(1.0, turned_tensor(moments))
     state = packed_start(SPLITTING6, body=body)
     SPLITTING6.advance(state, packed_body(body), NO_WRENCH.packed(body, np.zeros(3)), 1.7, 10)
@@ -325,8 +325,8 @@ def test_splitting_is_exact_for_a_symmetric_body(moments: tuple[float, float, fl
 
 
 @pytest.mark.slow
-def test_evening_out_the_drifts_costs_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With each drift cut in equal halves, as if it were the exact flow, order 2 is left of order 6."""
+def test_equal_halves_of_the_drifts_lose_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With each drift cut in equal halves, as if it were the exact flow, order 6 becomes 2."""
     plain: Callable[..., None] = splitting_module.advance.py_func
 
     def error(steps: int) -> float:
@@ -359,8 +359,8 @@ def framed(inertia: Array) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("spread", [1.0, 1e-3, 1e-9, 1e-14, 0.0])
-def test_principal_frame_rebuilds_the_tensor(spread: float, seed: int) -> None:
-    """A diag(J) A^T = I, A^T A = 1, det A = 1 and J ascends, however near the moments are to each other."""
+def test_principal_frame_reproduces_the_tensor(spread: float, seed: int) -> None:
+    """A diag(J) A^T = I, A^T A = 1, det A = 1 and J ascends, however close the moments are."""
     rng = np.random.default_rng(seed)
     turn = Rotation.random(rng=rng).as_matrix()
     tensor = turn @ np.diag(2.0 + spread * rng.uniform(-0.9, 0.9, size=3)) @ turn.T
@@ -375,7 +375,7 @@ def test_principal_frame_rebuilds_the_tensor(spread: float, seed: int) -> None:
 
 @pytest.mark.parametrize("moments", [(1.0, 2.0, 2.5), (2.5, 2.0, 1.0), (2.0, 1.0, 2.0), (2.0, 2.0, 2.0)])
 def test_principal_frame_of_a_diagonal_tensor_is_exact(moments: tuple[float, float, float]) -> None:
-    """Nothing is rounded where there is nothing to turn: the axes are those of the body, in order."""
+    """Without rotation nothing is rounded: the axes are those of the body, in order."""
     found, axes = framed(np.diag(moments))
     assert np.array_equal(found, np.sort(moments))
     assert np.array_equal(np.abs(axes).sum(axis=0), np.ones(3))

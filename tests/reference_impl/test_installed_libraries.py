@@ -1,4 +1,4 @@
-"""What numbers depend on besides our sources is read where it is installed, without importing it."""
+"""The identity of installed libraries, compiler and processor, read without importing anything."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from bodycheck._util import compiled_cache, platform_identity
 
 
 @pytest.mark.parametrize("name", ["numpy", "numba", "llvmlite", "scipy"])
-def test_a_library_is_its_version_and_a_hash_of_its_code(name: str) -> None:
-    """Both stand in one word each."""
+def test_library_is_its_version_and_a_hash_of_its_code(name: str) -> None:
+    """One word holds both."""
     number, digest = platform_identity.library_builds()[name].split()
     assert number == version(name)
     assert len(digest) == 16
 
 
-def test_a_patched_library_is_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its sources and its libraries count, wherever they lie; its data do not."""
+def test_patched_library_has_another_identity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its sources and shared libraries count, wherever they lie; its data do not."""
     package = tmp_path / "made_up"
     (package / "core").mkdir(parents=True)
     for name in ("__init__.py", "core/typing.py", "core/fast.so", "core/linked.so.3"):
@@ -37,8 +37,8 @@ def test_a_patched_library_is_another(tmp_path: Path, monkeypatch: pytest.Monkey
     assert platform_identity._build("no_such_library", ()) is None
 
 
-def test_nothing_is_imported_to_know_it() -> None:
-    """Importing numba takes a second; reading its version from the installed files must not import it."""
+def test_identity_imports_nothing() -> None:
+    """Importing numba takes a second; its version is read from the installed files."""
     program = (
         "import sys; from bodycheck._util.platform_identity import numeric_parts; "
         "parts = numeric_parts(); sys.exit(bool({'numba', 'scipy', 'llvmlite'} & sys.modules.keys()))"
@@ -46,9 +46,30 @@ def test_nothing_is_imported_to_know_it() -> None:
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("name", ["OMP_NUM_THREADS", "NUMBA_OPT", "LD_PRELOAD", "NPY_DISABLE_CPU_FEATURES"])
-def test_a_variable_that_counts_is_part_of_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Set or not, and to what; a long one by its hash."""
+def test_numbers_depend_on_python_libraries_processor_and_environment() -> None:
+    """Each part is reported, and none is empty."""
+    parts = platform_identity.numeric_parts()
+    assert [*parts] == ["python", "numpy", "numba", "llvmlite", "scipy", "processor", "environment"]
+    assert parts["python"] == f"{sys.implementation.name.replace('cp', 'CP')} {sys.version.split()[0]}"
+    assert parts["processor"] == platform_identity.processor()
+    assert parts["environment"] == platform_identity.environment()
+    assert {name: parts[name] for name in ("numpy", "scipy")}.items() <= (
+        platform_identity.library_builds().items()
+    )
+
+
+RESULT_VARIABLES = (
+    *("OMP_NUM_THREADS", "MKL_CBWR", "OPENBLAS_CORETYPE", "GOTO_NUM_THREADS", "BLIS_NUM_THREADS"),
+    *("VECLIB_MAXIMUM_THREADS", "NUMBA_OPT", "NPY_DISABLE_CPU_FEATURES", "GLIBC_TUNABLES"),
+    *("LD_PRELOAD", "LD_LIBRARY_PATH", "LD_AUDIT", "DYLD_INSERT_LIBRARIES", "PYTHONOPTIMIZE"),
+    *("LC_ALL", "LC_NUMERIC", "LANG", "CUDA_VISIBLE_DEVICES", "NVIDIA_TF32_OVERRIDE", "XLA_FLAGS"),
+    *("JAX_ENABLE_X64", "TORCH_CUDNN_V8_API_DISABLED", "WARP_CACHE_PATH"),
+)
+
+
+@pytest.mark.parametrize("name", RESULT_VARIABLES)
+def test_environment_variable_is_part_of_the_identity(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its value counts, a long one by its hash, and whether it is set."""
     found = set()
     monkeypatch.delenv(name, raising=False)
     found.add(platform_identity.environment())
@@ -60,8 +81,8 @@ def test_a_variable_that_counts_is_part_of_it(name: str, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("name", ["NUMBA_CACHE_DIR", "PYTHONHASHSEED", "HOME", "OMPX"])
-def test_a_variable_that_changes_no_number_is_not(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever its value."""
+def test_irrelevant_variable_is_not_part_of_the_identity(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its value does not count."""
     monkeypatch.delenv(name, raising=False)
     before = platform_identity.environment()
     monkeypatch.setenv(name, "7")
@@ -69,10 +90,10 @@ def test_a_variable_that_changes_no_number_is_not(name: str, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("changed", ["numba", "llvmlite", "NUMBA_OPT"])
-def test_kernels_of_another_compiler_have_a_folder_of_their_own(
+def test_kernels_of_another_compiler_have_their_own_folder(
     changed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """numba's own cache knows its version, and neither a patch of it nor llvmlite nor its options."""
+    """numba's cache only knows its version, not a patch, llvmlite or its options."""
     monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))
     monkeypatch.delenv("BODYCHECK_KERNELS_FOR_NOW", raising=False)
     before = compiled_cache.cache_directory.__wrapped__()
@@ -85,8 +106,8 @@ def test_kernels_of_another_compiler_have_a_folder_of_their_own(
     assert compiled_cache.cache_directory.__wrapped__() != before
 
 
-def test_the_processor_is_its_name_and_its_features(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another flag is another processor, in whatever order they stand."""
+def test_processor_is_its_name_and_its_features(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another flag is another processor, whatever the order of the flags."""
     found = []
     for flags in ("fpu sse2 avx2", "avx2 fpu sse2", "fpu sse2 avx2 avx512f"):
         file = tmp_path / "cpuinfo"

@@ -1,4 +1,4 @@
-"""One list of laws, held against every fixed-step integrator."""
+"""Laws that every fixed-step integrator must satisfy."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def packed_load(scene: Scene) -> Array:
 
 
 def unpacked(state: Array, scene: Scene, method: Integrator) -> Motion:
-    """Return what the method's state says, in the common quantities."""
+    """Return the method's state in the common quantities."""
     attitude = state[9:] if method.attitude == "quaternion" else state[9:].reshape(3, 3)
     matrix = project_to_so3(attitude) if attitude.ndim == 2 else quaternion_to_matrix(attitude)
     quaternion = matrix_to_quaternion(matrix) if attitude.ndim == 2 else normalised(attitude)
@@ -134,7 +134,7 @@ def unpacked(state: Array, scene: Scene, method: Integrator) -> Motion:
 
 
 def stepped(scene: Scene, method: Integrator, steps: int, dt_s: float | None = None) -> Motion:
-    """Return where this many steps lead, through the scene's duration unless dt_s says otherwise."""
+    """Return the state after this many steps, by default of the scene's duration."""
     state = packed_start(scene, method)
     dt = scene.duration_s / steps if dt_s is None else dt_s
     method.advance(state, packed_body(scene.body), packed_load(scene), dt, steps)
@@ -207,7 +207,7 @@ def test_a_module_that_the_methods_import_can_be_imported_first(module: str) -> 
 
 @every_integrator
 def test_method_states_its_facts(method: Integrator) -> None:
-    """A method goes by its own lower-case name and says its formula, what it keeps and where it is from."""
+    """A method has a lower-case name, a formula, what it conserves and a source."""
     assert INTEGRATORS[method.name] is method
     assert method.name == method.name.lower()
     assert method.formula
@@ -228,7 +228,7 @@ REFINEMENTS: dict[int, tuple[tuple[int, ...], float]] = {
 
 @every_load
 @where(lambda method: method.order in REFINEMENTS)  # the others: test_high_order.py
-def test_error_shrinks_with_the_stated_order(method: Integrator, loads: tuple[Load, ...]) -> None:
+def test_error_has_the_stated_order(method: Integrator, loads: tuple[Load, ...]) -> None:
     """Against an independent solution the orientation converges with the order that the method states."""
     scene = scene_of(loads)
     exact = solved(scene)
@@ -244,7 +244,7 @@ def test_error_shrinks_with_the_stated_order(method: Integrator, loads: tuple[Lo
 
 @every_integrator
 def test_motion_of_the_centre_is_exact_without_force(method: Integrator) -> None:
-    """Without force x = x0 + v t and v = v0, to round-off, while the body turns."""
+    """Without force x = x0 + v t and v = v0, to round-off, while the body rotates."""
     found = stepped(scene_of(LOADS["world torque"]), method, 1000)
     assert np.array_equal(found.velocity, START.velocity)
     assert np.max(np.abs(found.position - START.position - START.velocity)) <= 1000 * EPS * 3.0
@@ -525,7 +525,7 @@ ROUND_OFF = 100 * 30 * EPS * 2
 @every_load
 @every_integrator
 def test_world_axes_do_not_matter(method: Integrator, loads: tuple[Load, ...]) -> None:
-    """In a turned world everything turns along, to round-off."""
+    """In a rotated world the motion is rotated, to round-off."""
     scene = replace(scene_of(loads), gravity=GRAVITY)
     one, other = stepped(scene, method, 100), stepped(in_turned_world(scene, TURN), method, 100)
     q = matrix_to_quaternion(TURN)
@@ -568,7 +568,7 @@ REVERSALS: dict[int, tuple[tuple[int, ...], float]] = {
 @every_load
 @every_integrator
 def test_motion_is_reversible_to_the_methods_order(method: Integrator, loads: tuple[Load, ...]) -> None:
-    """Turned back, with omega and v reversed, the body returns to its start within the order's error."""
+    """With omega and v reversed the body returns to its start within the order's error."""
     scene = scene_of(loads)
     steps, bound = REVERSALS[method.order]
     returned = []
@@ -586,7 +586,7 @@ def test_motion_is_reversible_to_the_methods_order(method: Integrator, loads: tu
 
 @every_integrator
 def test_rest_stays_at_rest(method: Integrator) -> None:
-    """Nothing moves by a single bit where nothing acts."""
+    """Without loads a body at rest does not change by a bit."""
     still = replace(START, velocity=np.zeros(3), omega_body=np.zeros(3))
     scene = scene_of(start=still)
     state = packed_start(scene, method)
@@ -609,7 +609,7 @@ SPHERE = RigidBody(2.5, np.eye(3))
 
 @every_integrator
 def test_sphere_spins_steadily(method: Integrator) -> None:
-    """omega stays, and every step turns the sphere by the angle that the method states."""
+    """omega stays, and every step rotates the sphere by the angle that the method states."""
     scene = scene_of(body=SPHERE, start=replace(START, omega_body=np.array([1.0, -2.0, 0.5])))
     omega, steps, dt = scene.initial.omega_body, 500, 0.02
     found = stepped(scene, method, steps, dt)
@@ -622,7 +622,7 @@ def test_sphere_spins_steadily(method: Integrator) -> None:
 
 @every_integrator
 def test_spin_about_a_principal_axis_is_steady(method: Integrator) -> None:
-    """About the axis of the largest and of the least moment any body spins on as a sphere does."""
+    """About the axis of the largest and of the least moment any body rotates as a sphere does."""
     for axis in (0, 2):
         spun = State(START.position, START.quaternion, START.velocity, 1.7 * np.eye(3)[axis])
         found = stepped(
@@ -634,7 +634,7 @@ def test_spin_about_a_principal_axis_is_steady(method: Integrator) -> None:
 
 
 @every_integrator
-def test_projectile(method: Integrator) -> None:
+def test_projectile_is_ahead_by_the_stated_weight(method: Integrator) -> None:
     """v is exact; x is (w - 1/2) g dt T beyond the parabola, w the weight of the force in the position."""
     scene = replace(scene_of(), gravity=GRAVITY)
     steps, dt = 1000, 1e-3
@@ -649,8 +649,8 @@ def test_projectile(method: Integrator) -> None:
 
 
 @where(lambda method: method.spin == "angular_momentum")
-def test_momentum_is_kept_exactly(method: Integrator) -> None:
-    """Free of torque the state's L does not change by a bit, gravity or not."""
+def test_momentum_is_conserved_exactly(method: Integrator) -> None:
+    """Without torque the state's L does not change by a bit, with or without gravity."""
     scene = replace(scene_of(), gravity=GRAVITY)
     state = packed_start(scene, method)
     before = state[6:9].copy()
@@ -669,8 +669,8 @@ INTERMEDIATE = Scene(
 
 
 @where(lambda method: "angular momentum" in method.preserves)
-def test_momentum_of_the_reported_motion_is_kept(method: Integrator) -> None:
-    """L = I(R) omega, from the R and the omega reported, holds to 1e-14 of itself over 1e4 steps."""
+def test_momentum_of_the_reported_motion_is_conserved(method: Integrator) -> None:
+    """L = I(R) omega of the reported motion is constant to 1e-14 over 1e4 steps."""
     simulation = Reference().build(INTERMEDIATE, method.name, 1e-3)
     first = np.array([0.1, 4.0, 0.3])
     worst = 0.0
@@ -690,22 +690,22 @@ def test_momentum_of_the_reported_motion_is_kept(method: Integrator) -> None:
 
 @where(lambda method: "rotation group" in method.preserves)
 def test_attitude_stays_a_rotation(method: Integrator) -> None:
-    """|q| = 1, or R^T R = 1, to an eps a step: products of units round, and nothing else happens to them."""
+    """|q| = 1, or R^T R = 1, to one eps per step."""
     attitude = stepped(INTERMEDIATE, method, 10_000).attitude
     defect = attitude @ attitude - 1.0 if attitude.ndim == 1 else attitude.T @ attitude - np.eye(3)
     assert np.max(np.abs(defect)) <= 2 * 10_000 * EPS
 
 
 def test_quaternion_euler_grows_as_stated() -> None:
-    """|q|^2 grows by the factor 1 + (dt omega / 2)^2 a step, exactly so for a sphere."""
+    """|q|^2 grows by the factor 1 + (dt omega / 2)^2 per step, exactly so for a sphere."""
     found = stepped(scene_of(body=SPHERE), INTEGRATORS["quaternion-euler"], 500, 0.02)
     x = 0.5 * 0.02 * float(np.linalg.norm(START.omega_body))
     assert np.linalg.norm(found.attitude) == pytest.approx((1.0 + x * x) ** 250, rel=500 * 4 * EPS, abs=0.0)
 
 
 @where(lambda method: method.tableau is not None)
-def test_norm_changes_as_the_stability_function_says(method: Integrator) -> None:
-    """|q| changes by the factor |R(i dt omega / 2)| a step, exactly so for a sphere."""
+def test_norm_follows_the_stability_function(method: Integrator) -> None:
+    """|q| changes by the factor |R(i dt omega / 2)| per step, exactly so for a sphere."""
     assert method.tableau is not None
     found = stepped(scene_of(body=SPHERE), method, 500, 0.2)
     x = 0.5 * 0.2 * float(np.linalg.norm(START.omega_body))
@@ -713,8 +713,8 @@ def test_norm_changes_as_the_stability_function_says(method: Integrator) -> None
     assert np.linalg.norm(found.attitude) == pytest.approx(expected, rel=500 * 8 * EPS, abs=0.0)
 
 
-def test_rk4_norm_shrinks_as_its_polynomial_does() -> None:
-    """|q|^2 shrinks by 1 - x^6/72 + x^8/576 a step, x = dt omega / 2: the norm is off by order 5."""
+def test_rk4_norm_follows_its_polynomial() -> None:
+    """|q|^2 shrinks by 1 - x^6/72 + x^8/576 per step, x = dt omega / 2: an error of order 5."""
     found = stepped(scene_of(body=SPHERE), INTEGRATORS["rk4"], 500, 0.2)
     x = 0.5 * 0.2 * float(np.linalg.norm(START.omega_body))
     expected = (1.0 - x**6 / 72.0 + x**8 / 576.0) ** 250
@@ -722,8 +722,8 @@ def test_rk4_norm_shrinks_as_its_polynomial_does() -> None:
     assert 1.0 - expected > 1e-6  # there is something to see
 
 
-def test_euler_leaves_the_rotations_and_the_projection_stays() -> None:
-    """R^T R grows by about T dt omega^2 across omega under Euler; with the SVD it stays I to round-off."""
+def test_euler_loses_orthogonality_and_the_projection_keeps_it() -> None:
+    """R^T R grows by about T dt omega^2 across omega under Euler; with the SVD it is I to round-off."""
     scene, dt, steps = scene_of(body=SPHERE), 0.01, 100
     speed = float(np.linalg.norm(START.omega_body))
     loose, kept = (stepped(scene, INTEGRATORS[name], steps, dt).attitude for name in ("euler", "euler-svd"))
@@ -738,7 +738,7 @@ def test_euler_leaves_the_rotations_and_the_projection_stays() -> None:
 
 
 def test_projection_holds_for_steps_of_any_size() -> None:
-    """det(I + dt [omega]x) = 1 + dt^2 omega^2 > 0: however far R is from a rotation, a step ends on one."""
+    """det(I + dt [omega]x) = 1 + dt^2 omega^2 > 0, so a projected step always gives a rotation."""
     fast = replace(START, omega_body=np.array([300.0, -200.0, 500.0]))
     found = stepped(scene_of(start=fast), INTEGRATORS["euler-svd"], 20, 0.1).attitude
     assert np.max(np.abs(found.T @ found - np.eye(3))) <= 16 * EPS
@@ -746,7 +746,7 @@ def test_projection_holds_for_steps_of_any_size() -> None:
 
 
 def test_exponential_step_is_the_rotation_of_the_matrix_exponential() -> None:
-    """lie-euler moves R by exp(dt [omega]x) from the left, omega in world axes."""
+    """lie-euler multiplies R by exp(dt [omega]x) from the left, omega in world axes."""
     found = stepped(scene_of(), INTEGRATORS["lie-euler"], 1, 0.3)
     rotation = START.rotation
     expected = exp_matrix(0.3 * rotation @ START.omega_body) @ rotation

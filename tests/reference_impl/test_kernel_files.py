@@ -1,4 +1,4 @@
-"""Compiled kernels are kept in files that are checked: what is damaged is compiled again, once."""
+"""Files of compiled kernels are checked: a damaged one is compiled again, once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from bodycheck.reference_impl.kernels import jit
+from bodycheck.reference_impl.kernels import cache_files, jit
 
 
 def _doubled(x: float) -> float:
@@ -24,15 +24,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def used() -> Any:
-    """Return a new dispatcher of the same function, called once."""
+    """Return a new kernel of the same function, called once."""
     made = jit.kernel(_doubled)
     assert made(1.5) == 3.0
     return made
 
 
-def found(dispatcher: Any) -> bool:
-    """Return whether a dispatcher found its code on disk."""
-    return bool(sum(dispatcher.stats.cache_hits.values()))
+def found(kernel: Any) -> bool:
+    """Return whether a kernel found its code on disk."""
+    return bool(sum(kernel.dispatcher.stats.cache_hits.values()))
 
 
 def _flipped(content: bytes) -> bytes:
@@ -52,7 +52,7 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
 def test_damaged_kernel_file_is_rebuilt_once(folder: Path, suffix: str, damage: str) -> None:
-    """The function works, the damaged file is replaced, and the next dispatcher finds it whole."""
+    """The function works, the damaged file is replaced, and the next dispatcher accepts it."""
     assert not found(used())
     assert found(used())
     (path,) = folder.rglob(f"*.{suffix}")
@@ -63,7 +63,7 @@ def test_damaged_kernel_file_is_rebuilt_once(folder: Path, suffix: str, damage: 
 
 def test_kernel_files_of_numba_itself_are_replaced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Files without a digest, as an earlier release left them, count as damaged."""
-    monkeypatch.setattr(jit, "check_files_of", lambda dispatcher: dispatcher)
+    monkeypatch.setattr(cache_files, "check_files_of", lambda dispatcher: dispatcher)
     used()
     monkeypatch.undo()
     monkeypatch.setattr(jit, "cache_directory", lambda: folder)
@@ -71,15 +71,15 @@ def test_kernel_files_of_numba_itself_are_replaced(folder: Path, monkeypatch: py
     assert found(used())
 
 
-def test_full_disk_costs_one_line(
+def test_full_disk_prints_one_line(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A kernel that cannot be stored is used all the same; the reason is printed once."""
+    """A kernel that cannot be stored still works; the reason is printed once."""
 
     def full(*_: Any, **__: Any) -> Any:
         raise OSError(28, "No space left on device")
 
-    from bodycheck.reference_impl.kernels.jit import CheckedCacheFile
+    from bodycheck.reference_impl.kernels.cache_files import CheckedCacheFile
 
     monkeypatch.setattr(CheckedCacheFile, "_open_for_write", full)
     used()

@@ -1,7 +1,7 @@
-"""A magnet in a uniform field: a pendulum about one axis, and energy and momentum along the field about all.
+"""A magnet in a uniform field: a pendulum about one axis; energy and axial momentum in general.
 
-Against fifty digits: `compass` in test_forced_truth.py; its torque at 40 digits: test_lasting.py; in every
-engine, free and about a pivot: tests/adapters/test_lasting_loads.py.
+`compass` in test_forced_truth.py compares it with fifty digits, test_load_formulas.py its torque with forty,
+and tests/adapters/test_continuous_loads.py every engine, free and about a pivot.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def pendulum(rate: float, own_rate: float, t: float) -> tuple[mp.mpf, mp.mpf]:
 
 
 @pytest.mark.parametrize("rate", [0.3, 1.5, 2.9, 4.5])
-def test_about_an_axis_across_both_it_is_a_pendulum(rate: float) -> None:
-    """Swinging and turning over, angle and rate are those of the elliptic functions, within the bounds."""
+def test_magnet_about_one_axis_is_a_pendulum(rate: float) -> None:
+    """Angle and rate are those of the elliptic functions, within the bounds, also when turning over."""
     body = RigidBody(1.0, np.diag([1.0, 2.0, 2.5]))
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, rate]))
     dipole = MagneticDipole(np.array([2.0, 0.0, 0.0]), np.array([2.5, 0.0, 0.0]))
@@ -64,8 +64,8 @@ def test_about_an_axis_across_both_it_is_a_pendulum(rate: float) -> None:
             assert abs(omega[2] - spin) <= truth.bound_omega_rad_s[k] <= 2e-15 * rate
 
 
-def test_energy_and_the_momentum_along_the_field_stay() -> None:
-    """E = K - (R m) . B and L . B of the truth are constant to round-off, while each part of E changes."""
+def test_energy_and_momentum_along_the_field_are_constant() -> None:
+    """E = K - (R m) . B and L . B of the truth are constant to round-off, although each part changes."""
     truth = solve_truth(COMPASS, COMPASS.sample_times).trajectory
     kinetic, potential = kinetic_energies(COMPASS, truth)[0], potential_energy(COMPASS, truth)
     assert np.ptp(potential) > 0.1 * np.max(kinetic)
@@ -78,8 +78,8 @@ def test_energy_and_the_momentum_along_the_field_stay() -> None:
     assert working_loads(COMPASS, 0.0, 1.0) == []
 
 
-def test_the_wrong_sign_of_the_potential_would_show() -> None:
-    """With the field turned around, the energy of the same motion is far from constant."""
+def test_wrong_sign_of_the_potential_is_detected() -> None:
+    """With the field reversed, the energy of the same motion is far from constant."""
     truth = solve_truth(COMPASS, COMPASS.sample_times).trajectory
     (dipole,) = COMPASS.loads
     assert isinstance(dipole, MagneticDipole)
@@ -89,8 +89,8 @@ def test_the_wrong_sign_of_the_potential_would_show() -> None:
 
 
 @pytest.mark.parametrize("method", ["rk4", "splitting6", "dop853", "taylor"])
-def test_methods_of_high_order_keep_the_energy(method: str) -> None:
-    """The energy of a case drifts by no more than its method's error."""
+def test_methods_of_high_order_conserve_the_energy(method: str) -> None:
+    """The energy of a case drifts by at most its method's error."""
     setting = Setting(tolerance=1e-15) if method == "taylor" else Setting(dt_s=0.01)
     answer = record(Reference(), Case(COMPASS, method, setting))
     assert answer.trajectory is not None

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_motions import FORCED, exact_motion, far_scene, free_scene, ratios, truth_scene
 
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.truth.certification import solve_truth
+from tests.helpers.random_motions import FORCED, exact_motion, far_scene, free_scene, ratios, truth_scene
 
 SAMPLE = {
     **{f"free {seed}": ("free", *free_scene(seed)) for seed in range(6)},
@@ -22,8 +22,8 @@ SAMPLE = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLE)
-def test_a_random_motion_lies_within_its_bounds(name: str) -> None:
-    """Attitude, omega, position and velocity are as near to an independent solution as is said of each."""
+def test_random_motion_lies_within_its_bounds(name: str) -> None:
+    """Attitude, omega, position and velocity are within their bounds of an independent solution."""
     kind, scene, times = SAMPLE[name]
     assert isinstance(scene, Scene)
     truth = solve_truth(truth_scene(kind, scene), np.array(times))

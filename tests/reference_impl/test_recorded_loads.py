@@ -1,4 +1,4 @@
-"""Loads without kernels of their own: the same motion as by kernels, in doubles and in the truth."""
+"""Loads given as formulas: the same motion as by kernels, in doubles and in the truth."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ def scene_of(load: ContinuousLoad, pivot: Array | None = None) -> Scene:
 
 @every_load
 @pytest.mark.parametrize("seed", range(5))
-def test_recorded_wrench_is_that_of_the_kernel(load: ContinuousLoad, seed: int) -> None:
-    """At any time and state a formula gives what the kernel gives, to a few roundings."""
+def test_recorded_wrench_equals_that_of_the_kernel(load: ContinuousLoad, seed: int) -> None:
+    """At any time and state a formula gives the kernel's wrench, to a few roundings."""
     rng = np.random.default_rng(seed)
     q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     at = (float(rng.uniform(0.0, 9.0)), rng.normal(size=3), q * np.linalg.det(q), *rng.normal(size=(2, 3)))
@@ -80,8 +80,8 @@ def test_recorded_wrench_is_that_of_the_kernel(load: ContinuousLoad, seed: int) 
 
 @every_load
 @pytest.mark.parametrize("pivot", [None, PIVOT], ids=["free", "pivoted"])
-def test_recorded_truth_is_that_of_the_kernel(load: ContinuousLoad, pivot: Array | None) -> None:
-    """A truth by recorded operations is certified, with bounds as narrow, and within them the same motion."""
+def test_recorded_truth_equals_that_of_the_kernel(load: ContinuousLoad, pivot: Array | None) -> None:
+    """The truth of a formula is certified with equally narrow bounds, and within them the same."""
     if pivot is not None and isinstance(load, GravityGradient):
         return  # which no pivot allows
     scene = scene_of(load, pivot)
@@ -96,8 +96,8 @@ def test_recorded_truth_is_that_of_the_kernel(load: ContinuousLoad, pivot: Array
 
 
 @every_load
-def test_recorded_load_about_a_pivot_is_the_loads_own(load: ContinuousLoad) -> None:
-    """Seen from the pivot, the torque of a formula is that of the load that says itself what it becomes."""
+def test_recorded_load_about_a_pivot_equals_the_loads_own(load: ContinuousLoad) -> None:
+    """The torque of a formula about the pivot is that of the load with its own pivot form."""
     if isinstance(load, GravityGradient):
         return
     rotation, omega = START.rotation, START.omega_world
@@ -134,7 +134,7 @@ FORMULAS: dict[str, Callable[[Instants], Array]] = {
 
 @pytest.mark.parametrize("name", FORMULAS)
 def test_each_operation_is_recorded(name: str) -> None:
-    """A formula of an operation is recorded as what numpy makes of it, and its truth is certified."""
+    """A formula with the operation is recorded with numpy's result, and its truth is certified."""
     load = Formula(FORMULAS[name])
     scene = scene_of(load)
     at = (0.7, START.position, np.ascontiguousarray(START.rotation), START.velocity, START.omega_world)
@@ -154,15 +154,15 @@ def test_each_operation_is_recorded(name: str) -> None:
         (lambda at: at.t**3, r"\*\*"),
     ],
 )
-def test_what_cannot_be_recorded_is_refused(formula: Callable[[Instants], Array], message: str) -> None:
-    """A branch and a function that no series is known of are refused by name, never left out."""
+def test_unsupported_operation_is_refused(formula: Callable[[Instants], Array], message: str) -> None:
+    """A branch and a function without a known series are refused by name."""
     with pytest.raises(TypeError, match=message):
         packed_lasting(scene_of(Formula(formula)))
 
 
 @pytest.mark.parametrize("page", ["scenarios.md", "workers.md"])
 def test_every_kind_of_load_is_in_the_docs(page: str) -> None:
-    """The pages on the format and on messages have all kinds, each with all its keys."""
+    """The pages on the format and on messages list every kind with all its keys."""
     text = (DOCS / page).read_text()
     for kind, load in load_kinds().items():
         assert kind in text

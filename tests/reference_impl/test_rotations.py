@@ -1,4 +1,4 @@
-"""Rotations against 50-digit arithmetic, against SciPy, and against the laws of the rotation group."""
+"""Rotations against 50-digit arithmetic, SciPy, and the laws of the rotation group."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_hat_is_the_cross_product(v: Array, u: Array) -> None:
 @law
 @given(vectors)
 def test_vee_undoes_hat(v: Array) -> None:
-    """vee(hat(v)) is v to the last bit, and vee sees only the skew part of a matrix."""
+    """vee(hat(v)) is v bit for bit, and vee ignores the symmetric part of a matrix."""
     assert np.array_equal(vee(hat(v)), v)
     assert np.allclose(vee(hat(v) + np.outer(v, v)), v, rtol=0.0, atol=2 * EPS)
 
@@ -182,7 +182,7 @@ def test_exponentials_match_fifty_digits(axis: Array, angle: float) -> None:
 
 @pytest.mark.parametrize("angle", [*FIXED_ANGLES, 3.2, 2 * PI, 7.0, 100.0])
 def test_exponentials_match_fifty_digits_at_special_angles(angle: float) -> None:
-    """The same at the usual switches, at pi and beyond it."""
+    """The same at the usual switches, at pi and beyond."""
     for axis in (*np.eye(3), *normalised(seeded(1).normal(size=(5, 3)))):
         check_exp(angle * axis)
 
@@ -282,7 +282,7 @@ def test_right_factor_is_the_product(p: Array, q: Array) -> None:
 
 @law
 @given(quaternions, quaternions)
-def test_product_goes_over_into_matrices(p: Array, q: Array) -> None:
+def test_product_becomes_the_product_of_matrices(p: Array, q: Array) -> None:
     """R(p q) = R(p) R(q), and |p q| = |p| |q|."""
     product = quaternion_product(p, q)
     assert abs(np.linalg.norm(product) - 1.0) <= 4 * EPS
@@ -329,8 +329,8 @@ def test_positive_angle_about_z_takes_x_to_y() -> None:
 
 
 @pytest.mark.parametrize("branch", range(4))
-def test_matrix_to_quaternion_in_each_branch(branch: int) -> None:
-    """Whichever component is the largest, it comes back positive and all four to round-off."""
+def test_matrix_to_quaternion_is_right_in_each_branch(branch: int) -> None:
+    """Whichever component is the largest, it is positive and all four are right to round-off."""
     q = unit_quaternions(500, seed=branch)
     q[:, branch] += np.copysign(1.5, q[:, branch])
     q = normalised(q)
@@ -353,8 +353,8 @@ def test_matrix_and_quaternion_are_inverse(q: Array) -> None:
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-16, 1e-12, 1e-8, 1e-4])
-def test_matrix_to_quaternion_at_half_turns(gap: float) -> None:
-    """At and beside the angle pi, where w vanishes, the axis and the small w are right to round-off."""
+def test_matrix_to_quaternion_is_right_at_half_rotations(gap: float) -> None:
+    """At and near the angle pi, where w vanishes, the axis and the small w are right to round-off."""
     for axis in (*np.eye(3), *normalised(seeded(3).normal(size=(20, 3)))):
         q = np.concatenate([[math.sin(gap / 2)], math.cos(gap / 2) * axis])
         back = matrix_to_quaternion(quaternion_to_matrix(q))
@@ -370,8 +370,8 @@ def test_matrix_of_a_quaternion_of_any_norm(q: Array, exponent: int) -> None:
     assert np.max(np.abs(quaternion_to_matrix(scaled) - expected)) <= 4 * EPS
 
 
-def test_normalised_refuses_to_invent_a_direction() -> None:
-    """A zero vector has no direction: NaN, and no warning."""
+def test_zero_vector_is_normalised_to_nan() -> None:
+    """A zero vector has no direction: NaN, without a warning."""
     assert np.all(np.isnan(normalised(np.zeros(4))))
     assert np.array_equal(normalised(np.array([0.0, -5e-324, 0.0])), [0.0, -1.0, 0.0])
 
@@ -418,7 +418,7 @@ ANGLES = (0.0, 1e-18, 1e-17, 1e-16, 1e-15, 1e-12, 1e-8, 1e-3, 1.0, 3.0, PI - 1e-
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_geodesic_angle_is_accurate(angle: float) -> None:
-    """The angle between quaternions, as they are in memory, is right relative to itself, down to 1e-18."""
+    """The angle between quaternions is right relatively, down to 1e-18."""
     rng = seeded(4)
     for p in unit_quaternions(100, seed=5):
         q = turned(p, angle, rng)
@@ -428,8 +428,8 @@ def test_geodesic_angle_is_accurate(angle: float) -> None:
         assert abs(geodesic_angle(3.0 * p, 0.7 * q) - exact) <= 8 * EPS
 
 
-def test_geodesic_angle_sees_no_angle_in_a_norm() -> None:
-    """q and c q are one orientation for c within an ulp or two of 1 as for any other."""
+def test_geodesic_angle_between_multiples_is_zero() -> None:
+    """q and c q are one orientation, for c within an ulp or two of 1 as for any other."""
     p = np.array([0.5, 0.5, 0.5, 0.5])
     for factor in (1 + EPS, 1 + 2 * EPS, 1 - EPS, 3.0, 0.1):
         assert geodesic_angle(p, factor * p) == 0.0
@@ -437,7 +437,7 @@ def test_geodesic_angle_sees_no_angle_in_a_norm() -> None:
 
 @law
 @given(quaternions, quaternions)
-def test_geodesic_angle_knows_no_sign_and_no_order(p: Array, q: Array) -> None:
+def test_geodesic_angle_is_symmetric(p: Array, q: Array) -> None:
     """The angle is symmetric, and the same for -q."""
     angle = geodesic_angle(p, q)
     assert 0.0 <= angle <= PI
@@ -446,8 +446,8 @@ def test_geodesic_angle_knows_no_sign_and_no_order(p: Array, q: Array) -> None:
 
 
 @pytest.mark.parametrize("factor", [1e-100, 1e-20, 1e-10, 1e-2, 3.0, 1e20])
-def test_geodesic_angle_knows_no_norm(factor: float) -> None:
-    """The angle to c q is that to q, and that from c p that from p, however small or large c is."""
+def test_geodesic_angle_does_not_depend_on_norms(factor: float) -> None:
+    """The angle to c q is that to q, and that from c p that from p, for any c."""
     for p, q in zip(unit_quaternions(100, seed=17), unit_quaternions(100, seed=18), strict=True):
         angle = geodesic_angle(p, q)
         assert abs(geodesic_angle(p, factor * q) - angle) <= 8 * EPS
@@ -456,15 +456,15 @@ def test_geodesic_angle_knows_no_norm(factor: float) -> None:
 
 @pytest.mark.parametrize("size", [1e-200, 1e200])
 def test_geodesic_angle_of_extreme_norms(size: float) -> None:
-    """Where the squares of both norms under- or overflow the angle is still seen, and no warning."""
+    """Where the squares of both norms under- or overflow the angle is still right, without a warning."""
     p, q = np.array([0.8, 0.0, 0.6, 0.0]), np.array([0.6, 0.8, 0.0, 0.0])
     assert abs(geodesic_angle(size * p, size * q) - geodesic_angle(p, q)) <= 8 * EPS
 
 
 @law
 @given(quaternions, quaternions, quaternions)
-def test_geodesic_angle_is_a_distance_that_turning_keeps(p: Array, q: Array, r: Array) -> None:
-    """Triangle inequality, and invariance when both are turned from the left or from the right."""
+def test_geodesic_angle_is_an_invariant_distance(p: Array, q: Array, r: Array) -> None:
+    """Triangle inequality, and invariance when both are rotated from the left or from the right."""
     angle = geodesic_angle(p, q)
     assert angle <= geodesic_angle(p, r) + geodesic_angle(r, q) + 16 * EPS
     assert abs(geodesic_angle(quaternion_product(r, p), quaternion_product(r, q)) - angle) <= 16 * EPS
@@ -474,7 +474,7 @@ def test_geodesic_angle_is_a_distance_that_turning_keeps(p: Array, q: Array, r: 
 @law
 @given(quaternions)
 def test_geodesic_angle_to_itself_is_zero(q: Array) -> None:
-    """The angle to itself is exactly 0, and to a half turn of itself pi."""
+    """The angle to itself is exactly 0, and to itself rotated by half a revolution pi."""
     assert geodesic_angle(q, q) == 0.0
     assert geodesic_angle(q, -q) == 0.0
     assert abs(geodesic_angle(q, quaternion_product(q, np.eye(4)[2])) - PI) <= 8 * EPS
@@ -502,7 +502,7 @@ def test_projection_is_a_rotation_and_a_critical_point(q: Array, noise: list[flo
 
 @pytest.mark.parametrize("seed", range(20))
 def test_projection_is_the_nearest_rotation(seed: int) -> None:
-    """No rotation is nearer, neither beside it nor anywhere: reflections and flat matrices included."""
+    """No rotation is nearer, locally or globally, for reflections and singular matrices too."""
     rng = seeded(seed)
     matrix = rng.normal(size=(3, 3))
     if seed % 4 == 0:
@@ -532,7 +532,7 @@ def test_projection_is_the_nearest_rotation(seed: int) -> None:
     ],
 )
 def test_projection_of_reflections_and_singular_matrices(matrix: Array) -> None:
-    """Whatever finite matrix goes in, a proper rotation comes out."""
+    """Every finite matrix gives a proper rotation."""
     assert is_rotation(project_to_so3(matrix))
 
 
@@ -581,10 +581,8 @@ def test_projection_of_a_stretched_rotation_is_the_rotation() -> None:
         (normalised, [(4,)]),
     ],
 )
-def test_batches_are_single_calls_side_by_side(
-    function: Callable[..., Array], shapes: list[tuple[int, ...]]
-) -> None:
-    """A call on (2, 5, ...) gives what ten single calls give, to an ulp, and an empty batch is empty."""
+def test_batches_equal_single_calls(function: Callable[..., Array], shapes: list[tuple[int, ...]]) -> None:
+    """A call on (2, 5, ...) gives what ten single calls give, to an ulp; an empty batch is empty."""
     rng = seeded(12)
 
     def made(shape: tuple[int, ...], batch: tuple[int, ...]) -> Array:
@@ -607,7 +605,7 @@ def scalar_last(q: Array) -> Array:
 
 
 def test_scipy_agrees() -> None:
-    """Every conversion, product, exponential, logarithm and distance is SciPy's, to round-off."""
+    """Conversions, products, exponentials, logarithms and distances are SciPy's, to round-off."""
     p, q = unit_quaternions(1000, seed=13), unit_quaternions(1000, seed=14)
     v = seeded(15).normal(size=(1000, 3))
     first, second = Rotation.from_quat(scalar_last(p)), Rotation.from_quat(scalar_last(q))

@@ -75,7 +75,7 @@ def order_defect(tableau: Tableau, order: int) -> float:
     )
 
 
-def test_trees_are_counted_as_cayley_did() -> None:
+def test_number_of_trees_is_cayleys() -> None:
     """There are 1, 1, 2, 4, 9, 20, 48, 115 rooted trees of 1 to 8 nodes (Cayley 1857)."""
     assert [len(trees(n)) for n in range(1, 9)] == [1, 1, 2, 4, 9, 20, 48, 115]
     assert all(size(tree) == 6 for tree in trees(6))
@@ -92,7 +92,7 @@ def test_tableau_is_explicit_and_its_nodes_are_the_sums_of_its_rows(method: Inte
 
 
 @every_tableau
-def test_tableau_is_of_the_stated_order_and_no_higher(method: Integrator) -> None:
+def test_tableau_has_exactly_the_stated_order(method: Integrator) -> None:
     """b . g(t) = 1 / gamma(t) for every tree of up to `order` nodes, and not for all of one node more.
 
     Butcher (1963); Hairer, Norsett and Wanner (1993), Solving ODEs I, theorem II.2.13.

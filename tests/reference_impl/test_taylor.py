@@ -13,7 +13,6 @@ from functools import cache
 import mpmath
 import numpy as np
 import pytest
-from interpreted import printed_json
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.pivot import kinetic_energies
@@ -34,6 +33,7 @@ from bodycheck.reference_impl.scene import (
 from bodycheck.reference_impl.taylor.solution import Resolution, Solution, course_of, resolution_for, solve
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import potential_energy
+from tests.helpers.kernel_programs import printed_json
 
 EPS = float(np.finfo(np.float64).eps)
 COLUMNS = 16
@@ -266,7 +266,7 @@ def rotation_of(q: Vector) -> Vector:
 
 @pytest.mark.slow
 @every_load
-def test_double_doubles_are_good_to_thirty_digits(name: str) -> None:
+def test_double_doubles_are_right_to_thirty_digits(name: str) -> None:
     """R, omega, v and x under each load agree with the oracle to 1e-28, halfway and at the end."""
     scene = CASES[name]
     solution = solve(course_of(scene, 2.0), scene.initial, np.array([1.0, 2.0]), TRUE)
@@ -275,8 +275,8 @@ def test_double_doubles_are_good_to_thirty_digits(name: str) -> None:
 
 
 @every_load
-def test_doubles_are_good_to_their_round_off(name: str) -> None:
-    """The same in doubles to ten times eps and the motion's sensitivity, which is small in two seconds."""
+def test_doubles_are_right_to_their_round_off(name: str) -> None:
+    """The same in doubles to ten times eps times the sensitivity, which is small within two seconds."""
     scene = CASES[name]
     solution = solve(course_of(scene, 2.0), scene.initial, np.array([1.0, 2.0]), FINE)
     for row, expected in enumerate(forty_digits(name, 6)):
@@ -304,7 +304,7 @@ def test_truth_lies_within_its_bounds(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["spring", "two springs", "torsion spring"])
-def test_springs_keep_the_energy(name: str) -> None:
+def test_springs_conserve_the_energy(name: str) -> None:
     """K + U of gravity and springs is constant along the truth, to its bound."""
     scene = replace(CASES[name], duration_s=8.0, samples=41)
     truth = solve_truth(scene, scene.sample_times)
@@ -315,7 +315,7 @@ def test_springs_keep_the_energy(name: str) -> None:
     assert np.all(np.abs(energy - energy[0]) / scale <= allowed)
 
 
-def test_gravity_gradient_keeps_the_jacobi_integral() -> None:
+def test_gravity_gradient_conserves_the_jacobi_integral() -> None:
     """K - n . L + 3/2 n^2 u . I u - (constant) does not change, n along -y of the orbit's frame."""
     scene = replace(CASES["gravity gradient"], gravity=np.zeros(3), duration_s=10.0, samples=51)
     motion = solve_truth(scene, scene.sample_times).trajectory
@@ -329,8 +329,8 @@ def test_gravity_gradient_keeps_the_jacobi_integral() -> None:
     assert np.max(np.abs(jacobi - jacobi[0])) <= 32 * EPS * np.max(kinetic)
 
 
-def test_specialised_kernels_are_the_general_one() -> None:
-    """Loads of no strength change nothing: the kernel that knows all loads gives the free motion."""
+def test_specialised_kernels_equal_the_general_one() -> None:
+    """Loads of zero strength change nothing: the general kernel gives the free motion."""
     idle: tuple[Load, ...] = (
         Torque("world", np.zeros(3)),
         PointForce("body", np.zeros(3), B),
@@ -357,7 +357,7 @@ def test_specialised_kernels_are_the_general_one() -> None:
         *(pytest.param(omega, marks=pytest.mark.nightly) for omega in ((0.7, -0.4, 0.9), (1.0, 0.2, -0.5))),
     ],
 )
-def test_a_million_steps_lose_next_to_nothing(omega: tuple[float, float, float]) -> None:
+def test_million_steps_conserve_to_4e_15(omega: tuple[float, float, float]) -> None:
     """With four orders in double-doubles |dE/E|, |dL|/|L| and ||q| - 1| stay below 4e-15."""
     body = RigidBody(1.0, np.diag([1.0, 2.0, 3.0]))
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array(omega))
@@ -373,8 +373,8 @@ def test_a_million_steps_lose_next_to_nothing(omega: tuple[float, float, float])
     assert np.linalg.norm(rotate(q, spin) - first) <= 4e-15 * np.linalg.norm(first)
 
 
-def test_a_chaotic_motion_is_trusted_for_a_while() -> None:
-    """A weight at an arm makes chaos: the bound grows with it, and the truth says until when it holds."""
+def test_bound_grows_in_a_chaotic_motion() -> None:
+    """A weight at an arm is chaotic: the bound grows, and the truth states until when it is valid."""
     tumbling = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))
     body = RigidBody(1.0, np.diag([1.0, 2.0, 3.0]))
     weight = PointForce("world", np.array([0.0, 0.0, -2.0]), np.array([0.0, 0.0, 1.0]))
@@ -387,8 +387,8 @@ def test_a_chaotic_motion_is_trusted_for_a_while() -> None:
     assert truth.bound_rad[10] <= 1e-15
 
 
-def test_times_between_steps_are_those_of_short_runs() -> None:
-    """Dense output and a run that ends there agree to 1e-29, under loads that come and go."""
+def test_dense_output_equals_short_runs() -> None:
+    """Dense output and a run that ends there agree to 1e-29, also with switching loads."""
     load = Torque("body", A, from_s=0.3, until_s=1.1)
     scene = scene_under(load, SineTorque("world", B, 1.7, 0.3))
     times = np.array([0.0, 0.1, 0.3, 0.77, 1.1, 1.3, 2.0])
@@ -398,8 +398,8 @@ def test_times_between_steps_are_those_of_short_runs() -> None:
         assert np.max(np.abs((alone.high[0] - many.high[k]) + (alone.low[0] - many.low[k]))) <= 1e-29
 
 
-def test_what_no_series_follows_is_refused() -> None:
-    """A torsion spring wound to pi, and a spring that slackens through length zero, are no truth."""
+def test_motion_without_a_series_is_refused() -> None:
+    """A torsion spring wound to pi, and a spring shortened to length zero, have no truth."""
     wound = replace(scene_under(TorsionSpring(0.01)), gravity=np.zeros(3))
     with pytest.raises(ValueError, match="turned by pi, where its torque jumps"):
         solve_truth(wound, np.array([5.0]))
@@ -414,7 +414,7 @@ def test_what_no_series_follows_is_refused() -> None:
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, 1.0, 1e-20, float("nan")])
 def test_impossible_tolerances_are_refused(tolerance: float) -> None:
-    """A tolerance that doubles cannot keep is refused by its value."""
+    """A tolerance that doubles cannot meet is refused with its value."""
     with pytest.raises(ValueError, match="tolerance") as refusal:
         resolution_for(tolerance)
     assert repr(tolerance) in str(refusal.value)
@@ -450,8 +450,8 @@ print(json.dumps(found))
 """
 
 
-@pytest.mark.nightly  # of test_registers.py and test_taylor_motion.py: at each push
-def test_compiled_kernels_are_the_python_that_is_read() -> None:
+@pytest.mark.nightly  # of test_small_vectors.py and test_taylor_motion.py: at each push
+def test_compiled_kernels_equal_their_python_source() -> None:
     """Compiled and interpreted, doubles agree to 1e-14 and double-doubles to 1e-29."""
     compiled, interpreted = (
         np.array(printed_json(SHORT_MOTIONS, interpreted=plain)) for plain in (False, True)

@@ -1,4 +1,4 @@
-"""The fast Taylor integrator against closed forms and certified truths, which know nothing of its axes."""
+"""The fast Taylor integrator against closed forms and certified truths in other axes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from functools import cache
 import mpmath
 import numpy as np
 import pytest
-from interpreted import printed_json
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rational import fractions
@@ -30,6 +29,7 @@ from bodycheck.reference_impl.taylor.principal_frame import axes_of, in_axes_of,
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import distances
 from bodycheck.reference_impl.truth.truth import Truth
+from tests.helpers.kernel_programs import printed_json
 
 EPS = float(np.finfo(np.float64).eps)
 A, B = np.array([0.1, 0.2, 0.3]), np.array([0.2, 0.35, -0.15])
@@ -146,7 +146,7 @@ def test_any_body_in_any_axes_follows_its_closed_form(name: str, turned: bool) -
 
 
 @pytest.mark.parametrize("omega", [(0.1, 2.0, 0.1), (0.7, -0.4, 0.9), (1.0, 0.2, -0.5)])
-def test_a_hundred_thousand_steps_lose_little(omega: tuple[float, float, float]) -> None:
+def test_hundred_thousand_steps_conserve_to_3e_14(omega: tuple[float, float, float]) -> None:
     """|dE/E|, |dL|/|L| and ||q| - 1| stay below 3e-14 in plain doubles over some 1e5 steps."""
     scene = scene_of(BODIES["brick"], duration_s=4e4)
     scene = replace(scene, initial=replace(scene.initial, omega_body=np.array(omega)))
@@ -164,7 +164,7 @@ def test_a_hundred_thousand_steps_lose_little(omega: tuple[float, float, float])
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_principal_axes_are_good_to_thirty_digits(name: str) -> None:
+def test_principal_axes_are_right_to_thirty_digits(name: str) -> None:
     """R(p)^T I R(p) is diagonal to 2^-105 of its moments, which are mpmath's eigenvalues; R is orthogonal."""
     inertia = fractions(askew(BODIES[name]))
     p, moments = principal_quaternion(inertia)
@@ -184,8 +184,8 @@ def test_principal_axes_are_good_to_thirty_digits(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_principal_axes_are_kept(name: str) -> None:
-    """A diagonal tensor is its own frame, to the last bit."""
+def test_diagonal_tensor_is_its_own_frame(name: str) -> None:
+    """A diagonal tensor is its own frame, bit for bit."""
     p, moments = principal_quaternion(fractions(BODIES[name]))
     assert p == (1, 0, 0, 0)
     assert [float(x) for x in moments] == np.diag(BODIES[name]).tolist()
@@ -195,8 +195,8 @@ def test_principal_axes_are_kept(name: str) -> None:
 
 
 @every_load
-def test_a_solve_depends_on_nothing_before_it(name: str) -> None:
-    """Solved again, after other times, a motion is the same to the last bit; so is each of its samples."""
+def test_solve_is_repeatable(name: str) -> None:
+    """Solved again after other times, a motion and each of its samples are the same, bit for bit."""
     scene, _ = truth_of(name)
     motion = TaylorMotion.of(scene, 1e-14)
     once = motion.solve(scene.sample_times)
@@ -205,8 +205,8 @@ def test_a_solve_depends_on_nothing_before_it(name: str) -> None:
 
 
 @every_load
-def test_samples_between_steps_are_those_of_shorter_runs(name: str) -> None:
-    """Dense output agrees with a run that ends there, to 1e-12; a time asked for twice is answered twice."""
+def test_dense_output_equals_shorter_runs(name: str) -> None:
+    """Dense output equals a run that ends there, to 1e-12; a time given twice is returned twice."""
     scene, _ = truth_of(name)
     times = np.array([0.0, 0.0, 0.31, 1.0, 2.5, 2.5, 3.77, 4.0, 5.0])
     motion = TaylorMotion.of(scene, 1e-16)
@@ -217,8 +217,8 @@ def test_samples_between_steps_are_those_of_shorter_runs(name: str) -> None:
         assert alone.steps <= many.steps
 
 
-def test_no_times_are_no_states() -> None:
-    """Nothing asked, nothing done."""
+def test_no_times_give_no_states() -> None:
+    """An empty list of times gives empty arrays."""
     found = TaylorMotion.of(scene_of(BODIES["brick"]), 1e-12).solve(np.empty(0))
     assert found.states.shape == (0, 13)
     assert found.steps == 0
@@ -228,23 +228,23 @@ def test_no_times_are_no_states() -> None:
     ("times", "named"),
     [([1.0, 0.5], "0.5"), ([-1.0], "-1.0"), ([0.0, np.nan], "nan"), ([1.0, np.inf], "inf")],
 )
-def test_misplaced_times_are_named(times: list[float], named: str) -> None:
-    """A time out of order, negative or not finite is refused by its value."""
+def test_impossible_times_are_refused(times: list[float], named: str) -> None:
+    """A time out of order, negative or not finite is refused with its value."""
     with pytest.raises(ValueError, match=f"which {named} is not"):
         TaylorMotion.of(scene_of(BODIES["brick"]), 1e-12).solve(np.array(times))
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, 1.0, 1e-20, float("nan")])
 def test_impossible_tolerances_are_refused(tolerance: float) -> None:
-    """A tolerance that doubles cannot keep is refused by its value."""
+    """A tolerance that doubles cannot meet is refused with its value."""
     with pytest.raises(ValueError, match="tolerance") as refusal:
         TaylorMotion.of(scene_of(BODIES["brick"]), tolerance)
     assert repr(tolerance) in str(refusal.value)
 
 
 @pytest.mark.parametrize("loads", [(), (Torque("world", A),)], ids=["free", "forced"])
-def test_what_cannot_be_followed_is_not_a_number(loads: tuple[Load, ...]) -> None:
-    """Where the coefficients overflow, the states are NaN from there on, and what came before stands."""
+def test_overflowing_motion_ends_in_nan(loads: tuple[Load, ...]) -> None:
+    """Where the coefficients overflow, the states are NaN from there on, and finite before."""
     scene = scene_of(BODIES["brick"], *loads)
     scene = replace(scene, initial=replace(scene.initial, omega_body=np.full(3, 1e200)))
     found = TaylorMotion.of(scene, 1e-12).solve(np.array([0.0, 1.0, 2.0]))
@@ -274,7 +274,7 @@ print(json.dumps(found))
 
 
 @pytest.mark.slow
-def test_compiled_kernels_are_the_python_that_is_read() -> None:
+def test_compiled_kernels_equal_their_python_source() -> None:
     """Compiled and interpreted, states agree to 1e-14, free and under every load that the frame knows."""
     compiled, interpreted = (
         np.array(printed_json(SHORT_MOTIONS, interpreted=plain)) for plain in (False, True)

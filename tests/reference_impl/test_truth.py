@@ -10,7 +10,6 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from series_in_integers import Exact, exact_states, rational_rotation
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import normalised
@@ -18,6 +17,7 @@ from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, State, 
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.scenarios.library import load_scenario
+from tests.helpers.integer_taylor_series import Exact, exact_states, rational_rotation
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -35,7 +35,7 @@ class Errors:
 
 
 def errors(scene: Scene, truth: Truth, exact: list[Exact]) -> Errors:
-    """Measure at forty digits what the doubles of a truth say."""
+    """Return the errors of a truth in doubles against forty digits."""
     motion, tensor = truth.trajectory, scene.body.inertia
     assert motion.quaternion is not None
     found: dict[str, list[mpmath.mpf]] = {
@@ -122,7 +122,7 @@ KINDS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_truth_of_the_library_lies_within_its_bounds(name: str) -> None:
-    """Angle, energy and momentum are as near to forty digits as the truth says, and its bounds are narrow."""
+    """Angle, energy and momentum are within the bounds of forty digits, and the bounds are narrow."""
     scene = load_scenario(name).scene
     times = [t for t in TIMES if t <= scene.duration_s]
     truth, _ = check_bounds(scene, times)
@@ -160,15 +160,15 @@ def random_scene(seed: int, strength: float) -> Scene:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_truth_of_random_scenes_lies_within_its_bounds(seed: int) -> None:
-    """World forces at body points, loads that come and go, full tensors: within the bounds all the same."""
+    """World forces at body points, switching loads and full tensors are within the bounds."""
     truth, _ = check_bounds(random_scene(seed, 0.3), (0.0, 0.3, 1.3, 2.3, 3.7, 5.0))
     assert truth.kind == "certified"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10, 14))
-def test_truth_of_violent_scenes_lies_within_its_bounds(seed: int) -> None:
-    """Where strong loads stretch every error the bound grows with it, and still holds."""
+def test_truth_under_strong_loads_lies_within_its_bounds(seed: int) -> None:
+    """Where strong loads amplify every error the bound grows, and still holds."""
     check_bounds(random_scene(seed, 3.0), (0.0, 0.3, 1.3, 2.3, 3.7, 5.0))
 
 
@@ -182,14 +182,14 @@ def torqued_from_rest(acceleration: float) -> Scene:
 
 @pytest.mark.parametrize("acceleration", [1e-6, 1.0, 10.0, 50.0, 1e3, 1e9])
 def test_truth_of_a_body_that_starts_from_rest(acceleration: float) -> None:
-    """A torque may set any body turning from rest: in the time sqrt(1 / a) all of these are one motion."""
+    """A torque may accelerate any body from rest: scaled by sqrt(1 / a), all are one motion."""
     unit = 1.0 / math.sqrt(max(acceleration, 1.0))
     scene = torqued_from_rest(acceleration)
     check_bounds(scene, (0.0, 0.1 * unit, unit))
 
 
 def test_truth_of_rest_is_rest() -> None:
-    """Where nothing acts and nothing moves the truth is the initial state, and every bound is finite."""
+    """Without loads and motion the truth is the initial state, and every bound is finite."""
     scene = replace(torqued_from_rest(0.0), loads=())
     for still in (scene, torqued_from_rest(0.0)):
         truth = solve_truth(still, np.array([0.0, 1.0, 100.0]))
@@ -200,7 +200,7 @@ def test_truth_of_rest_is_rest() -> None:
             assert np.all(np.isfinite(bound))
 
 
-def test_a_central_force_does_not_turn_the_body() -> None:
+def test_central_force_does_not_rotate_the_body() -> None:
     """Under a world force at the centre the rotation is the free one, within both bounds."""
     free = replace(random_scene(3, 1.0), loads=(), gravity=np.zeros(3))
     pushed = replace(free, loads=(PointForce("world", np.array([1.0, -2.0, 0.5]), np.zeros(3)),))
@@ -231,8 +231,8 @@ def test_gravity_alone_is_a_parabola(name: str) -> None:
     assert np.all((truth.bound_rad >= 4e-15) & (truth.bound_rad <= 5e-15))
 
 
-def test_gravity_does_not_turn_the_body() -> None:
-    """With and without gravity the rotation is the same to the last bit."""
+def test_gravity_does_not_rotate_the_body() -> None:
+    """With and without gravity the rotation is the same, bit for bit."""
     scene = load_scenario("boxes").scene
     weightless = replace(scene, gravity=np.zeros(3))
     one, other = (solve_truth(s, np.array([0.0, 3.0, 10.0])).trajectory for s in (scene, weightless))
@@ -247,7 +247,7 @@ both_kinds = pytest.mark.parametrize("name", ["tumbling", "pulsed-torque"])
 
 @both_kinds
 def test_times_may_come_in_any_order_and_twice(name: str) -> None:
-    """Shuffled times with duplicates give the rows of the sorted ones, to the last bit."""
+    """Shuffled times with duplicates give the rows of the sorted ones, bit for bit."""
     scene = load_scenario(name).scene
     ascending = np.array([0.0, 0.5, 1.0, 1.7, 2.5, 6.0, 6.1, 6.2, 9.9, 10.0])
     sorted_truth = solve_truth(scene, ascending)
@@ -264,7 +264,7 @@ def test_times_may_come_in_any_order_and_twice(name: str) -> None:
 
 @both_kinds
 def test_truth_does_not_depend_on_the_other_times(name: str) -> None:
-    """The state at one time is the same within the bound, whatever other times are asked with it."""
+    """The state at one time is the same within the bound, whatever other times are requested."""
     scene = load_scenario(name).scene
     many = solve_truth(scene, scene.sample_times)
     for k in (0, 1, 25, 60, 61, 100):
@@ -276,7 +276,7 @@ def test_truth_does_not_depend_on_the_other_times(name: str) -> None:
 
 @both_kinds
 def test_truth_at_zero_is_the_initial_state(name: str) -> None:
-    """At t = 0 stands the start, its quaternion normalised, alone or among others; no times, no rows."""
+    """At t = 0 it is the initial state with its quaternion normalised; no times give no rows."""
     scene = load_scenario(name).scene
     for times in ([0.0], [0.0, 0.0], [4.0, 0.0], [-0.0]):
         motion = solve_truth(scene, np.array(times)).trajectory
@@ -292,7 +292,7 @@ def test_truth_at_zero_is_the_initial_state(name: str) -> None:
 
 @both_kinds
 @pytest.mark.parametrize("bad", [-1e-300, -1.0, math.nan, math.inf, -math.inf])
-def test_impossible_times_are_refused_by_their_value(name: str, bad: float) -> None:
+def test_impossible_times_are_refused(name: str, bad: float) -> None:
     """A time that is negative or not finite is refused, and the message names it."""
     with pytest.raises(ValueError, match="finite and not negative") as refusal:
         solve_truth(load_scenario(name).scene, np.array([1.0, bad, 0.5]))
@@ -300,8 +300,8 @@ def test_impossible_times_are_refused_by_their_value(name: str, bad: float) -> N
 
 
 @both_kinds
-def test_quaternions_are_of_unit_length(name: str) -> None:
-    """Every quaternion handed out is a unit to round-off, over the whole duration."""
+def test_quaternions_have_unit_length(name: str) -> None:
+    """Every returned quaternion is a unit to round-off, over the whole duration."""
     scene = load_scenario(name).scene
     q = solve_truth(scene, scene.sample_times).trajectory.attitude
     assert np.max(np.abs(np.linalg.norm(q, axis=-1) - 1.0)) <= 4 * EPS
@@ -311,7 +311,7 @@ def test_quaternions_are_of_unit_length(name: str) -> None:
 
 @both_kinds
 def test_bounds_never_shrink(name: str) -> None:
-    """What was lost is not regained: bounds and round-off do not decrease with time."""
+    """Bounds and round-off do not decrease with time."""
     scene = load_scenario(name).scene
     truth = solve_truth(scene, scene.sample_times)
     for bound in (truth.bound_rad, truth.bound_energy, truth.bound_momentum, truth.round_off_rad):
@@ -320,8 +320,8 @@ def test_bounds_never_shrink(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_sensitivity_of_a_chaotic_motion_is_not_cut_off() -> None:
-    """A nudge of 1e-13 grows as much in forty digits as the truth says, where nudges of doubles saturate."""
+def test_sensitivity_of_a_chaotic_motion_is_not_saturated() -> None:
+    """A perturbation of 1e-13 grows in forty digits as the truth states; in doubles it saturates."""
     start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))
     torque = Torque("world", np.array([0.3, -0.2, 0.1]))
     scene = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 3.0])), start, (torque,), np.zeros(3), 50.0, 2)

@@ -1,4 +1,4 @@
-"""Where a truth ends, from which start it begins, and what a long one costs."""
+"""Where a truth ends, from which state it starts, and what a long one costs."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def spring(rest_length: float) -> Spring:
 @pytest.mark.slow
 @pytest.mark.parametrize("x", [1.5, 1.001])
 def test_no_truth_beyond_the_anchor_of_a_spring(x: float) -> None:
-    """A body that swings through the anchor, far or by a thousandth, has a truth until then, no longer."""
+    """A body that swings through the anchor, or near it, has a truth until then and no longer."""
     scene = scene_of(spring(0.5), x=(x, 0.0, 0.0))
     rate = math.sqrt(3.0)
     reached = (math.pi - math.acos(0.5 / (x - 0.5))) / rate  # x = 1/2 + (x0 - 1/2) cos(rate t)
@@ -66,8 +66,8 @@ def test_no_truth_beyond_the_anchor_of_a_spring(x: float) -> None:
 
 
 @pytest.mark.slow
-def test_a_spring_that_turns_before_its_anchor_has_a_truth() -> None:
-    """What comes within a thousandth of the anchor on its line, and goes back, is followed."""
+def test_spring_that_reverses_before_its_anchor_has_a_truth() -> None:
+    """A body that comes within a thousandth of the anchor and returns has a truth."""
     scene = scene_of(spring(0.5), x=(0.999, 0.0, 0.0))
     truth = solve_truth(scene, np.array([0.0, 10.0]))
     assert truth.trajectory.position_m[1, 0] == pytest.approx(
@@ -77,8 +77,8 @@ def test_a_spring_that_turns_before_its_anchor_has_a_truth() -> None:
 
 
 @pytest.mark.slow
-def test_a_body_at_the_anchor_of_a_spring_is_not_trusted() -> None:
-    """Where the force jumps next to the start, neighbours leave it: the truth ends after the start."""
+def test_truth_ends_at_a_start_next_to_the_anchor() -> None:
+    """Where the force jumps next to the start, neighbours diverge: the truth ends after the start."""
     truth = solve_truth(scene_of(spring(0.5), x=(0.0, 0.0, 0.0)), np.array([0.0, 1.0, 2.0]))
     assert truth.trusted_until_s == 1.0
     assert np.isfinite(truth.bounds[:, 0]).all()
@@ -86,8 +86,8 @@ def test_a_body_at_the_anchor_of_a_spring_is_not_trusted() -> None:
 
 
 @pytest.mark.nightly
-def test_no_truth_beyond_half_a_turn_of_a_torsion_spring() -> None:
-    """A torsion spring that is turned by pi ends the motion, by name; until then it is known."""
+def test_no_truth_beyond_half_a_revolution_of_a_torsion_spring() -> None:
+    """A torsion spring at angle pi ends the truth with a message that names it."""
     scene = scene_of(TorsionSpring(0.01), omega=(0.0, 0.0, 3.0))
     rate = math.sqrt(0.01 / 2.5)
     reached = math.asin(math.pi * rate / 3.0) / rate  # angle = 3 / rate sin(rate t)
@@ -115,8 +115,8 @@ rest_length_m = 0.5
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("x", "why"), [("1.5", "at its anchor"), ("0.0", "ends before the second sample")])
-def test_a_run_without_a_truth_is_refused(x: str, why: str, tmp_path: Path) -> None:
-    """A run whose truth ends within it is wrong input that says why; so is the truth beyond its end."""
+def test_run_without_a_truth_is_refused(x: str, why: str, tmp_path: Path) -> None:
+    """A run whose truth ends within it is refused with the reason; so is a truth beyond its end."""
     path = tmp_path / "through.toml"
     path.write_text(THROUGH.format(x=x), encoding="utf-8")
     with pytest.raises(InputError, match=why):
@@ -178,8 +178,8 @@ def turn(mp: mpmath.MPContext, omega: mpmath.matrix, t_s: float) -> mpmath.matri
     return mp.eye(3) + mp.sin(angle) * cross + (1 - mp.cos(angle)) * cross * cross
 
 
-def test_the_norm_of_a_quaternion_does_not_count() -> None:
-    """A quaternion and the same times 1 + 2^-21 are one start, to the last digit of a chaotic motion."""
+def test_norm_of_the_quaternion_does_not_matter() -> None:
+    """A quaternion and the same times 1 + 2^-21 give the same chaotic motion, to the last digit."""
     q = np.array([0.5, 0.5, -0.5, 0.5])
     torque = Torque("world", np.array([0.3, -0.2, 0.1]))
     scenes = [
@@ -208,8 +208,8 @@ FIXED_AXIS: dict[str, tuple[Load, ...]] = {
 
 
 @pytest.mark.parametrize("name", FIXED_AXIS)
-def test_a_closed_form_integrates_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The truth of 1e9 s about a fixed axis, its sensitivity too, takes no steps."""
+def test_closed_form_takes_no_steps(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The truth of 1e9 s about a fixed axis, with its sensitivity, takes no steps."""
 
     def no_steps(*_: object) -> None:
         raise AssertionError("a closed form was integrated")
@@ -222,7 +222,7 @@ def test_a_closed_form_integrates_nothing(name: str, monkeypatch: pytest.MonkeyP
     assert truth.round_off_rad[1] > truth.round_off_rad[0]
 
 
-def test_departures_about_a_middle_axis_are_those_of_linear_theory() -> None:
+def test_growth_about_the_middle_axis_is_that_of_linear_theory() -> None:
     """Spun about the middle axis at w, an offset grows as cosh(w t r), r r = (C - B)(B - A) / A C."""
     scene = replace(scene_of(Torque("body", np.zeros(3)), omega=(0.0, 1.5, 0.0)))
     closed = closed_form_of(

@@ -1,4 +1,4 @@
-"""A load of a kind that a consumer of loads does not know is refused by name, never left out."""
+"""A load of a kind that a consumer does not know is refused by name, never ignored."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ CONSUMERS: dict[str, Callable[[], object]] = {
 
 
 @pytest.mark.parametrize("name", CONSUMERS)
-def test_an_unknown_load_is_refused_by_name(name: str) -> None:
-    """Whoever is handed a load of another kind says that it does not know it, and computes nothing."""
+def test_unknown_load_is_refused_by_name(name: str) -> None:
+    """Each consumer raises an error with the load's kind and computes nothing."""
     with pytest.raises(ValueError, match=r"does not know loads of the kind Magnet$"):
         CONSUMERS[name]()
 
@@ -100,6 +100,6 @@ def test_no_engine_steps_an_unknown_load(engine: str, module: str, method: str) 
         record(get_adapter(engine), Case(SCENE, method, setting))
 
 
-def test_no_closed_form_is_found_for_an_unknown_load() -> None:
-    """A load that no closed form knows leaves the scene without one."""
+def test_unknown_load_has_no_closed_form() -> None:
+    """A scene with such a load has no closed form."""
     assert closed_form_of(SCENE) is None

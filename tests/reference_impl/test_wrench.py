@@ -1,4 +1,4 @@
-"""What acts on the body, and the grid of steps that meets its switches."""
+"""The wrench on the body, and the plan of steps that meets the switching times."""
 
 from __future__ import annotations
 
@@ -85,8 +85,8 @@ def test_packed_wrench_is_the_sum_of_its_loads(seed: int) -> None:
         ),
     ],
 )
-def test_each_load_goes_to_its_own_part(load: Timed, parts: dict[str, list[float]]) -> None:
-    """A load shows in the parts of its kind and axes, and nowhere else, times its share."""
+def test_each_load_is_in_its_own_part(load: Timed, parts: dict[str, list[float]]) -> None:
+    """A load is in the parts of its kind and axes only, times its share."""
     wrench = wrench_of(((load, 0.25),))
     for name in ("torque_body", "torque_world", "force_body", "force_world"):
         assert np.array_equal(getattr(wrench, name), 0.25 * np.array(parts.get(name, [0.0, 0.0, 0.0])))
@@ -95,7 +95,7 @@ def test_each_load_goes_to_its_own_part(load: Timed, parts: dict[str, list[float
 
 
 def test_world_force_off_the_centre_is_kept_with_its_point() -> None:
-    """A world force that has a moment stays a pair of point and force, times its share."""
+    """A world force with a moment stays a pair of point and force, times its share."""
     wrench = wrench_of(((PointForce("world", np.array([1.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0])), 0.5),))
     assert len(wrench.point_forces) == 1
     at, force = wrench.point_forces[0]
@@ -105,7 +105,7 @@ def test_world_force_off_the_centre_is_kept_with_its_point() -> None:
 
 
 def test_no_load_is_zero_and_gravity_is_not_a_load() -> None:
-    """Nothing acting is zero; the weight comes in only when packed."""
+    """Without loads the wrench is zero; the weight is added when it is packed."""
     wrench = wrench_between(scene_with(gravity=GRAVITY), 0.0, 1.0)
     assert wrench.is_zero
     packed = wrench.packed(BODY, GRAVITY)
@@ -163,7 +163,7 @@ pulses = st.lists(st.tuples(fractions, fractions), min_size=0, max_size=4)
 def test_plan_covers_the_time_and_keeps_the_impulse(
     ends: list[tuple[float, float]], stride: int, samples: int, duration: float
 ) -> None:
-    """Legs add up to all steps, samples fall where they are due, and each load gives its whole impulse."""
+    """Legs sum to all steps, samples are at their times, and each load exerts its whole impulse."""
     loads = [pulse(duration * a, duration * b) for a, b in ends if a < b]
     scene = scene_with(*loads, duration_s=duration, samples=samples)
     plan = plan_steps(scene, scene.sample_interval_s / stride)
@@ -186,7 +186,7 @@ def test_plan_covers_the_time_and_keeps_the_impulse(
 @law
 @given(st.integers(0, 100), st.integers(0, 100), st.sampled_from([1.0, 0.7, 10.0, 1e-3]))
 def test_switches_on_the_grid_cut_the_legs_there(first: int, last: int, duration: float) -> None:
-    """Where a load comes and goes on the grid, each step has all of it or none, and nothing straddles."""
+    """Where a load switches on the grid, each step has all of it or none."""
     assume(first < last)
     scene = scene_with(
         pulse(first * (duration / 100), last * (duration / 100)), duration_s=duration, samples=11
@@ -199,7 +199,7 @@ def test_switches_on_the_grid_cut_the_legs_there(first: int, last: int, duration
         assert end <= last or begin >= last
 
 
-def test_switch_inside_a_step_makes_that_step_carry_the_mean() -> None:
+def test_switch_inside_a_step_gives_the_mean_load() -> None:
     """A pulse from 0.23 to 0.5 on steps of 0.1: one step with 0.7 of it, then whole ones."""
     plan = plan_steps(scene_with(pulse(0.23, 0.5)), 0.1)
     assert plan.mid_step_switches == 1
@@ -210,19 +210,19 @@ def test_switch_inside_a_step_makes_that_step_carry_the_mean() -> None:
 
 
 def test_pulse_inside_one_step_is_not_lost() -> None:
-    """A pulse shorter than a step gives its impulse in that step."""
+    """A pulse shorter than a step exerts its impulse in that step."""
     plan = plan_steps(scene_with(pulse(0.42, 0.45)), 0.1)
     assert impulse(plan, plan.legs())[0] == pytest.approx(0.03, rel=1e-12, abs=0.0)
 
 
-def test_straddled_counts_the_switches_that_fall_into_steps() -> None:
-    """Each switch off the grid counts, two in one step as well; those on the grid and outside do not."""
+def test_switches_inside_steps_are_counted() -> None:
+    """Each switch off the grid counts, also two in one step; those on the grid and outside do not."""
     plan = plan_steps(scene_with(pulse(0.42, 0.45), pulse(0.3, 0.61), pulse(-0.05, 1.05)), 0.1)
     assert plan.mid_step_switches == 3
 
 
 def test_loads_outside_the_duration_change_nothing() -> None:
-    """A load that is over before 0 or comes at the end or later leaves one stretch without torque."""
+    """A load that ends before 0 or begins at the end or later leaves one segment without torque."""
     plan = plan_steps(scene_with(pulse(-2.0, -1.0), pulse(1.0, 2.0), pulse(5.0, math.inf)), 0.1)
     assert len(plan.stretches) == 1
     assert plan.stretches[0][1].is_zero
@@ -240,7 +240,7 @@ def test_switches_are_those_inside_the_open_interval() -> None:
 
 
 def test_uninterrupted_legs_stop_only_where_the_wrench_changes() -> None:
-    """Timing runs through all samples in as few legs as there are wrenches."""
+    """Timing runs through all samples in one leg per wrench."""
     plan = plan_steps(scene_with(pulse(0.25, 0.55)), 0.05)
     assert [leg.steps for leg in plan.uninterrupted()] == [5, 6, 9]
     assert not any(leg.ends_at_sample for leg in plan.uninterrupted())
@@ -252,7 +252,7 @@ def test_uninterrupted_legs_stop_only_where_the_wrench_changes() -> None:
 @law
 @given(st.floats(1e-6, 1e6), st.integers(1, 10**6))
 def test_every_whole_fraction_of_the_interval_is_accepted(interval: float, n: int) -> None:
-    """interval / n is a step, as it rounds, and makes n steps."""
+    """interval / n, rounded, is accepted and makes n steps."""
     assert steps_per_sample(interval, interval / n) == n
 
 
@@ -270,7 +270,7 @@ def test_every_whole_fraction_of_the_interval_is_accepted(interval: float, n: in
 def test_refused_step_names_the_nearest_that_divide(
     interval: float, dt: float, named: tuple[float, ...]
 ) -> None:
-    """A step that does not divide the interval is refused with itself and with the nearest that do."""
+    """A step that does not divide the interval is refused with the nearest that do."""
     with pytest.raises(ValueError, match="does not divide") as refusal:
         steps_per_sample(interval, dt)
     said = str(refusal.value)
@@ -282,7 +282,7 @@ def test_refused_step_names_the_nearest_that_divide(
 
 
 @pytest.mark.parametrize("dt", [0.0, -0.0, -0.1, math.nan, math.inf, -math.inf])
-def test_impossible_steps_are_refused_by_their_value(dt: float) -> None:
+def test_impossible_steps_are_refused(dt: float) -> None:
     """Zero, negative, infinite and undefined steps are refused, the value in the message."""
     with pytest.raises(ValueError, match="positive number of seconds") as refusal:
         plan_steps(scene_with(), dt)
@@ -290,8 +290,8 @@ def test_impossible_steps_are_refused_by_their_value(dt: float) -> None:
 
 
 @pytest.mark.parametrize("dt", [1e-12, 1e-310, 5e-324])
-def test_tiniest_steps_are_refused_as_others_are(dt: float) -> None:
-    """A step so small that counting takes for ever, or overflows, is refused, the value in the message."""
+def test_tiny_steps_are_refused(dt: float) -> None:
+    """A step so small that its count overflows or takes too long is refused with its value."""
     with pytest.raises(ValueError, match="too fine") as refusal:
         steps_per_sample(1.0, dt)
     assert repr(dt) in str(refusal.value)

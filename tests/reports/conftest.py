@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from made_once import made_once
-from odd_run import odd_run
-from parsed_page import Page
 from playwright.sync_api import Browser, expect, sync_playwright
 
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_tables import Run
+from tests.helpers.html_page import Page
+from tests.helpers.markup_run import markup_run
+from tests.helpers.shared_folder import shared_folder
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 LONG_MS = 120_000
@@ -25,9 +25,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Return a run of the reference and the odd engine on a free and a forced scenario."""
 
     def make(folder: Path) -> None:
-        (folder / "run").write_bytes(pickle.dumps(odd_run(folder)))
+        (folder / "run").write_bytes(pickle.dumps(markup_run(folder)))
 
-    measured: Run = pickle.loads((made_once(tmp_path_factory, "odd", make) / "run").read_bytes())
+    measured: Run = pickle.loads((shared_folder(tmp_path_factory, "odd", make) / "run").read_bytes())
     return measured
 
 

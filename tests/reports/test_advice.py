@@ -1,18 +1,33 @@
-"""The cheapest settings that keep an error: only measured ones, none by luck, none that failed."""
+"""What advise answers: the cheapest settings that meet an error, and the error of a step."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import pytest
 
 from bodycheck._util.errors import InputError
+from bodycheck.reports.document import print_document
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.render.answer_text import print_advice
-from bodycheck.reports.summary.advice import Answer, advise
+from bodycheck.reports.summary.advice import (
+    Advice,
+    Answer,
+    Curves,
+    check_question,
+    errors_at,
+    settings_within,
+    to_measure,
+)
+from bodycheck.reports.summary.advice_document import advice_document
+from bodycheck.reports.summary.cases_within import ladders_of
+from bodycheck.reports.summary.error_curve import ErrorCurve
 
 BOUND = 1e-14
 ERROR = "orientation_error_rad"
+SNIPPET = "model.opt.timestep = {dt_s}"
 
 
 def case(method: str, dt_s: float, error: float | None, cpu_s: float | None, **others: Any) -> CaseResult:
@@ -24,128 +39,249 @@ def case(method: str, dt_s: float, error: float | None, cpu_s: float | None, **o
         "control": "dt",
         "dt_s": dt_s,
         "outcome": "failed" if error is None else "ok",
+        "message": "",
         "reproduce": f"bodycheck run free --engine mujoco:{method} --dt {dt_s!r}",
         "truth_bound_rad": BOUND,
+        "omega_scale_rad_s": 2.0,
     }
     measured = {} if error is None else {ERROR: error}
     times = {} if cpu_s is None else {"cpu_s": cpu_s}
     return CaseResult(columns | measured | times | others)
 
 
-def ladder(method: str, errors: list[float | None], cost: float = 1.0, **others: Any) -> list[CaseResult]:
-    """Return the cases at steps 0.1, 0.05, ...: each twice as dear as the one before."""
+def ladder(method: str, errors: Sequence[float | None], cost: float = 1.0, **others: Any) -> list[CaseResult]:
+    """Return the cases at steps 0.1, 0.05, ...: each twice as expensive as the one before."""
     return [case(method, 0.1 / 2**k, error, cost * 2**k, **others) for k, error in enumerate(errors)]
 
 
-def steps(answer: Answer) -> list[tuple[str, str, tuple[float | None, ...], float | None]]:
-    """Return what an answer advises."""
-    return [(one.engine, one.method, one.settings, one.cpu_s) for one in answer.options]
+def curves(cases: Sequence[CaseResult], **facts: Any) -> Curves:
+    """Return the curves of cases of scenarios of 10 s with samples every 0.1 s."""
+    return {
+        place: ErrorCurve(own, ERROR, duration_s=10.0, interval_s=0.1, snippet=SNIPPET, **facts)
+        for place, own in ladders_of(cases).items()
+    }
 
 
-def test_the_cheapest_that_keeps_it_is_advised() -> None:
-    """Of two methods the one that costs less, at its coarsest step that keeps the error."""
+def advise(
+    cases: Sequence[CaseResult], error: float, scenarios: Sequence[str] = ("free",)
+) -> Sequence[Answer]:
+    """Return the answers from these cases alone."""
+    return settings_within(curves(cases), error, scenarios)
+
+
+def steps(answer: Answer) -> list[tuple[str, str, float | None, float | None]]:
+    """Return what an answer recommends."""
+    return [(one.engine, one.method, one.setting, one.cpu_s) for one in answer.options]
+
+
+def printed(capsys: pytest.CaptureFixture[str], answers: Sequence[Answer]) -> str:
+    """Return the output of `bodycheck advise --error 1e-3` with these answers."""
+    print_document(advice_document(Advice(ERROR, 1e-3, None, "there", tuple(answers))))
+    return capsys.readouterr().out
+
+
+def test_the_cheapest_measured_setting_is_recommended() -> None:
+    """Of two methods, the one that costs less, at its coarsest step that meets the error."""
     cases = [*ladder("euler", [1e-1, 5e-2, 9e-4, 4e-4]), *ladder("rk4", [1e-3 - 2e-14, 1e-5], cost=3.0)]
-    (answer,) = advise(cases, 1e-3, ERROR, ["free"])
-    assert steps(answer) == [("mujoco", "rk4", (0.1,), 3.0)]
+    (answer,) = advise(cases, 1e-3)
+    assert steps(answer) == [("mujoco", "rk4", 0.1, 3.0)]
+    assert answer.options[0].basis == "measured"
     assert answer.nearest is None
     assert answer.without == ()
 
 
 @pytest.mark.parametrize(("error", "kept"), [(1e-3, True), (1e-3 - 0.5 * BOUND, False)])
 def test_the_bound_of_the_truth_counts_as_error(error: float, kept: bool) -> None:
-    """What is measured may be off by the bound: the sum must keep the error asked for."""
-    (answer,) = advise([case("rk4", 0.1, 1e-3 - BOUND, 1.0)], error, ERROR, ["free"])
+    """A measured error may be off by the bound: the sum has to meet the tolerance."""
+    (answer,) = advise([case("rk4", 0.1, 1e-3 - BOUND, 1.0)], error)
     assert bool(answer.options) is kept
 
 
-def test_an_error_that_is_small_by_luck_is_not_advised() -> None:
-    """A coarse step below the error with a finer one above it: only what is finer than that is taken."""
-    (answer,) = advise(ladder("euler", [1e-4, 5e-2, 8e-4, 4e-4]), 1e-3, ERROR, ["free"])
-    assert steps(answer) == [("mujoco", "euler", (0.025,), 4.0)]
+def test_an_error_that_is_small_by_accident_is_not_recommended() -> None:
+    """A coarse step within the error with a finer one beyond it: only a step finer than that is taken."""
+    (answer,) = advise(ladder("euler", [1e-4, 5e-2, 8e-4, 4e-4]), 1e-3)
+    assert steps(answer) == [("mujoco", "euler", 0.025, 4.0)]
 
 
-def test_round_off_of_finer_steps_is_no_bad_luck() -> None:
-    """Below 1e-9 finer steps may be worse by their round-off; the coarser that keeps the error is good."""
-    (answer,) = advise(ladder("rk4", [1e-9, 5e-13, 2e-12]), 1e-12, ERROR, ["free"])
-    assert steps(answer) == [("mujoco", "rk4", (0.05,), 2.0)]
+def test_round_off_of_finer_steps_excludes_no_coarser_one() -> None:
+    """Below 1e-9 finer steps may be worse by their round-off."""
+    (answer,) = advise(ladder("rk4", [1e-9, 5e-13, 2e-12]), 1e-12)
+    assert steps(answer) == [("mujoco", "rk4", 0.05, 2.0)]
 
 
-def test_what_did_not_end_well_keeps_nothing() -> None:
+def test_a_case_that_did_not_end_well_meets_nothing() -> None:
     """Nor does anything coarser than a step that failed."""
-    (answer,) = advise(ladder("euler", [1e-4, None, None]), 1e-3, ERROR, ["free"])
+    (answer,) = advise(ladder("euler", [1e-4, None, None]), 1e-3)
     assert answer.options == ()
-    assert answer.without == ("mujoco",)
+    assert [engine for engine, _ in answer.without] == ["mujoco"]
     assert answer.nearest is not None
-    assert answer.nearest.settings == (0.1,)
+    assert answer.nearest.setting == 0.1
 
 
 def test_the_best_of_each_engine_is_shown_cheapest_first() -> None:
-    """One line an engine; one that keeps it by no method is named, not left out."""
+    """One row per engine; an engine that meets it with no method is named."""
     cases = [
         *ladder("euler", [9e-4], cost=5.0),
         *ladder("rk4", [1e-6], cost=2.0, engine="reference"),
         *ladder("maximal", [1e-1], engine="pybullet"),
     ]
-    (answer,) = advise(cases, 1e-3, ERROR, ["free"])
+    (answer,) = advise(cases, 1e-3)
     assert [one.engine for one in answer.options] == ["reference", "mujoco"]
-    assert answer.without == ("pybullet",)
+    assert [engine for engine, _ in answer.without] == ["pybullet"]
 
 
-def test_all_scenarios_together_need_a_method_that_keeps_it_in_each() -> None:
-    """The finest and the coarsest of its steps are told, times add up, the largest error counts.
+def test_all_scenarios_together_need_a_method_that_meets_it_in_each() -> None:
+    """The finest of its steps counts, and the total time at this step; the limiting scenario is named.
 
-    The one command runs them all: with --allow-code where one of them needs it.
+    The one command runs them all, with --allow-code where one of them needs it.
     """
     cases = [
         *ladder("euler", [9e-4, 4e-4]),
         *ladder("euler", [9e-2, 8e-4], scenario="forced", reproduce="bodycheck run my.toml --allow-code"),
         *ladder("rk4", [1e-9], cost=0.1),
     ]
-    together, *each = advise(cases, 1e-3, ERROR, ["free", "forced"])
+    together, *each = advise(cases, 1e-3, ["free", "forced"])
     assert together.scenario is None
-    assert steps(together) == [("mujoco", "euler", (0.1, 0.05), 3.0)]
-    assert together.options[0].error == 9e-4 + BOUND
-    assert together.options[0].reproduce == "bodycheck run free my.toml --engine mujoco:euler --allow-code"
+    assert steps(together) == [("mujoco", "euler", 0.05, 4.0)]
+    (option,) = together.options
+    assert option.error == 9e-4 + BOUND
+    assert option.limiting == "forced"
+    assert option.real_time == 20.0 / 4.0
+    assert option.confirm == "bodycheck run free my.toml --engine mujoco:euler --dt 0.05 --allow-code"
     assert [answer.scenario for answer in each] == ["free", "forced"]
-    assert steps(each[0]) == [("mujoco", "rk4", (0.1,), 0.1)]
+    assert steps(each[0]) == [("mujoco", "rk4", 0.1, 0.1)]
 
 
-def test_nothing_keeps_it_and_the_nearest_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    """With the error that it has and the command that shows it."""
-    answers = advise([*ladder("euler", [1e-1, 5e-2]), *ladder("rk4", [1e-3])], 1e-6, ERROR, ["free"])
-    print_advice(answers, 1e-6, ERROR, "there")
-    shown = capsys.readouterr().out
-    assert "no measured setting meets it; the nearest is mujoco:rk4, dt 0.1 s: 0.001" in shown
+def test_a_method_without_an_option_on_one_scenario_has_none_on_all() -> None:
+    """The scenario and the reason are named."""
+    cases = [*ladder("rk4", [1e-5]), *ladder("rk4", [None], scenario="forced")]
+    together = advise(cases, 1e-3, ["free", "forced"])[0]
+    assert together.options == ()
+    assert together.without == (("mujoco", "forced: failed at every measured setting"),)
+
+
+def test_the_nearest_setting_is_shown_where_none_meets_the_error(capsys: pytest.CaptureFixture[str]) -> None:
+    """With its error and its command."""
+    shown = printed(capsys, advise([*ladder("euler", [1e-1, 5e-2]), *ladder("rk4", [1e-3])], 1e-6))
+    assert "no setting is known to meet it; the nearest is mujoco:rk4, dt 0.1 s: 0.001" in shown
     assert "bodycheck run free --engine mujoco:rk4 --dt 0.1" in shown
 
 
-def test_a_time_that_was_not_measured_is_said_so(capsys: pytest.CaptureFixture[str]) -> None:
-    """Such a setting keeps the error, but stands behind those whose cost is known."""
+def test_settings_without_a_time_follow_those_with_one() -> None:
+    """Their cost is unknown."""
     cases = [case("euler", 0.1, 1e-5, None), case("rk4", 0.1, 1e-5, 2.0, engine="dart")]
-    answers = advise(cases, 1e-3, ERROR, ["free"])
-    assert [one.engine for one in answers[0].options] == ["dart", "mujoco"]
-    print_advice(answers, 1e-3, ERROR, "there")
-    assert "not measured" in capsys.readouterr().out
+    (answer,) = advise(cases, 1e-3)
+    assert [one.engine for one in answer.options] == ["dart", "mujoco"]
+    assert answer.options[1].real_time is None
 
 
-def test_of_steps_whose_time_was_not_measured_the_coarsest_is_advised() -> None:
-    """It takes the fewest steps: without times that is all that is known of its cost."""
-    cases = [case("rk4", dt_s, 1e-5, None) for dt_s in (0.1, 0.05, 0.02)]
-    (answer,) = advise(cases, 1e-3, ERROR, ["free"])
-    assert steps(answer) == [("mujoco", "rk4", (0.1,), None)]
+def test_without_times_the_fewest_evaluations_are_recommended() -> None:
+    """They are all that is known of the cost."""
+    cases = [
+        *(case("euler", dt_s, 1e-5, None, rhs_evaluations=10.0 / dt_s) for dt_s in (1e-3, 5e-4)),
+        *(case("rk4", dt_s, 1e-5, None, rhs_evaluations=40.0 / dt_s) for dt_s in (0.1, 0.05)),
+    ]
+    (answer,) = advise(cases, 1e-3)
+    assert steps(answer) == [("mujoco", "rk4", 0.1, None)]
+
+
+def test_a_coarser_step_is_predicted_with_its_cost_and_command() -> None:
+    """Error 1e-4 (h / 0.1)^2: a step of 0.02 s lies between the measured 0.025 s and 0.0125 s.
+
+    Its cost follows from that of the nearest measured step.
+    """
+    cases = ladder("rk2", [1e-4 / 4**k for k in range(5)])
+    (answer,) = advise(cases, 5e-6)
+    (option,) = answer.options
+    assert (option.setting, option.basis) == (0.02, "predicted")
+    assert 4e-6 < option.error < 5e-6
+    assert option.cpu_s == pytest.approx(4.0 * 0.025 / 0.02)
+    assert option.real_time == pytest.approx(10.0 / option.cpu_s)
+    assert option.rotation_rad == 0.04
+    assert option.confirm == "bodycheck run free --engine mujoco:rk2 --dt 0.02"
+    assert option.snippet == "model.opt.timestep = 0.02"
+
+
+def test_a_sure_option_takes_precedence_over_a_cheaper_unsure_one() -> None:
+    """One point and the order in theory make only a guess."""
+    cases = [
+        case("euler", 0.1, 0.2, 1e-3, order=1),
+        *ladder("rk4", [1e-2 / 16**k for k in range(5)], cost=100.0),
+    ]
+    found = dict(curves(cases, order=1))
+    (answer,) = settings_within(found, 1e-1, ["free"])
+    assert [(one.method, one.basis) for one in answer.options] == [("rk4", "measured")]
+    (guess,) = settings_within({k: c for k, c in found.items() if k[1][1] == "euler"}, 1e-1, ["free"])
+    (option,) = guess.options
+    assert (option.basis, option.setting) == ("unsure", 0.05)
+    assert option.why == "guessed from dt 0.1 s and the order 1 in theory"
+
+
+def test_the_error_of_a_step_is_measured_or_predicted_for_each_method() -> None:
+    """The most accurate method first; over several scenarios the largest error, with its scenario."""
+    cases = [
+        *ladder("rk2", [1e-2 / 4**k for k in range(5)]),
+        *ladder("rk2", [1e-1 / 4**k for k in range(5)], scenario="forced"),
+        *ladder("euler", [1e-1 / 2**k for k in range(5)]),
+        *ladder("euler", [1e-1 / 2**k for k in range(5)], scenario="forced"),
+    ]
+    together, free, _ = errors_at(curves(cases), 0.025, ["free", "forced"])
+    assert [(one.method, one.basis) for one in free.options] == [("rk2", "measured"), ("euler", "measured")]
+    assert [one.error - BOUND for one in free.options] == pytest.approx([6.25e-4, 2.5e-2])
+    assert together.options[0].limiting == "forced"
+    assert together.options[0].error == pytest.approx(6.25e-3)
+    (answer,) = errors_at(curves(cases), 0.03, ["free"])
+    assert [one.basis for one in answer.options] == ["predicted", "predicted"]
+    assert 9e-4 <= answer.options[0].error < 1.1e-3
+
+
+def test_a_search_measures_what_is_predicted_and_refines_what_is_not() -> None:
+    """An engine without any option gets a step half as large; a measured answer needs nothing more."""
+    cases = [
+        *ladder("rk2", [1e-2 / 4**k for k in range(5)])[1:],
+        *ladder("euler", [2.0, 1.0], engine="dart"),
+        *ladder("exact", [1e-12], engine="reference"),
+    ]
+    answers = advise(cases, 1.1e-4)
+    assert to_measure(curves(cases), answers, 1.1e-4) == {
+        ("free", ("mujoco", "rk2")): 0.01,
+        ("free", ("dart", "euler")): 0.025,
+    }
+
+
+def test_advice_is_plain_data() -> None:
+    """It can be written as JSON without further conversion."""
+    cases = [*ladder("rk2", [1e-2 / 4**k for k in range(5)]), *ladder("euler", [None], engine="dart")]
+    advice = Advice(ERROR, 1e-3, None, "there", tuple(advise(cases, 1e-3)))
+    told = json.loads(json.dumps(asdict(advice), allow_nan=False))
+    assert told["answers"][0]["options"][0]["setting"] == advice.answers[0].options[0].setting
+    assert told["answers"][0]["without"] == [["dart", "failed at every measured setting"]]
+
+
+def test_the_last_line_of_an_answer_is_the_one_to_paste(capsys: pytest.CaptureFixture[str]) -> None:
+    """It is that of the first option whose engine declares one."""
+    cases = ladder("rk2", [1e-2 / 4**k for k in range(5)])
+    lines = printed(capsys, advise(cases, 1e-3)).splitlines()
+    assert lines[-2].endswith("bodycheck run free --engine mujoco:rk2 --dt 0.025")
+    assert lines[-1] == "use mujoco:rk2: model.opt.timestep = 0.025"
 
 
 @pytest.mark.parametrize(
-    ("error", "quantity", "message"),
+    ("error", "dt_s", "quantity", "message"),
     [
-        (0.0, ERROR, "--error 0.0: must be a positive number"),
-        (float("nan"), ERROR, "--error nan: must be a positive number"),
-        (float("inf"), ERROR, "--error inf"),
-        (1e-3, "cpu_s", r"--quantity cpu_s: unknown quantity \(available: orientation_error_rad"),
-        (1e-3, "quaternion_norm_error", "unknown quantity"),
+        (0.0, None, ERROR, "--error 0.0: must be a positive number"),
+        (float("nan"), None, ERROR, "--error nan: must be a positive number"),
+        (float("inf"), None, ERROR, "--error inf"),
+        (None, -1.0, ERROR, "--dt -1.0: must be a positive number"),
+        (None, None, ERROR, "give --error, the error to meet, or --dt"),
+        (1e-3, 1e-3, ERROR, "give --error, the error to meet, or --dt"),
+        (1e-3, None, "cpu_s", r"--quantity cpu_s: unknown quantity \(available: orientation_error_rad"),
+        (1e-3, None, "quaternion_norm_error", "unknown quantity"),
     ],
 )
-def test_a_wrong_question_is_refused(error: float, quantity: str, message: str) -> None:
+def test_a_wrong_question_is_refused(
+    error: float | None, dt_s: float | None, quantity: str, message: str
+) -> None:
     """One line says what would be right."""
     with pytest.raises(InputError, match=message):
-        advise([], error, quantity, ["free"])
+        check_question(error, dt_s, quantity)

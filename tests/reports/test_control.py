@@ -1,4 +1,4 @@
-"""Methods told a tolerance, and motions that no truth can be followed through to their end."""
+"""Methods that are controlled by a tolerance, and motions whose truth ends early."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def obedient() -> bodycheck.Run:
 
 
 @pytest.mark.slow
-def test_errors_fall_with_the_tolerance_that_a_method_is_told(obedient: bodycheck.Run) -> None:
-    """From one tolerance to the next finer one the error falls, until round-off holds it."""
+def test_errors_fall_with_the_tolerance(obedient: bodycheck.Run) -> None:
+    """From one tolerance to the next finer one the error falls, down to round-off."""
     for _, rows in obedient.results.groupby("scenario"):
         assert rows["dt_s"].isna().all()
         assert (rows["control"] == "tolerance").all()
@@ -48,15 +48,15 @@ def test_errors_fall_with_the_tolerance_that_a_method_is_told(obedient: bodychec
         assert rows["steps"].is_monotonic_increasing
 
 
-def test_a_method_told_a_tolerance_has_a_verdict_and_no_order(obedient: bodycheck.Run) -> None:
-    """It converges where its errors obey; a slope over tolerances is no order."""
+def test_method_with_a_tolerance_has_a_verdict_and_no_order(obedient: bodycheck.Run) -> None:
+    """It converges if its errors follow the tolerance; a slope over tolerances is not an order."""
     assert set(obedient.methods["verdict"]) <= {"converges", "at-floor"}
     assert obedient.methods["order"].isna().all()
 
 
 @pytest.mark.slow
-def test_tolerances_asked_for_take_the_place_of_its_own() -> None:
-    """--tolerance says which; the reproducing command repeats it."""
+def test_requested_tolerances_replace_the_default_ones() -> None:
+    """The reproducing command repeats --tolerance."""
     run = bodycheck.run(["full-tensor"], engines=["reference:taylor"], tolerances=[1e-9], speed=False)
     (row,) = run.results.to_dict("records")
     assert row["tolerance"] == 1e-9
@@ -72,8 +72,8 @@ def test_tolerances_asked_for_take_the_place_of_its_own() -> None:
         ([1e-6, 1e-6], "the tolerance 1e-06 is given twice"),
     ],
 )
-def test_an_impossible_tolerance_is_refused(tolerances: list[float], message: str) -> None:
-    """One line that names the value."""
+def test_impossible_tolerance_is_refused(tolerances: list[float], message: str) -> None:
+    """One line names the value."""
     with pytest.raises(bodycheck.InputError, match=message):
         bodycheck.run(["full-tensor"], engines=["reference:taylor"], tolerances=tolerances)
 
@@ -94,19 +94,19 @@ def points(*errors: float | None) -> list[Point]:
         (points(None, None), "unstable"),
     ],
 )
-def test_obedience_is_judged_from_the_coarsest_to_the_finest(found: list[Point], verdict: str) -> None:
-    """Errors that fall as the tolerance's root or reach the floor obey; flat ones do not."""
+def test_tolerance_convergence_is_judged_over_all_tolerances(found: list[Point], verdict: str) -> None:
+    """Errors that fall as the tolerance's root or reach the floor converge; constant ones do not."""
     assert tolerance_convergence(found, Judged(1e-14)).verdict == verdict
 
 
-def test_nothing_is_said_of_a_tolerance_where_the_motion_is_lost() -> None:
-    """Where round-off alone is beyond a hundredth of 0.3, the verdict is chaotic."""
+def test_lost_motion_is_chaotic() -> None:
+    """If round-off alone exceeds a hundredth of 0.3, the verdict is chaotic."""
     assert tolerance_convergence(points(0.1, 0.2), Judged(0.01)).verdict == "chaotic"
 
 
 @pytest.mark.slow
-def test_a_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> None:
-    """Beyond it nothing is measured, the row says until when, and the verdict is chaotic."""
+def test_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> None:
+    """Nothing is measured beyond; the row has the time, and the verdict is chaotic."""
     path = tmp_path / "chaotic.toml"
     path.write_text(CHAOTIC)
     run = bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.05, 0.025], speed=False)
@@ -126,8 +126,8 @@ def test_a_chaotic_motion_is_compared_until_its_truth_ends(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_the_horizon_of_a_chaotic_motion_is_where_a_case_leaves_the_truth(tmp_path: Path) -> None:
-    """Up to it no error is above 0.3 rad, the next one is; finer steps get farther; else there is none."""
+def test_horizon_is_where_a_case_leaves_the_truth(tmp_path: Path) -> None:
+    """Up to it no error exceeds 0.3 rad, the next one does; finer steps have a later one."""
     path = tmp_path / "chaotic.toml"
     path.write_text(CHAOTIC)
     run = bodycheck.run([path], engines=["reference:rk4", "reference:cf4"], dt_s=[0.05, 0.025], speed=False)
@@ -147,8 +147,8 @@ def test_the_horizon_of_a_chaotic_motion_is_where_a_case_leaves_the_truth(tmp_pa
 
 
 @pytest.mark.slow
-def test_speed_is_told_beside_a_yardstick() -> None:
-    """A case's time has quartiles in order and a ratio to the yardstick; the machine's noise is known."""
+def test_speed_is_relative_to_the_reference_measurement() -> None:
+    """A case's time has quartiles in order and a ratio; the machine's noise is known."""
     run = bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01, 0.005])
     rows: pd.DataFrame = run.results
     assert (rows["cpu_s"] > 0.0).all()

@@ -1,4 +1,4 @@
-"""Work done is energy gained, along the truth of every forced scenario; invariants stay, and see faults."""
+"""Work equals gained energy along the truth of every forced scenario; invariants are constant."""
 
 from __future__ import annotations
 
@@ -49,15 +49,15 @@ def _early(scene: Scene) -> Array:
 
 
 @pytest.mark.parametrize("name", FORCED)
-def test_work_done_is_energy_gained(name: str) -> None:
-    """The energy of the truth, springs and weight in it, changes by the work of all else, to 1e-13."""
+def test_work_equals_gained_energy(name: str) -> None:
+    """The energy of the truth, springs and weight included, changes by the work of all else, to 1e-13."""
     scene = load_scenario(name).scene
     assert imbalance(scene, scene) <= 1e-13
 
 
 @pytest.mark.parametrize("name", ["detumbling", "satellite-libration", "damped-fall"])
-def test_a_load_left_out_unbalances_the_energy(name: str) -> None:
-    """The balance above sees each load: without its work it is off by a part in a thousand or more."""
+def test_missing_load_unbalances_the_energy(name: str) -> None:
+    """Without the work of one load the balance is off by a thousandth or more."""
     scene = load_scenario(name).scene
     lighter = tuple(load for load in scene.loads if not isinstance(load, Drag | GravityGradient))
     assert imbalance(scene, replace(scene, loads=lighter)) > 1e-3
@@ -78,8 +78,8 @@ KEPT = {
 
 
 @pytest.mark.parametrize("name", KEPT)
-def test_the_truth_keeps_the_invariants_of_its_scene(name: str) -> None:
-    """Each invariant is found where it holds, and is constant along the truth to 1e-14 of its size."""
+def test_truth_conserves_the_invariants_of_its_scene(name: str) -> None:
+    """Each invariant is constant along the truth to 1e-14 of its size."""
     scene = load_scenario(name).scene
     truth = solve_truth(scene, scene.sample_times).trajectory
     found = invariants_of(scene)
@@ -90,8 +90,8 @@ def test_the_truth_keeps_the_invariants_of_its_scene(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name, kept in KEPT.items() if kept])
-def test_an_invariant_sees_a_motion_that_leaves_it(name: str) -> None:
-    """A damped copy of the truth drifts in each invariant; the worst is named, with its size as the scale."""
+def test_invariant_detects_damping(name: str) -> None:
+    """A damped copy of the truth drifts in each invariant; the worst is named, relative to its size."""
     scene = load_scenario(name).scene
     truth = solve_truth(scene, scene.sample_times).trajectory
     damped = replace(
@@ -110,8 +110,8 @@ def test_an_invariant_sees_a_motion_that_leaves_it(name: str) -> None:
 
 @pytest.mark.parametrize("degree", [5, 7])
 @pytest.mark.parametrize("n", [8, 9, 41])
-def test_the_integral_of_a_spline_is_that_of_every_polynomial_it_contains(n: int, degree: int) -> None:
-    """From t_0 on it is exact up to the spline's degree, however the samples lie, and not one beyond."""
+def test_integral_of_a_spline_is_exact_for_its_polynomials(n: int, degree: int) -> None:
+    """From t_0 on it is exact up to the spline's degree, for any samples, and not beyond."""
     t = 0.3 + 0.9 * np.linspace(0.0, 1.0, n) ** 1.5
     integral = running_integral(t.tobytes(), degree)
     for power_of_t in range(degree + 1):

@@ -1,4 +1,4 @@
-"""No healthy method is accused, whatever the body, its motion and the loads."""
+"""No healthy method is reported, whatever the body, its motion and the loads."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from fault_reports import results_of
-from random_scenarios import KINDS, write_scenario
 
 import bodycheck
+from tests.helpers.random_scenarios import KINDS, write_scenario
+from tests.helpers.reported_results import reported_results
 
 METHODS = ("reference:rk4", "reference:m1", "mujoco:implicit", "pybullet:multibody", "dart:semi-implicit")
 MODULES = {"dart": "dartpy"}
@@ -24,14 +24,14 @@ def check_healthy(seeds: Iterable[int], folder: Path) -> None:
     run = bodycheck.run([write_scenario(seed, folder) for seed in seeds], engines=engines, speed=False)
     accused = {
         method: [one.sentence for one in results if one.kind != "property"]
-        for method, results in results_of(run).items()
+        for method, results in reported_results(run).items()
     }
     assert not any(accused.values()), accused
 
 
 @pytest.mark.slow
-def test_no_healthy_method_is_accused_under_loads_that_come_and_go(tmp_path: Path) -> None:
-    """One random scenario of each kind whose loads are constant while they last."""
+def test_no_healthy_method_is_reported_under_switching_loads(tmp_path: Path) -> None:
+    """One random scenario of each kind of constant load."""
     check_healthy(range(KINDS_OF_CONSTANT_LOADS), tmp_path)
 
 
@@ -62,20 +62,20 @@ acceleration_m_s2 = [0.22, -0.11, -0.045]
 
 
 @pytest.mark.slow
-def test_a_quantity_too_good_to_be_measured_is_no_plateau(tmp_path: Path) -> None:
-    """At tolerances of 1e-4 and 1e-6 the energy is off by 1e-11, and at finer ones by less than its work."""
+def test_accurate_energy_at_coarse_tolerances_is_not_a_plateau(tmp_path: Path) -> None:
+    """At tolerances of 1e-4 and 1e-6 the energy error is 1e-11, and at finer ones below that of its work."""
     path = tmp_path / "balanced.toml"
     path.write_text(BALANCED)
     run = bodycheck.run([path], engines=["reference:taylor"], speed=False)
     measured = run.results["energy_balance"].notna()
     assert measured.iloc[0]
     assert not measured.iloc[-1]
-    assert results_of(run) == {}
+    assert reported_results(run) == {}
 
 
 @pytest.mark.nightly
-def test_no_healthy_method_is_accused_under_any_kind_of_load(tmp_path: Path) -> None:
-    """One random scenario of each other kind: lasting loads, pivots, and all at once."""
+def test_no_healthy_method_is_reported_under_any_kind_of_load(tmp_path: Path) -> None:
+    """One random scenario of each other kind: continuous loads, pivots, and all at once."""
     check_healthy(range(KINDS_OF_CONSTANT_LOADS, len(KINDS)), tmp_path)
 
 

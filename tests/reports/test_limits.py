@@ -1,4 +1,4 @@
-"""Where ever finer steps lead, on motions made up to have a known limit."""
+"""The limit of ever finer steps, on synthetic motions with a known limit."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ def judged(steps: Sequence[float], motions: Sequence[Array], how: Judged | None 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("saturating", [False, True])
-def test_no_healthy_method_is_accused(saturating: bool) -> None:
-    """Of 1,000 motions that go to the truth, saturated at coarse steps or not, none is accused."""
+def test_no_healthy_method_is_reported(saturating: bool) -> None:
+    """Of 1,000 motions that converge to the truth, saturated at coarse steps or not, none is reported."""
     rng = np.random.default_rng(5 + saturating)
     for number in range(1000):
         steps = LADDERS[number % len(LADDERS)]
@@ -74,8 +74,8 @@ def test_no_healthy_method_is_accused(saturating: bool) -> None:
 
 
 @pytest.mark.parametrize("whole_motions", [True, False])
-def test_a_plateau_that_was_reached_is_reported(whole_motions: bool) -> None:
-    """Of 200 motions flat to a fifth over their three finest steps, at least 95 % are named.
+def test_plateau_is_reported(whole_motions: bool) -> None:
+    """Of 200 motions flat to a fifth over their three finest steps, at least 95 % are reported.
 
     Also where only the errors are known.
     """
@@ -94,8 +94,8 @@ def test_a_plateau_that_was_reached_is_reported(whole_motions: bool) -> None:
     assert named >= 190
 
 
-def test_a_limit_is_told_before_the_error_stops_falling() -> None:
-    """Of order 1, an error that still falls by a third at each step already has a wrong limit."""
+def test_wrong_limit_is_reported_before_the_error_is_flat() -> None:
+    """Of order 1, an error that still falls by a third per step already has a wrong limit."""
     rng = np.random.default_rng(3)
     main, off = field(rng), field(rng)
     steps = [8e-3, 4e-3, 2e-3, 1e-3]
@@ -109,7 +109,7 @@ def test_a_limit_is_told_before_the_error_stops_falling() -> None:
 
 
 @pytest.mark.parametrize(("steps", "order"), [((4e-3, 2e-3, 1e-3), 2.0), ((1e-2, 5e-3, 2e-3), 4.0)])
-def test_the_limit_of_a_power_law_is_found(steps: tuple[float, ...], order: float) -> None:
+def test_limit_of_a_power_law_is_found(steps: tuple[float, ...], order: float) -> None:
     """Three motions L + C h^p give p and L, whatever the ratio of the steps."""
     rng = np.random.default_rng(1)
     main, off = field(rng), field(rng)
@@ -122,14 +122,14 @@ def test_the_limit_of_a_power_law_is_found(steps: tuple[float, ...], order: floa
     assert truth.is_truth
 
 
-def test_saturated_motions_are_not_accused() -> None:
-    """Errors of pi at every step whose motions still move have no limit yet."""
+def test_saturated_motions_are_not_reported() -> None:
+    """Errors of pi at every step whose motions still change have no limit yet."""
     rng = np.random.default_rng(2)
     assert judged(LADDERS[0], [3.1 * field(rng) for _ in LADDERS[0]]) == "pre-asymptotic"
 
 
-def test_nothing_is_extrapolated_where_a_load_switches_inside_a_step() -> None:
-    """There only a motion that has stopped moving far from the truth counts."""
+def test_no_extrapolation_where_a_load_switches_inside_a_step() -> None:
+    """Only a motion that no longer changes, far from the truth, is reported."""
     rng = np.random.default_rng(4)
     main, off = field(rng), field(rng)
     steps = (8e-3, 4e-3, 2e-3, 1e-3)
@@ -141,22 +141,22 @@ def test_nothing_is_extrapolated_where_a_load_switches_inside_a_step() -> None:
     assert judged(steps, still, how) == "does-not-converge"
 
 
-def test_errors_that_rise_with_finer_steps_are_not_accused_by_extrapolation() -> None:
-    """Round-off that grows with the number of steps leads away from the truth, and is no wrong limit."""
+def test_rising_errors_are_not_extrapolated() -> None:
+    """Round-off that grows with the number of steps is not a wrong limit."""
     rng = np.random.default_rng(6)
     off = field(rng)
     assert judged(LADDERS[0], [1e-7 / h * off for h in LADDERS[0]]) != "does-not-converge"
 
 
-def test_a_property_is_never_wrong() -> None:
-    """A quaternion whose norm is off by as much at every step is a design, however large."""
+def test_property_is_never_wrong() -> None:
+    """A quaternion norm with the same deviation at every step is a design, however large."""
     off = field(np.random.default_rng(8))
     motions = [1e-3 * off for _ in LADDERS[0]]
     assert judged(LADDERS[0], motions) == "does-not-converge"
     assert judged(LADDERS[0], motions, Judged(floor=FLOOR, judged="property")) != "does-not-converge"
 
 
-def test_what_is_as_small_as_round_off_is_not_accused() -> None:
+def test_errors_of_round_off_are_not_reported() -> None:
     """An error of 1e-10 that finer steps do not reduce may be an engine's own rounding."""
     off = field(np.random.default_rng(9))
     assert judged(LADDERS[0], [1e-10 * off for _ in LADDERS[0]]) == "at-floor"
@@ -164,5 +164,5 @@ def test_what_is_as_small_as_round_off_is_not_accused() -> None:
 
 
 def test_two_steps_have_no_limit() -> None:
-    """Three are needed."""
+    """Three steps are needed."""
     assert limit_of([2e-2, 1e-2], [np.ones((3, 1))] * 2, FLOOR) is None

@@ -1,4 +1,4 @@
-"""The observed order and its interval, on errors made up to have a known order."""
+"""The observed order and its interval, on synthetic errors of a known order."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LADDERS = {
 
 
 @pytest.mark.parametrize("order", [0.7, 1.0, 2.0, 3.0, 4.0, 8.0])
-def test_a_power_law_has_its_order(order: float) -> None:
+def test_power_law_has_its_order(order: float) -> None:
     """Errors c dt^p have the order p, whose interval is a few thousandths wide from five steps."""
     steps = LADDERS[5]
     found = observed_order(steps, [1e-4 * (dt / 1e-2) ** order for dt in steps], 1e-30)
@@ -40,8 +40,8 @@ def series(rng: np.random.Generator, steps: np.ndarray, noise: float) -> tuple[f
 
 
 @pytest.mark.parametrize("points", LADDERS)
-def test_the_interval_holds_the_order_as_often_as_it_claims(points: int) -> None:
-    """With noise of 0.1 to 1 %, a term of the next order and a floor: in 90 to 100 of 100 trials, and narrow.
+def test_interval_has_its_coverage(points: int) -> None:
+    """With noise of 0.1 to 1 %, a term of the next order and a floor: in 90 to 100 of 100 trials.
 
     From five points on the median half-width is at most 0.1.
     """
@@ -56,8 +56,8 @@ def test_the_interval_holds_the_order_as_often_as_it_claims(points: int) -> None
     assert float(np.median(halves)) <= 0.1
 
 
-def test_a_straight_fit_would_claim_too_much() -> None:
-    """The next order's term bends the law: the interval of least squares misses the order, ours does not."""
+def test_least_squares_interval_misses_the_order() -> None:
+    """The next order's term bends the law: least squares misses the order, this interval does not."""
     steps = LADDERS[5]
     errors = [dt * (1.0 + 0.4 * dt / steps[0]) for dt in steps]
     slope, covariance = np.polyfit(np.log(steps), np.log(errors), 1, cov=True)
@@ -93,23 +93,23 @@ def test_mean_and_variance_are_those_of_a_brute_force_integration() -> None:
     assert found.order == pytest.approx(first / total, abs=2e-3)
 
 
-def test_a_healthy_high_order_with_few_points_is_settled() -> None:
-    """Order 5 whose errors fall from 1.9e-7 to 1.2e-12 shows it, though the coarsest pair bends the law."""
-    found = settled_order(LADDERS[4], [1.9e-7, 4.0e-9, 3.8e-11, 1.2e-12], 3e-14)
+def test_high_order_with_few_points_is_accepted() -> None:
+    """Order 5 with errors from 1.9e-7 to 1.2e-12 is found, although the coarsest pair bends the law."""
+    found = settled_order(tuple(LADDERS[4]), (1.9e-7, 4.0e-9, 3.8e-11, 1.2e-12), 3e-14)
     assert found is not None
     assert found.low <= 5.0 <= found.high
 
 
 def test_coarse_steps_that_are_not_asymptotic_are_left_out() -> None:
-    """Four coarse steps of order 1, then four fine ones of order 3: the finer run is taken."""
+    """Of four coarse steps of order 1 and four fine ones of order 3, the finer ones are used."""
     steps = [2.0**-k for k in range(3, 10)]
     errors = [1e-2 * (dt if dt >= steps[3] else dt**3 / steps[3] ** 2) for dt in steps]
-    found = settled_order(steps, errors, 1e-30)
+    found = settled_order(tuple(steps), tuple(errors), 1e-30)
     assert found is not None
     assert (round(found.order), found.points) == (3, 4)
 
 
 @pytest.mark.parametrize("errors", [[1e-3, 2e-3, 1e-4, 3e-3], [1e-3] * 4, [1e-1, 1e-3]])
-def test_no_order_is_settled_where_none_shows(errors: list[float]) -> None:
-    """Irregular errors, flat ones, and too few have none."""
-    assert settled_order(LADDERS[4][: len(errors)], errors, 1e-14) is None
+def test_irregular_errors_have_no_order(errors: list[float]) -> None:
+    """Irregular errors, constant errors and too few errors have none."""
+    assert settled_order(tuple(LADDERS[4][: len(errors)]), tuple(errors), 1e-14) is None

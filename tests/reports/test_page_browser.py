@@ -7,12 +7,11 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
-from odd_run import HOSTILE
 from playwright.sync_api import Browser, Error, Page, expect
 
-from bodycheck.reports.render.page.motion import coarsest_shared_step, shown_cases
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.templating import asset
+from tests.helpers.markup_run import HOSTILE
 
 pytestmark = pytest.mark.slow
 
@@ -44,7 +43,7 @@ def draw_all(page: Page, width: int = 1200) -> None:
 def test_the_browser_draws_every_plot(opened: Page) -> None:
     """All plots in view have their lines, and a name with markup is text in a label."""
     draw_all(opened)
-    assert opened.locator("g[class^='trace scatter']").count() > PLOTS * 10
+    assert opened.locator("g[class^='trace scatter']").count() > PLOTS * 5
     opened.evaluate(
         """() => {
           const plot = document.querySelector("[data-plot=error]");
@@ -96,35 +95,243 @@ def test_a_choice_of_error_changes_plots_and_tables(opened: Page) -> None:
     """The plots are drawn against the error that is chosen, and its table is the one that is shown."""
     draw_all(opened)
     section = opened.locator("section.scenario").first
-    section.locator("details:has(.cheapest) > summary").click()
-    for error in ("energy_drift", "orientation_error_rad"):
-        section.locator("select[data-choice=error]").select_option(error)
-        expect(section.locator("[data-plot=speed] .ytitle")).to_contain_text(error)
-        expect(section.locator("[data-plot=error] .ytitle")).to_contain_text(error)
+    section.locator("details:has(> div .cheapest) > summary").click()
+    for error, title in (
+        ("energy_drift", "energy drift"),
+        ("orientation_error_rad", "orientation error, rad"),
+    ):
+        opened.locator("#measure").select_option(error)
+        expect(section.locator("[data-plot=speed] .ytitle")).to_contain_text(title)
+        expect(section.locator("[data-plot=error] .ytitle")).to_contain_text(title)
         assert section.locator("[data-error]:visible").evaluate_all(
             "all => all.map(one => one.dataset.error)"
         ) == [error]
 
 
-def test_the_legend_takes_lines_away(opened: Page) -> None:
-    """A line whose box is cleared is gone from the plots, and back when it is checked again."""
+COLOURS = """() => [...new Set(document.querySelector('section.scenario [data-plot=drift]').data
+  .filter(trace => trace.line).map(trace => trace.line.color))]"""
+CONTEXT = "() => getComputedStyle(document.documentElement).getPropertyValue('--context').trim()"
+
+
+NAMES = """() => document.querySelector('section.scenario [data-plot=drift]').data
+  .map(trace => trace.name ?? '').join(', ')"""
+
+
+def test_the_legend_selects_lines(opened: Page) -> None:
+    """Selected lines have their engine's colour, others are grey or gone; the address keeps the choice."""
     draw_all(opened)
-    section = opened.locator("section.scenario").first
-    lines = "() => document.querySelector('section.scenario [data-plot=drift]').data.length"
-    all_lines = opened.evaluate(lines)
-    box = section.get_by_role("checkbox", name="reference:rk4")
+    grey = opened.evaluate(CONTEXT)
+    assert len(opened.evaluate(COLOURS)) == 2  # the odd engine, and the reference in grey
+    assert grey in opened.evaluate(COLOURS)
+    opened.get_by_label("others in grey").uncheck()
+    assert len(opened.evaluate(COLOURS)) == 1
+    opened.get_by_role("button", name="only reference").click()
+    (ink,) = opened.evaluate(COLOURS)
+    assert ink != grey
+    assert opened.get_by_role("checkbox", name="reference", exact=True).is_checked()
+    opened.locator("details.lines > summary").click()
+    box = opened.locator("#lines li", has_text="reference:rk4").locator("input")
     box.uncheck()
-    assert opened.evaluate(lines) == all_lines - 1
-    section.get_by_role("button", name="none").click()
-    assert opened.evaluate(lines) == 0
-    section.get_by_role("button", name="all").click()
-    assert opened.evaluate(lines) == all_lines
-    expect(box).to_be_checked()
+    assert "reference:rk4" not in opened.evaluate(NAMES)
+    assert "reference:cf4" in opened.evaluate(NAMES)
+    address = opened.url
+    opened.goto("about:blank")
+    opened.goto(address)
+    draw_all(opened)
+    assert not box.is_checked()
+    assert not opened.get_by_label("others in grey").is_checked()
+    assert "reference:rk4" not in opened.evaluate(NAMES)
+    assert "reference:cf4" in opened.evaluate(NAMES)
+
+
+def test_equal_lines_are_one_with_all_names(opened: Page) -> None:
+    """The reference's rk4 and the odd engine's copy of it are one line, labelled with both names."""
+    draw_all(opened)
+    opened.get_by_role("checkbox", name="reference", exact=True).check()
+    names = opened.evaluate(
+        "() => document.querySelector('[data-plot=error]').data.map(trace => trace.name ?? '')"
+    )
+    both = [name for name in names if "reference:rk4" in name]
+    assert both
+    assert all(":sound" in name for name in both)
+    labels = opened.evaluate(
+        "() => document.querySelector('[data-plot=error]').layout.annotations.map(a => a.text)"
+    )
+    place = labels.index("reference:rk4")
+    assert labels[place + 1].endswith(":sound")
+    assert labels[place + 1].startswith("= ")
+
+
+def cheapest(run: Run, scenario: str, engine: str, tolerance: float) -> dict[str, object] | None:
+    """Return the cheapest row of the results that meets the tolerance, as do all finer ones of its method."""
+    rows = run.results[(run.results["scenario"] == scenario) & (run.results["engine"] == engine)]
+    rows = rows.assign(
+        error=rows["orientation_error_rad"] + rows["truth_bound_rad"],
+        fineness=rows["dt_s"].fillna(rows["tolerance"]).fillna(0.0),
+    )
+    found = []
+    for _, own in rows.groupby("method"):
+        finest_first = own.sort_values("fineness")
+        met = (finest_first["outcome"].eq("ok") & (finest_first["error"] <= tolerance)).cummin()
+        found += finest_first[met & finest_first["cpu_s"].notna()].to_dict("records")
+    return min(found, key=lambda row: row["cpu_s"], default=None)
+
+
+def test_the_slider_answers_for_each_engine(opened: Page, run: Run) -> None:
+    """At each tolerance an engine's row is its cheapest case that meets it; a cell that does is green."""
+    scenario = run.problems[0].scenario.name
+    opened.locator("#scope").select_option(scenario)
+    slider = opened.locator("#error")
+    slider.focus()
+    opened.keyboard.press("Home")
+    for decade in range(1, 13):
+        tolerance = float(f"1e-{decade}")
+        assert float(opened.locator("#tolerance").inner_text().removesuffix(" rad")) == tolerance
+        for row in opened.locator(".answers tbody tr").all():
+            engine = row.locator("th").inner_text()
+            expected = cheapest(run, scenario, engine, tolerance)
+            assert expected is not None
+            method, setting, error, speed, limiting, commands = row.locator("td").all_inner_texts()
+            assert method == expected["method"]
+            assert limiting == scenario
+            assert float(error) == pytest.approx(expected["error"], rel=6e-3)
+            assert float(speed) == pytest.approx(
+                run.problems[0].scenario.duration_s / expected["cpu_s"], rel=6e-3
+            )
+            assert str(expected["reproduce"]) in commands
+            assert setting == "none" or float(setting) == expected["fineness"]
+        cells = opened.locator("#heat tbody tr").first.locator("td:has(a[title*=':sound in'])")
+        own = run.results[(run.results["scenario"] == scenario) & (run.results["method"] == "sound")]
+        met = (own["orientation_error_rad"] + own["truth_bound_rad"] <= tolerance).any()
+        expect(cells.first).to_have_class("tint-good" if met else "tint-open")
+        opened.keyboard.press("ArrowRight")
+
+
+def test_the_address_keeps_the_question(opened: Page) -> None:
+    """A link opens the same tolerance, scenario and map, and one to a cell opens that cell as well."""
+    slider = opened.locator("#error")
+    slider.focus()
+    opened.keyboard.press("End")
+    opened.locator("#map-shows").select_option("error")
+    opened.locator("#map-step").select_option("0.02")
+    opened.locator("#scope").select_option(index=1)
+    opened.locator("#heat tbody td a").first.click()
+    expect(opened.locator("details.cell[open] .cases")).to_be_visible()
+    rows, cells = (opened.locator(place).inner_text() for place in (".answers", "#heat"))
+    address = opened.url
+    assert "error=1e-12" in address
+    opened.goto("about:blank")
+    opened.goto(address)
+    expect(opened.locator("#tolerance")).to_have_text("1e-12 rad")
+    expect(opened.locator("details.cell[open] .cases")).to_be_visible()
+    assert opened.locator(".answers").inner_text() == rows
+    assert opened.locator("#heat").inner_text() == cells
+
+
+def test_the_map_shows_the_error_at_a_step_and_the_speed(opened: Page, run: Run) -> None:
+    """Numbers in the map are those of the results, and green ones are within the tolerance."""
+    scenario = run.problems[0].scenario.name
+    own = run.results[(run.results["scenario"] == scenario) & (run.results["method"] == "sound")].set_index(
+        "dt_s"
+    )
+    cell = opened.locator("#heat tbody tr").first.locator("td:has(a[title*=':sound in'])").first
+    opened.locator("#map-shows").select_option("error")
+    for dt_s in ("0.05", "0.005"):
+        opened.locator("#map-step").select_option(dt_s)
+        error = own["orientation_error_rad"][float(dt_s)]
+        assert float(cell.inner_text()) == pytest.approx(error, rel=6e-2)
+        expect(cell).to_have_class("tint-good" if error <= 1e-3 else "tint-open")
+    opened.locator("#map-shows").select_option("cost")
+    met = own[own["orientation_error_rad"] + own["truth_bound_rad"] <= 1e-3]
+    speed = (met["duration_s"] / met["cpu_s"]).max()
+    assert float(cell.inner_text().removesuffix("×")) == pytest.approx(speed, rel=6e-2)
+
+
+def test_a_heading_sorts_its_table(opened: Page) -> None:
+    """Numbers are sorted by size, in both directions, and empty cells come last."""
+    table = opened.locator("table.standing").first
+    opened.get_by_role("button", name="own methods").first.click()
+    head = table.locator("th", has_text="energy drift").first
+    place = head.evaluate("head => head.cellIndex")
+    for sort in ("ascending", "descending"):
+        head.get_by_role("button").click()
+        assert head.get_attribute("aria-sort") == sort
+        texts = table.locator("tbody tr").evaluate_all(
+            "(rows, place) => rows.map(row => row.cells[place].textContent)", place
+        )
+        numbers = [float(text) for text in texts if text]
+        assert len(numbers) > 5
+        assert numbers == sorted(numbers, reverse=sort == "descending")
+        assert not any(texts[len(numbers) :])
+
+
+def test_a_plot_is_saved_as_picture_and_data(opened: Page, run: Run) -> None:
+    """The SVG is one, the CSV has each line's name and every case, and a plot can be enlarged."""
+    draw_all(opened)
+    figure = opened.locator("figure:has([data-plot=error])").first
+    with opened.expect_download() as saved:
+        figure.get_by_role("button", name="CSV").click()
+    head, *rows = Path(saved.value.path()).read_text(encoding="utf-8").splitlines()
+    assert head == 'line,"step, s (finer to the right)","orientation error, rad"'
+    own = run.results[(run.results["scenario"] == HOSTILE) & (run.results["method"] == "sound")]
+    points = (row.split(",")[-2:] for row in rows if ":sound" in row)
+    written = {float(dt_s): float(error) for dt_s, error in points}
+    for dt_s, error in zip(own["dt_s"], own["orientation_error_rad"], strict=True):
+        assert written[dt_s] == pytest.approx(error, rel=1e-3)
+    with opened.expect_download() as saved:
+        figure.get_by_role("button", name="SVG").click()
+    assert "<svg" in Path(saved.value.path()).read_text(encoding="utf-8")
+    plot = figure.locator("[data-plot]")
+    before = plot.bounding_box()
+    figure.get_by_role("button", name="enlarge").click()
+    after = plot.bounding_box()
+    assert before
+    assert after
+    assert after["width"] > before["width"] + 100
+
+
+def test_a_link_opens_its_plot(opened: Page) -> None:
+    """The button of a plot copies an address that shows this plot, its scenario unfolded, and the legend."""
+    opened.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    opened.get_by_label("others in grey").uncheck()
+    plot = "section.scenario:nth-of-type(2) figure:has([data-plot=error])"
+    opened.evaluate(
+        "() => document.querySelectorAll('section.scenario > details').forEach(p => p.open = true)"
+    )
+    figure = opened.locator(plot)
+    figure.get_by_role("button", name="link").click()
+    address = opened.evaluate("() => navigator.clipboard.readText()")
+    opened.goto("about:blank")
+    opened.goto(address)
+    expect(figure.locator("[data-plot][data-drawn]")).to_be_in_viewport()
+    expect(figure).to_have_class("linked")
+    assert not opened.get_by_label("others in grey").is_checked()
+
+
+def test_the_axes_span_the_selected_lines(opened: Page) -> None:
+    """With the reference in grey the axis ends at the engine's errors; with it selected, at its own."""
+    draw_all(opened)
+    decades = """() => {
+      const { range } = document.querySelector("section.scenario [data-plot=error]")._fullLayout.yaxis;
+      return range[1] - range[0];
+    }"""
+    engine = opened.evaluate(decades)
+    opened.get_by_role("checkbox", name="reference", exact=True).check()
+    assert opened.evaluate(decades) > engine + 1.0
+
+
+def test_the_page_of_a_run_is_short(opened: Page) -> None:
+    """With every scenario folded, as it opens with many of them, the page has at most 4,000 px."""
+    opened.evaluate(
+        "() => document.querySelectorAll('section.scenario > details').forEach(part => part.open = false)"
+    )
+    assert opened.evaluate("() => document.documentElement.scrollHeight") <= 4000
 
 
 def test_a_mark_of_the_heat_map_leads_to_its_cell(opened: Page) -> None:
     """A click, or Enter, on a mark opens the part of that very cell and brings it into view."""
-    marks = opened.locator(".heat td a")
+    opened.get_by_label("the reference’s own methods").check()
+    marks = opened.locator("#heat td a")
     for number, act in ((3, "click"), (-2, "press")):
         mark = marks.nth(number)
         target = opened.locator(f"[id='{(mark.get_attribute('href') or '').removeprefix('#')}']")
@@ -139,7 +346,7 @@ def test_a_mark_of_the_heat_map_leads_to_its_cell(opened: Page) -> None:
 
 def test_a_link_to_a_cell_opens_it(opened: Page, report_file: Path) -> None:
     """The address of a cell, as one sends it to a colleague, shows the cell open."""
-    target = opened.locator(".heat td a").first.get_attribute("href")
+    target = opened.locator("#heat td a").first.get_attribute("href")
     opened.goto("about:blank")
     opened.goto(report_file.as_uri() + str(target))
     expect(opened.locator("details.cell[open] .cases")).to_be_visible()
@@ -148,9 +355,10 @@ def test_a_link_to_a_cell_opens_it(opened: Page, report_file: Path) -> None:
 def test_the_copy_button_takes_the_command(opened: Page) -> None:
     """What is copied is the command of that very case."""
     opened.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    opened.locator("details.parts > summary").first.click()
     cell = opened.locator("details.cell").first
     cell.locator("summary").click()
-    row = cell.locator(".command").last
+    row = cell.locator(".cases td:last-child").last
     row.get_by_role("button").click()
     expect(row.get_by_role("button")).to_have_text("copied")
     assert opened.evaluate("() => navigator.clipboard.readText()") == row.locator("code").inner_text()
@@ -162,37 +370,6 @@ def picture(page: Page) -> str:
         "() => [...document.querySelector('.tracks').querySelectorAll('canvas')].at(-1).toDataURL()"
     )
     return shown
-
-
-def test_the_motion_follows_its_slider_and_its_button(opened: Page, run: Run) -> None:
-    """The time moves by keys and by play, stops at pause, and the picture and the angle move with it."""
-    draw_all(opened)
-    figure = opened.locator("[data-motion]").first
-    slider, clock = figure.get_by_label("Time"), figure.locator("output")
-    assert figure.locator("canvas").count() == 3  # the truth and one method of each of two engines
-    at_first = picture(opened)
-    slider.focus()
-    opened.keyboard.press("End")
-    expect(clock).to_have_text("1.00 s")
-    assert picture(opened) != at_first
-    cases = [case for case in run.cases if case.columns["scenario"] == HOSTILE]
-    ends = [c.columns["orientation_error_final_rad"] for c in shown_cases(cases, coarsest_shared_step(cases))]
-    assert max(ends) > 1e-3
-    for text, end in zip(figure.locator(".tracks small").all_inner_texts()[1:], ends, strict=True):
-        told = text.removesuffix(" rad off").removeprefix("less than ")
-        assert float(told) == pytest.approx(max(end, 1e-6), rel=0.06)
-    opened.keyboard.press("Home")
-    expect(clock).to_have_text("0.00 s")
-    assert picture(opened) == at_first
-    button = figure.get_by_role("button")
-    button.press("Enter")
-    expect(button).to_have_text("pause")
-    expect(clock).not_to_have_text("0.00 s")
-    button.press("Enter")
-    expect(button).to_have_text("play")
-    stopped = clock.inner_text()
-    opened.evaluate("() => new Promise(seen => requestAnimationFrame(() => requestAnimationFrame(seen)))")
-    assert clock.inner_text() == stopped
 
 
 def test_dark_mode_redraws_everything(opened: Page) -> None:
@@ -219,7 +396,8 @@ CUT = """() => {
     .map(element => element.tagName + " " + element.className);
 }"""
 OVERLAPS = """() => {
-  const boxes = [...document.querySelectorAll("main > section > *, .plots > *, .tracks > *")]
+  const parts = "main > section > *, section.scenario > details > *, .plots > *, .tracks > *";
+  const boxes = [...document.querySelectorAll(parts)]
     .filter(element => element.tagName !== "SCRIPT" && element.getClientRects().length)
     .map(element => [element, element.getBoundingClientRect()]);
   return boxes.flatMap(([a, p], i) => boxes.slice(i + 1)

@@ -10,11 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from odd_run import HOSTILE
-from parsed_page import Page
 
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_tables import Run
+from tests.helpers.copied_scenarios import with_scenarios
+from tests.helpers.html_page import Page
+from tests.helpers.markup_run import HOSTILE
 
 pytestmark = pytest.mark.slow
 
@@ -93,6 +94,7 @@ def test_a_large_run_stays_light(run: Run) -> None:
     html = render_report(
         replace(
             run,
+            manifest=with_scenarios(run, problems),
             problems=tuple(problems),
             cases=tuple(cases),
             methods=pd.concat(methods),

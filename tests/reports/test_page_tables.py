@@ -9,18 +9,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from parsed_page import Page
 
+from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.render.html import render_report
+from bodycheck.reports.render.page.answers import TOLERANCES, Answers
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, TARGETS
 from bodycheck.reports.render.page.scenario_facts import limit_of
 from bodycheck.reports.render.page.scenario_section import anchor_of
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_table
 from bodycheck.reports.summary.cells import summary_cells
-from bodycheck.reports.summary.sentences import verdict_sentences
+from bodycheck.reports.summary.sentences import Summary
+from tests.helpers.copied_scenarios import with_scenarios
+from tests.helpers.html_page import Page
 
 pytestmark = pytest.mark.slow
 
@@ -65,7 +68,7 @@ def test_every_number_of_the_case_tables_is_that_of_the_results(page: Page, run:
         assert place == anchor_of(row["scenario"], (row["engine"], row["method"]))
         assert record.pop("outcome") == row["outcome"]
         assert record.pop("message") == row["message"]
-        assert record.pop("reproduce") == f"copy {row['reproduce']}"
+        assert record.pop("reproduce") == row["reproduce"]
         assert is_fineness(record.pop("dt_s or tolerance"), row)
         assert {"orientation_error_rad", "energy_drift", "cpu_s"} <= record.keys()
         for column, text in record.items():
@@ -124,11 +127,16 @@ def test_the_methods_of_a_scenario_stand_as_in_the_tables(page: Page, run: Run) 
 def test_the_heat_map_has_every_cell_with_its_most_severe_verdict(page: Page, run: Run) -> None:
     """One row per scenario, one column per method: the most severe state, the order, and a link."""
     cells = summary_cells(run)
-    (heat,) = page.with_class("heat")
-    links = iter([a["href"] for tag, a in page.tags if tag == "a" and a.get("href", "").startswith("#cell-")])
-    keys = [tuple(head.rsplit(":", 1)) for head in heat.rows[0][1:]]
-    assert [row[0] for row in heat.rows[1:]] == list(cells)
-    for scenario, *marks in heat.rows[1:]:
+    (heat,) = page.with_class("heat collapsed")
+    begin = next(i for i, (tag, a) in enumerate(page.tags) if tag == "table" and a.get("id") == "heat")
+    hrefs = (a.get("href", "") for tag, a in page.tags[begin:] if tag == "a")
+    links = (href for href in hrefs if href.startswith("#cell-"))
+    keys = [tuple(a["title"].rsplit(":", 1)) for tag, a in page.tags[begin:] if tag == "th" and "title" in a]
+    keys = keys[: len(heat.rows[1])]
+    assert heat.rows[1] == [method for _, method in keys]
+    assert heat.rows[0][1:] == list(dict.fromkeys(engine for engine, _ in keys))
+    assert [row[0] for row in heat.rows[2:]] == list(cells)
+    for scenario, *marks in heat.rows[2:]:
         for (engine, method), mark in zip(keys, marks, strict=True):
             cell = cells[scenario][engine, method]
             state = STATES[cell.state]
@@ -147,8 +155,8 @@ def test_the_cheapest_cases_are_those_of_the_results(page: Page, run: Run) -> No
     tables = page.with_class("cheapest")
     assert [table.error for table in tables] == [*ERRORS] * len(run.problems)
     rows = 0
-    for number, table in enumerate(tables):
-        scenario = run.problems[number // len(ERRORS)].scenario.name
+    for place, table in enumerate(tables):
+        scenario = run.problems[place // len(ERRORS)].scenario.name
         own = run.results[run.results["scenario"] == scenario]
         for target, *shown in table.rows[1:]:
             rows += 1
@@ -166,6 +174,24 @@ def test_the_cheapest_cases_are_those_of_the_results(page: Page, run: Run) -> No
         least = own.loc[own["outcome"].eq("ok") & own["cpu_s"].notna(), table.error].min()
         assert len(table.rows) - 1 >= sum(least <= target for target in TARGETS if target > 1e-12)
     assert rows > 50
+
+
+def test_an_engine_that_misses_the_error_says_by_how_much(run: Run) -> None:
+    """Where no measured setting meets the tolerance, the row has the smallest error and where it occurs."""
+    cases = tuple(case for case in run.cases if case.columns["method"] != "sound" or case.dt_s == 0.05)
+    rows = Answers(replace(run, cases=cases)).rows
+    own = run.results[(run.results["method"] == "sound") & (run.results["dt_s"] == 0.05)]
+    errors = own.set_index("scenario")["orientation_error_rad"] + own.set_index("scenario")["truth_bound_rad"]
+    worst = str(errors.idxmax())
+    for place, scenario in enumerate((worst, *errors.index)):
+        for tolerance, found in zip(TOLERANCES, rows[place], strict=True):
+            row = next(row for row in found if row["engine"] == "<script>alert(1)</script>")
+            if errors[scenario] <= tolerance:
+                assert row["method"] == "sound"
+                assert same(row["error"], errors[scenario], 3)
+            else:
+                smallest = f"smallest measured error {number(errors[scenario], 3)} rad"
+                assert row["missed"] == f"{smallest} (sound, limited by {scenario})"
 
 
 def median_costs(results: pd.DataFrame, error: str, target: float) -> pd.DataFrame:
@@ -197,6 +223,7 @@ def at_several_speeds(run: Run) -> Run:
     results = as_table((case.columns for case in cases), RESULT_COLUMNS)
     return replace(
         run,
+        manifest=with_scenarios(run, problems),
         problems=tuple(problems),
         cases=tuple(cases),
         results=results,
@@ -229,10 +256,13 @@ def test_the_front_is_that_of_the_results(run: Run) -> None:
 def test_the_stability_map_is_that_of_the_table(page: Page, run: Run) -> None:
     """Each mark has the largest stable step of stability.csv, and what is in none of its rows has no mark."""
     (limits,) = page.with_class("heat limits")
+    keys = list(dict.fromkeys((case.columns["engine"], case.columns["method"]) for case in run.cases))
+    keys.sort(key=lambda key: key[0] == "reference")
+    assert limits.rows[1] == [method for _, method in keys]
     marks = {
-        (scenario, *who.rsplit(":", 1)): mark
-        for scenario, *row in limits.rows[1:]
-        for who, mark in zip(limits.rows[0][1:], row, strict=True)
+        (scenario, *key): mark
+        for scenario, *row in limits.rows[2:]
+        for key, mark in zip(keys, row, strict=True)
     }
     searched = run.stability[run.stability["outcome"] == "ok"]
     assert len(searched) > 10
@@ -269,7 +299,7 @@ def test_what_went_wrong_is_never_hidden(page: Page, run: Run) -> None:
     """Outcomes are counted; failed, invalid, unstable, unsupported and absent stand there with reasons."""
     for outcome, amount in run.manifest["outcomes"].items():
         assert f"{amount} {outcome}" in page.text
-    (heat,) = page.with_class("heat")
+    (heat,) = page.with_class("heat collapsed")
     for column, head in enumerate(heat.rows[0]):
         for word in ("failed", "invalid", "unstable", "unsupported"):
             if word in head:
@@ -280,7 +310,7 @@ def test_what_went_wrong_is_never_hidden(page: Page, run: Run) -> None:
     assert sum(len(row[2].split(", ")) for row in faults.rows[1:]) == len(stored)
     assert set(stored["outcome"]) == {"failed", "invalid", "unstable"}
     assert "absent cannot be imported: <tt>no module</tt>" in page.text
-    told = " ".join(verdict_sentences(run, summary_cells(run)))
+    told = " ".join(Summary.of(run).sentences)
     assert all(word in told for word in ("failed", "invalid", "unstable"))
 
 

@@ -6,15 +6,33 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck.reference_impl.pivot import turning_inertia
 from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.render.figures import FIGURES, STABILITY, check_picture, drawn_figure, picture
+from bodycheck.reports.render.body_figures import polhode
+from bodycheck.reports.render.figures import (
+    BODIES,
+    FIGURES,
+    STABILITY,
+    Appearance,
+    check_engines,
+    check_picture,
+    drawn_figure,
+    picture,
+)
+from bodycheck.reports.render.page.motion import principal_frame
+from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_reader import read_run
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, key_of
+from tests.helpers.expected_messages import ExpectedMessage
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 pytestmark = pytest.mark.slow
 
@@ -32,18 +50,113 @@ def test_a_figure_is_the_same_each_time_and_names_every_method(figure: str, run:
     """An SVG without a date, whose text tells each method; what failed is said beside its name."""
     drawn = picture(run, figure, "forced, and a mesh", "orientation_error_rad", ".svg")
     assert drawn == picture(run, figure, "forced, and a mesh", "orientation_error_rad", ".svg")
-    told = re.findall(r"<!-- (.*?) -->", drawn.decode())
+    told = re.findall(r"<!-- (.*?) -->", drawn.decode(), re.DOTALL)
+    labels = [name for text in told for name in " ".join(text.split()).split(" = ")]
     for name in ("reference:m1", "reference:rk4", "reference:exact (1 unsupported)"):
-        assert name in told
-    assert any(re.fullmatch(r"failing:m1( \(1 failed\))?", text) for text in told)
-    assert "forced, and a mesh" in told
+        assert name in labels
+    assert any(re.fullmatch(r"failing:m1( \(1 failed\))?", name) for name in labels)
+    assert "forced, and a mesh" in labels
+
+
+def figure_of(run: Run, figure: str, appearance: Appearance) -> Axes | None:
+    """Return the axes of a figure of the free scenario; None where there is nothing to draw."""
+    try:
+        (axes,) = drawn_figure(run, figure, "free", "orientation_error_rad", appearance).axes
+    except InputError:
+        return None
+    return axes
+
+
+@pytest.mark.parametrize("figure", ["order", "drift"])
+def test_equal_methods_are_one_line_with_all_names(figure: str, run: Run) -> None:
+    """failing:m1 and reference:m1 are the same map: one line of each engine's colour, one label with both."""
+    axes = figure_of(run, figure, Appearance())
+    assert axes is not None
+    own = [line for line in axes.lines if "reference:m1" in str(line.get_label()).split(" = ")]
+    (lower,) = own
+    assert "failing:m1" in str(lower.get_label()).split(" = ")
+    upper = axes.lines[list(axes.lines).index(lower) + 1]
+    assert str(upper.get_label()).startswith("_")
+    assert np.array_equal(np.asarray(lower.get_xydata()), np.asarray(upper.get_xydata()))
+    assert lower.get_linewidth() > upper.get_linewidth()
+    assert {lower.get_color(), upper.get_color()} == {
+        COLOURS[engine_colour(engine)] for engine in ("reference", "failing")
+    }
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+@pytest.mark.parametrize("figure", ["order", "polhode", "motion"])
+def test_a_figure_is_as_wide_as_its_columns(figure: str, columns: int, run: Run) -> None:
+    """The width is 3.5 in or 7.2 in, whatever the legend has."""
+    look = Appearance(columns=columns, engines=("reference",))
+    drawn = picture(run, figure, "free", "orientation_error_rad", ".svg", look)
+    found = re.search(rb'width="([\d.]+)pt"', drawn)
+    assert found
+    assert float(found[1]) == pytest.approx(72.0 * {1: 3.5, 2: 7.2}[columns])
+
+
+def test_only_selected_engines_are_drawn(run: Run) -> None:
+    """An engine, or a method of it; a name that the run does not have is refused."""
+    axes = figure_of(run, "order", Appearance(engines=("failing", "reference:rk4")))
+    assert axes is not None
+    names = {name for line in axes.lines for name in str(line.get_label()).split(" = ")}
+    assert {name.partition(" ")[0].partition(":")[0] for name in names} >= {"failing", "reference"}
+    assert not any(name.startswith("reference:m1") for name in names)
+    with pytest.raises(InputError, match=r"--engine nobody: not in this run \(available: .*reference:rk4"):
+        check_engines(run, ["reference", "nobody"])
+
+
+def test_a_style_file_is_followed(run: Run, tmp_path: Path) -> None:
+    """Its settings change the figure; an unknown one, or a file that is not there, is refused."""
+    style = tmp_path / "thick.mplstyle"
+    style.write_text("axes.grid: False\naxes.linewidth: 3\n")
+    plain, thick = (
+        picture(run, "order", "free", "orientation_error_rad", ".svg", Appearance(style=file))
+        for file in (None, style)
+    )
+    assert b"stroke-width: 3;" in thick
+    assert b"stroke-width: 3;" not in plain
+    style.write_text("nonsense: 4\n")
+    for wrong in (style, tmp_path / "absent"):
+        with pytest.raises(InputError, match=f"--style {wrong}: "):
+            picture(run, "order", "free", "orientation_error_rad", ".svg", Appearance(style=wrong))
+
+
+def test_the_polhode_of_the_truth_lies_on_the_ellipsoid_of_inertia(run: Run) -> None:
+    """w . I w = 1 along the truth; a motion whose omega is a hundredth too large lies outside."""
+    problem = run.problems[0]
+    inertia, truth = turning_inertia(problem.scenario.scene), problem.truth.trajectory
+    moments, _ = principal_frame(inertia)
+    on = polhode(truth, truth, inertia)
+    np.testing.assert_allclose(np.sum(moments * on**2, axis=1), 1.0, rtol=1e-12)
+    faster = replace(truth, omega_body_rad_s=1.01 * truth.omega_body, omega_world_rad_s=None)
+    np.testing.assert_allclose(
+        np.sum(moments * polhode(faster, truth, inertia) ** 2, axis=1), 1.01**2, rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("figure", BODIES)
+def test_a_figure_of_the_body_names_its_methods(figure: str, run: Run) -> None:
+    """The same bytes each time, with the farthest method of each engine and the step."""
+    drawn = picture(run, figure, "free", "", ".svg")
+    assert drawn == picture(run, figure, "free", "", ".svg")
+    told = re.findall(r"<!-- (.*?) -->", drawn.decode())
+    assert any(text.startswith("reference:") for text in told)
+    assert any(text.startswith("free, dt ") for text in told)
 
 
 @pytest.mark.parametrize(("figure", "column"), [("work-precision", "cpu_s"), ("order", "dt_s")])
 def test_every_case_that_ended_well_is_a_point(figure: str, column: str, run: Run) -> None:
     """At its time or step, and its error; an error below 3 bounds of the truth stands at that."""
-    (axes,) = drawn_figure(run, figure, "free", "orientation_error_rad").axes
-    points = sorted(tuple(point) for line in axes.lines for point in np.asarray(line.get_xydata()).tolist())
+    methods = dict.fromkeys(key_of(case.columns) for case in run.cases)
+    points = sorted(
+        tuple(point)
+        for key in methods
+        for axes in (figure_of(run, figure, Appearance(engines=(":".join(key),))),)
+        if axes is not None
+        for line in axes.lines
+        for point in np.asarray(line.get_xydata()).tolist()
+    )
     rows = [case.columns for case in run.cases if case.ok and case.columns["scenario"] == "free"]
     assert points == sorted(
         (row[column], max(row["orientation_error_rad"], 3.0 * row["truth_bound_rad"]))
@@ -70,8 +183,11 @@ def test_the_largest_stable_step_of_each_method_is_drawn(run: Run) -> None:
 
 
 def test_a_picture_for_a_page_is_png(run: Run) -> None:
-    """By the end of the file's name."""
+    """By the end of the file's name, as is a PDF, which has no date either."""
     assert picture(run, "order", "free", "energy_drift", ".png")[:8] == b"\x89PNG\r\n\x1a\n"
+    drawn = picture(run, "order", "free", "energy_drift", ".pdf")
+    assert drawn.startswith(b"%PDF")
+    assert drawn == picture(run, "order", "free", "energy_drift", ".pdf")
 
 
 def test_a_drift_that_has_no_scale_is_drawn_in_its_unit(run: Run) -> None:
@@ -84,17 +200,19 @@ def test_a_drift_that_has_no_scale_is_drawn_in_its_unit(run: Run) -> None:
     assert labels == ["omega error", "omega error, rad/s"]
 
 
-@pytest.mark.parametrize("figure", FIGURES)
+@pytest.mark.parametrize("figure", [*FIGURES, STABILITY, *BODIES])
 def test_what_has_no_points_is_no_figure(figure: str, run: Run) -> None:
     """An empty picture would say that all is well."""
     with pytest.raises(InputError, match="nothing to draw for nowhere"):
         picture(run, figure, "nowhere", "orientation_error_rad", ".svg")
 
 
-def test_a_picture_is_asked_for_rightly(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("out", "error"), [("a.jpg", InputError), ("a.svg", UnavailableError)])
+def test_a_picture_is_asked_for_rightly(
+    out: str, error: type[Exception], monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+) -> None:
     """Another format is refused; without matplotlib the line names the extra."""
-    with pytest.raises(InputError, match=r"--out a.pdf: must end in .svg or .png"):
-        check_picture(Path("a.pdf"))
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(UnavailableError, match=r"^figures need matplotlib: pip install 'bodycheck\[plot\]'$"):
-        check_picture(Path("a.svg"))
+    with pytest.raises(error) as refused:
+        check_picture(Path(out))
+    expected_message(str(refused.value))

@@ -6,28 +6,24 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import pytest
-from fault_reports import results_of
 from markupsafe import escape
-from planted_faults import BASES, FAULTS, SOUND, Fault, Faulty
-from registered import registered
 
 import bodycheck
-from bodycheck._util.formatting import escaped_markdown
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.execution import record
+from bodycheck.reports.document import escaped_markdown, markdown, print_document
 from bodycheck.reports.probes.probe import probe_rows
 from bodycheck.reports.render.html import render_report
-from bodycheck.reports.render.markdown import markdown_summary
-from bodycheck.reports.render.terminal import print_summary
-from bodycheck.reports.summary.cells import summary_cells
-from bodycheck.reports.summary.sentences import verdict_sentences
+from bodycheck.reports.summary.sentences import Summary, run_document
+from tests.helpers.planted_faults import BASES, FAULTS, SOUND, Fault, Faulty
+from tests.helpers.reported_results import reported_results
+from tests.helpers.temporary_engines import registered
 
 if TYPE_CHECKING:
     from bodycheck.reports.run_files.run_tables import Run
 
 NOT_BY_PROBES = {
     "position-by-old-velocity": "an error of order 1 in the position, and no wrong reading",
-    "single-precision-stage": "round-off, which a probe measures and does not accuse",
     "speed-clamped": "a probe is no faster than 4 m/s",
 }
 """What takes a whole run: verdicts and orders."""
@@ -49,7 +45,7 @@ def test_the_table_of_faults_is_long_and_clear() -> None:
 def test_probes_see_each_planted_fault_but_those_that_they_cannot(base: str) -> None:
     """A finding or a property for each; nothing for the sound base, nor where the table says so."""
     adapter = Faulty(base)
-    engine = Engine(adapter.name, adapter.version, adapter.methods, "")
+    engine = Engine(adapter.name, adapter.version, adapter.methods)
     silent = set()
     for name, method in adapter.methods.items():
         rows = probe_rows(engine, method, lambda _, case: record(adapter, case))
@@ -68,11 +64,11 @@ def check_reports(base: str, faults: Sequence[Fault], capsys: pytest.CaptureFixt
     methods = [f"{adapter.name}:{name}" for name in (SOUND, *(fault.name for fault in faults))]
     with registered(adapter):
         run = bodycheck.run(["smoke"], engines=methods, speed=False)
-    found = results_of(run)
+    found = reported_results(run)
     reported = {f"{adapter.name}:{fault.name}" for fault in faults if base not in fault.undetectable}
     assert set(found) == reported
     pages = pages_of(run, capsys)
-    sentences = " ".join(verdict_sentences(run, summary_cells(run)))
+    sentences = " ".join(Summary.of(run).sentences)
     for method, results in found.items():
         assert any(one.quantity and one.size > 0.0 and one.quantity in one.text for one in results), method
         assert method in sentences
@@ -88,10 +84,10 @@ def check_reports(base: str, faults: Sequence[Fault], capsys: pytest.CaptureFixt
 def pages_of(run: Run, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
     """Return what a run says in the terminal, in Markdown and in its report."""
     capsys.readouterr()
-    print_summary(run)
+    print_document(run_document(run))
     return {
         "terminal": capsys.readouterr().out,
-        "markdown": markdown_summary(run),
+        "markdown": markdown(run_document(run)),
         "html": render_report(run),
     }
 

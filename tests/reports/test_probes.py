@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 import bodycheck
-from bodycheck.adapters.contract import Adapter, Engine, Method, ReadBack, Reading, Simulation
+from bodycheck.adapters.contract import Adapter, Engine, Method, Precision, ReadBack, Reading, Simulation
 from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.arrays import Array
@@ -50,7 +50,7 @@ def methods() -> list[Any]:
 
 def engine_of(adapter: Adapter) -> Engine:
     """Return the adapter as a run knows it."""
-    return Engine(adapter.name, adapter.version, adapter.methods, "")
+    return Engine(adapter.name, adapter.version, adapter.methods)
 
 
 def probed(
@@ -75,8 +75,8 @@ HEALTHY = [param for param in methods() if param.id != DAMPED]
 
 
 @pytest.mark.parametrize(("adapter", "method"), HEALTHY)
-def test_no_healthy_method_is_accused(adapter: Adapter, method: str) -> None:
-    """Each check of each method is consistent, by a factor of ten; what refuses loads is still read."""
+def test_no_healthy_method_is_reported(adapter: Adapter, method: str) -> None:
+    """Each check of each method is consistent by a factor of ten, those of methods without loads too."""
     rows = probed(adapter, method)
     assert accused(rows) == set()
     for check, row in rows.items():
@@ -122,15 +122,15 @@ def of_another_body(seed: int, scene: Scene) -> Scene:
 
 
 @pytest.mark.parametrize(("adapter", "method"), HEALTHY)
-def test_no_healthy_method_is_accused_for_any_body(adapter: Adapter, method: str) -> None:
-    """Mass, size, moments, axes, attitude and place may be anything: the tolerances come from the motion."""
+def test_no_healthy_method_is_reported_for_any_body(adapter: Adapter, method: str) -> None:
+    """For any mass, size, moments, axes, attitude and position: the tolerances follow the motion."""
     for seed in range(4):
         rows = probed(adapter, method, partial(of_another_body, seed))
         assert accused(rows) == set(), seed
 
 
-def test_what_an_engine_does_by_default_is_seen() -> None:
-    """Bullet's damping of 0.04 and its clamp at 100 rad/s show in the responses and in what is conserved."""
+def test_defaults_of_an_engine_are_detected() -> None:
+    """Bullet's damping of 0.04 and its clamp at 100 rad/s are visible in responses and conservation."""
     pytest.importorskip("pybullet")
     from bodycheck.adapters.pybullet import PyBullet
 
@@ -163,7 +163,7 @@ class Altered:
         self._wrench: Wrench | None = None
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Start again."""
         self._inner.reset()
         self._before = self._inner.read()
 
@@ -197,9 +197,11 @@ class Altering:
 
     name, version = "altered", "1"
 
-    def __init__(self, **how: Any) -> None:
+    def __init__(self, precision: Precision = "float64", **how: Any) -> None:
         self._sound, self._how = Reference(), how
-        self.methods: Mapping[str, Method] = {name: self._sound.methods[name] for name in ("rk4", "m1")}
+        self.methods: Mapping[str, Method] = {
+            name: replace(self._sound.methods[name], precision=precision) for name in ("rk4", "m1")
+        }
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
         """Refuse what the reference refuses."""
@@ -239,7 +241,7 @@ READINGS: dict[str, tuple[dict[str, Any], set[str]]] = {
 
 @pytest.mark.parametrize("method", ["rk4", "m1"])
 @pytest.mark.parametrize("fault", READINGS)
-def test_a_wrong_reading_or_a_delay_is_seen_in_the_quantity_that_it_is_of(fault: str, method: str) -> None:
+def test_wrong_reading_or_delay_is_reported_by_its_quantity(fault: str, method: str) -> None:
     """Each is reported under its own name, whatever the order of the method."""
     how, expected = READINGS[fault]
     rows = probed(Altering(**how), method)
@@ -253,15 +255,17 @@ def test_a_wrong_reading_or_a_delay_is_seen_in_the_quantity_that_it_is_of(fault:
 
 @pytest.mark.parametrize("method", ["rk4", "m1"])
 @pytest.mark.parametrize("how", [{"reading": rounded}, {"single": True}], ids=["read", "held"])
-def test_single_precision_is_no_fault(how: dict[str, Any], method: str) -> None:
-    """What the scatter of the readings explains is accused of nothing, whatever the body."""
-    assert accused(probed(Altering(**how), method)) == set()
+def test_stated_single_precision_is_not_a_fault(how: dict[str, Any], method: str) -> None:
+    """Deviations within the scatter of the readings are not reported, whatever the body."""
+    single = Altering("float32", **how)
+    assert accused(probed(single, method)) == set()
+    assert accused(probed(Altering(**how), method)) == {"precision"}
     for seed in range(5):
-        assert accused(probed(Altering(**how), method, partial(of_another_body, seed))) == set()
+        assert accused(probed(single, method, partial(of_another_body, seed))) == set()
 
 
-def test_a_quaternion_that_is_not_renormalised_is_a_property() -> None:
-    """It is reported with its size and order, and accused of nothing."""
+def test_quaternion_that_is_not_renormalised_is_a_property() -> None:
+    """It is reported with its size and order, and is not a fault."""
     row = probed(Reference(), "quaternion-euler")["quaternion_norm"]
     assert row["verdict"] == "consistent"
     assert "not renormalised: |q| - 1 = 0.000156 at 1.25e-05 s, order 1.00" in row["message"]
@@ -290,8 +294,8 @@ class Wrong:
 
 
 @pytest.mark.parametrize(("outcome", "cases"), [("failed", 2), ("unsupported", 2), ("timeout", 1)])
-def test_a_probe_that_fails_is_not_measured_and_says_why(outcome: Any, cases: int) -> None:
-    """One case of each probe is tried; what did not answer in time is not waited for again."""
+def test_failed_probe_has_the_reason(outcome: Any, cases: int) -> None:
+    """One case of each probe is tried; after a time-out it is not repeated."""
     engine = Wrong(lambda _, __: Answer(outcome, "for a reason"))
     rows = engine.rows()
     assert {check: row["verdict"] for check, row in rows.items()} == {
@@ -302,8 +306,8 @@ def test_a_probe_that_fails_is_not_measured_and_says_why(outcome: Any, cases: in
     assert engine.asked == cases
 
 
-def test_a_motion_that_is_lost_is_not_measured() -> None:
-    """A state that is not finite says nothing of loads and readings, and ends nothing."""
+def test_motion_that_is_not_finite_is_not_measured() -> None:
+    """A state that is not finite gives no finding and ends nothing."""
 
     def lost(_: Case, answer: Answer) -> Answer:
         path = answer.trajectory
@@ -316,8 +320,8 @@ def test_a_motion_that_is_lost_is_not_measured() -> None:
 
 
 @pytest.mark.parametrize("name", ["velocity_m_s", "omega_body_rad_s", "position_m"])
-def test_a_reading_of_zeros_is_inconsistent_and_ends_nothing(name: str) -> None:
-    """What an engine never fills in is wrong, and no division by it ends the run."""
+def test_reading_of_zeros_is_inconsistent(name: str) -> None:
+    """A reading that an engine never fills in is reported, without a division by zero."""
 
     def empty(_: Case, answer: Answer) -> Answer:
         path = answer.trajectory
@@ -331,8 +335,8 @@ def test_a_reading_of_zeros_is_inconsistent_and_ends_nothing(name: str) -> None:
     assert rows[reading]["message"]
 
 
-def test_other_numbers_in_the_engine_are_inconsistent() -> None:
-    """A read-back that does not match is reported, next to what the motion itself shows."""
+def test_wrong_read_back_is_inconsistent() -> None:
+    """A read-back that does not match is reported, next to the motion's own findings."""
 
     def other_mass(_: Case, answer: Answer) -> Answer:
         held = answer.read_back
@@ -351,7 +355,7 @@ def small_run() -> Any:
 
 
 def test_every_run_has_the_probes_of_its_methods() -> None:
-    """One row per method and check, also where steps were specified, each with its command."""
+    """One row per method and check with its command, also if steps were specified."""
     table = small_run().probes
     assert tuple(table.columns) == PROBE_COLUMNS
     assert list(dict.fromkeys(table["method"])) == ["m1", "rk4"]
@@ -364,8 +368,8 @@ def test_every_run_has_the_probes_of_its_methods() -> None:
     }
 
 
-def test_the_probes_of_a_stored_run_are_read_back(tmp_path: Path) -> None:
-    """probes.csv holds what the run found to the last digit; a run from before there was one has no rows."""
+def test_probes_of_a_stored_run_are_read_back(tmp_path: Path) -> None:
+    """probes.csv has the findings to the last digit; an older run without it has no rows."""
     run = small_run()
     bodycheck.write_run(run, tmp_path / "run")
     pd.testing.assert_frame_equal(read_tables(tmp_path / "run").probes, run.probes)
@@ -374,8 +378,8 @@ def test_the_probes_of_a_stored_run_are_read_back(tmp_path: Path) -> None:
     assert (len(old), tuple(old.columns)) == (0, PROBE_COLUMNS)
 
 
-def test_a_limit_is_told_from_a_shrinking_mismatch() -> None:
-    """h, h^2 and h^3 are nothing in the limit, at any ratio of steps; what stays is found to its digits."""
+def test_limit_is_distinguished_from_a_shrinking_mismatch() -> None:
+    """h, h^2 and h^3 have limit zero at any ratio of steps; another limit is found to its digits."""
     steps = [1.0, 0.5, 0.25, 0.125]
     shrinking = [np.array([[0.3 * h, -2.0 * h**2, 5.0 * h**3]]) for h in steps]
     found = limit(steps, shrinking, 0.0)
@@ -386,7 +390,7 @@ def test_a_limit_is_told_from_a_shrinking_mismatch() -> None:
 
 
 def test_round_off_is_measured_through_kinks_and_outliers() -> None:
-    """The scatter of a smooth series is found where loads switch and one sample is wrong."""
+    """The scatter of a smooth series is found although loads switch and one sample is wrong."""
     draw, t = np.random.default_rng(7), np.linspace(0.0, 1.0, 400)
     smooth: Array = np.stack([np.sin(t), np.abs(t - 0.5)], axis=1)
     smooth[100] += 1.0
@@ -394,8 +398,8 @@ def test_round_off_is_measured_through_kinks_and_outliers() -> None:
     assert 0.3e-7 < found < 3e-7  # a median of |x| is 0.67 sigma
 
 
-def test_a_torque_of_twice_the_size_names_the_torque_alone() -> None:
-    """Responses are kept apart: what one load does wrong is not blamed on the others."""
+def test_doubled_torque_is_reported_alone() -> None:
+    """Responses are separate: a fault of one load is not reported for the others."""
     sound = Reference()
 
     def twice(_: Engine, case: Case) -> Answer:

@@ -1,4 +1,4 @@
-"""A case's speed is its quickest lap over the yardstick's, however a shared machine disturbs the others."""
+"""The speed of a case: its fastest lap over that of the reference measurement, despite disturbances."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ Lap = Callable[[str, int], Message]
 def timed(
     monkeypatch: pytest.MonkeyPatch, lap: Lap, passes: int
 ) -> tuple[list[dict[str, object]], list[int]]:
-    """Return the columns of two cases whose laps are as given, and after how many laps each was told of."""
+    """Return the columns of two cases with these laps, and after how many laps each was reported."""
     laps: Counter[str] = Counter()
 
     class Clockwork:
-        """Engines whose laps take what they are told to."""
+        """Engines whose laps take the given times."""
 
         def __init__(self, core: int | None) -> None:
             del core
@@ -53,7 +53,7 @@ def timed(
     found, quietness = speed.measure_speeds(
         [problem],
         cases,
-        {ENGINE: Engine(ENGINE, "1", {}, "")},
+        {ENGINE: Engine(ENGINE, "1", {})},
         Answers(None, None, 1.0),
         timeout_s=1.0,
         passes=passes,
@@ -66,7 +66,7 @@ def timed(
 @pytest.mark.parametrize("passes", [1, 2, 10])
 @pytest.mark.parametrize("quiet", [0, -1])
 def test_one_quiet_pass_is_enough(passes: int, quiet: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where a machine is twice as slow in all passes but one, be it the first or the last, nothing moves."""
+    """If the machine is twice as slow in all passes but one, the speed is unchanged."""
     of_a_case = (5 if passes == 1 else 2) * len(STEPS_S)
     undisturbed = range(passes * of_a_case)[quiet * of_a_case :][:of_a_case]
 
@@ -80,8 +80,8 @@ def test_one_quiet_pass_is_enough(passes: int, quiet: int, monkeypatch: pytest.M
     assert told == [passes * of_a_case // 2, passes * of_a_case]
 
 
-def test_the_median_of_all_laps_stands_beside_their_quartiles(monkeypatch: pytest.MonkeyPatch) -> None:
-    """cpu_s and ns_per_step are of all laps of all passes, as numpy has their quantiles."""
+def test_median_and_quartiles_are_of_all_laps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """cpu_s and ns_per_step are of all laps of all passes, with numpy's quantiles."""
 
     def lap(engine: str, number: int) -> Message:
         return {"outcome": "ok", "cpu_s": LAP_S[engine] * (1.0 + number)}
@@ -95,8 +95,8 @@ def test_the_median_of_all_laps_stands_beside_their_quartiles(monkeypatch: pytes
 
 
 @pytest.mark.parametrize("lost", [range(2), range(4, 6)], ids=["first", "last"])
-def test_a_pass_that_is_lost_does_not_spoil_the_others(lost: range, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The case has the speed of the passes that it has; nothing is said, for it is as good as any."""
+def test_lost_pass_does_not_change_the_speed(lost: range, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The case has the speed of its other passes, without a message."""
 
     def lap(engine: str, number: int) -> Message:
         if engine == ENGINE and number in lost:
@@ -107,7 +107,7 @@ def test_a_pass_that_is_lost_does_not_spoil_the_others(lost: range, monkeypatch:
     assert [(row["relative_cpu"], row["message"]) for row in rows] == [(pytest.approx(3.0), "")] * 2
 
 
-def test_a_case_without_a_single_pass_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_case_without_a_pass_has_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its measures stay, it has no speed, and the message has the reason once."""
 
     def lap(engine: str, number: int) -> Message:
@@ -120,8 +120,8 @@ def test_a_case_without_a_single_pass_says_why(monkeypatch: pytest.MonkeyPatch) 
     assert len(told) == len(STEPS_S)
 
 
-def test_a_yardstick_too_quick_for_the_clock_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A case beside it has its own time, and no ratio."""
+def test_reference_below_the_clock_resolution_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The case has its own time and no ratio."""
 
     def lap(engine: str, number: int) -> Message:
         del number

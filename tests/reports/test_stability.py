@@ -1,4 +1,4 @@
-"""stability.csv: one row a scenario and method that is told a step, whatever becomes of it."""
+"""stability.csv: one row per scenario and method with a step, whatever its outcome."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ def row(run: bodycheck.Run, method: str) -> dict[str, object]:
 
 
 @pytest.mark.slow
-def test_every_method_told_a_step_has_a_row(run: bodycheck.Run) -> None:
-    """What is told a tolerance, or nothing, has none."""
+def test_every_method_with_a_step_has_a_row(run: bodycheck.Run) -> None:
+    """Methods with a tolerance, or without a setting, have none."""
     assert tuple(run.stability.columns) == STABILITY_COLUMNS
     assert run.stability["method"].tolist() == ["m1", "euler", "splitting6"]
     assert set(run.stability["run_id"]) == {run.run_id}
 
 
 @pytest.mark.slow
-def test_the_map_agrees_with_the_cases(run: bodycheck.Run) -> None:
-    """No case was stable at a step that the map calls unstable, nor the other way round."""
+def test_map_agrees_with_the_cases(run: bodycheck.Run) -> None:
+    """No case is stable at a step that the map calls unstable, or the reverse."""
     for method in ("m1", "euler"):
         limits = row(run, method)
         cases = run.results[run.results["method"] == method]
@@ -47,7 +47,7 @@ def test_the_map_agrees_with_the_cases(run: bodycheck.Run) -> None:
 
 
 @pytest.mark.slow
-def test_a_method_that_cannot_represent_the_scene_is_shown_with_the_reason(run: bodycheck.Run) -> None:
+def test_unsupported_method_has_a_row_with_the_reason(run: bodycheck.Run) -> None:
     """Its row has no step."""
     found = row(run, "splitting6")
     assert found["outcome"] == "unsupported"
@@ -57,8 +57,8 @@ def test_a_method_that_cannot_represent_the_scene_is_shown_with_the_reason(run: 
 
 
 @pytest.mark.slow
-def test_steps_asked_for_leave_the_map_empty(tmp_path: Path) -> None:
-    """With --dt nothing but those steps is run; the file is there, and says so by having no row."""
+def test_requested_steps_leave_the_map_empty(tmp_path: Path) -> None:
+    """With --dt only those steps are run; the file exists and has no row."""
     run = bodycheck.run(["full-tensor"], engines=["reference:m1"], dt_s=[0.01], speed=False)
     assert run.stability.empty
     bodycheck.write_run(run, tmp_path / "out")

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gated import CASE, METHOD, a_run
 
 from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
@@ -20,13 +19,14 @@ from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.reports.run_files.run_tables import common_step, shown_case
 from bodycheck.reports.run_files.tables import PROBE_COLUMNS, as_table
 from bodycheck.reports.summary.cells import Cell, Fault, faults_of, summary_cell, summary_cells
+from bodycheck.reports.summary.sentences import Summary
 from bodycheck.reports.summary.worst_results import (
     MethodResults,
     Result,
     headline,
-    worst_methods,
     worst_results,
 )
+from tests.helpers.gate_tables import CASE, METHOD, make_tables
 
 ERROR = "orientation_error_rad"
 ROW = {
@@ -53,7 +53,7 @@ def findings(*cases: dict[str, Any], methods: tuple[dict[str, Any], ...] = ()) -
     """Return a run of one or two scenarios."""
     rows = [{"truth_bound_rad": 1e-12, **cells} for cells in cases]
     scenarios = {"brick": {}, "plate": {}}
-    return a_run(rows, [{**ROW, **cells} for cells in methods], scenarios=scenarios, engines=THEORY)
+    return make_tables(rows, [{**ROW, **cells} for cells in methods], scenarios=scenarios, engines=THEORY)
 
 
 # ------------------------------------------------------------------------------------------------- states
@@ -213,7 +213,7 @@ def test_all_that_is_wrong_is_listed_with_its_words_and_command() -> None:
         ),
     )
     about = "orientation_error_rad"
-    assert worst_results(run) == [
+    assert worst_results(run, summary_cells(run)) == [
         Result("failed", "mujoco:rk4", "", "failed in 2 cases: no", "c", ("plate",), 2),
         Result(
             *("does-not-converge", "mujoco:rk4", about),
@@ -227,7 +227,7 @@ def test_all_that_is_wrong_is_listed_with_its_words_and_command() -> None:
         ),
         Result("timeout", "mujoco:euler", "", "timeout in 1 case: slow", "g", ("plate",), 1),
     ]
-    first, second = worst_methods(run)
+    first, second = Summary.of(run).worst
     assert first.method == "mujoco:rk4"
     assert first.sentence == "failed in 2 cases: no in plate; 2 more findings"
     assert headline([first, second]) == "2 methods with findings: mujoco:rk4, mujoco:euler."
@@ -240,10 +240,11 @@ def test_what_repeats_in_several_scenarios_is_one_result() -> None:
         {"scenario": "plate", "reproduce": "b", ERROR: 1e-3},
         methods=({**FLAT}, {**FLAT, "scenario": "plate", "finest_error": 1e-3}),
     )
-    (found,) = worst_results(run)
+    (found,) = worst_results(run, summary_cells(run))
     assert (found.scenarios, found.size, found.reproduce) == (("plate", "brick"), 1e-3, "b")
     assert found.sentence.endswith("in plate and 1 more scenario")
-    assert worst_results(findings({}, methods=({},))) == []
+    healthy = findings({}, methods=({},))
+    assert worst_results(healthy, summary_cells(healthy)) == []
 
 
 def test_a_probe_that_is_not_passed_is_a_result() -> None:
@@ -264,7 +265,7 @@ def test_a_probe_that_is_not_passed_is_a_result() -> None:
     }
     rows = [{**probe, "verdict": "inconsistent"}, {**probe, "verdict": "consistent", "check": "x"}]
     run = replace(findings({}, methods=({},)), probes=as_table(rows, PROBE_COLUMNS))
-    (found,) = worst_results(run)
+    (found,) = worst_results(run, summary_cells(run))
     assert found.kind == "inconsistent"
     assert found.sentence == "gravity_delay 1, expected 0 at dt 0.001 s: late"
 

@@ -1,4 +1,4 @@
-"""A run read back from its folder is the run that was written; what is damaged is refused."""
+"""Stored runs: a run read from its folder equals the one written; a damaged one is refused."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bodycheck
@@ -27,16 +28,14 @@ def again(stored_run: Path) -> Run:
 
 
 @pytest.mark.slow
-def test_the_report_of_a_stored_run_is_the_first_one_byte_for_byte(stored_run: Path, again: Run) -> None:
-    """Tables, truths and measures over time come back to the last digit, without the mesh's file."""
+def test_report_of_a_stored_run_is_the_same_byte_for_byte(stored_run: Path, again: Run) -> None:
+    """Tables, truths and measures over time are read to the last digit, without the mesh file."""
     assert render_report(again) == (stored_run / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
-def test_a_run_that_is_read_and_written_again_is_the_same_run(
-    stored_run: Path, again: Run, tmp_path: Path
-) -> None:
-    """Every table and every number of every trajectory is as it was."""
+def test_run_read_and_written_again_is_the_same(stored_run: Path, again: Run, tmp_path: Path) -> None:
+    """Every table and every number of every trajectory is the same."""
     write_run(again, tmp_path / "again")
     for path in sorted(stored_run.rglob("*")):
         copy = tmp_path / "again" / path.relative_to(stored_run)
@@ -48,8 +47,8 @@ def test_a_run_that_is_read_and_written_again_is_the_same_run(
             assert copy.read_bytes() == path.read_bytes(), path.name
 
 
-def test_tables_alone_hold_every_case_with_its_outcome(stored_run: Path) -> None:
-    """What failed is among them, with its message and without any measure."""
+def test_tables_have_every_case_with_its_outcome(stored_run: Path) -> None:
+    """Failed cases are included, with their message and without measures."""
     tables = read_tables(stored_run)
     assert tables.results.to_csv(index=False) == (stored_run / "results.csv").read_text()
     failed = [case for case in tables.cases if case.columns["outcome"] == "failed"]
@@ -61,6 +60,17 @@ def test_tables_alone_hold_every_case_with_its_outcome(stored_run: Path) -> None
 def _text(name: str, change: Callable[[str], str]) -> Callable[[Path], None]:
     def damage(folder: Path) -> None:
         (folder / name).write_text(change((folder / name).read_text()))
+
+    return damage
+
+
+def _without(column: str) -> Callable[[Path], None]:
+    """Empty a column of methods.csv."""
+
+    def damage(folder: Path) -> None:
+        table = pd.read_csv(folder / "methods.csv", dtype=str)
+        table[column] = ""
+        table.to_csv(folder / "methods.csv", index=False)
 
     return damage
 
@@ -88,10 +98,14 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
         _text("manifest.json", lambda text: re.sub(r'"outcomes": {[^}]*}', '"outcomes": []', text)),
         "not a manifest of a run: outcomes: should be a valid dictionary",
     ),
+    "a number for a body": (
+        _text("manifest.json", lambda text: re.sub(r'"body": {', '"body": 1.0, "was": {', text)),
+        "body: should be a table (it is 1.0)",
+    ),
     "a row lost": (_text("results.csv", lambda text: text[: text[:-1].rindex("\n") + 1]), "is damaged"),
     "half a row": (_text("results.csv", lambda text: text[:-200]), "cells, not"),
     "a word for a number": (
-        _text("results.csv", lambda text: text.replace(",m1,dt,0.02,", ",m1,dt,coarse,")),
+        _text("results.csv", lambda text: text.replace(",m1,dt,float64,0.02,", ",m1,dt,float64,coarse,")),
         "dt_s is 'coarse', not a number",
     ),
     "another run's table": (
@@ -102,6 +116,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
         _text("methods.csv", lambda text: text.replace(",omega_error,", ",omega_fault,")),
         "unknown quantity 'omega_fault'",
     ),
+    "an order without interval": (_without("order_low"), "without order_low"),
     "a column more": (
         _text("methods.csv", lambda text: text.replace("verdict", "judgement")),
         "missing column",
@@ -121,7 +136,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
         "is not a scenario as a run writes it",
     ),
     "a key more": (
-        _text("manifest.json", lambda text: text.replace('"samples": 11', '"sample": 11')),
+        _text("manifest.json", lambda text: text.replace('"samples": 11', '"samples": 11, "sample": 11')),
         "sample: is not a key of this table",
     ),
     "held by nobody": (
@@ -132,10 +147,10 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
 
 
 @pytest.mark.parametrize("what", DAMAGES)
-def test_a_damaged_or_foreign_folder_is_refused_in_one_line(
+def test_damaged_or_foreign_folder_is_refused_in_one_line(
     what: str, stored_run: Path, tmp_path: Path
 ) -> None:
-    """Nothing of it is shown as if it were whole; the line says what is wrong where."""
+    """No part of it is shown; the line has the file and the error."""
     folder = tmp_path / "run"
     shutil.copytree(stored_run, folder)
     damage, message = DAMAGES[what]
@@ -147,10 +162,8 @@ def test_a_damaged_or_foreign_folder_is_refused_in_one_line(
 
 
 @pytest.mark.slow
-def test_a_scenario_with_a_function_needs_leave_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its code would run; a function that changed since is told apart."""
+def test_stored_callback_load_needs_permission_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its code would run; a changed function is detected."""
     module = tmp_path / "loads_of_a_stored_run.py"
     module.write_text("def f(t, x, r, v, omega):\n    return -0.5 * v, -0.2 * omega\n")
     (tmp_path / "called.toml").write_text(

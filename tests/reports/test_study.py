@@ -1,4 +1,4 @@
-"""A study: its cases stand from coarse to fine, in whatever order they were run."""
+"""A study: its cases are sorted from coarse to fine, in whatever order they were run."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ def problem() -> Problem:
 
 @pytest.fixture(scope="module")
 def answers(problem: Problem) -> dict[float | None, Answer]:
-    """What the reference says at each step; at one of them it fails."""
+    """Return the reference's answer at each step; at one of them a failure."""
     cases = [Case(problem.scenario.scene, "rk4", Setting(dt_s=step)) for step in STEPS]
     said = {case.setting.dt_s: record(Reference(), case) for case in cases}
     return said | {FAILED: Answer("failed", "it crashed")}
 
 
 @pytest.mark.parametrize("order", [STEPS, STEPS[::-1], *list(permutations(STEPS))[5::6]])
-def test_the_step_change_is_the_angle_to_the_next_coarser_case(
+def test_successive_difference_is_the_angle_to_the_next_coarser_case(
     order: tuple[float, ...], problem: Problem, answers: dict[float | None, Answer]
 ) -> None:
-    """It is max over the samples of the angle between the two motions, where both ended well, else absent."""
+    """The largest angle between the two motions over the samples; absent if one of them failed."""
     adapter = Reference()
     engine = Engine(adapter.name, adapter.version, adapter.methods)
     found = study(

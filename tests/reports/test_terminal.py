@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 
 from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.document import print_document
 from bodycheck.reports.render.progress import LiveProgress
-from bodycheck.reports.render.terminal import print_summary
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.summary.sentences import run_document
 
 
 class Terminal(io.StringIO):
@@ -25,30 +26,70 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_a_terminal_is_shown_how_long_a_run_will_take(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Cases done of those listed, and a time left once two have ended."""
+def terminal_of(monkeypatch: pytest.MonkeyPatch, columns: int = 80) -> Terminal:
+    """Return a terminal as standard error; called in the test, because pytest replaces it after setup."""
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("COLUMNS", str(columns))
+    return terminal
+
+
+def last_line(terminal: Terminal, progress: LiveProgress) -> str:
+    """Return the line that a terminal shows at present."""
+    progress._bar.refresh()
+    lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", terminal.getvalue()).split("\r")
+    return [line.strip() for line in lines if line.strip()][-1]
+
+
+def test_a_terminal_shows_the_cases_and_both_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cases done of those listed, and a time left once two have ended, each time with its label."""
+    terminal = terminal_of(monkeypatch)
     with LiveProgress(100) as progress:
-        progress.phase("motions")
+        progress.motions_begun()
         for _ in range(3):
             progress.case_done()
             time.sleep(0.02)
-        progress._bar.refresh()
-    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", terminal.getvalue())
-    assert re.search(r"motions .*3/100 cases \d:\d\d:\d\d left \d:\d\d:\d\d", shown)
+        shown = last_line(terminal, progress)
+    assert re.fullmatch(r". motions 3/100 cases, elapsed \d:\d\d, remaining \d:\d\d", shown)
 
 
-def test_a_log_is_told_each_phase_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
-    """Where standard error is no terminal there is no bar."""
+def test_compiling_is_shown_with_how_much_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And that only the first run does so, and for how long."""
+    terminal = terminal_of(monkeypatch)
     with LiveProgress(100) as progress:
-        progress.phase("motions")
+        progress.compiling(3, 86)
+        shown = last_line(terminal, progress)
+    assert re.search(r"compiling 3/86 kernels \(first run, about 1 minute\), elapsed \d:\d\d", shown)
+
+
+@pytest.mark.parametrize("columns", [30, 40, 60])
+def test_a_narrow_terminal_shows_the_counts_and_times_whole(
+    columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The description alone is shortened, so that the line fits."""
+    terminal = terminal_of(monkeypatch, columns)
+    with LiveProgress(100) as progress:
+        progress.compiling(3, 10)
+        shown = last_line(terminal, progress)
+    assert len(shown) <= columns
+    assert re.search(r" 3/10 kernels, elapsed \d:\d\d", shown)
+
+
+def test_a_log_has_each_phase_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where standard error is not a terminal, compiling is a line only where something is compiled."""
+    with LiveProgress(100) as progress:
+        progress.phase("solving the truths")
+        progress.motions_begun()
         progress.case_done()
-    assert capsys.readouterr().err == "motions\n"
+    assert capsys.readouterr().err == "solving the truths\nmotions\n"
+    with LiveProgress(100) as progress:
+        progress.compiling(0, 30)
+        progress.compiling(1, 30)
+    assert capsys.readouterr().err == "compiling kernels (first run, about 20 seconds)\n"
+    with LiveProgress(100, label="mujoco==4.0.0") as progress:
+        progress.phase("solving the truths")
+    assert capsys.readouterr().err == ""
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +103,7 @@ def summary(run: Run, monkeypatch: pytest.MonkeyPatch, output: io.StringIO, colu
     monkeypatch.setattr("sys.stdout", output)
     monkeypatch.setenv("TERM", "xterm-256color")
     monkeypatch.setenv("COLUMNS", columns)
-    print_summary(run)
+    print_document(run_document(run))
     return output.getvalue()
 
 
@@ -74,9 +115,9 @@ def test_the_summary_has_each_method_and_the_worst_with_its_command(
     shown = summary(run, monkeypatch, io.StringIO()).splitlines()
     assert shown[0].startswith(f"{len(run.cases)} cases in ")
     for method in ("reference:m1", "reference:rk4", "reference:exact", "reference:taylor", "failing:m1"):
-        assert sum(line.startswith(f"{method} ") and " rad in " in line for line in shown) == 1
-    place = shown.index("Worst result of each method") + 1
-    assert shown[place].startswith("failing:m1: failed in 1 case: RuntimeError")
+        assert sum(bool(re.match(rf"{method} .*, .*[a-z]", line)) for line in shown) >= 1
+    place = shown.index("Worst result of each method") + 2
+    assert re.match("failing:m1 +failed in 1 case: RuntimeError", shown[place])
     assert shown[place].endswith(" in forced, and a mesh")
     assert shown[place + 1].strip() == next(
         case.columns["reproduce"] for case in run.cases if case.columns["outcome"] == "failed"
@@ -95,7 +136,7 @@ def test_colour_is_for_terminals_that_want_it(quiet: bool, run: Run, monkeypatch
     assert bool(colour.search(summary(run, monkeypatch, Terminal()))) is not quiet
     piped = summary(run, monkeypatch, io.StringIO(), columns="20")
     assert "\x1b" not in piped
-    assert any(re.match(r"reference:m1 .* rad in .*converges", line) for line in piped.splitlines())
+    assert any(re.match(r"reference:m1 .*converges.* dt .* s", line) for line in piped.splitlines())
 
 
 @pytest.mark.slow
@@ -108,23 +149,19 @@ def test_every_faulty_method_has_one_line(run: Run, monkeypatch: pytest.MonkeyPa
         for outcome in ("timeout", "invalid")
     ]
     shown = summary(replace(run, cases=(*run.cases, *more)), monkeypatch, io.StringIO()).splitlines()
-    (line,) = [line for line in shown if line.startswith("failing:m1: ")]
-    assert line.startswith("failing:m1: invalid in 1 case: ")
+    (line,) = [line for line in shown if re.match("failing:m1 +invalid in 1 case: ", line)]
     assert line.endswith("; 2 more findings")
 
 
 def test_speeds_are_counted_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The bar of the speeds starts anew, and is full when as many were looked at as there are cases."""
-    terminal = Terminal()
-    monkeypatch.setattr("sys.stderr", terminal)
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "120")
+    """The count of the speeds starts from 0, and is full when as many were timed as there are cases."""
+    terminal = terminal_of(monkeypatch)
     with LiveProgress(2) as progress:
+        progress.motions_begun()
         for _ in range(3):
             progress.case_done()
-        progress.phase("speeds")
+        progress.speeds_begun()
         for _ in range(3):
             progress.speed_measured()
-        progress._bar.refresh()
-    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", terminal.getvalue())
-    assert re.search(r"speeds .*3/3 cases", shown)
+        shown = last_line(terminal, progress)
+    assert "speeds, one case at a time 3/3 cases" in shown

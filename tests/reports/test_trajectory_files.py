@@ -1,4 +1,4 @@
-"""Trajectories on disk: what is written is what numpy reads, to the last bit."""
+"""Trajectory files: numpy reads what was written, bit for bit."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def arrays_of(n: int) -> dict[str, Array]:
     return arrays
 
 
-def test_an_npz_is_read_by_numpy_to_the_last_bit() -> None:
-    """Names, shapes and bits come back, without pickles, and the archive is whole."""
+def test_npz_is_read_by_numpy_bit_for_bit() -> None:
+    """Names, shapes and values come back without pickles."""
     arrays = arrays_of(101)
     written = npz(arrays)
     assert zipfile.ZipFile(io.BytesIO(written)).testzip() is None
@@ -34,6 +34,6 @@ def test_an_npz_is_read_by_numpy_to_the_last_bit() -> None:
 
 
 def test_equal_arrays_make_equal_files() -> None:
-    """No date of the run is in the file: two runs can be compared byte by byte."""
+    """The file has no date, so two runs can be compared byte by byte."""
     assert npz(arrays_of(3)) == npz(arrays_of(3))
     assert b"\x00\x00!\x00" in npz(arrays_of(3))[:16]  # midnight of the first of January 1980

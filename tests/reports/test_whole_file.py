@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from front_door import bodycheck_in
-from scenario_file import SCENARIO
 
 from bodycheck._util.files import atomic_write
+from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.scenario_texts import SCENARIO
 
 
 @pytest.fixture(params=[0o077, 0o022, 0o027])
@@ -44,7 +44,7 @@ def test_run_of_a_path_that_is_not_utf8_is_stored_and_named(tmp_path: Path) -> N
     before = os.umask(0o077)
     try:
         words = ["--engine", "reference:m1", "--dt", "0.05", "--no-speed", "--out", os.fsdecode(b"out\xff")]
-        done = bodycheck_in(tmp_path, "run", name, *words)
+        done = run_bodycheck(tmp_path, "run", name, *words)
     finally:
         os.umask(before)
     assert done.returncode == 0, done.stderr
@@ -53,5 +53,5 @@ def test_run_of_a_path_that_is_not_utf8_is_stored_and_named(tmp_path: Path) -> N
     assert {mode(path) for path in out.rglob("*") if path.is_file()} == {0o600}
     (line,) = (out / "results.csv").read_text().splitlines()[1:]
     assert r"bodycheck run $'caf\xe9.toml' --engine reference:m1 --dt 0.05" in line
-    again = bodycheck_in(tmp_path, "report", os.fsdecode(b"out\xff"))
+    again = run_bodycheck(tmp_path, "report", os.fsdecode(b"out\xff"))
     assert again.returncode == 0, again.stderr

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from bodycheck.reports.render.markdown import markdown_summary
+from bodycheck.reports.document import markdown
 from bodycheck.reports.run_files.run_reader import Tables, read_tables
+from bodycheck.reports.summary.cells import summary_cells
+from bodycheck.reports.summary.sentences import run_document
 from bodycheck.reports.summary.worst_results import worst_results
 
 pytestmark = pytest.mark.slow
@@ -34,7 +36,11 @@ def test_what_is_wrong_is_listed_most_severe_first(tables: Tables) -> None:
     spoiled = with_verdict(tables, "rk4", "orientation_error_rad", order=2.5, order_high=2.6)
     spoiled = with_verdict(spoiled, "m1", "energy_drift", verdict="does-not-converge", finest_error=0.5)
     spoiled = with_verdict(spoiled, "taylor", "orientation_error_rad", verdict="does-not-converge")
-    found = [(one.kind, one.method) for one in worst_results(spoiled) if one.kind != "property"]
+    found = [
+        (one.kind, one.method)
+        for one in worst_results(spoiled, summary_cells(spoiled))
+        if one.kind != "property"
+    ]
     assert found == [
         ("failed", "failing:m1"),
         ("does-not-converge", "reference:m1"),
@@ -46,7 +52,7 @@ def test_what_is_wrong_is_listed_most_severe_first(tables: Tables) -> None:
 def test_each_has_a_command_of_a_case_that_shows_it(tables: Tables) -> None:
     """That of the failed case; of a method that does not converge, its finest."""
     spoiled = with_verdict(tables, "m1", "orientation_error_rad", verdict="does-not-converge")
-    failed, plateau, *_ = worst_results(spoiled)
+    failed, plateau, *_ = worst_results(spoiled, summary_cells(spoiled))
     outcomes = {case.columns["reproduce"]: case.columns["outcome"] for case in tables.cases}
     assert outcomes[failed.reproduce] == "failed"
     own = [
@@ -62,6 +68,6 @@ def test_one_method_is_one_line_however_often_it_fails(tables: Tables) -> None:
     """Twenty failures of their own kind are counted behind the first."""
     failed = next(case for case in tables.cases if case.columns["outcome"] == "failed")
     more = tuple(replace(failed, columns={**failed.columns, "message": f"fault {k}"}) for k in range(19))
-    lines = markdown_summary(replace(tables, cases=(*tables.cases, *more))).splitlines()
+    lines = markdown(run_document(replace(tables, cases=(*tables.cases, *more)))).splitlines()
     assert sum("failed in 1 case" in line for line in lines) == 1
     assert len(lines) < 60

@@ -1,4 +1,4 @@
-"""The hard suite: each scenario is as hard as its summary says, by numbers that are worked out here."""
+"""The hard suite: each scenario is as hard as its summary states, by numbers that are computed here."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def omega(scene: Scene) -> float:
     return float(np.linalg.norm(scene.initial.omega_body))
 
 
-def test_the_separatrix_is_met_exactly_and_from_1e_3_to_1e_12_beside_it() -> None:
+def test_separatrix_is_met_exactly_and_approached_to_1e_12() -> None:
     """I1 (I2 - I1) omega1^2 - I3 (I3 - I2) omega3^2 is 0 for one member, in rational arithmetic."""
     beside = []
     for scenario in members("separatrix"):
@@ -42,13 +42,13 @@ def test_the_separatrix_is_met_exactly_and_from_1e_3_to_1e_12_beside_it() -> Non
 
 
 def test_two_moments_are_nearly_equal() -> None:
-    """They differ by 1e-3 to 1e-12 of themselves."""
+    """They differ by 1e-3 to 1e-12, relatively."""
     gaps = [float(np.diff(np.diag(s.scene.body.inertia))[0] / 2.0) for s in members("near-symmetric")]
     np.testing.assert_allclose(gaps, [1e-3, 1e-6, 1e-9, 1e-12], rtol=1e-3)
 
 
-def test_a_needle_and_a_plate_are_at_the_limits_of_a_body() -> None:
-    """One moment is a millionth of the others; the two smaller ones sum up to the largest, to round-off."""
+def test_needle_and_plate_are_at_the_limits_of_a_body() -> None:
+    """One moment is a millionth of the others; the two smaller ones sum to the largest, to round-off."""
     needle = np.diag(only("needle").scene.body.inertia)
     assert needle[2] / needle[0] == 1e-6
     low, middle, high = np.linalg.eigvalsh(only("tilted-plate").scene.body.inertia)
@@ -65,7 +65,7 @@ def test_steps_span_from_a_hundredth_of_a_radian_to_half_a_turn() -> None:
     assert turned.min() == pytest.approx(0.01, rel=0.02)
 
 
-def test_fast_heavy_light_and_far() -> None:
+def test_extreme_scenarios_have_their_sizes() -> None:
     """A thousand rad/s; masses and moments over 18 decades; 1e8 m from the origin."""
     assert omega(only("fast-spin").scene) == 1000.0
     bodies = [scenario.scene.body for scenario in members("light-and-heavy")]
@@ -83,7 +83,7 @@ def test_long_runs_are_long() -> None:
 
 
 def test_stiff_loads_are_beyond_the_explicit_limit() -> None:
-    """The coarsest step is above 2 / rate, where explicit Euler steps blow up, and the finest is below."""
+    """The coarsest step is above 2 / rate, where explicit Euler is unstable, and the finest is below."""
     spring, drag = (only(name) for name in ("stiff-spring", "stiff-drag"))
     rates = []
     for load in (*spring.scene.loads, *drag.scene.loads):
@@ -99,7 +99,7 @@ def test_stiff_loads_are_beyond_the_explicit_limit() -> None:
 
 
 def test_torques_switch_between_steps() -> None:
-    """No switch lies on a step of any length that the scenario lists."""
+    """No switching time is a multiple of a step that the scenario lists."""
     scenario = only("off-grid-torque")
     switches = np.array(scenario.scene.switches_before(scenario.duration_s))
     assert len(switches) == 4
@@ -107,15 +107,15 @@ def test_torques_switch_between_steps() -> None:
         assert np.all(np.abs(switches / step - np.round(switches / step)) > 1e-3)
 
 
-def test_the_chaotic_top_outlives_its_truth() -> None:
-    """Even double-double arithmetic has lost the motion before the end."""
+def test_chaotic_top_outlasts_its_truth() -> None:
+    """Even double-double arithmetic loses the motion before the end."""
     scene = only("chaotic-top").scene
     truth = solve_truth(scene, scene.sample_times)
     assert 0.5 * scene.duration_s < truth.trusted_until_s < scene.duration_s
 
 
 @pytest.mark.parametrize("name", suites()["hard"])
-def test_a_run_of_the_hard_suite_is_no_longer_than_a_million_steps_a_method(name: str) -> None:
-    """The steps listed sum up to what a suite of ten minutes can pay."""
+def test_hard_suite_has_at_most_the_steps_of_ten_minutes(name: str) -> None:
+    """The sum of the steps of each scenario stays within what a suite of ten minutes allows."""
     for scenario in members(name):
         assert sum(scenario.duration_s / step for step in scenario.steps) < 1.01e6

@@ -1,4 +1,4 @@
-"""STL, OBJ and PLY files: what is read, what is refused and how it says so."""
+"""STL, OBJ and PLY files: what is read, what is refused, and the messages."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from bodycheck.reference_impl.mass_properties.solid import Triangles
 from bodycheck.scenarios import shapes
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.shapes import load_mesh, primitive
+from tests.helpers.expected_messages import ExpectedMessage
 
 VERTICES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -49,7 +50,7 @@ def ascii_stl() -> str:
 
 
 def obj(face: Callable[[int], str] = str) -> str:
-    """Return the corner as OBJ, each reference to a vertex written as face says."""
+    """Return the corner as OBJ, with each reference to a vertex in the given form."""
     vertices = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in VERTICES.tolist())
     faces = "".join("f " + " ".join(face(i + 1) for i in triangle) + "\n" for triangle in TRIANGLES.tolist())
     return "# a corner\no corner\nvt 0 0\nvn 0 0 1\n" + vertices + "s off\n" + faces
@@ -123,7 +124,7 @@ def meshed(path: Path) -> tuple[Array, Triangles]:
 
 @pytest.mark.parametrize("case", GOOD)
 def test_each_format_gives_the_same_triangles(case: str, tmp_path: Path) -> None:
-    """All ways to write the corner of a box down give its triangles, corner by corner, to the last bit."""
+    """Every notation of the corner of a box gives the same triangles, bit for bit."""
     vertices, triangles = meshed(written(tmp_path, *GOOD[case]))
     assert np.array_equal(vertices[triangles], VERTICES[TRIANGLES])
 
@@ -175,7 +176,7 @@ def test_concave_polygons_are_exact(tmp_path: Path) -> None:
 
 
 def test_other_elements_of_a_ply_are_skipped(tmp_path: Path) -> None:
-    """Elements before the vertices, with lists of varying length, do not disturb."""
+    """Elements before the vertices, with lists of varying length, are skipped."""
     header = PLY_HEADER.format(format="binary_little_endian").replace(
         "element vertex", "element strip 2\nproperty list ushort float weights\nelement vertex"
     )
@@ -185,8 +186,8 @@ def test_other_elements_of_a_ply_are_skipped(tmp_path: Path) -> None:
     assert np.array_equal(vertices[triangles], VERTICES[TRIANGLES])
 
 
-def test_what_was_put_right_is_noted(tmp_path: Path) -> None:
-    """An inside-out file is turned, and the body's notes say so."""
+def test_corrected_file_has_a_note(tmp_path: Path) -> None:
+    """An inside-out file is reversed, and the body's notes say so."""
     text = obj().replace("f 1 3 2", "f 1 2 3").replace("f 1 2 4", "f 1 4 2")
     text = text.replace("f 1 4 3", "f 1 3 4").replace("f 2 3 4", "f 2 4 3")
     body = load_mesh(written(tmp_path, "a.obj", text), 1.0)
@@ -214,139 +215,64 @@ PIECES = {
     "end": "end_header\n",
 }
 
-BAD: dict[str, tuple[str, str | bytes, str]] = {
-    "no mesh by name": ("a.txt", "", "unsupported mesh format (supported: .stl, .obj, .ply)"),
-    "empty STL": ("a.stl", b"", "not an STL file: 0 bytes are less than the 84 of a binary header"),
-    "short STL": (
-        "a.stl",
-        binary_stl()[:-1],
-        "not an STL file: its header states 4 triangles, which take 284",
-    ),
-    "huge STL": ("a.stl", b" " * 80 + b"\xff" * 4, "not an STL file: its header states 4294967295 triangles"),
-    "STL without triangles": ("a.stl", b" " * 80 + b"\0" * 4, "has no faces"),
-    "OBJ fault after continued lines": (
-        "a.obj",
-        "v 0 \\\n0 \\\r\n0\nv 0 1 x\n",
-        "line 4: not all of '0 1 x' are numbers",
-    ),
-    "STL cut off": ("a.stl", ascii_stl()[:-30], "ends without endsolid"),
-    "STL with a word for a number": (
-        "a.stl",
-        ascii_stl().replace("3.0", "three", 1),
-        "line 13: not all of '0.0 0.0 three' are numbers",
-    ),
-    "STL facet of two corners": (
-        "a.stl",
-        ascii_stl().replace("  vertex 0.0 2.0 0.0\n", "", 1),
-        "line 7: a facet does not have",
-    ),
-    "STL with another line": (
-        "a.stl",
-        ascii_stl().replace("outer loop", "loop", 1),
-        "line 3: 'loop' is not a line of",
-    ),
-    "OBJ without faces": ("a.obj", "v 0 0 0\n", "has no faces"),
-    "OBJ vertex of two": ("a.obj", "v 0 0\n", "line 1: 'v 0 0' has fewer than three coordinates"),
-    "OBJ vertex of words": ("a.obj", "v 0 0 zero\n", "line 1: not all of '0 0 zero' are numbers"),
-    "OBJ face of two": ("a.obj", obj() + "f 1 2\n", "line 14: 'f 1 2' has fewer than three corners"),
-    "OBJ face of words": ("a.obj", obj() + "f 1 2 a/b\n", "line 14: 'a' is not an integer"),
-    "OBJ corner 0": (
-        "a.obj",
-        obj() + "f 0 1 2\n",
-        "line 14: corner 0 is not one of the 4 vertices before it",
-    ),
-    "OBJ corner 5": ("a.obj", obj() + "f 1 2 5\n", "line 14: corner 5 is not one of the 4 vertices"),
-    "OBJ corner -5": (
-        "a.obj",
-        obj() + "f 1 2 -5\n",
-        "line 14: corner -5 is not one of the 4 vertices before it",
-    ),
-    "OBJ endless corner": ("a.obj", obj() + "f 1 2 99999999999\n", "line 14: '99999999999' is out of range"),
-    "OBJ not a number": ("a.obj", obj().replace("3.0", "nan"), "vertex 3 is not finite: [0.0, 0.0, nan]"),
-    "OBJ open": (
-        "a.obj",
-        obj().replace("f 1 3 2\n", ""),
-        "the mesh is open: 3 edges belong to one triangle only",
-    ),
-    "PLY of nothing": ("a.ply", "", "not a PLY file: 'ply' at its start or the line 'end_header' is missing"),
-    "PLY without end": ("a.ply", ply(end=""), "not a PLY file: 'ply' at its start or the line"),
-    "PLY of another format": (
-        "a.ply",
-        ply(format="format utf8 1.0"),
-        "line 2: 'format utf8 1.0' is out of place",
-    ),
-    "PLY of no format": ("a.ply", ply(format=""), "the header has no format line"),
-    "PLY without x": ("a.ply", ply(x="property double u\n"), "has no vertices: it lacks the numbers x, y, z"),
-    "PLY of one type twice": (
-        "a.ply",
-        ply(x="property double y\n"),
-        "line 6: 'property double y' is out of place",
-    ),
-    "PLY of no known type": (
-        "a.ply",
-        ply(x="property real x\n"),
-        "line 5: 'real' is not a valid type of property 'x'",
-    ),
-    "PLY of broken corners": (
-        "a.ply",
-        ply(list="property list uchar float vertex_indices"),
-        "line 10: 'list uchar float' is not a valid type of",
-    ),
-    "PLY of a negative count": ("a.ply", ply(vertices="element vertex -4"), "line 4: a count cannot be -4"),
-    "PLY of no count": ("a.ply", ply(vertices="element vertex four"), "line 4: 'four' is not an integer"),
-    "PLY of too many rows": (
-        "a.ply",
-        ply(faces="element face 5"),
-        "ends after 4 of 5 rows of element 'face'",
-    ),
-    "PLY of too few rows": ("a.ply", ply(faces="element face 3"), "the mesh is open"),
-    "PLY row too short": ("a.ply", ply(row="0.0 0.0 3.0"), "line 15: '0.0 0.0 3.0' ends within 'red'"),
-    "PLY row too long": (
-        "a.ply",
-        ply(row="0.0 0.0 3.0 255 1"),
-        "line 15: '0.0 0.0 3.0 255 1' continues after its",
-    ),
-    "PLY row of words": ("a.ply", ply(row="0.0 0.0 z 255"), "line 15: not all of 'z' are numbers"),
-    "PLY list too short": ("a.ply", ply(face="4 1 2 3"), "line 19: '4 1 2 3' ends within 'vertex_indices'"),
-    "PLY list of negative length": ("a.ply", ply(face="-3 1 2 3"), "line 19: a count cannot be -3"),
-    "PLY face of two": (
-        "a.ply",
-        ply(face="2 1 2"),
-        "face 3 (the first is 0) has the corners '1 2'; there are 4",
-    ),
-    "PLY face of a fifth": (
-        "a.ply",
-        ply(face="3 1 2 4"),
-        "face 3 (the first is 0) has the corners '1 2 4'; there",
-    ),
-    "PLY without faces": ("a.ply", ply(list="property list uchar int strips"), "has no faces"),
-    "PLY cut off": (
-        "a.ply",
-        binary_ply("<")[:-1],
-        "ends within 'vertex_indices': 3 numbers do not fit the 11 bytes",
-    ),
-    "PLY cut off early": (
-        "a.ply",
-        binary_ply("<")[:-60],
-        "element 'vertex' has 4 rows of at least 100 bytes in total, but 92 are left",
-    ),
-    "PLY of huge count": (
-        "a.ply",
-        binary_ply("<").replace(b"face 4", b"face 2000000000"),
-        "element 'face' has 2000000000 rows of at least 2000000000 bytes in total, but 52 are left",
-    ),
+BAD: dict[str, tuple[str, str | bytes]] = {
+    "no mesh by name": ("a.txt", ""),
+    "empty STL": ("a.stl", b""),
+    "short STL": ("a.stl", binary_stl()[:-1]),
+    "huge STL": ("a.stl", b" " * 80 + b"\xff" * 4),
+    "STL without triangles": ("a.stl", b" " * 80 + b"\0" * 4),
+    "OBJ fault after continued lines": ("a.obj", "v 0 \\\n0 \\\r\n0\nv 0 1 x\n"),
+    "STL cut off": ("a.stl", ascii_stl()[:-30]),
+    "STL with a word for a number": ("a.stl", ascii_stl().replace("3.0", "three", 1)),
+    "STL facet of two corners": ("a.stl", ascii_stl().replace("  vertex 0.0 2.0 0.0\n", "", 1)),
+    "STL with another line": ("a.stl", ascii_stl().replace("outer loop", "loop", 1)),
+    "OBJ without faces": ("a.obj", "v 0 0 0\n"),
+    "OBJ vertex of two": ("a.obj", "v 0 0\n"),
+    "OBJ vertex of words": ("a.obj", "v 0 0 zero\n"),
+    "OBJ face of two": ("a.obj", obj() + "f 1 2\n"),
+    "OBJ face of words": ("a.obj", obj() + "f 1 2 a/b\n"),
+    "OBJ corner 0": ("a.obj", obj() + "f 0 1 2\n"),
+    "OBJ corner 5": ("a.obj", obj() + "f 1 2 5\n"),
+    "OBJ corner -5": ("a.obj", obj() + "f 1 2 -5\n"),
+    "OBJ endless corner": ("a.obj", obj() + "f 1 2 99999999999\n"),
+    "OBJ not a number": ("a.obj", obj().replace("3.0", "nan")),
+    "OBJ open": ("a.obj", obj().replace("f 1 3 2\n", "")),
+    "PLY of nothing": ("a.ply", ""),
+    "PLY without end": ("a.ply", ply(end="")),
+    "PLY of another format": ("a.ply", ply(format="format utf8 1.0")),
+    "PLY of no format": ("a.ply", ply(format="")),
+    "PLY without x": ("a.ply", ply(x="property double u\n")),
+    "PLY of one type twice": ("a.ply", ply(x="property double y\n")),
+    "PLY of no known type": ("a.ply", ply(x="property real x\n")),
+    "PLY of broken corners": ("a.ply", ply(list="property list uchar float vertex_indices")),
+    "PLY of a negative count": ("a.ply", ply(vertices="element vertex -4")),
+    "PLY of no count": ("a.ply", ply(vertices="element vertex four")),
+    "PLY of too many rows": ("a.ply", ply(faces="element face 5")),
+    "PLY of too few rows": ("a.ply", ply(faces="element face 3")),
+    "PLY row too short": ("a.ply", ply(row="0.0 0.0 3.0")),
+    "PLY row too long": ("a.ply", ply(row="0.0 0.0 3.0 255 1")),
+    "PLY row of words": ("a.ply", ply(row="0.0 0.0 z 255")),
+    "PLY list too short": ("a.ply", ply(face="4 1 2 3")),
+    "PLY list of negative length": ("a.ply", ply(face="-3 1 2 3")),
+    "PLY face of two": ("a.ply", ply(face="2 1 2")),
+    "PLY face of a fifth": ("a.ply", ply(face="3 1 2 4")),
+    "PLY without faces": ("a.ply", ply(list="property list uchar int strips")),
+    "PLY cut off": ("a.ply", binary_ply("<")[:-1]),
+    "PLY cut off early": ("a.ply", binary_ply("<")[:-60]),
+    "PLY of huge count": ("a.ply", binary_ply("<").replace(b"face 4", b"face 2000000000")),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_malformed_files_are_refused_in_one_line(case: str, tmp_path: Path) -> None:
-    """What is wrong with a file is said in one line that names the file and the place."""
-    name, content, message = BAD[case]
+def test_malformed_files_are_refused_in_one_line(
+    case: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """One line names the file, the place and the error."""
+    name, content = BAD[case]
     path = written(tmp_path, name, content)
     with pytest.raises(InputError) as caught:
         load_mesh(path, 1.0)
-    assert str(caught.value).startswith(f"{path}: {message}")
-    assert "\n" not in str(caught.value)
+    expected_message(str(caught.value), tmp_path)
 
 
 def ball(rings: int) -> tuple[Array, Triangles]:
@@ -390,10 +316,10 @@ def ball_files(vertices: Array, triangles: Triangles) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("name", ["binary.stl", "text.stl", "text.obj", "text.ply"])
-def test_a_mesh_takes_at_most_200_bytes_of_memory_a_triangle(
+def test_mesh_takes_at_most_200_bytes_per_triangle(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """From its file to its mass; what numpy and numba allocate counts, also for the bytes of the file."""
+    """The peak from file to mass counts what numpy and numba allocate and the bytes of the file."""
     monkeypatch.setattr(bodycheck.scenarios.shapes, "cache_directory", lambda: tmp_path / "cache")
     for rings in (4, 50):  # the first compiles
         vertices, triangles = ball(rings)
@@ -406,10 +332,8 @@ def test_a_mesh_takes_at_most_200_bytes_of_memory_a_triangle(
     assert peak / len(triangles) < 200
 
 
-def test_a_file_that_changes_while_it_is_read_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """No solid is filed under the hash of other bytes."""
+def test_file_changed_during_reading_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No solid is stored under the hash of other bytes."""
     monkeypatch.setattr(bodycheck.scenarios.shapes, "cache_directory", lambda: tmp_path / "cache")
     path = written(tmp_path, "a.obj", obj())
 
@@ -431,17 +355,18 @@ def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
             open_mesh(tmp_path / name)
 
 
-def test_a_file_of_absurd_size_is_not_read(tmp_path: Path) -> None:
-    """A file of more than 1 GiB is refused by its size alone."""
+def test_file_above_one_gibibyte_is_not_read(tmp_path: Path, expected_message: ExpectedMessage) -> None:
+    """It is refused by its size alone."""
     path = tmp_path / "huge.obj"
     with path.open("wb") as file:
         file.truncate((1 << 30) + 1)
-    with pytest.raises(InputError, match=r"huge.obj: too large, 1073741825 bytes \(limit: 1073741824\)"):
+    with pytest.raises(InputError) as refused:
         open_mesh(path)
+    expected_message(str(refused.value), tmp_path)
 
 
-def test_an_impossible_density_or_shape_is_refused(tmp_path: Path) -> None:
-    """The density of a mesh, and the sizes of a primitive, are checked with a message of one line."""
+def test_impossible_density_or_shape_is_refused(tmp_path: Path) -> None:
+    """The density of a mesh and the sizes of a primitive are refused in one line."""
     path = written(tmp_path, "a.obj", obj())
     with pytest.raises(InputError, match=r"a.obj: density must be positive and finite, not nan"):
         load_mesh(path, float("nan"))
@@ -449,7 +374,7 @@ def test_an_impossible_density_or_shape_is_refused(tmp_path: Path) -> None:
         primitive("sphere", [1.0, 2.0], 1.0)
 
 
-def test_a_primitive_has_its_density() -> None:
+def test_primitive_is_scaled_by_its_density() -> None:
     """A box of 1 x 2 x 3 m at 2 kg/m^3 weighs 12 kg, with I_z = m (1 + 4) / 12."""
     body = primitive("box", [1, 2, 3], 2.0)
     assert body.mass == pytest.approx(12.0, rel=1e-15, abs=0.0)
@@ -465,7 +390,7 @@ def test_a_primitive_has_its_density() -> None:
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 def test_damaged_files_never_crash(case: str, tmp_path: Path, data: st.DataObject) -> None:
-    """Whatever a few bytes are changed to, cut or doubled, a file is read or refused in one line."""
+    """With a few bytes changed, cut or doubled, a file is read or refused in one line."""
     name, content = GOOD[case]
     damaged = bytearray(as_bytes(content))
     for _ in range(data.draw(st.integers(1, 4))):
@@ -507,15 +432,15 @@ def pybullet_file(name: str) -> Path:
     ["domino/domino.obj", "bunny.obj", "torus/torus_textured.obj", "gripper/meshes/WSG50_110.stl", "duck.obj",
      "kuka_iiwa/meshes/finger_tip_left.stl", "quadruped/microtaur/fr12_h101.stl", "stone.obj"],
 )  # fmt: skip
-def test_meshes_from_the_wild_match_rational_numbers(name: str) -> None:
+def test_pybullet_meshes_match_rational_arithmetic(name: str) -> None:
     """Closed meshes that come with PyBullet have the volume of exact arithmetic to 1e-15."""
     path = pybullet_file(name)
     exact = exact_volume(*meshed(path))
     assert load_mesh(path, 1.0).mass == pytest.approx(abs(float(exact)), rel=1e-15, abs=0.0)
 
 
-def test_parts_that_share_cutting_planes_are_counted_once_each() -> None:
-    """A duck in five convex parts that touch has their volumes together, and a note on the parts."""
+def test_touching_parts_are_counted_once_each() -> None:
+    """A duck of five touching convex parts has the sum of their volumes, and a note on the parts."""
     path = pybullet_file("duck_vhacd.obj")
     body = load_mesh(path, 1.0)
     assert body.mass == pytest.approx(float(exact_volume(*meshed(path))), rel=1e-15, abs=0.0)
@@ -530,8 +455,8 @@ def test_parts_that_share_cutting_planes_are_counted_once_each() -> None:
         ("teddy2_VHACD_CHs.obj", "the mesh is ambiguous: its closed surfaces at "),
     ],
 )
-def test_meshes_from_the_wild_that_bound_no_solid_are_refused(name: str, message: str) -> None:
-    """Open meshes, and convex parts that overlap, are refused by a message that says which."""
+def test_pybullet_meshes_without_a_solid_are_refused(name: str, message: str) -> None:
+    """Open meshes and overlapping convex parts are refused with a message that says which."""
     path = pybullet_file(name)
     with pytest.raises(InputError) as caught:
         load_mesh(path, 1.0)

@@ -1,4 +1,4 @@
-"""The scenario format: every key, every refusal, all errors of a file at once."""
+"""The scenario format: every key, every refusal, and all errors of a file at once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenario_text import HERE, parse_scenario
 
 from bodycheck._util.errors import InputError
 from bodycheck.reference_impl.scene import (
@@ -18,9 +17,18 @@ from bodycheck.reference_impl.scene import (
     Spring,
     TorsionSpring,
 )
-from bodycheck.scenarios.library import PROBES, load_scenario, load_scenarios, scenario_names, suites
+from bodycheck.scenarios.library import (
+    PROBES,
+    RECORDED,
+    load_scenario,
+    load_scenarios,
+    scenario_names,
+    suites,
+)
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.reader import parse_members
+from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.scenario_parsing import HERE, parse_scenario
 
 GOOD = """
 name = "good"
@@ -56,7 +64,7 @@ def refusals(text: str) -> list[str]:
     return str(caught.value).splitlines()
 
 
-def test_a_minimal_file_starts_at_rest_at_the_origin() -> None:
+def test_minimal_file_starts_at_rest_at_the_origin() -> None:
     """Every key of [initial] is optional; the body is at rest at the origin, axes aligned."""
     start = parsed().scene.initial
     assert start.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
@@ -69,7 +77,7 @@ def test_times_are_computed_from_the_sample_number() -> None:
     assert times.tolist() == [k * 2.0 / 20 for k in range(21)]
 
 
-def test_omega_in_world_axes_is_turned_into_body_axes() -> None:
+def test_omega_in_world_axes_is_rotated_into_body_axes() -> None:
     """omega_world_rad_s is R omega_body."""
     half = math.sqrt(0.5)
     scene = parsed(
@@ -78,24 +86,24 @@ def test_omega_in_world_axes_is_turned_into_body_axes() -> None:
     assert scene.initial.omega_body == pytest.approx([2.0, -1.0, 3.0], abs=1e-15)
 
 
-def test_engines_are_handed_a_unit_quaternion_and_the_truth_the_one_of_the_file() -> None:
-    """A quaternion within 1e-6 of unit is accepted: made unit for engines, as it is written for the truth."""
+def test_engines_get_a_unit_quaternion_and_the_truth_the_one_of_the_file() -> None:
+    """A quaternion within 1e-6 of unit length is normalised for engines, and unchanged for the truth."""
     scenario = parsed("[initial]\nquaternion = [1.0000005, 0, 0, 0]\n")
     assert scenario.scene.initial.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
     assert scenario.scene_as_written.initial.quaternion.tolist() == [1.0000005, 0.0, 0.0, 0.0]
     assert scenario.initial.quaternion == (1.0000005, 0.0, 0.0, 0.0)
 
 
-def test_a_unit_quaternion_of_doubles_is_handed_on_as_it_is() -> None:
-    """A norm that is off by two ulps is no reason to change the digits of the file."""
+def test_unit_quaternion_is_unchanged() -> None:
+    """A norm that is off by two ulps does not change the digits of the file."""
     written = [0.5, 0.5, 0.5, 0.500000000000001]
     assert math.hypot(*written) > 1.0
     scenario = parsed(f"[initial]\nquaternion = {written}\n")
     assert scenario.scene.initial.quaternion.tolist() == written
 
 
-def test_the_truth_begins_from_omega_as_it_is_written() -> None:
-    """Engines get omega in body axes, rounded; the start as written keeps that of the world."""
+def test_truth_starts_from_omega_as_written() -> None:
+    """Engines get omega in body axes, rounded; the initial state keeps that in world axes."""
     scenario = parsed("[initial]\nquaternion = [0.6, 0.8, 0, 0]\nomega_world_rad_s = [1, 2, 3]\n")
     assert scenario.scene.initial.exact_omega_world is None
     exact = scenario.scene_as_written.initial.exact_omega_world
@@ -104,15 +112,15 @@ def test_the_truth_begins_from_omega_as_it_is_written() -> None:
     assert np.array_equal(scenario.scene_as_written.initial.omega_body, scenario.scene.initial.omega_body)
 
 
-def test_a_full_tensor_is_taken_as_it_stands() -> None:
-    """The off-diagonals are the tensor's own, I_xy = -sum m x y."""
+def test_full_tensor_is_unchanged() -> None:
+    """The off-diagonals are the tensor's entries, I_xy = -sum m x y."""
     rows = "[[0.9, 0.04, -0.03], [0.04, 1.1, 0.02], [-0.03, 0.02, 1.3]]"
     scene = parsed(base=GOOD.replace("[1.0, 2.0, 2.5]", rows)).scene
     assert scene.body.inertia[0].tolist() == [0.9, 0.04, -0.03]
 
 
 def test_forcings_become_loads_and_gravity() -> None:
-    """A torque and a force keep their times; accelerations of gravity add up."""
+    """A torque and a force keep their times; accelerations of gravity are summed."""
     scene = parsed(
         '[[forcing]]\nkind = "torque"\naxes = "world"\nvalue_n_m = [1, 2, 3]\nfrom_s = 0.5\nuntil_s = 1\n'
         '[[forcing]]\nkind = "force"\naxes = "body"\nvalue_n = [1, 0, 0]\nat_m = [0, 1, 0]\n'
@@ -126,113 +134,72 @@ def test_forcings_become_loads_and_gravity() -> None:
 
 BODY = 'name = "x"\nduration_s = 1\nsamples = 11\n[body]\n'
 FAULTS = {
-    "unknown key": (
-        GOOD.replace("mass_kg", "mas_kg"),
-        ["body.mass_kg: is required", "body.mas_kg: is not a key"],
-    ),
-    "unknown table": (GOOD + "[other]\n", ["other: is not a key"]),
-    "text for a number": (GOOD.replace("2.0\nsam", '"2"\nsam'), ["duration_s: should be a valid number"]),
-    "truth for a number": (GOOD.replace("mass_kg = 2.0", "mass_kg = true"), ["body.mass_kg: should be"]),
-    "number for text": (GOOD.replace('"good"', "3"), ["name: should be a valid string"]),
-    "empty name": (GOOD.replace('"good"', '""'), ["name: "]),
-    "name of two lines": (GOOD.replace('"good"', r'"a\nb"'), ["name: must be one line"]),
-    "name with a slash": (GOOD.replace('"good"', '"a/b"'), ["name: must have no slash"]),
-    "family's name with a slash": (SWEPT.replace('"good"', '"a/b"'), ["file.toml: name: must have no slash"]),
-    "no duration": (GOOD.replace("duration_s = 2.0", ""), ["duration_s: is required"]),
-    "negative duration": (GOOD.replace("2.0\nsam", "-2.0\nsam"), ["duration_s: should be greater than 0"]),
-    "infinite duration": (GOOD.replace("2.0\nsam", "inf\nsam"), ["duration_s: should be a finite number"]),
-    "huge whole number": (GOOD.replace("2.0\nsam", "1" + 400 * "0" + "\nsam"), ["duration_s: should be"]),
-    "one sample": (GOOD.replace("21", "1"), ["samples: should be greater than or equal to 2"]),
-    "half a sample": (GOOD.replace("21", "21.5"), ["samples: should be a valid integer"]),
-    "too many samples": (GOOD.replace("21", "10000000"), ["samples: should be less than"]),
-    "NaN mass": (GOOD.replace("mass_kg = 2.0", "mass_kg = nan"), ["body.mass_kg: should be a finite number"]),
-    "zero mass": (GOOD.replace("mass_kg = 2.0", "mass_kg = 0"), ["body.mass_kg: should be greater than 0"]),
-    "NaN inertia": (GOOD.replace("[1.0, 2.0", "[nan, 2.0"), ["inertia_kg_m2: needs finite numbers"]),
-    "negative inertia": (GOOD.replace("[1.0, 2.0", "[-1.0, 2.0"), ["must be positive definite"]),
-    "impossible body": (GOOD.replace("2.5]", "5.0]"), ["triangle inequality"]),
-    "DETEST B5's body": (BODY + "mass_kg = 1\ninertia_kg_m2 = [1, 1, 0]\n", ["must be positive definite"]),
-    "two moments": (GOOD.replace("[1.0, 2.0, 2.5]", "[1.0, 2.0]"), ["needs three principal moments"]),
-    "ragged tensor": (
-        GOOD.replace("[1.0, 2.0, 2.5]", "[[1, 0], [0, 1, 0], [0]]"),
-        ["a 3x3 tensor of numbers"],
-    ),
-    "text in a tensor": (GOOD.replace("[1.0, 2.0", '["1", 2.0'), ["inertia_kg_m2: needs three"]),
-    "unsymmetric tensor": (
-        GOOD.replace("[1.0, 2.0, 2.5]", "[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]"),
-        ["must be symmetric"],
-    ),
-    "published heavy top": (BODY + "mass_kg = 20\ninertia_kg_m2 = [-15, -15, 1]\n", ["positive definite"]),
-    "two numbers of a link": (GOOD + "link_offset_m = [0, 1]\n", ["body.link_offset_m[2]: is required"]),
-    "long link quaternion": (
-        GOOD + "link_quaternion = [0, 0, 0, 2]\n",
-        ["body.link_quaternion: must be a unit"],
-    ),
+    "unknown key": GOOD.replace("mass_kg", "mas_kg"),
+    "unknown table": GOOD + "[other]\n",
+    "text for a number": GOOD.replace("2.0\nsam", '"2"\nsam'),
+    "truth for a number": GOOD.replace("mass_kg = 2.0", "mass_kg = true"),
+    "number for text": GOOD.replace('"good"', "3"),
+    "empty name": GOOD.replace('"good"', '""'),
+    "name of two lines": GOOD.replace('"good"', r'"a\nb"'),
+    "name with a slash": GOOD.replace('"good"', '"a/b"'),
+    "family's name with a slash": SWEPT.replace('"good"', '"a/b"'),
+    "no duration": GOOD.replace("duration_s = 2.0", ""),
+    "negative duration": GOOD.replace("2.0\nsam", "-2.0\nsam"),
+    "infinite duration": GOOD.replace("2.0\nsam", "inf\nsam"),
+    "huge whole number": GOOD.replace("2.0\nsam", "1" + 400 * "0" + "\nsam"),
+    "one sample": GOOD.replace("21", "1"),
+    "half a sample": GOOD.replace("21", "21.5"),
+    "too many samples": GOOD.replace("21", "10000000"),
+    "NaN mass": GOOD.replace("mass_kg = 2.0", "mass_kg = nan"),
+    "zero mass": GOOD.replace("mass_kg = 2.0", "mass_kg = 0"),
+    "NaN inertia": GOOD.replace("[1.0, 2.0", "[nan, 2.0"),
+    "negative inertia": GOOD.replace("[1.0, 2.0", "[-1.0, 2.0"),
+    "impossible body": GOOD.replace("2.5]", "5.0]"),
+    "DETEST B5's body": BODY + "mass_kg = 1\ninertia_kg_m2 = [1, 1, 0]\n",
+    "two moments": GOOD.replace("[1.0, 2.0, 2.5]", "[1.0, 2.0]"),
+    "ragged tensor": GOOD.replace("[1.0, 2.0, 2.5]", "[[1, 0], [0, 1, 0], [0]]"),
+    "text in a tensor": GOOD.replace("[1.0, 2.0", '["1", 2.0'),
+    "unsymmetric tensor": GOOD.replace("[1.0, 2.0, 2.5]", "[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]"),
+    "published heavy top": BODY + "mass_kg = 20\ninertia_kg_m2 = [-15, -15, 1]\n",
+    "two numbers of a link": GOOD + "link_offset_m = [0, 1]\n",
+    "long link quaternion": GOOD + "link_quaternion = [0, 0, 0, 2]\n",
     **{
-        f"sweep, {what}": (GOOD + f"[[sweep]]\n{text}\n", [f"sweep{expected}"])
-        for what, text, expected in (
-            ("no key", "values = [1]", "[0].key: is required"),
-            ("no values", "key = 'duration_s'", "[0].values: is required"),
-            ("empty values", "key = 'duration_s'\nvalues = []", "[0].values: "),
-            ("NaN", "key = 'duration_s'\nvalues = [nan]", "[0].values[0]"),
-            ("a value twice", "key = 'duration_s'\nvalues = [1, 1.0]", "[0].values: names a value twice"),
-            ("a name", "key = 'name'\nvalues = ['a']", "[0].key: cannot be 'name'"),
-            ("no path", "key = 'a..b'\nvalues = [1]", "[0].key: must be a path in the file"),
-            (
-                "nowhere",
-                "key = 'forcing[0].at_m[0]'\nvalues = [1]",
-                "[0].key: 'forcing[0].at_m[0]' is not a path",
-            ),
-            (
-                "beyond a list",
-                "key = 'body.inertia_kg_m2[3]'\nvalues = [1]",
-                "[0].key: 'body.inertia_kg_m2[3]'",
-            ),
-            ("into a number", "key = 'duration_s.x'\nvalues = [1]", "[0].key: 'duration_s.x' is not a path"),
-            ("twice", "key = 'samples'\nvalues = [3]\n[[sweep]]\nkey = 'samples'\nvalues = [4]", ": "),
-            ("no list", "key = 3\nvalues = 3", "[0].values: should be"),
+        f"sweep, {what}": GOOD + f"[[sweep]]\n{text}\n"
+        for what, text in (
+            ("no key", "values = [1]"),
+            ("no values", "key = 'duration_s'"),
+            ("empty values", "key = 'duration_s'\nvalues = []"),
+            ("NaN", "key = 'duration_s'\nvalues = [nan]"),
+            ("a value twice", "key = 'duration_s'\nvalues = [1, 1.0]"),
+            ("a name", "key = 'name'\nvalues = ['a']"),
+            ("no path", "key = 'a..b'\nvalues = [1]"),
+            ("nowhere", "key = 'forcing[0].at_m[0]'\nvalues = [1]"),
+            ("beyond a list", "key = 'body.inertia_kg_m2[3]'\nvalues = [1]"),
+            ("into a number", "key = 'duration_s.x'\nvalues = [1]"),
+            ("twice", "key = 'samples'\nvalues = [3]\n[[sweep]]\nkey = 'samples'\nvalues = [4]"),
+            ("no list", "key = 3\nvalues = 3"),
         )
     },
-    "sweep that is a number": ("sweep = 3\n" + GOOD, ["sweep: should be"]),
-    "long quaternion": (GOOD + "[initial]\nquaternion = [1, 1, 0, 0]\n", ["its norm is 1.41421356"]),
-    "zero quaternion": (GOOD + "[initial]\nquaternion = [0, 0, 0, 0]\n", ["must be a unit quaternion"]),
-    "three numbers of four": (GOOD + "[initial]\nquaternion = [1, 0, 0]\n", ["initial.quaternion[3]"]),
-    "two omegas": (
-        GOOD + "[initial]\nomega_body_rad_s = [1, 2, 3]\nomega_world_rad_s = [1, 2, 3]\n",
-        ["initial.omega_world_rad_s: give omega_body_rad_s or omega_world_rad_s, not both"],
-    ),
-    "four components": (GOOD + "[initial]\nvelocity_m_s = [1, 2, 3, 4]\n", ["needs 3 numbers, not 4"]),
-    "forcing without a kind": (GOOD + '[[forcing]]\naxes = "body"\n', ["forcing[0]: needs a kind"]),
-    "unknown kind": (GOOD + '[[forcing]]\nkind = "magic"\n', ["no forcing is of kind 'magic'"]),
-    "forcing is no table": (GOOD.replace("[body]", "forcing = [3]\n[body]"), ["forcing[0]: needs a kind"]),
-    "unknown axes": (
-        GOOD + '[[forcing]]\nkind = "torque"\naxes = "link"\nvalue_n_m = [1, 0, 0]\n',
-        ["forcing[0].axes: should be 'body' or 'world'"],
-    ),
-    "ends before it begins": (
-        GOOD
-        + '[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = [1, 0, 0]\nfrom_s = 2\nuntil_s = 1\n',
-        ["forcing[0].until_s: must be later than from_s = 2.0"],
-    ),
-    "step that does not divide": (
-        GOOD.replace("samples = 21", "samples = 21\nsteps_s = [0.1, 0.03]"),
-        ["steps_s: a step of 0.03 s does not divide the sampling interval of 0.1 s; the nearest"],
-    ),
-    "negative step": (
-        GOOD.replace("samples = 21", "samples = 21\nsteps_s = [-0.1]"),
-        ["steps_s[0]: should be greater than 0"],
-    ),
-    "a step twice": (
-        GOOD.replace("samples = 21", "samples = 21\nsteps_s = [0.1, 0.05, 0.1]"),
-        ["steps_s: names a step twice"],
-    ),
-    "nested too deeply": ("a = " + "[" * 3000 + "]" * 3000, ["is nested too deeply"]),
-    "no steps": (GOOD.replace("samples = 21", "samples = 21\nsteps_s = []"), ["needs at least one step"]),
-    "not TOML": ("name = ", ["file.toml: is not TOML"]),
+    "sweep that is a number": "sweep = 3\n" + GOOD,
+    "long quaternion": GOOD + "[initial]\nquaternion = [1, 1, 0, 0]\n",
+    "zero quaternion": GOOD + "[initial]\nquaternion = [0, 0, 0, 0]\n",
+    "three numbers of four": GOOD + "[initial]\nquaternion = [1, 0, 0]\n",
+    "two omegas": GOOD + "[initial]\nomega_body_rad_s = [1, 2, 3]\nomega_world_rad_s = [1, 2, 3]\n",
+    "four components": GOOD + "[initial]\nvelocity_m_s = [1, 2, 3, 4]\n",
+    "forcing without a kind": GOOD + '[[forcing]]\naxes = "body"\n',
+    "unknown kind": GOOD + '[[forcing]]\nkind = "magic"\n',
+    "forcing is no table": GOOD.replace("[body]", "forcing = [3]\n[body]"),
+    "unknown axes": GOOD + '[[forcing]]\nkind = "torque"\naxes = "link"\nvalue_n_m = [1, 0, 0]\n',
+    "ends before it begins": GOOD
+    + '[[forcing]]\nkind = "torque"\naxes = "body"\nvalue_n_m = [1, 0, 0]\nfrom_s = 2\nuntil_s = 1\n',
+    "step that does not divide": GOOD.replace("samples = 21", "samples = 21\nsteps_s = [0.1, 0.03]"),
+    "negative step": GOOD.replace("samples = 21", "samples = 21\nsteps_s = [-0.1]"),
+    "a step twice": GOOD.replace("samples = 21", "samples = 21\nsteps_s = [0.1, 0.05, 0.1]"),
+    "nested too deeply": "a = " + "[" * 3000 + "]" * 3000,
+    "no steps": GOOD.replace("samples = 21", "samples = 21\nsteps_s = []"),
+    "not TOML": "name = ",
     **{
-        f"{kind} without {key}": (
-            GOOD + f'[[forcing]]\nkind = "{kind}"\n',
-            [f"forcing[0].{key}: is required"],
-        )
+        f"{kind} without {key}": GOOD + f'[[forcing]]\nkind = "{kind}"\n'
         for kind, keys in {
             "sine-torque": ("axes", "amplitude_n_m", "rate_rad_s"),
             "spring": ("anchor_m", "stiffness_n_m"),
@@ -244,73 +211,49 @@ FAULTS = {
         for key in keys
     },
     **{
-        f"{kind} with {key} = {value}": (
-            GOOD + f'[[forcing]]\nkind = "{kind}"\n{key} = {value}\n',
-            [f"forcing[0].{key}{where}"],
-        )
-        for kind, key, value, where in (
-            ("drag", "linear_n_s_m", "-1", ": should be greater than or equal to 0"),
-            ("drag", "linear_n_s_m", "nan", ": should be a finite number"),
-            ("drag", "angular_n_m_s", "-0.1", ": must take energy away"),
-            ("drag", "angular_n_m_s", "[[1, 3, 0], [3, 1, 0], [0, 0, 1]]", ": must take energy away"),
-            ("drag", "angular_n_m_s", "[1, 2, 3]", ": needs a number or a 3x3 matrix"),
-            ("drag", "angular_n_m_s", "[[1, 0], [0]]", ": needs a number or a 3x3 matrix"),
-            ("drag", "angular_n_m_s", "true", ": needs a number or a 3x3 matrix"),
-            ("drag", "angular_n_m_s", "inf", ": needs finite numbers"),
-            ("spring", "stiffness_n_m", "0", ": should be greater than 0"),
-            ("spring", "rest_length_m", "-1", ": should be greater than or equal to 0"),
-            ("spring", "anchor_m", "[0, 0]", "[2]: is required"),
-            ("torsion-spring", "stiffness_n_m", "-1", ": should be greater than 0"),
-            ("gravity-gradient", "orbit_rate_rad_s", "0", ": should be greater than 0"),
-            ("sine-torque", "rate_rad_s", "nan", ": should be a finite number"),
-            ("sine-torque", "axes", "'link'", ": should be 'body' or 'world'"),
-            ("sine-torque", "until_s", "1", ": is not a key"),
-            ("pivot", "at_m", "[0, 0, nan]", "[2]: should be a finite number"),
-            ("callable", "function", "3", ": needs the name of a function"),
-            ("callable", "function", "'wrench'", ": wrench: not the name of a function"),
-            (
-                "callable",
-                "function",
-                "'os:getcwd'",
-                ": os:getcwd: importing it runs its code; add --allow-code",
-            ),
+        f"{kind} with {key} = {value}": GOOD + f'[[forcing]]\nkind = "{kind}"\n{key} = {value}\n'
+        for kind, key, value in (
+            ("drag", "linear_n_s_m", "-1"),
+            ("drag", "linear_n_s_m", "nan"),
+            ("drag", "angular_n_m_s", "-0.1"),
+            ("drag", "angular_n_m_s", "[[1, 3, 0], [3, 1, 0], [0, 0, 1]]"),
+            ("drag", "angular_n_m_s", "[1, 2, 3]"),
+            ("drag", "angular_n_m_s", "[[1, 0], [0]]"),
+            ("drag", "angular_n_m_s", "true"),
+            ("drag", "angular_n_m_s", "inf"),
+            ("spring", "stiffness_n_m", "0"),
+            ("spring", "rest_length_m", "-1"),
+            ("spring", "anchor_m", "[0, 0]"),
+            ("torsion-spring", "stiffness_n_m", "-1"),
+            ("gravity-gradient", "orbit_rate_rad_s", "0"),
+            ("sine-torque", "rate_rad_s", "nan"),
+            ("sine-torque", "axes", "'link'"),
+            ("sine-torque", "until_s", "1"),
+            ("pivot", "at_m", "[0, 0, nan]"),
+            ("callable", "function", "3"),
+            ("callable", "function", "'wrench'"),
+            ("callable", "function", "'os:getcwd'"),
         )
     },
-    "two pivots": (
-        GOOD + 2 * '[[forcing]]\nkind = "pivot"\nat_m = [0, 0, 1]\n',
-        ["forcing: has 2 of kind 'pivot', at [0, 1]; there can be one at most"],
-    ),
-    "two orbits": (
-        GOOD + 2 * '[[forcing]]\nkind = "gravity-gradient"\norbit_rate_rad_s = 1\n',
-        ["forcing: has 2 of kind 'gravity-gradient'"],
-    ),
-    "pivot in orbit": (
-        GOOD
-        + '[[forcing]]\nkind = "pivot"\nat_m = [0, 0, 1]\n'
-        + '[[forcing]]\nkind = "gravity-gradient"\norbit_rate_rad_s = 1\n',
-        ["forcing: a body with a pivot is in no orbit"],
-    ),
-    "velocity that moves the pivot": (
-        GOOD
-        + "[initial]\nomega_body_rad_s = [1, 0, 0]\nvelocity_m_s = [0, -1, 0]\n"
-        + '[[forcing]]\nkind = "pivot"\nat_m = [0, 0, 1]\n',
-        ["forcing: the pivot is fixed", "= [0.0, 1.0, 0.0]"],
-    ),
+    "two pivots": GOOD + 2 * '[[forcing]]\nkind = "pivot"\nat_m = [0, 0, 1]\n',
+    "two orbits": GOOD + 2 * '[[forcing]]\nkind = "gravity-gradient"\norbit_rate_rad_s = 1\n',
+    "pivot in orbit": GOOD
+    + '[[forcing]]\nkind = "pivot"\nat_m = [0, 0, 1]\n'
+    + '[[forcing]]\nkind = "gravity-gradient"\norbit_rate_rad_s = 1\n',
+    "velocity that moves the pivot": GOOD
+    + "[initial]\nomega_body_rad_s = [1, 0, 0]\nvelocity_m_s = [0, -1, 0]\n"
+    + '[[forcing]]\nkind = "pivot"\nat_m = [0, 0, 1]\n',
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_each_fault_is_refused_by_a_line_that_names_it(fault: str) -> None:
-    """Each wrong file is refused, and a line says where and what would be right."""
-    text, expected = FAULTS[fault]
-    lines = refusals(text)
-    for part in expected:
-        assert any(part in line for line in lines), lines
-    assert all(line.startswith("file.toml: ") for line in lines)
+def test_each_error_is_refused_with_its_key(fault: str, expected_message: ExpectedMessage) -> None:
+    """Each wrong file is refused by a line with the place and what would be right."""
+    expected_message("\n".join(refusals(FAULTS[fault])))
 
 
-def test_all_errors_of_a_file_come_at_once() -> None:
-    """One reading reports every error, also those that look at two keys, one line each."""
+def test_all_errors_of_a_file_are_reported_at_once() -> None:
+    """One reading reports every error in one line each, also those that concern two keys."""
     lines = refusals(
         """
 name = "x"
@@ -343,14 +286,14 @@ until_s = 1
     )
 
 
-def test_a_plate_on_the_limit_is_accepted() -> None:
-    """I1 + I2 = I3 is a flat plate, a possible body; so is a breach below 1e-12."""
+def test_plate_on_the_limit_is_accepted() -> None:
+    """I1 + I2 = I3 is a flat plate, a possible body; so is a violation below 1e-12."""
     for third in ("3.0", "3.0000000000001"):
         parsed(base=GOOD.replace("2.5]", f"{third}]"))
 
 
-def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
-    """A missing file, a folder and binary data each end in one line that names the file."""
+def test_unreadable_files_are_named(tmp_path: Path) -> None:
+    """A missing file, a folder and binary data are each refused in one line with the file's name."""
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
     for path, why in ((tmp_path / "no.toml", "No such file"), (tmp_path, "directory"), (binary, "UTF-8")):
@@ -366,21 +309,16 @@ def pivoted(initial: str) -> Scenario:
 
 
 @pytest.mark.parametrize("text", [GOOD, SWEPT], ids=["alone", "family"])
-@pytest.mark.parametrize(
-    ("value", "why"),
-    [
-        ("1" * 5000, "file.toml: has an integer with too many digits"),
-        ("[" * 5000 + "]" * 5000, "file.toml: is nested too deeply"),
-    ],
-    ids=["digits", "lists"],
-)
-def test_numbers_and_lists_without_end_are_refused(value: str, why: str, text: str) -> None:
-    """What no reader can hold ends in one line, in a family too."""
-    assert refusals(f"foo = {value}\n{text}") == [why]
+@pytest.mark.parametrize("value", ["1" * 5000, "[" * 5000 + "]" * 5000], ids=["digits", "lists"])
+def test_excessive_numbers_and_lists_are_refused(
+    value: str, text: str, expected_message: ExpectedMessage
+) -> None:
+    """What no reader can hold is refused in one line, in a family too."""
+    expected_message("\n".join(refusals(f"foo = {value}\n{text}")))
 
 
-def test_about_a_pivot_the_centre_moves_as_the_rotation_says() -> None:
-    """v = omega x (x - pivot) in world axes, whether the file says it, to nine digits, or not."""
+def test_centre_moves_with_the_rotation_about_a_pivot() -> None:
+    """v = omega x (x - pivot) in world axes, whether the file gives it, to nine digits, or not."""
     half = math.sqrt(0.5)
     turned = f"quaternion = [{half!r}, {half!r}, 0, 0]\nomega_body_rad_s = [1, 2, 3]"
     scene = pivoted(turned).scene
@@ -392,8 +330,8 @@ def test_about_a_pivot_the_centre_moves_as_the_rotation_says() -> None:
     assert np.array_equal(said.initial.velocity, scene.initial.velocity)
 
 
-def test_each_kind_becomes_its_load() -> None:
-    """Every key of every kind reaches the arrays; an angular drag may be one number; defaults are zero."""
+def test_each_kind_of_forcing_becomes_its_load() -> None:
+    """Every key of every kind is used; an angular drag may be one number; defaults are zero."""
     scene = parsed(
         """
 [[forcing]]
@@ -439,8 +377,8 @@ orbit_rate_rad_s = 10
     assert not bare.angular.any()
 
 
-def test_a_link_frame_reaches_the_scene() -> None:
-    """What is not said of it is the centre of mass, and the body axes; nothing said is no link at all."""
+def test_link_frame_is_read() -> None:
+    """Parts not given default to the centre of mass and the body axes; without any there is no link."""
     assert parsed().scene.link is None
     link = parsed("link_offset_m = [1, 2, 3]\n").scene.link
     assert link is not None
@@ -478,10 +416,10 @@ def called(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callback
     return load
 
 
-def test_a_function_is_imported_where_code_is_allowed(
+def test_callback_load_is_imported_where_code_is_allowed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is asked with copies, and gives force and torque as arrays."""
+    """It gets copies, and returns force and torque as arrays."""
     load = called("wrench", tmp_path, monkeypatch)
     force, torque = load.function(0.25, *STILL)
     assert force.tolist() == [0.25, 2.0, 3.0]
@@ -489,25 +427,19 @@ def test_a_function_is_imported_where_code_is_allowed(
     assert not STILL[0].any()
 
 
-@pytest.mark.parametrize(
-    ("name", "part"),
-    [
-        ("torque_only", "user_wrench:torque_only: must return force and torque"),
-        ("broken", "user_wrench:broken: failed at t = 0.25 s: ZeroDivisionError"),
-    ],
-)
-def test_a_function_that_fails_is_named(
-    name: str, part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("name", ["torque_only", "broken"])
+def test_failing_callback_load_is_named(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
-    """What a function raises, or gives instead of twice three numbers, is one line that names it."""
+    """An exception, or a result that is not twice three numbers, is one line with the function's name."""
     load = called(name, tmp_path, monkeypatch)
-    with pytest.raises(InputError, match=part) as caught:
+    with pytest.raises(InputError) as caught:
         load.function(0.25, *STILL)
-    assert "\n" not in str(caught.value)
+    expected_message(str(caught.value))
 
 
-def test_a_family_has_a_child_for_each_value(tmp_path: Path) -> None:
-    """Children are named by their values, hold them, and are found by file and value, however written."""
+def test_family_has_a_child_for_each_value(tmp_path: Path) -> None:
+    """Children are named after their values and found by file and value in any notation."""
     path = tmp_path / "family.toml"
     path.write_text(SWEPT)
     found = load_scenarios([path])
@@ -520,8 +452,8 @@ def test_a_family_has_a_child_for_each_value(tmp_path: Path) -> None:
     assert load_scenario(f"{path}/1e-3") == found[0][1]
 
 
-def test_a_value_with_slashes_names_its_child(tmp_path: Path) -> None:
-    """A family over mesh files in folders has children that are found by the names which they get."""
+def test_value_with_slashes_names_its_child(tmp_path: Path) -> None:
+    """A family over mesh files in folders has children that are found by their names."""
     (tmp_path / "parts").mkdir()
     corners = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
     faces = ("1 3 2", "1 2 4", "1 4 3", "2 3 4")
@@ -540,27 +472,23 @@ def test_a_value_with_slashes_names_its_child(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("child", "part"),
-    [
-        ("", "is a family; name one of its scenarios: "),
-        ("/7", r"not in this family \(available: "),
-        ("/x", "not in this family"),
-    ],
+    ("child", "text"),
+    [("", SWEPT), ("/7", SWEPT), ("/x", SWEPT), ("/7", GOOD)],
+    ids=["none", "unknown", "no number", "no family"],
 )
-def test_a_child_that_is_not_named_rightly_is_refused(child: str, part: str, tmp_path: Path) -> None:
-    """Where one scenario is asked for, a family and a value it has not are refused with what there is."""
+def test_wrong_child_is_refused(
+    child: str, text: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """A family in the place of one scenario, or an unknown value, is refused with the known ones."""
     path = tmp_path / "family.toml"
-    path.write_text(SWEPT)
-    with pytest.raises(InputError, match=part) as caught:
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
         load_scenario(f"{path}{child}")
-    assert f"{path}/0.001, {path}/1e-12" in str(caught.value)
-    path.write_text(GOOD)
-    with pytest.raises(InputError, match="is a single scenario, not a family"):
-        load_scenario(f"{path}/7")
+    expected_message(str(caught.value), tmp_path)
 
 
-def test_what_is_wrong_of_one_child_is_said_of_it() -> None:
-    """A fault that all children share comes once, of the file; any other names its child."""
+def test_error_of_one_child_names_the_child() -> None:
+    """An error common to all children is reported once for the file; any other names its child."""
     text = SWEPT.replace("mass_kg = 2.0", "mass_kg = -2").replace("1e-12]", "'a']")
     shared, own = refusals(text)
     assert shared.startswith("file.toml: body.mass_kg: ")
@@ -568,14 +496,14 @@ def test_what_is_wrong_of_one_child_is_said_of_it() -> None:
 
 
 @pytest.mark.parametrize("value", ["true", "nan", "[1.0]", "1979-05-27", "0x1" + "0" * 300])
-def test_a_value_that_is_no_number_or_text_is_one_fault(value: str) -> None:
-    """One line names the value, and none follows from that."""
+def test_value_of_a_wrong_type_is_one_error(value: str) -> None:
+    """One line names the value, and no further error follows from it."""
     (line,) = refusals(SWEPT.replace("1e-3, 1e-12", value))
     assert line.startswith("file.toml: sweep[0].values[0]: needs ")
 
 
-def test_the_value_may_be_a_key_that_the_file_lacks() -> None:
-    """A sweep may set a key whose table is there."""
+def test_sweep_may_set_an_absent_key() -> None:
+    """A sweep may set a key whose table exists."""
     swept = "[[sweep]]\nkey = 'forcing[0].linear_n_s_m'\nvalues = [1, 2]\n"
     members = parse_members(GOOD + "[[forcing]]\nkind = 'drag'\n" + swept, "file.toml", HERE)
     drags = [load for scenario in members.values() for load in scenario.scene.loads]
@@ -592,14 +520,14 @@ FORCED = suites()["forcings"]
 HARD = suites()["hard"]
 
 
-def test_the_library_is_listed() -> None:
-    """The list by which the library is tested leaves none of it out."""
-    assert sorted((*LIBRARY, *FORCED, *HARD, *PROBES)) == list(scenario_names())
+def test_library_list_is_complete() -> None:
+    """The list by which the library is tested contains every file."""
+    assert sorted((*LIBRARY, *FORCED, *HARD, *PROBES, *RECORDED)) == list(scenario_names())
 
 
-@pytest.mark.parametrize("name", [*LIBRARY, *FORCED, *HARD, *PROBES])
-def test_the_library_has_each_scenario_with_its_source(name: str) -> None:
-    """A built-in scenario or family is found by name, says where it is from, and its tags fit its loads."""
+@pytest.mark.parametrize("name", [*LIBRARY, *FORCED, *HARD, *PROBES, *RECORDED])
+def test_library_scenario_has_its_source(name: str) -> None:
+    """A built-in scenario or family is found by name, has a source, and its tags match its loads."""
     for _, scenario in load_scenarios([name]):
         assert scenario.family == name
         assert scenario.summary
@@ -610,33 +538,36 @@ def test_the_library_has_each_scenario_with_its_source(name: str) -> None:
         assert len(scenario.steps) >= 4 or "long" in scenario.tags
 
 
-def test_suites_name_built_in_scenarios_only() -> None:
-    """Every suite's members exist; standard, forcings and hard are all but the probes, as is full."""
+def test_suites_contain_built_in_scenarios() -> None:
+    """Every member exists; the parts contain all but the probes and the recordings, as does full."""
     for members in suites().values():
         assert set(members) <= set(scenario_names())
     parts = (suites()[part] for part in ("standard", "forcings", "hard"))
-    whole = [name for name in scenario_names() if name not in PROBES]
+    whole = [name for name in scenario_names() if name not in (*PROBES, *RECORDED)]
     assert sorted(name for part in parts for name in part) == sorted(suites()["full"]) == whole
 
 
 def test_names_suites_and_paths_may_be_mixed(tmp_path: Path) -> None:
-    """A scenario asked for twice comes once, and each knows how it was asked for."""
+    """A scenario requested twice is returned once, and each stores how it was requested."""
     path = tmp_path / "mine.toml"
     path.write_text(GOOD)
     asked = ["sphere", str(path), "smoke", "sphere"]
     assert [how for how, _ in load_scenarios(asked)] == ["sphere", str(path), *suites()["smoke"]]
 
 
-def test_two_different_scenarios_of_one_name_are_refused(tmp_path: Path) -> None:
-    """Rows of two scenarios must not be mixed up under one name."""
+def test_different_scenarios_of_one_name_are_refused(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """Rows of two scenarios must not be mixed under one name."""
     path = tmp_path / "mine.toml"
     path.write_text(GOOD.replace("good", "sphere"))
-    with pytest.raises(InputError, match="another scenario of this run is also named 'sphere'"):
+    with pytest.raises(InputError) as caught:
         load_scenarios(["sphere", str(path)])
+    expected_message(str(caught.value), tmp_path)
 
 
-def test_unknown_names_say_what_there_is() -> None:
-    """A name that is nothing lists the names that are something."""
+def test_unknown_name_lists_the_known_names() -> None:
+    """An unknown name lists the built-in scenarios and suites."""
     with pytest.raises(InputError, match=r"neither .* suites: smoke, standard, forcings, hard, full"):
         load_scenarios(["nope"])
 
@@ -652,23 +583,24 @@ def test_unknown_names_say_what_there_is() -> None:
         ("mine", "mine.toml"),
     ],
 )
-def test_a_name_that_is_nearly_one_is_answered_by_that_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: str, meant: str
+def test_misspelt_name_suggests_the_nearest(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    typed: str,
+    meant: str,
+    expected_message: ExpectedMessage,
 ) -> None:
-    """A slip of the hand gets a short line with the name that was meant."""
+    """A misspelt name is refused in a short line with the nearest name."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(GOOD)
     with pytest.raises(InputError) as refused:
         load_scenarios([typed])
-    assert str(refused.value) == (
-        f"{typed}: is neither a .toml file nor a built-in scenario or suite; did you mean {meant}?"
-    )
+    assert f" {meant}" in str(refused.value)
+    expected_message(str(refused.value))
 
 
-def test_where_one_scenario_is_needed_a_suite_says_what_is_in_it() -> None:
-    """The name is known, and the line does not say that it is not."""
+def test_suite_in_the_place_of_a_scenario_lists_its_members(expected_message: ExpectedMessage) -> None:
+    """The message does not say that the suite's name is unknown."""
     with pytest.raises(InputError) as refused:
         load_scenario("smoke")
-    assert (
-        str(refused.value) == f"smoke: is a suite; name one of its scenarios: {', '.join(suites()['smoke'])}"
-    )
+    expected_message(str(refused.value))

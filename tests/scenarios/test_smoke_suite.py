@@ -1,4 +1,4 @@
-"""The smoke suite tells right physics from wrong: each fault leads to another motion than the truth.
+"""The smoke suite detects wrong physics: each fault changes a motion by more than methods err.
 
 The motion with a fault comes from an integrator written here, which shares nothing with bodycheck.
 """
@@ -220,12 +220,12 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", SMOKE)
-def test_the_motion_without_a_fault_is_the_truth(name: str) -> None:
-    """Right physics, integrated by code of another hand, leads where the certified truth says."""
+def test_motion_without_a_fault_equals_the_truth(name: str) -> None:
+    """Right physics, integrated by independent code, agrees with the certified truth."""
     assert _departure(name, Physics()) < 1e-6
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_every_fault_shows_in_the_smoke_suite(fault: str) -> None:
-    """In one scenario at least the wrong motion departs by more than healthy methods err."""
+def test_every_fault_changes_the_smoke_suite(fault: str) -> None:
+    """In at least one scenario the wrong motion departs by more than healthy methods err."""
     assert any(_departure(name, FAULTS[fault]) > VISIBLE for name in SMOKE)

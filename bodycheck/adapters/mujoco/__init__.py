@@ -37,6 +37,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
 
 if TYPE_CHECKING:
+    from bodycheck.adapters.batches import Batch, BatchAnswer
     from bodycheck.adapters.mujoco.callback_loads import CallbackLoads
     from bodycheck.adapters.mujoco.compiled_loads import PassiveLoads
 
@@ -63,6 +64,8 @@ _ALTERING = (mujoco.mjtWarning.mjWARN_INERTIA, mujoco.mjtWarning.mjWARN_BADCTRL)
 _ALTERING_AT = [int(warning) for warning in _ALTERING]  # a member of the enumeration is slow as an index
 _BAD_SPEED_AT = int(mujoco.mjtWarning.mjWARN_BADQVEL)
 
+_FULL_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+
 # Times of the evaluations within a step, in steps.
 _NODES = {"rk4": (0.0, 0.5, 0.5, 1.0)}
 
@@ -88,6 +91,15 @@ class MuJoCo:
     def build(self, scene: Scene, method: str, dt_s: float) -> MuJoCoSimulation:
         """Compile a model of one body with the actuators for the scene's loads."""
         return MuJoCoSimulation(scene, method, dt_s)
+
+    def record_batch(self, batch: Batch) -> BatchAnswer | None:
+        """Step free bodies in one call of `mujoco.rollout`; None for other batches."""
+        if not batch.is_free or batch.setting.dt_s is None:
+            return None
+        from bodycheck.adapters.mujoco.rollouts import record_rollouts
+
+        with _unheard():
+            return record_rollouts(self, batch)
 
 
 class MuJoCoSimulation:
@@ -200,6 +212,22 @@ class MuJoCoSimulation:
             rotation=self._axes.body_rotation(rotation),
             omega_body=self._axes.body_vector(qvel[-3:]),
         )
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model."""
+        return self._model
+
+    def state(self) -> Array:
+        """Return the time, qpos and qvel as one array."""
+        found = np.empty(mujoco.mj_stateSize(self._model, _FULL_STATE))
+        mujoco.mj_getState(self._model, self._data, found, _FULL_STATE)
+        return found
+
+    def read_at(self, state: Array) -> Reading:
+        """Return what `read` returns in a state, as `state` has it, of the same model."""
+        mujoco.mj_setState(self._model, self._data, state, _FULL_STATE)
+        return self.read()
 
     def close(self) -> None:
         """Do nothing; the model and the data are freed with this object."""

@@ -134,6 +134,7 @@ def _pointer(_: Any, __: Any) -> Any:
 @cache
 def _callback() -> tuple[Any, Any]:
     """Compile the callback, and return it with the function pointer that MuJoCo takes."""
+    add_passive = _add_passive.dispatcher  # numba knows no Kernel before the first one is compiled
 
     def passive(_: int, data: int) -> None:
         told = carray(_pointer(_TOLD_AT), 8, np.int64)
@@ -141,7 +142,7 @@ def _callback() -> tuple[Any, Any]:
             return
         joint = carray(_pointer(told[_JOINT]), 16, np.float64)
         is_ball = joint[0] == 1.0
-        _add_passive(
+        add_passive(
             carray(_pointer(told[_QPOS]), 7, np.float64),
             carray(_pointer(told[_QVEL]), 6, np.float64),
             carray(_pointer(told[_PASSIVE]), 6, np.float64),

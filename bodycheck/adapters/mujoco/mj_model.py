@@ -53,6 +53,7 @@ def methods_of(version: str) -> dict[str, Method]:
             keeps=_KEEPS,
             source=_MANUAL,
             changed_defaults=_CHANGED,
+            snippet=_snippet("rk4"),
         ),
         "implicit": _one_evaluation("implicit", implicit),
         "implicitfast": _one_evaluation("implicitfast", fast),
@@ -83,7 +84,22 @@ def _variant(method: Method, variant: str, changed: tuple[str, ...]) -> Method:
 
 def _one_evaluation(name: str, formula: str) -> Method:
     order = 2 if formula == _MIDPOINT else 1
-    return Method(name, formula, order, 1, "held over the step", _KEEPS, _MANUAL, changed_defaults=_CHANGED)
+    return Method(
+        name,
+        formula,
+        order,
+        1,
+        "held over the step",
+        _KEEPS,
+        _MANUAL,
+        changed_defaults=_CHANGED,
+        snippet=_snippet(name),
+    )
+
+
+def _snippet(name: str) -> str:
+    integrator = f"mujoco.mjtIntegrator.mjINT_{name.upper()}"
+    return f"model.opt.timestep = {{dt_s}}; model.opt.integrator = {integrator}"
 
 
 BODY = 1  # body 0 is the world

@@ -29,6 +29,10 @@ from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 _REFRESHED = "one step at rest before the start, to refresh the world inertia"
 
+_TIME_STEP = "p.setTimeStep({dt_s})"
+_UNDAMPED = "p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, maxJointVelocity=math.inf)"
+_MAXIMAL_BODY = "body = p.createMultiBody(mass, useMaximalCoordinates=True)"
+
 _MULTIBODY = Method(
     name="multibody",
     formula="omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
@@ -42,6 +46,7 @@ _MULTIBODY = Method(
         "velocity clamp removed",
         "deactivation off",
     ),
+    snippet=f"{_TIME_STEP}; {_UNDAMPED}",
 )
 
 _MAXIMAL = Method(
@@ -54,21 +59,29 @@ _MAXIMAL = Method(
     keeps="|q| = 1; linear momentum",
     source="Bullet btRigidBody::computeGyroscopicImpulseImplicit_Body (Catto 2015)",
     changed_defaults=("deactivation off", _REFRESHED),
+    snippet=f"{_TIME_STEP}; {_MAXIMAL_BODY}",
 )
 
 _SUBSTEPS, _SUBSTEPPED = 4, f"{VARIANT}substeps"
+_SUBSTEP_SETTING = f"p.setPhysicsEngineParameter(fixedTimeStep={{dt_s}}, numSubSteps={_SUBSTEPS})"
 
 _VARIANTS = tuple(
     variant
     for method, untouched in ((_MULTIBODY, ()), (_MAXIMAL, (_REFRESHED,)))
     for variant in (
-        replace(method, name=f"{method.name}{DEFAULTS}", changed_defaults=untouched),
+        replace(
+            method,
+            name=f"{method.name}{DEFAULTS}",
+            changed_defaults=untouched,
+            snippet=method.snippet.removesuffix(f"; {_UNDAMPED}"),
+        ),
         replace(
             method,
             name=f"{method.name}{_SUBSTEPPED}",
             formula=f"{_SUBSTEPS} times, by h / {_SUBSTEPS}: {method.formula}",
             evaluations=_SUBSTEPS,
             changed_defaults=(*method.changed_defaults, f"numSubSteps {_SUBSTEPS}"),
+            snippet=method.snippet.replace(_TIME_STEP, _SUBSTEP_SETTING),
         ),
     )
 )
@@ -229,7 +242,7 @@ class PyBulletSimulation:
         position, quaternion = pybullet.getBasePositionAndOrientation(self._body, self._client)
         velocity, omega = pybullet.getBaseVelocity(self._body, self._client)
         rotation = self._axes.body_rotation(_matrix(quaternion))
-        held = self._lasting.next_step_size(np.array(position), rotation, np.array(velocity), np.array(omega))
+        held = self._lasting.next_wrench(np.array(position), rotation, np.array(velocity), np.array(omega))
         world = pybullet.WORLD_FRAME
         pybullet.applyExternalForce(self._body, -1, held[:3], position, world, self._client)
         pybullet.applyExternalTorque(self._body, -1, held[3:], world, self._client)

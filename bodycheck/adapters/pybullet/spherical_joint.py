@@ -103,7 +103,7 @@ class PivotedPyBulletSimulation:
         moment = self._moment(state.rotation)
         if self._lasting:
             omega_world = state.rotation @ state.omega_body
-            held = self._lasting.next_step_size(state.position, state.rotation, state.velocity, omega_world)
+            held = self._lasting.next_wrench(state.position, state.rotation, state.velocity, omega_world)
             moment += state.rotation.T @ held[3:] + np.cross(self._arm, state.rotation.T @ held[:3])
         pybullet.setJointMotorControlMultiDof(
             self._body,

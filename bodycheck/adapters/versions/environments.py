@@ -1,4 +1,8 @@
-"""Environments for pinned engine versions, made once by uv and stored in the cache folder."""
+"""Environments of engines that do not run next to bodycheck, made once and stored in the cache folder.
+
+These are engines in a pinned version, and engines whose adapter states requirements that are not installed
+here. uv makes an environment of Python packages, npm a folder of JavaScript packages.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +10,24 @@ import fcntl
 import json
 import re
 import shutil
+import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
 
 from bodycheck._util.cache_dir import cache_home
 from bodycheck._util.errors import UnavailableError
 from bodycheck._util.file_digests import files_below
-from bodycheck.adapters.registry import distribution_of
-from bodycheck.adapters.versions.pins import Pin
-from bodycheck.adapters.versions.uv import UvError, index_settings, uv
+from bodycheck.adapters.programs import Program
+from bodycheck.adapters.registry import distribution_of, plug_in_of, stated_by
+from bodycheck.adapters.versions.pins import Pin, pin_of
+from bodycheck.adapters.versions.uv import UvError, in_one_line, index_settings, uv
 
 _NEEDED = ("numpy", "numba", "pydantic")
 """The worker's imports, installed in the versions of the current environment if the engine allows it."""
@@ -27,6 +35,20 @@ _FACTS = "bodycheck.json"
 """File in an environment: its engine and version, and the sources of its packages."""
 _NEVER = "bodycheck ; python_version < '0'\n"
 """Overrides an adapter's requirement of bodycheck, because the worker uses the running bodycheck."""
+_PACKAGE = re.compile(r"@?[A-Za-z0-9._/-]+")
+NODE_PACKAGES = "BODYCHECK_NODE_PACKAGES"
+"""Variable of a JavaScript worker: the folder whose node_modules has its engine."""
+
+
+def needed_environment(name: str) -> Pin | None:
+    """Return which environment an engine, NAME or NAME==VERSION, needs; None if it runs next to bodycheck."""
+    if pin := pin_of(name):
+        return pin
+    stated = stated_by(name)
+    requires: Sequence[str] = getattr(stated, "requires", ())
+    if requires and (_is_javascript(stated) or not all(map(_is_installed_here, requires))):
+        return Pin(name, None)
+    return None
 
 
 def python_of(pin: Pin) -> Path:
@@ -34,17 +56,65 @@ def python_of(pin: Pin) -> Path:
 
     Raises UnavailableError with one line if it cannot be made: no uv, no network, no such version.
     """
-    home = cache_home() / "environments"
-    place = home / _name(pin)
-    python = place / "bin" / "python"
-    if python.exists():
-        return python
+    return _made(pin) / "bin" / "python"
+
+
+def program_in(pin: Pin) -> Program | None:
+    """Return the program of a JavaScript engine, with its environment made if it does not exist; else None.
+
+    Raises UnavailableError with one line if it cannot be made: no Node, no network, no such version.
+    """
+    stated = stated_by(pin.engine)
+    if not _is_javascript(stated):
+        return None
+    return Program(command=["node", str(stated.worker)], environment={NODE_PACKAGES: str(_made(pin))})
+
+
+def is_made(pin: Pin) -> bool:
+    """Whether the environment exists."""
+    return _is_complete(_place(pin))
+
+
+def requirements_of(pin: Pin) -> list[str]:
+    """Return the requirements of an engine, with the pinned version in place of that of its package."""
+    package = distribution_of(pin.engine)
+    requires: Sequence[str] = getattr(stated_by(pin.engine), "requires", ())
+    if pin.version is None:
+        return list(requires)
+    sign = "@" if _is_javascript(stated_by(pin.engine)) else "=="
+    pinned = f"{package}{sign}{pin.version}"
+    return [pinned, *(other for other in requires if _package_of(other) != package)]
+
+
+def _is_javascript(stated: Any) -> bool:
+    return hasattr(stated, "worker")
+
+
+def _package_of(requirement: str) -> str:
+    """Return the name of the package of a requirement in pip's or npm's notation."""
+    found = _PACKAGE.match(requirement)
+    return found.group() if found else requirement
+
+
+def _is_installed_here(requirement: str) -> bool:
+    """Whether the package is installed, in any version: pip has checked versions where it is by an extra."""
     try:
-        home.mkdir(parents=True, exist_ok=True)
-        with _locked(home / f"{place.name}.lock"):
-            if not python.exists():  # another process may have made it meanwhile
+        distribution(_package_of(requirement))
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+def _made(pin: Pin) -> Path:
+    place = _place(pin)
+    if _is_complete(place):
+        return place
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with _locked(place.with_name(f"{place.name}.lock")):
+            if not _is_complete(place):  # another process may have made it meanwhile
                 # always reported, because downloading about 100 MB takes a while
-                print(f"making an environment for {pin.engine} {pin.version} ...", file=sys.stderr)
+                print(f"making an environment for {pin.name.replace('==', ' ')} ...", file=sys.stderr)
                 _make(pin, place)
     except UvError as error:
         raise UnavailableError(f"{pin.name} cannot be installed: {error}") from None
@@ -52,17 +122,29 @@ def python_of(pin: Pin) -> Path:
         raise UnavailableError(
             f"{pin.name} cannot be installed: {place}: {error.strerror or error}"
         ) from None
-    return python
+    return place
 
 
-def _name(pin: Pin) -> str:
-    """Return the folder name of an environment, which depends on Python, index and the other packages."""
-    rest = "\n".join([sys.version, sys.base_prefix, *_as_here(), *index_settings()])
-    return f"{pin.engine}-{pin.version}-{sha256(rest.encode()).hexdigest()[:12]}"
+def _is_complete(place: Path) -> bool:
+    return (place / "bin" / "python").exists() or (place / "node_modules").exists()
+
+
+def _place(pin: Pin) -> Path:
+    """Return the folder of an environment, whose name has a hash of all that determines its packages."""
+    rest = [sys.version, sys.base_prefix, *_as_here(), *index_settings()]
+    if hasattr(stated_by(pin.engine), "requires"):
+        rest += [_other_python(pin), *requirements_of(pin)]
+    digest = sha256("\n".join(rest).encode()).hexdigest()[:12]
+    return cache_home() / "environments" / f"{pin.name.replace('==', '-')}-{digest}"
 
 
 def _as_here() -> list[str]:
     return [f"{name}=={version(name)}" for name in _NEEDED]
+
+
+def _other_python(pin: Pin) -> str:
+    """Return the versions of Python that the adapter requires; "" for the current one."""
+    return getattr(stated_by(pin.engine), "requires_python", "")
 
 
 @contextmanager
@@ -78,13 +160,11 @@ def _make(pin: Pin, place: Path) -> None:
     unfinished = place.with_name(f"{place.name}.part")
     shutil.rmtree(unfinished, ignore_errors=True)
     try:
-        uv("venv", "--python", sys.executable, str(unfinished))
-        try:
-            _install(pin, unfinished, _as_here())
-        except UvError as error:
-            if not error.refused:
-                raise
-            _install(pin, unfinished, [])
+        if _is_javascript(stated_by(pin.engine)):
+            unfinished.mkdir()
+            _npm_install(requirements_of(pin), unfinished)
+        else:
+            _make_python(pin, unfinished)
         facts = {"engine": pin.engine, "version": pin.version, "from": _without_passwords(index_settings())}
         (unfinished / _FACTS).write_text(json.dumps(facts), encoding="utf-8")
         shutil.rmtree(place, ignore_errors=True)  # a remainder whose Python is missing
@@ -93,13 +173,38 @@ def _make(pin: Pin, place: Path) -> None:
         shutil.rmtree(unfinished, ignore_errors=True)
 
 
+def _make_python(pin: Pin, environment: Path) -> None:
+    # another Python than the current one may have to be downloaded
+    other = _other_python(pin)
+    uv("venv", "--python", other or sys.executable, str(environment), downloads=bool(other))
+    try:
+        _install(pin, environment, _as_here())
+    except UvError as error:
+        if not error.refused:
+            raise
+        _install(pin, environment, [])
+
+
+def _npm_install(requirements: Sequence[str], folder: Path) -> None:
+    """Install JavaScript packages into a folder, without running their scripts; raises UvError."""
+    for program in ("node", "npm"):
+        if shutil.which(program) is None:
+            raise UvError(f"it needs Node.js, and there is no {program} on the path", refused=False)
+    (folder / "package.json").write_text('{"private": true}', encoding="utf-8")
+    quiet = ("--no-audit", "--no-fund", "--ignore-scripts", "--loglevel=error")
+    command = ["npm", "install", *quiet, "--prefix", str(folder), *requirements]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+    if done.returncode != 0:
+        raise UvError(in_one_line(done.stderr), refused=True)
+
+
 def _without_passwords(settings: Iterable[str]) -> list[str]:
     return [re.sub(r"//[^/@\s]+@", "//", setting) for setting in settings]
 
 
 @dataclass(frozen=True)
 class Environment:
-    """An existing environment: folder, engine==version, sources of its packages, size in bytes."""
+    """An existing environment: folder, engine or engine==version, sources of its packages, size in bytes."""
 
     folder: Path
     name: str
@@ -135,9 +240,28 @@ def _install(pin: Pin, environment: Path, constraints: Sequence[str]) -> None:
     within, without = environment / "constraints.txt", environment / "overrides.txt"
     within.write_text("\n".join(constraints), encoding="utf-8")
     without.write_text(_NEVER, encoding="utf-8")
+    install = ("pip", "install", "--python", str(environment / "bin" / "python"))
+    released, local = _plug_in(pin)
     uv(
-        *("pip", "install", "--python", str(environment / "bin" / "python"), "--no-build"),
-        *("-c", str(within), "--override", str(without)),
-        f"{distribution_of(pin.engine)}=={pin.version}",
+        *(*install, "--no-build", "-c", str(within), "--override", str(without)),
+        *requirements_of(pin),
+        *released,
         *_NEEDED,
     )
+    if local is not None:
+        uv(*install, "--no-deps", local)
+
+
+def _plug_in(pin: Pin) -> tuple[list[str], str | None]:
+    """Return the requirements of the plug-in that drives another package, and its folder if it is local.
+
+    A local plug-in is built from its folder, without its requirements, which are those returned.
+    """
+    name = plug_in_of(pin.engine)
+    if name is None or name == distribution_of(pin.engine):
+        return [], None
+    found = distribution(name)
+    origin = json.loads(found.read_text("direct_url.json") or "{}").get("url", "")
+    if not origin.startswith("file://"):
+        return [f"{name}=={found.version}"], None
+    return [line for line in found.requires or () if "extra ==" not in line], unquote(urlsplit(origin).path)

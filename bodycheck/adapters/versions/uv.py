@@ -40,8 +40,10 @@ class UvError(UnavailableError):
         self.refused = refused
 
 
-def uv(*words: str, given: str = "") -> str:
+def uv(*words: str, given: str = "", downloads: bool = False) -> str:
     """Run uv with these arguments and this standard input; return its standard output.
+
+    downloads: whether it may download a Python that is not installed.
 
     Raises UnavailableError if uv is not installed, UvError with uv's message in one line if it fails.
     """
@@ -49,11 +51,11 @@ def uv(*words: str, given: str = "") -> str:
         **os.environ,
         **pip_settings(),
         **_users_configuration(),
-        "UV_PYTHON_DOWNLOADS": "never",  # an environment must have the current Python
+        "UV_PYTHON_DOWNLOADS": "automatic" if downloads else "never",
         "NO_COLOR": "1",
     }
     done = subprocess.run(
-        [_program(), "--quiet", *words],
+        [uv_program(), "--quiet", *words],
         input=given,
         capture_output=True,
         text=True,
@@ -61,7 +63,7 @@ def uv(*words: str, given: str = "") -> str:
         check=False,
     )
     if done.returncode != 0:
-        raise UvError(_in_one_line(done.stderr), refused=done.returncode == _REFUSED)
+        raise UvError(in_one_line(done.stderr), refused=done.returncode == _REFUSED)
     return done.stdout
 
 
@@ -87,17 +89,19 @@ def index_settings() -> list[str]:
     return settings
 
 
-def _program() -> str:
+def uv_program() -> str:
+    """Return the path of uv; raises UnavailableError if it is not installed."""
     try:
         found: str | None = import_module("uv").find_uv_bin()
     except (ImportError, OSError):
         found = shutil.which("uv")
     if found is None:
-        raise UnavailableError("pinned engine versions require uv: pip install 'bodycheck[versions]'")
+        raise UnavailableError("environments of engines require uv: pip install 'bodycheck[versions]'")
     return found
 
 
-def _in_one_line(said: str) -> str:
+def in_one_line(said: str) -> str:
+    """Return a program's message in one line, without the marks of its layout."""
     lines = (line.strip(" ×│╰─▶").removeprefix("cause: ") for line in said.splitlines())
     told = " ".join(line for line in lines if line).removeprefix("error: ")
     return told if len(told) <= _LONGEST else f"{told[:_LONGEST]}..."

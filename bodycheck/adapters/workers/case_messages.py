@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from bodycheck.adapters.batches import Batch
 from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import Search
-from bodycheck.adapters.workers.protocol import Message
+from bodycheck.adapters.workers.protocol import Message, packed, unpacked
 from bodycheck.reference_impl.loads import load_kinds
 from bodycheck.reference_impl.loads.load import checked
+from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reference_impl.scene import CallbackLoad, Link, Load, RigidBody, Scene, State
 from bodycheck.scenarios.user_functions import UserWrench, user_function
 
@@ -35,6 +37,20 @@ def case_of(message: Message) -> Case:
     """Return the case of a message."""
     setting = Setting(message["dt_s"], message["tolerance"])
     return Case(scene_of(message["scene"]), message["method"], setting)
+
+
+def batch_message(batch: Batch) -> Message:
+    """Return the request for a batch of cases as plain data."""
+    template = Case(batch.template, batch.method, batch.setting)
+    bodies = {field.name: packed(getattr(batch.bodies, field.name)) for field in fields(batch.bodies)}
+    return {"do": "batch", "case": case_message(template), "bodies": bodies}
+
+
+def batch_of(message: Message) -> Batch:
+    """Return the batch of a message."""
+    case = case_of(message["case"])
+    bodies = Bodies(**{name: unpacked(array) for name, array in message["bodies"].items()})
+    return Batch(case.scene, bodies, case.method, case.setting)
 
 
 def search_bounds(search: Search) -> dict[str, float | None]:

@@ -12,8 +12,9 @@ from typing import Protocol, TypeAlias
 from bodycheck._util.compiled_cache import cache_directory
 from bodycheck._util.errors import UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Adapter, Build, Engine
+from bodycheck.adapters.programs import is_program, program_of
 from bodycheck.adapters.registry import registered_adapter
-from bodycheck.adapters.versions.environments import python_of
+from bodycheck.adapters.versions.environments import needed_environment, program_in, python_of
 from bodycheck.adapters.versions.pins import pin_of
 from bodycheck.adapters.workers import protocol
 from bodycheck.adapters.workers.protocol import Message
@@ -42,6 +43,16 @@ class Host(Protocol):
         """End the host; a second call does nothing."""
 
 
+class RemoteEngines(Protocol):
+    """Engines on other machines, or in the processes of an executor; used by several threads."""
+
+    def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
+        """Return the engine's answer as EnginePool.ask does; raises WorkerLostError once stopped."""
+
+    def stop(self) -> None:
+        """End the waiting for answers, from any thread."""
+
+
 Announcement: TypeAlias = Callable[[], dict[str, Engine | str]]
 """Waits for the announcements and returns name -> engine, or why it is unavailable."""
 
@@ -56,7 +67,7 @@ def announced(engines: Sequence[str]) -> dict[str, Engine | str]:
 def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
     """Start the engines' workers, which import them in the background, and end them with the with block.
 
-    An engine with a pinned version starts only when waited for, because its environment may have to be made.
+    An engine in an environment starts only when waited for, because that may have to be made.
     """
     cache_directory()  # before any worker, so that all share the temporary folder of an unwritable cache
     engine_pool = EnginePool()
@@ -66,7 +77,7 @@ def announcing(engines: Sequence[str]) -> Iterator[Announcement]:
 
     try:
         for name in engines:
-            if pin_of(name) is None:
+            if needed_environment(name) is None:
                 engine_pool.start(name)
         yield announcement
     finally:
@@ -82,6 +93,9 @@ def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
     except WorkerLostError as error:
         return f"{name} cannot be started: {error}"
     pin = pin_of(name)
+    if pin is None and is_program(name):  # its claim to be a release is not verified
+        kind = "plug-in" if engine.build.kind == "installed" else engine.build.kind
+        return replace(engine, name=name, build=replace(engine.build, kind=kind))
     if engine.name != (name if pin is None else pin.engine):
         return f"{name} announces itself as {engine.name!r}"
     if pin is None:
@@ -91,15 +105,26 @@ def _announced(engine_pool: EnginePool, name: str) -> Engine | str:
     return replace(engine, name=name)
 
 
+def is_only_here(engine: str) -> bool:
+    """Whether an engine was passed to register_adapter, so that other machines do not have it."""
+    return registered_adapter(engine) is not None
+
+
 class EnginePool:
     """The engines of one thread of a run: each starts when first needed, and again after a failure.
 
     core: the only processor core that they may use; None for any. turn: held by the thread that uses the
-    pool, and released while an engine works, so that another thread can measure.
+    pool, and released while an engine works, so that another thread can measure. remote: answers for all
+    engines but those that were passed to register_adapter, which only this process has.
     """
 
-    def __init__(self, core: int | None = None, turn: threading.Lock | None = None) -> None:
-        self._core, self._turn = core, turn
+    def __init__(
+        self,
+        core: int | None = None,
+        turn: threading.Lock | None = None,
+        remote: RemoteEngines | None = None,
+    ) -> None:
+        self._core, self._turn, self._remote = core, turn, remote
         self._open: dict[str, Host] = {}
         self._lock, self._closed = threading.Lock(), False
 
@@ -110,15 +135,17 @@ class EnginePool:
         """Return the engine's host, without waiting for its announcement.
 
         Raises WorkerLostError if the pool was stopped or no process can be started, UnavailableError if the
-        environment of a pinned engine cannot be made.
+        environment of an engine cannot be made.
         """
         if engine in self._open:
             return self._open[engine]
-        if pin := pin_of(engine):
-            return self._kept(engine, WorkerProcess(pin.engine, python=python_of(pin)))
+        if pin := needed_environment(engine):
+            program = program_in(pin)
+            python = None if program else python_of(pin)
+            return self._kept(engine, WorkerProcess(pin.engine, python=python, program=program))
         adapter = registered_adapter(engine)
         if adapter is None:
-            return self._kept(engine, WorkerProcess(engine))
+            return self._kept(engine, WorkerProcess(engine, program=program_of(engine)))
         line = handed_over(adapter)
         return self._kept(engine, InProcess(adapter) if line is None else WorkerProcess(HANDED_OVER, line))
 
@@ -143,6 +170,8 @@ class EnginePool:
         the failure, or was killed from outside. Raises WorkerLostError only if the pool was stopped.
         """
         with released(self._turn):
+            if self._remote is not None and not is_only_here(engine):
+                return self._remote.ask(engine, request, timeout_s)
             return self._asked_twice(engine, request, timeout_s)
 
     def _asked_twice(self, engine: str, request: Message, timeout_s: float) -> Message:

@@ -12,13 +12,14 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from bodycheck._util.untrusted import escaped, printable
-from bodycheck.adapters.contract import BuildKind, Control
+from bodycheck.adapters.contract import BuildKind, Control, Precision
 
 _MOST_METHODS = 1000
 _MOST_PARTS = 10_000  # of a build
 _MOST_FAULTS = 3
 _LONGEST_S = 1e9  # thirty years, of CPU time or of one step
 _MOST_STEPS = 10**15
+_MOST_ROWS = 10**6  # of a batch
 
 
 def _on_one_line(text: str) -> str:
@@ -63,6 +64,9 @@ class MethodMessage(BaseModel):
     changed_defaults: Annotated[list[Text], Field(max_length=1000)] = []
     tolerances: Annotated[list[Tolerance], Field(max_length=1000)] = []
     lasting: Text = "held over the step"
+    snippet: Text = ""
+    precision: Precision = "float64"
+    only_on_request: Annotated[bool, Field(strict=True)] = False
 
 
 class _Limits(_Message):
@@ -112,6 +116,17 @@ class AnswerMessage(_Message):
     read_back: ReadBackMessage
     stepping: Literal["native", "python"]
     steps: Annotated[int, Field(strict=True, ge=0, le=_MOST_STEPS)] | None
+
+
+class BatchAnswerMessage(_Message):
+    """The answer to `batch` with the outcome ok: an ending and a text for each body."""
+
+    quaternion: ArrayMessage
+    omega_body: ArrayMessage
+    endings: Annotated[
+        list[Literal["ok", "unsupported", "failed", "timeout", "invalid"]], Field(max_length=_MOST_ROWS)
+    ]
+    messages: Annotated[list[Text], Field(max_length=_MOST_ROWS)]
 
 
 class LapMessage(_Message):

@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from bodycheck.adapters.batches import BatchAnswer
 from bodycheck.adapters.contract import Adapter, Build, Engine, Method, ReadBack, Reading
 from bodycheck.adapters.execution import Answer
 from bodycheck.adapters.stable_step import StableStep
@@ -25,6 +26,7 @@ from bodycheck.adapters.workers.message_check import (
     AnnouncementMessage,
     AnswerMessage,
     ArrayMessage,
+    BatchAnswerMessage,
     LapMessage,
     MethodMessage,
     ReadBackMessage,
@@ -201,9 +203,12 @@ def request_limit_of(message: Message) -> int:
 
 def answer_limit_of(request: Message) -> int:
     """Return the maximum bytes of a valid answer to a request."""
-    samples = (
-        request["case"]["scene"]["samples"] if request.get("do") == "record" and "case" in request else 0
-    )
+    if request.get("do") == "batch":
+        rows = request["bodies"]["moments"]["shape"][0]
+        samples = request["case"]["scene"]["samples"]
+        return min(LONGEST_ANNOUNCEMENT + rows * (_LONGEST_TEXT * 6 + 80 * samples), LARGEST_MESSAGE)
+    has_samples = request.get("do") in ("record", "replay") and "case" in request
+    samples = request["case"]["scene"]["samples"] if has_samples else 0
     return min(LONGEST_ANNOUNCEMENT + _BYTES_PER_SAMPLE * samples, LARGEST_MESSAGE)
 
 
@@ -241,6 +246,33 @@ def answer_of(message: Message, t_s: Array) -> Answer:
     if not np.array_equal(trajectory.t_s, t_s):
         raise ProtocolError("a trajectory that is not at the scene's samples")
     return Answer("ok", text, trajectory, _read_back(said.read_back), said.stepping, said.steps)
+
+
+def batch_answer_message(answer: BatchAnswer) -> Message:
+    """Return the answer to a batch as plain data."""
+    return {
+        "outcome": "ok",
+        "quaternion": packed(answer.quaternion),
+        "omega_body": packed(answer.omega_body),
+        "endings": list(answer.endings),
+        "messages": [shown(text) for text in answer.messages],
+    }
+
+
+def batch_answer_of(message: Message, rows: int, samples: int) -> BatchAnswer:
+    """Return the answer to a batch of so many bodies and samples.
+
+    Raises ProtocolError if the message is not one.
+    """
+    said = checked(BatchAnswerMessage, message, "invalid answer to a batch")
+    if len(said.endings) != rows or len(said.messages) != rows:
+        raise ProtocolError(f"an answer with {len(said.endings)} endings, not {rows}")
+    return BatchAnswer(
+        _unpacked_as(said.quaternion, "quaternion", rows, samples, 4),
+        _unpacked_as(said.omega_body, "omega_body", rows, samples, 3),
+        tuple(said.endings),
+        tuple(shown(text) for text in said.messages),
+    )
 
 
 def kept(message: Message, said: Answer | StableStep) -> Message:

@@ -8,12 +8,9 @@ the input holds an adapter object of the run's process, pickled by that process.
 from __future__ import annotations
 
 import base64
-import ctypes
 import importlib.util
 import os
 import pickle
-import resource
-import signal
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -21,19 +18,19 @@ from types import ModuleType
 from typing import BinaryIO
 
 from bodycheck._util.errors import BodycheckError, InsideWorkerError, UnavailableError
+from bodycheck.adapters.batches import record_batch
 from bodycheck.adapters.contract import Adapter
-from bodycheck.adapters.execution import Answer, Stopwatch, record, stopwatch
+from bodycheck.adapters.execution import Answer, Stopwatch, record, replay, stopwatch
+from bodycheck.adapters.importers import answered
 from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.stable_step import stable_step
 from bodycheck.adapters.workers import case_messages, protocol
 from bodycheck.adapters.workers.build_identity import Loaded
+from bodycheck.adapters.workers.launcher import die_with_the_run, limit_memory
 from bodycheck.adapters.workers.protocol import Message
 
-_PR_SET_PDEATHSIG = 1
 HANDED_OVER = "-"
 """The ENGINE argument for an adapter object that only the run's process can import."""
-RUN_PID = "BODYCHECK_RUN_PID"
-"""Environment variable of a worker: the process id of its run. A worker refuses to start a run."""
 
 
 class RequestHandler:
@@ -59,13 +56,20 @@ class RequestHandler:
         match request.get("do"):
             case "record":
                 return protocol.answer_message(record(self._adapter, case_messages.case_of(request["case"])))
+            case "replay":
+                return protocol.answer_message(replay(self._adapter, case_messages.case_of(request["case"])))
+            case "batch":
+                found = record_batch(self._adapter, case_messages.batch_of(request))
+                return protocol.batch_answer_message(found)
             case "prepare":
                 self.close()
                 self._watch = stopwatch(self._adapter, case_messages.case_of(request["case"]))
                 return {"outcome": "ok"}
             case "stable-step":
-                found = stable_step(self._adapter, case_messages.search_of(request))
-                return protocol.stable_step_message(found)
+                searched = stable_step(self._adapter, case_messages.search_of(request))
+                return protocol.stable_step_message(searched)
+            case "import":
+                return answered(self._adapter.name, request)
             case "lap" if self._watch is not None:
                 return {"outcome": "ok", "cpu_s": self._watch.lap()}
             case unknown:
@@ -95,8 +99,8 @@ def main() -> None:
         engine, memory_bytes = sys.argv[1], int(sys.argv[2])
     except (IndexError, ValueError):
         sys.exit("usage: python -m bodycheck.adapters.workers.worker ENGINE MEMORY_BYTES")
-    _die_with_the_run()
-    _limit_memory(memory_bytes)
+    die_with_the_run()
+    limit_memory(memory_bytes)
     requests, answers = _private_channel()
     try:
         handed = engine == HANDED_OVER
@@ -192,34 +196,6 @@ def _run_script(path: Path) -> None:
     sys.modules["__main__"] = sys.modules["__mp_main__"] = script
     with suppress(InsideWorkerError, SystemExit):
         exec(compile(path.read_bytes(), str(path), "exec"), script.__dict__)
-
-
-def _die_with_the_run() -> None:
-    """Make Linux kill this process when the run dies, because a hanging engine never reads its input."""
-    if sys.platform != "linux":
-        return
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if RUN_PID in os.environ and not _lives(os.environ[RUN_PID]):  # the run died before the call
-        sys.exit(1)
-
-
-def _lives(pid: str) -> bool:
-    """Return whether a process exists and is not a zombie."""
-    try:
-        return Path("/proc", pid, "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def _limit_memory(size: int) -> None:
-    """Make allocations beyond the limit fail, and let the out-of-memory killer choose this process first."""
-    _, most = resource.getrlimit(resource.RLIMIT_DATA)
-    limit = size if most == resource.RLIM_INFINITY else min(size, most)
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    with suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
 
 
 if __name__ == "__main__":

@@ -15,9 +15,10 @@ from typing import Any
 
 from bodycheck._util.errors import UnavailableError, WorkerLostError
 from bodycheck.adapters.contract import Engine
-from bodycheck.adapters.workers import protocol, worker_bootstrap
+from bodycheck.adapters.programs import Program
+from bodycheck.adapters.workers import launcher, protocol, worker_bootstrap
+from bodycheck.adapters.workers.launcher import RUN_PID
 from bodycheck.adapters.workers.protocol import Message
-from bodycheck.adapters.workers.worker import RUN_PID
 
 _START_S = 120.0  # time limit for an engine to be imported and announced
 _LAST_OUTPUT = 4096  # bytes of the engine's last output that are stored
@@ -32,21 +33,33 @@ class WorkerProcess:
     """An engine in its own process, with limits on memory and on the time of each request.
 
     python: the interpreter of an environment, which need not have bodycheck; None for the current one.
+    program: a program that speaks the protocol itself, in place of bodycheck's worker.
     Raises WorkerLostError if the system cannot start a process.
     """
 
-    def __init__(self, engine: str, first_line: bytes = b"", *, python: Path | None = None) -> None:
+    def __init__(
+        self,
+        engine: str,
+        first_line: bytes = b"",
+        *,
+        python: Path | None = None,
+        program: Program | None = None,
+    ) -> None:
         environment = {**os.environ, RUN_PID: str(os.getpid())}
-        if python is None:
+        memory = str(_memory_bytes())
+        if program is not None:
+            environment |= program.environment
+            command = [sys.executable, "-I", str(Path(launcher.__file__).resolve()), memory, *program.command]
+        elif python is None:
             # the worker must import what this process can: an engine may lie next to the user's script
             environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
-            command = [sys.executable, "-P", "-m", "bodycheck.adapters.workers.worker"]
+            command = [sys.executable, "-P", "-m", "bodycheck.adapters.workers.worker", engine, memory]
         else:
             environment.pop("PYTHONPATH", None)  # it may contain another version of the engine
-            command = [str(python), "-P", str(Path(worker_bootstrap.__file__).resolve())]
+            command = [str(python), "-P", str(Path(worker_bootstrap.__file__).resolve()), engine, memory]
         try:
             self._process = subprocess.Popen(
-                [*command, engine, str(_memory_bytes())],
+                command,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,

@@ -64,7 +64,8 @@ class StretchedRotation:
         return quaternion, decayed[:, None] * omega
 
 
-_OMEGA_ERROR = 4e-15  # relative to the largest omega up to then
+EXACT_OMEGA_ERROR = 4e-15
+"""Relative to the largest omega up to then."""
 
 
 class Rotation(Protocol):
@@ -110,7 +111,7 @@ class ExactMotion:
         sizes = np.linalg.norm(motion.omega_body, axis=-1)
         if isinstance(self.rotation, FixedAxisRotation):
             sizes = np.maximum(sizes, self.rotation.largest_rate(motion.t_s))
-        return np.stack([_OMEGA_ERROR * sizes, *self.flight.errors(motion.t_s, motion.velocity_m_s)])
+        return np.stack([EXACT_OMEGA_ERROR * sizes, *self.flight.errors(motion.t_s, motion.velocity_m_s)])
 
 
 def closed_form_of(scene: Scene) -> ExactMotion | None:

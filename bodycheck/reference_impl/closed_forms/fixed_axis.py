@@ -16,8 +16,9 @@ from bodycheck.reference_impl.free_rotation.set_up import unit
 from bodycheck.reference_impl.free_rotation.tumbling_constants import FOUR_PI
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble, sine_and_cosine
-from bodycheck.reference_impl.kernels.jit import exact_kernel, kernel
-from bodycheck.reference_impl.kernels.small_vectors import Quat, Vec, quaternion_times
+from bodycheck.reference_impl.kernels.jit import exact_kernel
+from bodycheck.reference_impl.kernels.small_vectors import Quat, Vec
+from bodycheck.reference_impl.kernels.small_vectors import exact_quaternion_times as quaternion_times
 from bodycheck.reference_impl.rational import (
     Vector,
     added,
@@ -85,7 +86,7 @@ def _add_swings(swings: Array, t_s: Array, angle: tuple[Array, Array], rate: tup
         rate[0][i], rate[1][i] = w
 
 
-@kernel
+@exact_kernel
 def _turn(start: Quat, axis: Vec, angle: tuple[Array, Array], quaternion: Array) -> None:
     """Fill quaternion (n, 4) with start exp(axis angle / 2), angle (n,) in high and low parts."""
     for i in range(len(quaternion)):

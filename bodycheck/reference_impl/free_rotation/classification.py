@@ -103,6 +103,7 @@ def _even_exponent(n: int, exponent: int) -> tuple[DoubleDouble, int]:
 # Moments, gaps and omega are scaled to about 1; their errors are below 2^-125.
 _CERTAINLY_NOT_ZERO = 2.0**-100
 _LEAST_SHARE = 0.25  # of its terms: the least difference whose relative error stays some 2^-100
+_RESOLVED_SHARE = 2.0**-60  # of its terms: the least difference whose relative error stays some 2^-40
 _LEAST_PRODUCT = 2.0**-900  # above it, the low parts of products keep their bits
 
 
@@ -144,3 +145,13 @@ def separation_of(ascending: NumberedAxes) -> tuple[bool, Separation]:
         and size[0] > _LEAST_PRODUCT
     )
     return sure, Separation(descending, size, 0)
+
+
+@exact_kernel
+def is_resolved(ascending: NumberedAxes) -> bool:
+    """Return whether `separation_of` has a relative error of at most 2^-40."""
+    (i1, _, i3), (l1, _, l3) = ascending.moments, ascending.momentum
+    gap21, _, gap32 = ascending.gaps
+    plus, minus = _weighted_square(l3, gap32, i3), _weighted_square(l1, gap21, i1)
+    total = plus[0] + minus[0]
+    return total > _LEAST_PRODUCT and abs(dd.subtract(plus, minus)[0]) >= _RESOLVED_SHARE * total

@@ -12,11 +12,12 @@ from bodycheck.reference_impl.free_rotation.packing import (
 )
 from bodycheck.reference_impl.free_rotation.principal_state import state_at, turned
 from bodycheck.reference_impl.free_rotation.set_up import unit
-from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.kernels.small_vectors import quaternion_times, times
+from bodycheck.reference_impl.kernels.jit import exact_kernel, long_exact_kernel
+from bodycheck.reference_impl.kernels.small_vectors import exact_quaternion_times as quaternion_times
+from bodycheck.reference_impl.kernels.small_vectors import exact_times as times
 
 
-@kernel
+@exact_kernel
 def _tumbling_at(tumbling: Tumbling, high: Array, low: Array, quaternion: Array, omega: Array) -> None:
     frequency = tumbling.frequency
     for i in range(len(high)):
@@ -29,7 +30,7 @@ def _tumbling_at(tumbling: Tumbling, high: Array, low: Array, quaternion: Array,
             omega[i, j] = frequency * w[j]
 
 
-@kernel
+@exact_kernel
 def _steady_at(motion: Steady, high: Array, low: Array, quaternion: Array, omega: Array) -> None:
     axis, frequency = motion.axis, motion.frequency
     for i in range(len(high)):
@@ -41,7 +42,7 @@ def _steady_at(motion: Steady, high: Array, low: Array, quaternion: Array, omega
             omega[i, j] = motion.omega[j]
 
 
-@kernel
+@long_exact_kernel
 def evaluate(rows: Array, high: Array, low: Array, quaternion: Array, omega: Array) -> None:
     """Fill quaternion (m, n, 4) and omega (m, n, 3) of m bodies at times high + low, (n,) each, in s."""
     for k in range(len(rows)):

@@ -12,7 +12,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.free_rotation.classification import ExactState
 from bodycheck.reference_impl.free_rotation.evaluation import evaluate
 from bodycheck.reference_impl.free_rotation.packing import HORIZON, QUARTER_PERIOD, WIDTH
-from bodycheck.reference_impl.free_rotation.set_up import begin, begin_steady
+from bodycheck.reference_impl.free_rotation.set_up import begin, begin_steady, estimate_separations
 
 _SYMMETRY_TOLERANCE = 1e-12
 
@@ -44,10 +44,14 @@ class FreeRotations:
         return cls.from_checked(tensors, attitudes, omegas, np.zeros((m, 3)))
 
     @classmethod
-    def from_checked(cls, inertia: Array, quaternion: Array, omega: Array, rest: Array) -> FreeRotations:
+    def from_checked(
+        cls, inertia: Array, quaternion: Array, omega: Array, rest: Array, *, rough: bool = False
+    ) -> FreeRotations:
         """Set up the motions from arrays already checked for shape and finiteness.
 
-        inertia (m, 3, 3), quaternion (m, 4), omega (m, 3); rest (m, 3): the low part of omega.
+        inertia (m, 3, 3), quaternion (m, 4), omega (m, 3); rest (m, 3): the low part of omega. rough: let
+        floating point determine the distance from the separatrix wherever it resolves it to 2^-40, without
+        exact integers. That is several times faster near the separatrix; the errors are then up to 1e-12.
         """
         if not quaternion.any(axis=1).all():
             raise ValueError(f"quaternion must not be zero, got {[0.0] * 4}")
@@ -55,6 +59,8 @@ class FreeRotations:
         m = len(tensors)
         rows, doubtful = np.empty((m, WIDTH)), np.empty(m, dtype=np.bool_)
         separations = np.zeros((m, 4))
+        if rough:
+            estimate_separations(tensors, omega, rest, separations)
         begin(tensors, quaternion, omega, rest, separations, rows, doubtful)
         for k in np.flatnonzero(doubtful):
             state = ExactState.of(tensors[k], omega[k], rest[k])

@@ -10,7 +10,7 @@ from bodycheck.reference_impl.elliptic import Quotients
 from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants
 from bodycheck.reference_impl.free_rotation.theta_series import CayleyKlein
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
-from bodycheck.reference_impl.kernels.jit import inlined_kernel, kernel
+from bodycheck.reference_impl.kernels.jit import exact_kernel, inlined_kernel
 from bodycheck.reference_impl.kernels.small_vectors import Mat, Quat, Vec, matrix_at
 
 
@@ -73,7 +73,7 @@ def _put_four(row: Array, i: int, x: Quat) -> None:
     row[i], row[i + 1], row[i + 2], row[i + 3] = x
 
 
-@kernel
+@exact_kernel
 def put_steady(row: Array, motion: Steady) -> None:
     """Write a steady motion into a row."""
     turn_rate = motion.turn_rate[0]
@@ -85,13 +85,13 @@ def put_steady(row: Array, motion: Steady) -> None:
     _put_vector(row, 13, motion.omega)
 
 
-@kernel
+@exact_kernel
 def is_steady(row: Array) -> bool:
     """Return whether the row holds a steady motion."""
     return bool(row[_KIND] == _STEADY)
 
 
-@kernel
+@exact_kernel
 def steady_in(row: Array) -> Steady:
     """Read a steady motion from a row."""
     return Steady(
@@ -103,7 +103,7 @@ def steady_in(row: Array) -> Steady:
     )
 
 
-@kernel
+@exact_kernel
 def put_tumbling(row: Array, tumbling: Tumbling) -> None:
     """Write a tumbling motion into a row."""
     motion, f, series = tumbling.motion, tumbling.motion.functions, tumbling.motion.series
@@ -130,7 +130,7 @@ def put_tumbling(row: Array, tumbling: Tumbling) -> None:
         row[47 + i] = tumbling.axes[i]
 
 
-@kernel
+@exact_kernel
 def tumbling_in(row: Array) -> Tumbling:
     """Read a tumbling motion from a row."""
     functions = Quotients(row[14] == 1.0, _pair(row, 10), _pair(row, 12), row[15], row[16], row[17], row[18])

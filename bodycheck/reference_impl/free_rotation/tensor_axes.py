@@ -13,7 +13,7 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
-from bodycheck.reference_impl.kernels.jit import exact_kernel, inlined_kernel, kernel
+from bodycheck.reference_impl.kernels.jit import exact_kernel, inlined_kernel
 from bodycheck.reference_impl.kernels.small_vectors import Mat, Quat, Vec, principal_frame
 
 Split: TypeAlias = tuple[float, DoubleDouble]
@@ -80,7 +80,7 @@ class Frame(NamedTuple):
     """The columns of A, a proper rotation, rounded to doubles."""
 
 
-@kernel
+@exact_kernel
 def quaternion_of(m: Mat) -> Quat:
     """Return q with R(q) = m, up to a factor, from its largest component (Shepperd 1978)."""
     w, x = 1.0 + m[0] + m[4] + m[8], 1.0 + m[0] - m[4] - m[8]
@@ -98,8 +98,6 @@ def quaternion_of(m: Mat) -> Quat:
 @exact_kernel
 def _short_turn(inertia: Mat) -> tuple[Mat, float]:
     """Return (|q|^2 R(q), |q|^2), without rounding, for a rotation q within 2^-25 of the principal axes."""
-    if inertia[1] == 0.0 and inertia[2] == 0.0 and inertia[5] == 0.0:
-        return (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 1.0
     q = quaternion_of(principal_frame(inertia)[1])
     size = max(abs(q[0]), abs(q[1]), abs(q[2]), abs(q[3]))
     grid = math.ldexp(1.0, math.frexp(size)[1] - _TURN_BITS)
@@ -221,6 +219,18 @@ def _rotate_away(r: int, bases: Array, rests: Array, offs: Array, spin: Array, a
 
 
 @exact_kernel
+def _already_principal(inertia: Mat, omega: Vec, rest: Vec) -> Frame:
+    """Return the frame of a diagonal tensor: its axes are the body axes."""
+    first, second, third = inertia[0], inertia[4], inertia[8]
+    return Frame(
+        ((first, 0.0), (second, 0.0), (third, 0.0)),
+        (dd.two_sum(second, -first), dd.two_sum(third, -first), dd.two_sum(third, -second)),
+        (dd.two_sum(omega[0], rest[0]), dd.two_sum(omega[1], rest[1]), dd.two_sum(omega[2], rest[2])),
+        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    )
+
+
+@exact_kernel
 def principal(inertia: Mat, omega: Vec, rest: Vec) -> Frame:
     """Diagonalise a symmetric tensor whose largest element is of ordinary size, by cyclic Jacobi rotations.
 
@@ -228,6 +238,8 @@ def principal(inertia: Mat, omega: Vec, rest: Vec) -> Frame:
     diagonal tensor is returned exactly. rest: the low part of omega. Source: Golub & Van Loan 2013, Matrix
     computations, 8.5.
     """
+    if inertia[1] == 0.0 and inertia[2] == 0.0 and inertia[5] == 0.0:
+        return _already_principal(inertia, omega, rest)
     # a moment is a base and a rest; offs[r] couples the two axes other than r; an axis is a row
     bases, rests, offs = np.empty(3), np.empty((3, 2)), np.empty((3, 2))
     spin, axes = np.empty((3, 2)), np.empty((3, 3, 2))

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeAlias
 
 from bodycheck.reference_impl import elliptic
 from bodycheck.reference_impl.kernels import double_double as dd
-from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.jit import exact_kernel
 from bodycheck.reference_impl.kernels.small_vectors import Quat
 
 Coefficients: TypeAlias = tuple[float, float, float, float]
@@ -30,7 +30,7 @@ class CayleyKlein(NamedTuple):
     """Turns of the common phase per unit of the reduced u; zero for trigonometric series."""
 
 
-@kernel
+@exact_kernel
 def _trigonometric_coefficients(nome: float, a: float, tilt: float, side: float) -> CayleyKlein:
     """Series of theta4 and theta1, nome q^2, at x - i s a, with |beta / alpha| = tilt at x = 0.
 
@@ -38,12 +38,14 @@ def _trigonometric_coefficients(nome: float, a: float, tilt: float, side: float)
     """
     decay = math.exp(-2.0 * a)
     g = nome / decay if decay > 0.0 else 0.0
-    q3, q6 = nome**3, nome**6
+    g3 = g * g * g
+    q3 = nome * nome * nome
+    q6 = q3 * q3
     # e^-2na - 1; the exponents of the sines and cosines are kept separate
     e1, e2, e3, e4 = math.expm1(-2.0 * a), math.expm1(-4.0 * a), math.expm1(-6.0 * a), math.expm1(-8.0 * a)
     e5, e6, e7 = math.expm1(-10.0 * a), math.expm1(-12.0 * a), math.expm1(-14.0 * a)
-    even1, even2, even3 = -nome * g, q6 * g * g, -q6 * q6 * q3 * g**3
-    odd1, odd2, odd3 = -q3 * g, q6 * q3 * nome * g * g, -q6 * q6 * q6 * q3 * g**3
+    even1, even2, even3 = -nome * g, q6 * g * g, -q6 * q6 * q3 * g3
+    odd1, odd2, odd3 = -q3 * g, q6 * q3 * nome * g * g, -q6 * q6 * q6 * q3 * g3
     real1, real2, real3 = even1 * (2.0 + e2), even2 * (2.0 + e4), even3 * (2.0 + e6)
     imag0, imag1, imag2, imag3 = e1, odd1 * e3, odd2 * e5, odd3 * e7
     rho = -tilt * (1.0 + real1 + real2 + real3) / (imag0 + imag1 + imag2 + imag3)
@@ -57,14 +59,15 @@ def _trigonometric_coefficients(nome: float, a: float, tilt: float, side: float)
     )
 
 
-@kernel
+@exact_kernel
 def _exponential_coefficients(
     nome: float, gamma: float, tilt: float, side: float, twist: float
 ) -> CayleyKlein:
     """Series of theta2 and theta1, nome sqrt(q'), at gamma + i s y, with |beta / alpha| = tilt at y = 0."""
     c0, c1, c2, c3 = math.cos(gamma), math.cos(3.0 * gamma), math.cos(5.0 * gamma), math.cos(7.0 * gamma)
     s0, s1, s2, s3 = math.sin(gamma), math.sin(3.0 * gamma), math.sin(5.0 * gamma), math.sin(7.0 * gamma)
-    q3, q6 = nome**3, nome**6
+    q3 = nome * nome * nome
+    q6 = q3 * q3
     rho = tilt * (c0 + nome * c1 + q3 * c2 + q6 * c3) / (s0 - nome * s1 + q3 * s2 - q6 * s3)
     sided = side * rho
     return CayleyKlein(
@@ -76,7 +79,7 @@ def _exponential_coefficients(
     )
 
 
-@kernel
+@exact_kernel
 def coefficients(functions: elliptic.Quotients, a: float, tilt: float, side: float) -> CayleyKlein:
     """Return the coefficients of (alpha, beta): beta = 0 at u = i s a, |beta| = tilt |alpha| at u = 0.
 
@@ -91,12 +94,12 @@ def coefficients(functions: elliptic.Quotients, a: float, tilt: float, side: flo
     return _exponential_coefficients(functions.nome, gamma, tilt, side, twist)
 
 
-@kernel
+@exact_kernel
 def _dot(a: Coefficients, b: Coefficients) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
-@kernel
+@exact_kernel
 def trigonometric_sums(s: CayleyKlein, sin_x: float, cos_x: float) -> Quat:
     """(Re alpha, Im alpha, Re beta, Im beta) without the common phase."""
     c2 = (cos_x - sin_x) * (cos_x + sin_x)
@@ -113,7 +116,7 @@ def trigonometric_sums(s: CayleyKlein, sin_x: float, cos_x: float) -> Quat:
     )
 
 
-@kernel
+@exact_kernel
 def exponential_sums(s: CayleyKlein, nome: float, sign: float, decay: float, rise: float) -> Quat:
     """(Re alpha, Im alpha, Re beta, Im beta) without the common phase, times a positive factor."""
     q = math.sqrt(nome)

@@ -7,13 +7,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import types
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.continuous_loads import lasting_wrench
 from bodycheck.reference_impl.integrators.callback_motion import stage_by_stage_asking
-from bodycheck.reference_impl.integrators.facts import Advance, AdvanceUnder, Integrator, Spin
-from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.integrators.facts import AdvanceUnder, Integrator, Spin
+from bodycheck.reference_impl.kernels.jit import Kernel, kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,
     Vec,
@@ -31,13 +30,13 @@ _BODY, _WORLD, _MOMENTUM = range(3)
 _SPINS: dict[Spin, int] = {"omega_body": _BODY, "omega_world": _WORLD, "angular_momentum": _MOMENTUM}
 
 
-def held_over_steps(advance: Advance, spin: Spin) -> AdvanceUnder:
+def held_over_steps(advance: Kernel, spin: Spin) -> AdvanceUnder:
     """Return the stepper of a method that holds continuous loads constant over the step (zero-order hold)."""
 
     def advance_forced(
         state: Array, body: Array, load: Array, lasting: Array, begin: float, dt: float, steps: int
     ) -> None:
-        _compiled()(advance, _SPINS[spin], state, body, load, lasting, begin, dt, steps)
+        _compiled()(advance.dispatcher, _SPINS[spin], state, body, load, lasting, begin, dt, steps)
 
     return advance_forced
 
@@ -81,9 +80,11 @@ def _advance_held(
 @cache
 def _compiled() -> Any:
     """Compile once for all methods: the method is passed as a function pointer."""
+    from numba import types  # imported here: takes a quarter of a second
+
     array = types.float64[::1]
     method = types.FunctionType(types.void(array, array, array, types.float64, types.int64))
-    compiled = kernel(_advance_held)
+    compiled = kernel(_advance_held).dispatcher
     compiled.compile(
         types.void(
             method,

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
+import numpy as np
+
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.tableau import Tableau
 
@@ -44,6 +46,7 @@ class Integrator:
     torque: when constant loads are rotated with the body; lasting: when continuous loads are evaluated;
     refused: the kinds of continuous loads that the method does not support. tableau: of an explicit
     Runge-Kutta method on the whole state, whose stages can then be evaluated outside its kernel.
+    real: the type of all numbers that the kernels take and compute with.
     """
 
     name: str
@@ -63,6 +66,7 @@ class Integrator:
     lasting: Literal["every stage", "held over the step"] = "held over the step"
     refused: tuple[type[Any], ...] = ()
     tableau: Tableau | None = None
+    real: type[np.floating[Any]] = np.float64
 
 
 def exact_turn(x: float) -> float:

@@ -1,22 +1,74 @@
-"""Compile the kernels of reference_impl, and verify numba's cache files by a digest."""
+"""The kernels of reference_impl: plain functions that are compiled when first called, or interpreted."""
 
 from __future__ import annotations
 
-import hashlib
-import pickle
-import sys
-from collections.abc import Callable
-from functools import cache
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache, cached_property, update_wrapper
+from types import FunctionType
 from typing import Any
 
-import numba
-from numba.core.caching import IndexDataCacheFile
+import numpy as np
 
 from bodycheck._util.compiled_cache import cache_directory
 
+_interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
 
-def _compile(function: Callable[..., Any], **options: Any) -> Any:
+
+@contextmanager
+def interpreted() -> Iterator[None]:
+    """Run the kernels that are called in this context as plain Python, without compiling anything.
+
+    Exact kernels give the same bits; the sums and products of others may be fused where they are compiled.
+    Raises FloatingPointError where compiled code would go on with inf or NaN.
+    """
+    token = _interpreting.set(True)
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
+    finally:
+        _interpreting.reset(token)
+
+
+class Kernel:
+    """A function that is compiled when it is first called, or interpreted within `interpreted()`."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self.py_func = function
+        self._options = options
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """The compiled function; importing numba takes a second, so it is imported here."""
+        return _compiled(self.py_func, self._options)
+
+    @property
+    def targetoptions(self) -> dict[str, Any]:
+        """The options of numba, which its inliner reads from the globals of a function."""
+        return self._options
+
+    def __call__(self, *args: Any) -> Any:
+        """Call the compiled or the interpreted function."""
+        return self.py_func(*args) if _interpreting.get() else self.dispatcher(*args)
+
+
+@cache
+def _numba() -> Any:
+    """Import numba, and let compiled functions call kernels."""
+    import numba
+    from numba.core import types
+    from numba.extending import typeof_impl
+
+    typeof_impl.register(Kernel)(lambda kernel, _: types.Dispatcher(kernel.dispatcher))
+    return numba
+
+
+def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    from bodycheck.reference_impl.kernels.cache_files import check_files_of
+
+    numba = _numba()
     # numba reads CACHE_DIR when it decorates a function. The setting is global to the process, so it is
     # restored.
     before = numba.config.CACHE_DIR
@@ -27,6 +79,19 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
         numba.config.CACHE_DIR = before
 
 
+def _compile(function: Callable[..., Any], **options: Any) -> Any:
+    return Kernel(function, options)
+
+
+def as_exact(kernel: Kernel) -> Any:
+    """Return the same function, compiled exactly as written."""
+    written = kernel.py_func
+    copy = FunctionType(written.__code__, written.__globals__, written.__name__, written.__defaults__)
+    copy.__qualname__ = f"{written.__qualname__}_exact"  # numba names the files of its cache by it
+    copy.__module__ = written.__module__
+    return exact_kernel(copy)
+
+
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function for speed: products and sums may be fused, but not reordered."""
     return _compile(function, fastmath={"contract"})
@@ -35,11 +100,6 @@ def kernel(function: Callable[..., Any]) -> Any:
 def long_kernel(function: Callable[..., Any]) -> Any:
     """Compile as `kernel` does, and release the GIL, so that threads that report progress can run."""
     return _compile(function, fastmath={"contract"}, nogil=True)
-
-
-def parallel_kernel(function: Callable[..., Any]) -> Any:
-    """Compile as `kernel` does, with prange loops distributed over numba's threads."""
-    return _compile(function, fastmath={"contract"}, parallel=True)
 
 
 def borrowing_kernel(function: Callable[..., Any]) -> Any:
@@ -67,70 +127,43 @@ def exact_kernel(function: Callable[..., Any]) -> Any:
     return _compile(function, fastmath=False)
 
 
-_DIGEST_BYTES = 32
-
-
-class _DamagedError(ValueError):
-    """The content of a cache file does not match its digest."""
-
-
-class CheckedCacheFile(IndexDataCacheFile):  # type: ignore[misc]
-    """The index and data files of one kernel, each preceded by the SHA-256 of its content."""
-
-    def load(self, key: Any) -> Any:
-        """Return the code stored under a key, or None if it is absent, damaged or unreadable."""
-        try:
-            return super().load(key)
-        except (OSError, _DamagedError):
-            return None
-
-    def save(self, key: Any, data: Any) -> None:
-        """Store compiled code, or report once that it cannot be stored."""
-        try:
-            super().save(key, data)
-        except OSError as error:
-            _say_once(f"{self._cache_path}: cannot be written: {error.strerror or error}")
-
-    def _load_index(self) -> Any:
-        try:
-            version, stamp, overloads = _content(Path(self._index_path))
-        except (OSError, _DamagedError):
-            return {}
-        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
-
-    def _save_index(self, overloads: Any) -> None:
-        with self._open_for_write(self._index_path) as file:
-            file.write(self._dump((self._version, self._source_stamp, overloads)))
-
-    def _load_data(self, name: str) -> Any:
-        return _content(Path(self._data_path(name)))
-
-    def _dump(self, obj: Any) -> bytes:
-        content: bytes = super()._dump(obj)
-        return hashlib.sha256(content).digest() + content
-
-
-def _content(path: Path) -> Any:
-    """Return the content of a file. Raise OSError, or _DamagedError if it does not match its digest."""
-    data = path.read_bytes()
-    digest, content = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
-    if hashlib.sha256(content).digest() != digest:
-        raise _DamagedError(path)
-    return pickle.loads(content)
+def long_exact_kernel(function: Callable[..., Any]) -> Any:
+    """Compile as `exact_kernel` does, and release the GIL, so that threads can share a batch."""
+    return _compile(function, fastmath=False, nogil=True)
 
 
 @cache
-def _say_once(why: str) -> None:
-    print(f"{why}; compiled code is cached for this command only", file=sys.stderr)
+def in_single_precision(double: Any) -> Any:
+    """Return a kernel compiled from the same source, with each constant and each kernel it calls in float32.
+
+    Call it with float32 arrays and scalars only: numba computes in the wider of two types. A kernel that
+    allocates arrays, or mixes integers into its arithmetic, would need its own types.
+    """
+    function = _function_of(double)
+    named = {name: _single(function.__globals__[name]) for name in _named_in(function)}
+    constants = tuple(_single(constant) for constant in function.__code__.co_consts)
+    single = FunctionType(
+        function.__code__.replace(co_consts=constants), {**function.__globals__, **named}, function.__name__
+    )
+    single.__qualname__ = f"{function.__qualname__}_f32"  # numba names its cache files by it
+    single.__module__, single.__doc__ = function.__module__, function.__doc__
+    return kernel(single)
 
 
-def check_files_of(dispatcher: Any) -> Any:
-    """Store the compiled code of a numba dispatcher in checksummed files, and return the dispatcher."""
-    kept = getattr(dispatcher, "_cache", None)
-    if kept is not None:  # None if NUMBA_DISABLE_JIT is set
-        kept._cache_file = CheckedCacheFile(
-            cache_path=kept._cache_path,
-            filename_base=kept._impl.filename_base,
-            source_stamp=kept._impl.locator.get_source_stamp(),
-        )
-    return dispatcher
+def _function_of(compiled: Any) -> FunctionType:
+    """Return the Python source of a kernel, which with NUMBA_DISABLE_JIT is the kernel itself."""
+    function: FunctionType = getattr(compiled, "py_func", compiled)
+    return function
+
+
+def _named_in(function: FunctionType) -> list[str]:
+    return [name for name in function.__code__.co_names if name in function.__globals__]
+
+
+def _single(value: Any) -> Any:
+    """Return a float or a kernel in single precision, anything else unchanged."""
+    if isinstance(value, float):
+        return np.float32(value)
+    source = _function_of(value)
+    ours = isinstance(source, FunctionType) and source.__module__.startswith("bodycheck.")
+    return in_single_precision(value) if ours else value

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.kernels.jit import kernel
+from bodycheck.reference_impl.kernels.jit import as_exact, exact_kernel, kernel
 
 Vec: TypeAlias = tuple[float, float, float]
 Quat: TypeAlias = tuple[float, float, float, float]
@@ -103,6 +103,10 @@ def quaternion_times(p: Quat, q: Quat) -> Quat:
     )
 
 
+exact_times, exact_quaternion_times = as_exact(times), as_exact(quaternion_times)
+"""Without fused products, so that plain Python gives the same bits."""
+
+
 @kernel
 def matrix_of(q: Quat) -> Mat:
     """R(q) for q of any norm: R v = q v q^-1."""
@@ -133,7 +137,10 @@ _SWEEPS = 12  # convergence is quadratic: six suffice for any 3 x 3 matrix
 _NEGLIGIBLE = 2.0**-54  # relative to the geometric mean of the two diagonal elements
 
 
-@kernel
+exact_dot, exact_cross = as_exact(dot), as_exact(cross)
+
+
+@exact_kernel
 def principal_frame(inertia: Mat) -> tuple[Vec, Mat]:
     """J1 <= J2 <= J3, and the principal axes as the columns of A, det A = +1.
 
@@ -167,7 +174,7 @@ def principal_frame(inertia: Mat) -> tuple[Vec, Mat]:
             high = i
     middle = 3 - low - high
     first, last = (v[0, low], v[1, low], v[2, low]), (v[0, high], v[1, high], v[2, high])
-    second = cross(last, first)
+    second = exact_cross(last, first)
     return (
         (a[low, low], a[middle, middle], a[high, high]),
         (first[0], second[0], last[0], first[1], second[1], last[1], first[2], second[2], last[2]),

@@ -3,6 +3,7 @@
 Sources: Mirtich (1996), Fast and accurate computation of polyhedral mass properties, J. Graphics Tools 1;
 Tonon (2004), Explicit exact formulas for the 3-D tetrahedron inertia tensor in terms of its vertex
 coordinates, J. Math. Stat. 1. Compensated sums: Neumaier (1974), with Knuth's branch-free two-sum.
+The kernels are exact, so that small meshes, which are interpreted, have the same bits.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.double_double import two_sum
-from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.kernels.small_vectors import Vec, cross, dot
+from bodycheck.reference_impl.kernels.jit import exact_kernel
+from bodycheck.reference_impl.kernels.small_vectors import Vec, exact_cross, exact_dot
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Triangles
 
 _LANES = 32
@@ -26,19 +27,19 @@ _FIRST_TERM = _CORNERS * _LANES
 _MULTIPLES = np.array([6.0, 24.0, 24.0, 24.0, 120.0, 120.0, 120.0, 120.0, 120.0, 120.0])
 
 
-@kernel
+@exact_kernel
 def _corner(vertices: Array, i: int, origin: Vec) -> Vec:
     """Return vertex i relative to the given origin."""
     return vertices[i, 0] - origin[0], vertices[i, 1] - origin[1], vertices[i, 2] - origin[2]
 
 
-@kernel
+@exact_kernel
 def _subtract(a: Vec, b: Vec) -> Vec:
     """a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@kernel
+@exact_kernel
 def _determinant(a: Vec, b: Vec, c: Vec) -> float:
     """det(a, b, c) = a . (b - a) x (c - a), with the cross product at the corner between the shorter edges.
 
@@ -46,17 +47,17 @@ def _determinant(a: Vec, b: Vec, c: Vec) -> float:
     surface, whereas the edges are nearly exact. The cross product of a sliver's two long edges would cancel.
     """
     ab, bc, ca = _subtract(b, a), _subtract(c, b), _subtract(a, c)
-    ab2, bc2, ca2 = dot(ab, ab), dot(bc, bc), dot(ca, ca)
+    ab2, bc2, ca2 = exact_dot(ab, ab), exact_dot(bc, bc), exact_dot(ca, ca)
     if ab2 >= bc2 and ab2 >= ca2:
         corner, before, after = c, bc, ca
     elif bc2 >= ca2:
         corner, before, after = a, ca, ab
     else:
         corner, before, after = b, ab, bc
-    return dot(corner, cross(before, after))
+    return exact_dot(corner, exact_cross(before, after))
 
 
-@kernel
+@exact_kernel
 def volume_area_reach(vertices: Array, triangles: Triangles) -> tuple[float, float, float]:
     """V = sum D / 6, A = sum |(b - a) x (c - a)| / 2, r = max |x - x0|, uncompensated, for signs and scales.
 
@@ -68,14 +69,14 @@ def volume_area_reach(vertices: Array, triangles: Triangles) -> tuple[float, flo
         a = _corner(vertices, triangles[t, 0], origin)
         b = _corner(vertices, triangles[t, 1], origin)
         c = _corner(vertices, triangles[t, 2], origin)
-        normal = cross(_subtract(b, a), _subtract(c, a))
-        volume += dot(a, normal)
-        area += math.sqrt(dot(normal, normal))
-        reach2 = max(reach2, dot(a, a), dot(b, b), dot(c, c))
+        normal = exact_cross(_subtract(b, a), _subtract(c, a))
+        volume += exact_dot(a, normal)
+        area += math.sqrt(exact_dot(normal, normal))
+        reach2 = max(reach2, exact_dot(a, a), exact_dot(b, b), exact_dot(c, c))
     return volume / 6.0, area / 2.0, math.sqrt(reach2)
 
 
-@kernel
+@exact_kernel
 def _gather(work: Array, vertices: Array, triangles: Triangles, origin: Vec, begin: int) -> None:
     """Copy the corners of the triangles from `begin` on into the lanes; pad with triangles of no volume."""
     count = min(_LANES, triangles.shape[0] - begin)
@@ -89,7 +90,7 @@ def _gather(work: Array, vertices: Array, triangles: Triangles, origin: Vec, beg
             work[row * _LANES + i] = 0.0
 
 
-@kernel
+@exact_kernel
 def _expand(work: Array) -> None:
     """Write D, D s and D (a a^T + b b^T + c c^T + s s^T), s = a + b + c, of the triangles in the lanes.
 
@@ -115,7 +116,7 @@ def _expand(work: Array) -> None:
         work[to + 9 * n + i] = d * (a[2] * a[0] + b[2] * b[0] + c[2] * c[0] + s[2] * s[0])
 
 
-@kernel
+@exact_kernel
 def _add(high: Array, low: Array, work: Array) -> None:
     """Add each lane's terms to its own sums, and the rounding errors of these sums to the low parts."""
     for i in range(_TERMS * _LANES):
@@ -123,7 +124,7 @@ def _add(high: Array, low: Array, work: Array) -> None:
         low[i] += error
 
 
-@kernel
+@exact_kernel
 def _moments(vertices: Array, triangles: Triangles, origin: Vec) -> Array:
     """Integrals of 1, x, y, z, xx, yy, zz, xy, yz, zx over the solid, about the given origin: (10,)."""
     high, low = np.zeros(_TERMS * _LANES), np.zeros(_TERMS * _LANES)
@@ -142,7 +143,7 @@ def _moments(vertices: Array, triangles: Triangles, origin: Vec) -> Array:
     return integrals
 
 
-@kernel
+@exact_kernel
 def _mean(vertices: Array) -> Vec:
     """Return the mean of all vertices, ten times as fast as mean(axis=0)."""
     x = y = z = 0.0

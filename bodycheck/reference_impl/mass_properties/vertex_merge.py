@@ -23,7 +23,8 @@ def merged(vertices: NDArray[np.floating[Any]]) -> tuple[Array, NDArray[np.int32
     Shape: (n, 3), finite, of 32 or 64 bits. Coordinates are compared bit for bit except for the sign of zero:
     a tolerance might join the two sides of a thin wall.
     """
-    kinds, number = _kinds(np.ascontiguousarray(vertices), _SLOTS)
+    with np.errstate(over="ignore"):  # the hash wraps around, which matters where it is interpreted
+        kinds, number = _kinds(np.ascontiguousarray(vertices), _SLOTS)
     return kinds, number
 
 

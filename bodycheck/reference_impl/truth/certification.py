@@ -33,12 +33,12 @@ from bodycheck.reference_impl.truth.motion_distance import distances, rounding, 
 from bodycheck.reference_impl.truth.step_halving import Halved, solve_by_halving, solve_with_steps
 from bodycheck.reference_impl.truth.truth import Kind, Truth
 
-_EXACT_BOUNDS = np.array([4e-15, 8e-15, 8e-15])
+EXACT_BOUNDS = (4e-15, 8e-15, 8e-15)
 """Bounds that the tests enforce: angle in rad; relative energy and momentum, from the 4e-15 of omega."""
 
 _FINE, _CHECK = Resolution(30, 1e-32, 19), Resolution(34, 1e-33, 21)
 _NUDGED, _NUDGED_STEPS = Resolution(18, 1e-17), 512
-_NUDGE = 1e-7  # rad, or relative to max |omega|: the size of the perturbations that measure sensitivity
+NUDGE = 1e-7  # rad, or relative to max |omega|: the size of the perturbations that measure sensitivity
 _PROPORTIONAL = 1e-2  # rad, or relative: the distance up to which nudges grow in proportion to their size
 _FINE_NUDGE = 1e-15  # of those nudges: double-doubles still resolve this to nine digits
 _MARGIN = 10.0
@@ -83,7 +83,7 @@ def _exact(scene: Scene, closed: ExactMotion, t_s: Array) -> Truth:
     """bound = bound of the closed form, constant in time, + half an ulp of each number; t_s ascending."""
     motion = closed.at(t_s)
     _check_finite(motion)
-    relative = np.broadcast_to(_EXACT_BOUNDS[:, None], (3, len(t_s)))
+    relative = np.broadcast_to(np.array(EXACT_BOUNDS)[:, None], (3, len(t_s)))
     errors = np.concatenate([relative, closed.errors(motion)])
     bounds = np.maximum.accumulate(errors + rounding(scene, motion), axis=1)
     if isinstance(closed.rotation, FixedAxisRotation):
@@ -91,7 +91,7 @@ def _exact(scene: Scene, closed: ExactMotion, t_s: Array) -> Truth:
     else:
         starts = _nudges(scene, motion)
         gaps = _largest_gaps(scene, motion, [_neighbour(scene, start).at(t_s) for start in starts])
-    return Truth(motion, "exact", *bounds, *_EPS * _growths(scene, motion, gaps / _NUDGE))
+    return Truth(motion, "exact", *bounds, *_EPS * _growths(scene, motion, gaps / NUDGE))
 
 
 def _neighbour(scene: Scene, start: State) -> ExactMotion:
@@ -108,7 +108,7 @@ def _linear_gaps(scene: Scene, motion: Trajectory, matrices: Array) -> Array:
     """
     spin = _largest(motion.omega_body)
     found = np.zeros((6, len(motion.t_s)))
-    for nudge in np.diag([_NUDGE * spin] * 3 + [_NUDGE] * 3):
+    for nudge in np.diag([NUDGE * spin] * 3 + [NUDGE] * 3):
         departed = matrices @ nudge
         faster, turned = (np.linalg.norm(part, axis=-1) for part in np.split(departed, 2, axis=1))
         most = np.maximum(np.maximum(turned / np.pi, faster / (2.0 * spin) if spin > 0.0 else 0.0), 1.0)
@@ -160,7 +160,7 @@ def _halved_growths(scene: Scene, halved: Halved) -> Array:
     dt_s = (float(t_s[-1]) if len(t_s) and t_s[-1] > 0.0 else 1.0) / steps
     starts = [_rounded(scene.initial), *_nudges(scene, halved.motion)]
     motion, *neighbours = (solve_with_steps(scene, start, t_s, dt_s) for start in starts)
-    return _growths(scene, motion, _largest_gaps(scene, motion, neighbours) / _NUDGE)
+    return _growths(scene, motion, _largest_gaps(scene, motion, neighbours) / NUDGE)
 
 
 def _bounded(scene: Scene, motion: Trajectory, kind: Kind, errors: Array, growths: Array) -> Truth:
@@ -186,7 +186,7 @@ def _certified_growths(scene: Scene, course: Course, motion: Trajectory, fine: S
         for start in _nudges(scene, motion)
     ]
     gaps = _largest_gaps(scene, motion, neighbours)
-    growths = _growths(scene, motion, gaps / _NUDGE)
+    growths = _growths(scene, motion, gaps / NUDGE)
     if np.max((gaps / scales(scene, motion))[[0, 3, 4, 5]], initial=0.0) < _PROPORTIONAL:
         return growths
     apart = np.zeros_like(growths)
@@ -198,7 +198,7 @@ def _certified_growths(scene: Scene, course: Course, motion: Trajectory, fine: S
         found = follow_scene(scene, course, (high.copy(), low + nudge), t_s, _FINE)
         difference = (found.high - fine.high) + (found.low - fine.low)
         apart = np.maximum(apart, _known(small_distances(scene, motion, difference)))
-    return np.maximum.accumulate(np.maximum(growths, apart / (_NUDGE * _FINE_NUDGE)), axis=1)
+    return np.maximum.accumulate(np.maximum(growths, apart / (NUDGE * _FINE_NUDGE)), axis=1)
 
 
 def _trajectory(t_s: Array, solution: Solution) -> Trajectory:
@@ -238,17 +238,17 @@ def _nudges(scene: Scene, motion: Trajectory) -> Iterator[State]:
 
     Where a load may couple rotation and translation, also neighbours with position and velocity changed.
     """
-    start, omega = _rounded(scene.initial), _NUDGE * _largest(motion.omega_body)
+    start, omega = _rounded(scene.initial), NUDGE * _largest(motion.omega_body)
     for axis in np.eye(3):
-        turned = quaternion_product(start.quaternion, exp_quaternion(_NUDGE * axis))
+        turned = quaternion_product(start.quaternion, exp_quaternion(NUDGE * axis))
         yield replace(start, quaternion=normalised(turned))
         yield replace(start, omega_body=start.omega_body + omega * axis)
     tied = any(load.couples_translation for load in scene.lasting_loads)
     if tied and scene.pivot is None:
         radius = gyration_radius(scene.body.mass, scene.body.inertia)
-        speed = _NUDGE * _largest(motion.velocity_m_s)
+        speed = NUDGE * _largest(motion.velocity_m_s)
         for axis in np.eye(3):
-            yield replace(start, position=start.position + _NUDGE * radius * axis)
+            yield replace(start, position=start.position + NUDGE * radius * axis)
             yield replace(start, velocity=start.velocity + speed * axis)
 
 

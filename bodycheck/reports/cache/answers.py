@@ -58,6 +58,29 @@ class Answers:
             lambda message: _read(message, case),
         )
 
+    def replay(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
+        """Return the motion of a second run after `reset`, and the model read back after the first."""
+        return self._answered(
+            engine_pool,
+            engine,
+            case,
+            _key(engine, case, "replay"),
+            lambda: {"do": "replay", "case": case_messages.case_message(case)},
+            lambda message: _read(message, case),
+        )
+
+    def sentinel(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
+        """Return the answer that this machine gives to a case, never one of another run."""
+        return self._answered(
+            engine_pool,
+            engine,
+            case,
+            _key(engine, case, "sentinel"),
+            lambda: {"do": "record", "case": case_messages.case_message(case)},
+            lambda message: _read(message, case),
+            cached=False,
+        )
+
     def search(self, engine_pool: EnginePool, engine: Engine, search: Search) -> StableStep:
         """Return the result of a search for the largest stable step, also where the engine failed."""
         return self._answered(
@@ -77,12 +100,14 @@ class Answers:
         key: str,
         request: Callable[[], Message],
         read: Callable[[Message], _Said],
+        *,
+        cached: bool = True,
     ) -> _Said:
         journal = self._journal_of(case)
         message = journal.get(key) if journal else None
         if message is not None:
             return replace(read(message), reused=message.get("run") != self._run_id)
-        cache = self._cache_of(engine, case)
+        cache = self._cache_of(engine, case) if cached else None
         entry = cache.entry(key) if cache and self._reuses(engine) else None
         reused = entry is not None
         if entry is None:

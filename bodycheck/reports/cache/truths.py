@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import fields
 from typing import Any
 
@@ -12,7 +13,12 @@ from bodycheck.adapters.registry import own_code
 from bodycheck.adapters.workers import case_messages
 from bodycheck.adapters.workers.protocol import Message, packed, unpacked
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.precompile import closed_forms_compiled, compile_kernels
+from bodycheck.reference_impl.precompile import (
+    closed_forms_compiled,
+    compile_kernels,
+    interpreting,
+    interprets_closed_forms,
+)
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.truth import Truth
@@ -32,8 +38,6 @@ def known_truth(scene: Scene, t_s: Array, cache: Cache | None) -> Truth:
     key = _key(scene, t_s)
     if (message := cache.get(key)) is not None:
         return _truth_of(message)
-    if scene.is_free_rotation and not closed_forms_compiled():
-        compile_kernels([scene])
     truth = _solved(scene, t_s)
     cache.put(key, _message(truth))
     return truth
@@ -44,6 +48,11 @@ def _solved(scene: Scene, t_s: Array) -> Truth:
         solve_truth,  # imported here: numba takes a second to start
     )
 
+    if scene.is_free_rotation and not closed_forms_compiled():
+        if interprets_closed_forms([len(t_s)]):
+            with suppress(ArithmeticError, ValueError), interpreting():  # compiled code has inf and NaN
+                return solve_truth(scene, t_s)
+        compile_kernels([scene])
     return solve_truth(scene, t_s)
 
 

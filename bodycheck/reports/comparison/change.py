@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-Kind: TypeAlias = Literal["case", "outcome", "verdict", "order", "stability", "accuracy", "speed"]
+Kind: TypeAlias = Literal[
+    "case", "outcome", "verdict", "order", "stability", "accuracy", "speed", "fingerprint"
+]
 Status: TypeAlias = Literal["worse", "missing", "improved", "moved", "new"]
 
 FAILING: tuple[Status, ...] = ("worse", "missing")

@@ -71,6 +71,8 @@ def _renamed(tables: Tables, names: Mapping[str, str]) -> Tables:
         results=tables.results.replace({"engine": names}),
         methods=tables.methods.replace({"engine": names}),
         stability=tables.stability.replace({"engine": names}),
+        fingerprints=tables.fingerprints.replace({"engine": names}),
+        laws=tables.laws.replace({"engine": names}),
         manifest={**tables.manifest, "engines": engines},
         cases=tuple(map(case, tables.cases)),
     )
@@ -135,6 +137,7 @@ def compare(before: Tables, after: Tables, thresholds: Thresholds = DEFAULT_THRE
         *changed_judgements(verdicts[0], verdicts[1], _theories(before, after), errors, thresholds),
         *_stable_steps(before, after, apart, thresholds),
         *errors,
+        *_fingerprints(before, after),
         *speed_changes(ratios, noises, thresholds.of("relative_cpu")),
     ]
     return Comparison(
@@ -148,6 +151,17 @@ def compare(before: Tables, after: Tables, thresholds: Thresholds = DEFAULT_THRE
         thresholds=thresholds,
         changes=tuple(sorted(changes, key=lambda change: -change.size)),
     )
+
+
+def _fingerprints(before: Tables, after: Tables) -> Iterator[Change]:
+    """Yield a change where a method became another one-step map, such as "M1 -> implicit midpoint"."""
+    old = {
+        (row["engine"], row["method"]): row["fingerprint"] for row in before.fingerprints.to_dict("records")
+    }
+    for row in after.fingerprints.to_dict("records"):
+        was, now = old.get((row["engine"], row["method"])), row["fingerprint"]
+        if was is not None and was != now and "not measured" not in (was, now):
+            yield Change("fingerprint", None, row["engine"], row["method"], "one-step map", was, now, "moved")
 
 
 def ended_well_anew(before: Tables, after: Tables) -> Tables:

@@ -1,15 +1,21 @@
-"""Describe a comparison in sentences: what was compared and what changed, similar changes grouped."""
+"""Describe a comparison: sentences on what was compared and what changed, tables of grouped changes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from bodycheck._util.formatting import count, names, number, setting
-from bodycheck.reports.comparison.change import Change, Kind, Status
+from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
 from bodycheck.reports.comparison.headlines import headlines, moved_text
+from bodycheck.reports.comparison.overlays import overlays_of
+from bodycheck.reports.comparison.release_search import release_searches
+from bodycheck.reports.document import MEDIA, Column, Command, Document, Sentence, Span, Table, page
+from bodycheck.reports.render.headings import heading
+from bodycheck.reports.render.styles import engine_colour
 from bodycheck.reports.run_files.run_reader import Tables
 
 HEADINGS: dict[Status, str] = {
@@ -21,7 +27,24 @@ HEADINGS: dict[Status, str] = {
 }
 """Status -> heading, the most severe first."""
 
-_KINDS: tuple[Kind, ...] = ("outcome", "verdict", "order", "stability", "accuracy", "speed", "case")
+_TINTS: dict[Status, str] = {
+    "worse": "bad",
+    "missing": "bad",
+    "improved": "good",
+    "moved": "open",
+    "new": "open",
+}
+_MOST_LINES = 20
+_KINDS: tuple[Kind, ...] = (
+    "outcome",
+    "verdict",
+    "order",
+    "stability",
+    "accuracy",
+    "speed",
+    "fingerprint",
+    "case",
+)
 
 
 @dataclass(frozen=True)
@@ -48,6 +71,19 @@ class Group:
         cases = {(change.control, change.fineness) for change in self.changes}
         more = f"{count(len(others), 'more change')}, in {count(len(cases), 'case')}"
         return f"{change_text(first)}; {count(len(cases) - 1, 'more case') if self.kind == 'case' else more}"
+
+    @property
+    def factor(self) -> str:
+        """The largest factor from the value before to the value after; "" for changes without a size."""
+        decades = self.changes[0].decades
+        return "" if decades is None else f"× {number(10.0**decades, 3)}"
+
+    @property
+    def row(self) -> tuple[str, str, Span, str, Span]:
+        """The cells of a table of changes; a page unfolds every single change of the group."""
+        others = tuple(change_text(change) for change in self.changes) if len(self.changes) > 1 else ()
+        kind = Span(self.kind, _TINTS[self.status])
+        return self.where, self.method, kind, self.factor, Span(self.text, items=others)
 
 
 def groups(changes: Iterable[Change]) -> list[Group]:
@@ -159,3 +195,75 @@ def _nothing(comparison: Comparison) -> str:
     if not comparison.paired:
         return "Nothing could be compared."
     return "Nothing changed beyond round-off and the noise of the machines."
+
+
+def change_tables(changes: Iterable[Change], rest: str) -> tuple[Table, ...]:
+    """Return one table per status, the largest factors first and before them changes without a size.
+
+    Consoles and Markdown show only the failing ones, shortened. rest: text that says where the rest of a long
+    table is.
+    """
+    made = sorted(groups(changes), key=lambda group: -group.changes[0].size)
+    columns = (
+        Column("scenario", "name"),
+        Column("engine:method", "name"),
+        Column("kind", "fixed", only=("page",)),
+        Column("factor", "number", only=("page",)),
+        Column("change"),
+    )
+    return tuple(
+        Table(
+            columns,
+            tuple(group.row for group in made if group.status == status),
+            heading,
+            _TINTS[status],
+            most=_MOST_LINES,
+            rest=rest,
+            folded=status not in FAILING,
+            only=MEDIA if status in FAILING else ("page",),
+        )
+        for status, heading in HEADINGS.items()
+    )
+
+
+def searches(comparison: Comparison) -> list[Command]:
+    """Return the commands that find the releases of the changes."""
+    return [Command(line, "To find the release") for line in release_searches(comparison)]
+
+
+def comparison_document(comparison: Comparison) -> Document:
+    """Return which runs were compared, the sentences, the searches, and the tables of changes."""
+    runs = (("before", identity(comparison.before)), ("after", identity(comparison.after)))
+    return Document(
+        "bodycheck: what changed between two runs",
+        (
+            Table((Column("", "fixed"), Column("")), runs),
+            *(Sentence(sentence) for sentence in sentences(comparison)),
+            *searches(comparison),
+            *change_tables(comparison.changes, "--out FILE.html lists all"),
+        ),
+    )
+
+
+def comparison_data(comparison: Comparison) -> dict[str, Any]:
+    """Return the comparison as data: the runs, the sentences and every single change."""
+    return {
+        "before": {key: comparison.before.manifest[key] for key in ("run_id", "created", "bodycheck")},
+        "after": {key: comparison.after.manifest[key] for key in ("run_id", "created", "bodycheck")},
+        "sentences": sentences(comparison),
+        "cases_compared": comparison.paired,
+        "cases_compared_by_speed": comparison.timed,
+        "changes": comparison.changes,
+    }
+
+
+def comparison_page(comparison: Comparison) -> str:
+    """Return all changes as one self-contained HTML page, with the errors of both runs over each other."""
+    return page(
+        comparison_document(comparison),
+        "compare.html",
+        threshold=100.0 * comparison.thresholds.default,
+        overlays=overlays_of(comparison),
+        engine_colour=engine_colour,
+        heading=heading,
+    )

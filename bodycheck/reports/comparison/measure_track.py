@@ -118,4 +118,6 @@ def under_one_name(run: Run, engine: str) -> Tables:
         manifest=run.manifest,
         cases=tuple(replace(case, columns={**case.columns, "engine": engine}) for case in run.cases),
         probes=run.probes.assign(engine=engine),
+        fingerprints=run.fingerprints.assign(engine=engine),
+        laws=run.laws.assign(engine=engine),
     )

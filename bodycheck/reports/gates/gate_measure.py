@@ -1,4 +1,4 @@
-"""The measures that a gate can bound: columns of results.csv, values of methods.csv and stability.csv."""
+"""The measures that a gate can bound: columns of results.csv, values of the tables of methods."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Literal, TypeAlias
 
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.probes.laws import LAW_NAMES
 
-Source: TypeAlias = Literal["results", "methods", "stability"]
+Source: TypeAlias = Literal["results", "methods", "stability", "laws"]
 
 _SPEEDS = ("cpu_s", "ns_per_step", "relative_cpu")
 _COUNTS = ("steps", "rhs_evaluations")
@@ -51,6 +52,8 @@ def measure_of(name: str) -> Measure:
             return Measure("results", "outcome", words=_OUTCOMES)
         case "stability", "dt_stable_s":
             return Measure("stability", "dt_stable_s")
+        case "law", _ if quantity in LAW_NAMES:
+            return Measure("laws", "size", quantity)
         case "verdict", "":
             return Measure("methods", "verdict", words=_VERDICTS)
         case "verdict", _ if quantity in QUANTITIES:
@@ -61,6 +64,6 @@ def measure_of(name: str) -> Measure:
             return Measure("methods", "order", quantity, in_decades=False)
     raise ValueError(
         f"unknown measure {name!r} (available: the columns that bodycheck list measures shows, "
-        f"{', '.join(_SPEEDS)}, outcome, verdict, stability.dt_stable_s, and order., verdict. or growth. "
-        f"followed by one of {', '.join(QUANTITIES)})"
+        f"{', '.join(_SPEEDS)}, outcome, verdict, stability.dt_stable_s, order., verdict. or growth. "
+        f"followed by one of {', '.join(QUANTITIES)}, and law. followed by one of {', '.join(LAW_NAMES)})"
     )

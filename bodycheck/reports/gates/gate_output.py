@@ -1,8 +1,7 @@
-"""Write the results of gates to the terminal, as JUnit XML and as JSON."""
+"""The results of gates as a document, as JUnit XML and as data."""
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections import Counter
@@ -10,9 +9,8 @@ from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 
-from rich.text import Text
-
-from bodycheck._util.formatting import console, count, number, print_columns
+from bodycheck._util.formatting import count, number
+from bodycheck.reports.document import Column, Document, Sentence, Span, Table
 from bodycheck.reports.gates.proposal import Change
 from bodycheck.reports.gates.verdict import Check, GateResult, distance
 
@@ -33,6 +31,7 @@ def as_junit(results: Sequence[GateResult], where: str) -> bytes:
                 case, "failure", {"type": result.status, "message": _xml(line_of(result))}
             )
             lines = [" | ".join(filter(None, cells[1:])) for cells in failure_rows([result])]
+            lines += error_lines(result)
             failure.text = _xml("\n".join([result.gate.reason, *lines]))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
@@ -43,15 +42,14 @@ def _xml(text: str) -> str:
     return _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
-def as_json(results: Sequence[GateResult], where: str, run_id: str) -> bytes:
-    """Return a JSON object: the file, the run, whether all gates passed, and each gate with all its rows."""
-    told = {
+def results_data(results: Sequence[GateResult], where: str, run_id: str) -> dict[str, Any]:
+    """Return the file, the run, whether all gates passed, and each gate with all its rows."""
+    return {
         "tolerances": where,
         "run_id": run_id,
         "passed": all(result.status == "passed" for result in results),
         "gates": [_gate(result) for result in results],
     }
-    return (json.dumps(told, indent=1, allow_nan=False) + "\n").encode()
 
 
 def _gate(result: GateResult) -> dict[str, Any]:
@@ -72,8 +70,17 @@ def _beyond(check: Check, result: GateResult) -> dict[str, float | None]:
     return {name: check.beyond if finite else None}
 
 
-_HEADS = ("gate", "scenario", "method", "at", "obtained", "bound", "distance", "command")
-_STYLES = {"passed": "green", "failed": "red", "nothing": "red"}
+_COLUMNS = (
+    Column("gate", "number"),
+    Column("scenario", "name"),
+    Column("method", "name"),
+    Column("at", "fixed"),
+    Column("obtained"),
+    Column("bound"),
+    Column("distance"),
+    Column("command", "command"),
+)
+_TINTS = {"passed": "good", "failed": "bad", "nothing": "bad"}
 
 
 def line_of(result: GateResult) -> str:
@@ -121,41 +128,55 @@ def failure_rows(results: Sequence[GateResult]) -> list[tuple[str, ...]]:
     ]
 
 
-def print_results(results: Sequence[GateResult]) -> None:
-    """Print one line per gate, a table of the failed rows, and the counts."""
-    out = console()
-    for place, result in enumerate(results):
-        status = Text(f"{result.status:7}", style=_STYLES[result.status])
-        out.print(status.append(f"  [{place}] {line_of(result)}", style="default"), soft_wrap=True)
-    rows = failure_rows(results)
-    if rows:
-        out.print()
-        print_columns(out, _HEADS, rows)
-        out.print()
-    for place, result in enumerate(results):
-        if result.status != "passed":
-            out.print(Text(f"[{place}] {result.gate.reason}"), soft_wrap=True)
+def error_lines(result: GateResult) -> list[str]:
+    """Return, for each row whose order failed, its error at each step."""
+    return [
+        f"{check.row.scenario} {check.row.engine}:{check.row.method}: {line}"
+        for check in result.failed
+        for line in check.row.errors
+    ]
+
+
+def results_document(results: Sequence[GateResult]) -> Document:
+    """Return one line per gate, a table of the failed rows, the reasons, and the counts."""
+    lines = tuple(
+        (Span(result.status, _TINTS[result.status]), f"[{place}]", line_of(result))
+        for place, result in enumerate(results)
+    )
+    reasons = (
+        Sentence(line)
+        for place, result in enumerate(results)
+        if result.status != "passed"
+        for line in (f"[{place}] {result.gate.reason}", *error_lines(result))
+    )
     ended = Counter[str](result.status for result in results)
     words = {"passed": "passed", "failed": "failed", "nothing": "measured nothing"}
     told = ", ".join(f"{ended[status]} {word}" for status, word in words.items() if ended[status])
-    out.print(f"{count(len(results), 'gate')}: {told}")
+    return Document(
+        "bodycheck gate",
+        (
+            Table((Column("", "fixed"), Column("", "number"), Column("")), lines),
+            Table(_COLUMNS, tuple(failure_rows(results)), "Failed"),
+            *reasons,
+            Sentence(f"{count(len(results), 'gate')}: {told}"),
+        ),
+    )
 
 
-def print_changes(changes: Sequence[Change], results: Sequence[GateResult], margin: float) -> None:
-    """Print the replaced bounds, each with the measured value and the margin to it."""
-    out = console()
+def changes_document(changes: Sequence[Change], results: Sequence[GateResult], margin: float) -> Document:
+    """Return the replaced bounds, each with the measured value and the margin to it."""
+    lines = []
     for change in changes:
         gate = results[change.place].gate
-        out.print(
+        lines.append(
             f"[{change.place}] {gate.scenario} {gate.engine}:{gate.method} {gate.measure}: {change.key} "
             f"{number(change.old)} -> {number(change.new)}; measured {number(change.measured)}"
             + ("" if change.key == "near" else f", margin {number(margin)} decades")
-            + ("; loosened" if change.loosens else ""),
-            soft_wrap=True,
-            markup=False,
+            + ("; loosened" if change.loosens else "")
         )
     loosened = {change.place for change in changes if change.loosens}
     kept = sum(result.status != "passed" and place not in loosened for place, result in enumerate(results))
     if kept:
-        out.print(f"{count(kept, 'gate')} that did not pass left unchanged: loosen with --loosen REASON")
-    out.print(f"{count(len(changes), 'bound')} replaced")
+        lines.append(f"{count(kept, 'gate')} that did not pass left unchanged: loosen with --loosen REASON")
+    lines.append(f"{count(len(changes), 'bound')} replaced")
+    return Document("bodycheck gate --update", tuple(Sentence(line) for line in lines))

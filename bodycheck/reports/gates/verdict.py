@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,7 +12,7 @@ from bodycheck._util.formatting import names, number, setting, step
 from bodycheck._util.untrusted import joined, parted
 from bodycheck.reports.gates.gate import Gate
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, method_verdict
-from bodycheck.reports.run_files.run_tables import RunTables
+from bodycheck.reports.run_files.run_tables import RunTables, key_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,6 +24,7 @@ class Row:
 
     at: the step or the tolerance as text; "" if the row covers all steps. obtained: a finite number or a
     word; None if there is none, and then why. about: the quantity that decided a word, with size and step.
+    errors: for an order, the error at each step as text, coarsest first.
     """
 
     scenario: str
@@ -34,6 +35,7 @@ class Row:
     why: str
     reproduce: str
     about: str = ""
+    errors: tuple[str, ...] = ()
 
 
 def rows_of(gate: Gate, run: RunTables) -> list[Row]:
@@ -41,6 +43,8 @@ def rows_of(gate: Gate, run: RunTables) -> list[Row]:
     measure = gate.looks_at
     if measure.source == "results":
         return [_row_of_case(gate, case.columns) for case in run.cases if _wanted(gate, case.columns)]
+    if measure.source == "laws":
+        return list(_rows_of_law(gate, run))
     table: pd.DataFrame = run.methods if measure.source == "methods" else run.stability
     rows = [_present(row) for row in table.to_dict("records")]
     found: Mapping[tuple[str, str, str], Mapping[str, Any]] = (
@@ -55,6 +59,19 @@ def rows_of(gate: Gate, run: RunTables) -> list[Row]:
         for pair, columns in pairs.items()
         if _wanted(gate, columns)
     ]
+
+
+def _rows_of_law(gate: Gate, run: RunTables) -> Iterator[Row]:
+    """Yield one row per method: a law is checked in scenes of its own, whatever the gate's scenario."""
+    rows = [_present(row) for row in run.laws.to_dict("records")]
+    found = {(row["engine"], row["method"]): row for row in rows if row["law"] == gate.looks_at.quantity}
+    methods = {key_of(case.columns): case.columns for case in run.cases if _wanted(gate, case.columns)}
+    for key, columns in methods.items():
+        row = found.get(key, {})
+        size = row.get("size")
+        why = "" if size is not None else f"no {gate.measure}: {row.get('message') or 'not checked'}"
+        command = row.get("reproduce", columns["reproduce"])
+        yield Row("(its own)", *key, at="", obtained=size, why=why, reproduce=command)
 
 
 def _pair(row: Mapping[str, Any]) -> tuple[str, str, str]:
@@ -99,10 +116,35 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
         why = f"no {gate.measure}: {told}"
     command = _whole_command(columns, run.manifest)
     about = found.get("about", "")
-    return Row(**_who(columns), at="", obtained=value, why=why, reproduce=command, about=about)
+    errors = _errors_by_step(columns, measure.quantity or "", run) if measure.column == "order" else ()
+    who = _who(columns)
+    return Row(**who, at="", obtained=value, why=why, reproduce=command, about=about, errors=errors)
 
 
-def _who(columns: Mapping[str, Any]) -> dict[str, str]:
+def _errors_by_step(columns: Mapping[str, Any], quantity: str, run: RunTables) -> tuple[str, ...]:
+    """Return the error at each step of a method on a scenario, with the order between neighbouring steps."""
+    own = (case for case in run.cases if _pair(case.columns) == _pair(columns) and case.dt_s is not None)
+    lines, coarser = [], None
+    for case in sorted(own, key=lambda case: -(case.dt_s or 0.0)):
+        error = case.columns.get(quantity) if case.ok else None
+        if error is None:
+            lines.append(f"{_at(case.columns)}: {case.columns['outcome']}: {case.columns['message']}")
+            continue
+        point = (case.dt_s or 0.0, error)
+        order = "" if coarser is None else _order_between(coarser, point)
+        lines.append(f"{_at(case.columns)}: {number(error)}{order}")
+        coarser = point
+    return tuple(lines)
+
+
+def _order_between(coarser: tuple[float, float], finer: tuple[float, float]) -> str:
+    """log(e1 / e2) / log(h1 / h2) as text; "" where an error is 0."""
+    if min(coarser[1], finer[1]) <= 0.0:
+        return ""
+    return f", order {math.log(coarser[1] / finer[1]) / math.log(coarser[0] / finer[0]):.2f}"
+
+
+def _who(columns: Mapping[str, Any]) -> dict[str, Any]:
     return {name: columns[name] for name in ("scenario", "engine", "method")}
 
 

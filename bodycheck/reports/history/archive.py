@@ -21,6 +21,11 @@ _LOCK = ".lock"
 _UNFINISHED = ".unfinished-"
 
 
+def started_at(run_id: str) -> datetime:
+    """Return the time at which a run began, from its run id."""
+    return datetime.strptime(run_id[:_STAMP_LENGTH], _STAMP).replace(tzinfo=UTC)
+
+
 @dataclass(frozen=True)
 class History:
     """A folder of nightly runs, each in a folder named by its run id; the names sort by start time."""
@@ -67,7 +72,7 @@ class History:
         return [night for night in self.nights() if night.name[:_STAMP_LENGTH] > latest]
 
     @contextmanager
-    def _locked(self) -> Iterator[None]:
+    def locked(self) -> Iterator[None]:
         """Lock the history against other processes that store or prune; a killed process releases its lock.
 
         Remove the unfinished folders of killed processes: while the lock is held, nobody writes to them.
@@ -86,7 +91,7 @@ class History:
         """
         unfinished, night = self.folder / f"{_UNFINISHED}{name}", self.folder / name
         try:
-            with self._locked():
+            with self.locked():
                 try:
                     unfinished.mkdir()
                     yield unfinished
@@ -107,7 +112,7 @@ class History:
             raise InputError(f"--keep {keep}: must be 1 or more")
         gone = []
         try:
-            with self._locked():
+            with self.locked():
                 coming = self.dated_in_future()
                 for night in [night for night in self.nights() if night not in coming][:-keep]:
                     leaving = self.folder / f"{_UNFINISHED}{night.name}"

@@ -1,16 +1,14 @@
-"""Write the report of a nightly run to the terminal, as Markdown and as one HTML page."""
+"""The report of a nightly run as a document and as one HTML page, and the list of nightly runs."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rich.text import Text
-
-from bodycheck._util.formatting import console, count, escaped_markdown, number, print_columns
-from bodycheck.reports.comparison.comparison_output import ChangesShown, changes_table, print_changes
-from bodycheck.reports.comparison.describe import HEADINGS, sentences
-from bodycheck.reports.comparison.release_search import release_searches
+from bodycheck._util.formatting import count, number
+from bodycheck.reports.comparison.describe import HEADINGS, change_tables, searches, sentences
+from bodycheck.reports.document import Column, Command, Document, Sentence, Table, page
 from bodycheck.reports.history.baseline import TOLD, machine_class
+from bodycheck.reports.history.nightly_files import versions_of
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.history.step_detection import (
     LEAST_AFTER,
@@ -18,35 +16,39 @@ from bodycheck.reports.history.step_detection import (
     pooled_spread,
     smallest_detectable_step,
 )
-from bodycheck.reports.history.trends import trends_of
-from bodycheck.reports.summary.worst_results import faulty, worst_methods
+from bodycheck.reports.history.trends import dates_of, trends_of
+from bodycheck.reports.render.styles import engine_colour
+from bodycheck.reports.summary.sentences import Summary
+from bodycheck.reports.summary.worst_results import faulty
 from bodycheck.reports.summary.worst_results import headline as methods_headline
-from bodycheck.reports.templating import asset, environment
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_HEADLINES = {
-    "regression": "Regression: something became worse or is no longer measured.",
-    "no regression": "No regression.",
-    "nothing measured": "Nothing was measured: no case ended well.",
-    "insufficient history": "Insufficient history: no baseline run on such a machine has comparable cases.",
+_STATUSES = {
+    "regression": ("bad", "Regression: something became worse or is no longer measured."),
+    "no regression": ("good", "No regression."),
+    "nothing measured": ("bad", "Nothing was measured: no case ended well."),
+    "insufficient history": (
+        "open",
+        "Insufficient history: no baseline run on such a machine has comparable cases.",
+    ),
 }
+"""Status -> the tint and the text of its sentence."""
 
 
 def headline(judged: Judgement) -> str:
     """Return the status in one sentence."""
-    return _HEADLINES[judged.status]
+    return _STATUSES[judged.status][1]
 
 
 def night_sentences(judged: Judgement) -> list[str]:
     """Return sentences: what changed, what was compared, how far speed can be judged, what was left out."""
     found: list[str] = []
     if judged.comparison is not None:
-        searches = release_searches(judged.comparison)
-        found = [*sentences(judged.comparison), *(f"To find the release: {command}" for command in searches)]
-        found += [
-            f"Compared with the accepted levels after the nightly run {judged.comparison.before.run_id}."
+        found = [
+            *sentences(judged.comparison),
+            f"Compared with the accepted levels after the nightly run {judged.comparison.before.run_id}.",
         ]
     found += _findings(judged)
     found += [_speed_sentence(judged), f"Machine: {machine_class(judged.tonight.manifest)}."]
@@ -54,9 +56,14 @@ def night_sentences(judged: Judgement) -> list[str]:
     return found
 
 
+def night_commands(judged: Judgement) -> list[Command]:
+    """Return the commands that find the releases of the changes."""
+    return [] if judged.comparison is None else searches(judged.comparison)
+
+
 def _findings(judged: Judgement) -> list[str]:
     """Return the faults of the methods in this run, changed or not, worded as in its report."""
-    wrong = faulty(worst_methods(judged.tonight))
+    wrong = faulty(Summary.of(judged.tonight).worst)
     lines = [f"{one.method}: {one.sentence}. Reproduce: {one.worst.reproduce}" for one in wrong]
     return [methods_headline(wrong), *lines] if wrong else []
 
@@ -73,67 +80,64 @@ def _speed_sentence(judged: Judgement) -> str:
     return f"Speed is judged from {count(speeds.measured, 'nightly run')}: {told}."
 
 
-_STYLES = {
-    "regression": "bold red",
-    "no regression": "bold green",
-    "insufficient history": "bold yellow",
-    "nothing measured": "bold red",
-}
+def night_document(judged: Judgement) -> Document:
+    """Return status, circumstances and changes, the worst changes first."""
+    changes = () if judged.comparison is None else judged.comparison.changes
+    return Document(
+        f"bodycheck: nightly run {judged.tonight.run_id}",
+        (
+            Sentence(headline(judged), _STATUSES[judged.status][0], strong=True),
+            *(Sentence(sentence) for sentence in night_sentences(judged)),
+            *night_commands(judged),
+            *change_tables(changes, "night.html and changes.csv list all"),
+        ),
+    )
 
 
-def print_night(judged: Judgement) -> None:
-    """Print the report of a nightly run, the worst changes first."""
-    out = console()
-    out.print(Text(headline(judged), style=_STYLES[judged.status]))
-    for sentence in night_sentences(judged):
-        out.print(Text(sentence))
-    if judged.comparison is not None:
-        print_changes(judged.comparison.changes, "night.html and changes.csv list all")
+def night_data(judged: Judgement) -> dict[str, Any]:
+    """Return the judgement as data: status, sentences and every single change."""
+    return {
+        "run_id": judged.tonight.run_id,
+        "status": judged.status,
+        "sentences": night_sentences(judged),
+        "find_release": [command.text for command in night_commands(judged)],
+        "changes": () if judged.comparison is None else judged.comparison.changes,
+    }
 
 
-def print_nights(nights: pd.DataFrame) -> None:
-    """Print one line per nightly run, the oldest first."""
-    rows = nights[list(TOLD)].astype(str).to_numpy().tolist()
-    print_columns(console(), TOLD, rows, right=(*HEADINGS, "cases"))
+def nights_data(nights: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the listed columns of each nightly run, the oldest first."""
+    rows: list[dict[str, Any]] = nights[list(TOLD)].to_dict("records")  # type: ignore[assignment]
+    return rows
 
 
-def night_markdown(judged: Judgement) -> str:
-    """Return status, circumstances and changes as Markdown, the worst changes first."""
-    lines = [
-        f"### bodycheck nightly: {judged.status}",
-        "",
-        escaped_markdown(headline(judged)),
-        "",
-        *(f"- {escaped_markdown(sentence)}" for sentence in night_sentences(judged)),
+def nights_document(nights: pd.DataFrame) -> Document:
+    """Return one row per nightly run, the oldest first."""
+    numbers = (*HEADINGS, "cases")
+    texts = ("engines", "machine")
+    columns = [
+        Column(name, "number" if name in numbers else "text" if name in texts else "fixed") for name in TOLD
     ]
-    if judged.comparison is not None:
-        lines += changes_table(judged.comparison.changes, "night.html lists all")
-    return "\n".join(lines) + "\n"
+    rows = nights[list(TOLD)].astype(str).to_numpy().tolist()
+    return Document("bodycheck: nightly runs", (Table(tuple(columns), tuple(map(tuple, rows))),))
 
 
-_TINTS = {
-    "regression": "bad",
-    "no regression": "good",
-    "insufficient history": "open",
-    "nothing measured": "bad",
-}
+_PAGES = ("night.html", "report.html")
 
 
-def render_night(judged: Judgement) -> str:
+def night_page(judged: Judgement) -> str:
     """Return the self-contained HTML page of a nightly run; it links to report.html in the same folder."""
-    return (
-        environment()
-        .get_template("night.html")
-        .render(
-            run_id=judged.tonight.run_id,
-            headline=headline(judged),
-            tint=_TINTS[judged.status],
-            sentences=night_sentences(judged),
-            changes=ChangesShown.of(() if judged.comparison is None else judged.comparison.changes),
-            statuses=list(HEADINGS),
-            nights=len(judged.speeds.series.nights),
-            trends=trends_of(judged.speeds, judged.errors),
-            earlier=[night.told for night in judged.past.nights],
-            css=asset("templates/report.css"),
-        )
+    manifests = [*(night.manifest for night in judged.past.nights[::-1]), judged.tonight.manifest]
+    return page(
+        night_document(judged),
+        "night.html",
+        statuses=list(HEADINGS),
+        nights=len(judged.speeds.series.nights),
+        trends=trends_of(judged.speeds, judged.errors, [versions_of(manifest) for manifest in manifests]),
+        dates=dates_of(judged.speeds.series.nights),
+        earlier=[
+            (night.told, [page for page in _PAGES if (night.folder / page).exists()])
+            for night in judged.past.nights
+        ],
+        engine_colour=engine_colour,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,16 +60,20 @@ def write_judgement(judged: Judgement, night: Path) -> None:
     write_accepted(judged.accepted, judged.tonight.run_id, night)
 
 
+def versions_of(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return the version of each engine that has one."""
+    return {name: entry["version"] for name, entry in manifest["engines"].items() if "version" in entry}
+
+
 def _summary(judged: Judgement) -> dict[str, Any]:
     manifest, comparison = judged.tonight.manifest, judged.comparison
     changes = comparison.changes if comparison is not None else ()
-    versions = {name: entry["version"] for name, entry in manifest["engines"].items() if "version" in entry}
     return {
         "run_id": judged.tonight.run_id,
         "created": manifest["created"],
         "machine": machine_class(manifest),
         "bodycheck": manifest["bodycheck"],
-        "engines": ", ".join(f"{name} {version}" for name, version in versions.items()),
+        "engines": ", ".join(f"{name} {version}" for name, version in versions_of(manifest).items()),
         "cases": len(judged.tonight.cases),
         "compared_with": None if comparison is None else comparison.before.run_id,
         **{status: sum(change.status == status for change in changes) for status in HEADINGS},

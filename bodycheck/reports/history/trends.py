@@ -9,6 +9,7 @@ import numpy as np
 
 from bodycheck._util.formatting import number
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.history.archive import started_at
 from bodycheck.reports.history.regression import Speeds
 from bodycheck.reports.history.step_detection import Key, Series, Step
 
@@ -18,13 +19,18 @@ _LEAST_HALF_RANGE = 0.05  # decades: a change of less than about 10 % looks flat
 
 @dataclass(frozen=True)
 class Line:
-    """A line in an SVG picture of width x height; zero: the median level; marks: (x, y) of detected steps."""
+    """A line in an SVG picture of width x height; zero: the median level; marks: (x, y) of detected steps.
+
+    releases: (x, text) where the version of the engine changed. size: of the newest value, in decades.
+    """
 
     width: int
     height: int
     path: str
     zero: str
     marks: tuple[tuple[str, str], ...]
+    releases: tuple[tuple[str, str], ...]
+    size: float
     tonight: str
     label: str
 
@@ -38,20 +44,51 @@ class Trend:
     speed: Line | None
     error: Line | None
 
-
-def trends_of(speeds: Speeds, errors: Series) -> list[Trend]:
-    """Return one row per method that was measured in any nightly run."""
-    times = _lines(speeds.series, speeds.steps, "time")
-    off = _lines(errors, {}, "error")
-    return [Trend(*key, times.get(key), off.get(key)) for key in sorted({**times, **off})]
+    @property
+    def size(self) -> float:
+        """How far the newest speed or error is from its median, in decades."""
+        return max(line.size for line in (self.speed, self.error) if line is not None)
 
 
-def _lines(series: Series, steps: Mapping[Key, Sequence[Step]], what: str) -> dict[Key, Line]:
+def trends_of(speeds: Speeds, errors: Series, versions: Sequence[Mapping[str, str]]) -> list[Trend]:
+    """Return one row per method that was measured in any nightly run, those farthest from usual first.
+
+    versions: of each engine in each nightly run, the oldest first.
+    """
+    times = _lines(speeds.series, speeds.steps, versions, "time")
+    off = _lines(errors, {}, versions, "error")
+    rows = [Trend(*key, times.get(key), off.get(key)) for key in sorted({**times, **off})]
+    return sorted(rows, key=lambda row: -row.size)
+
+
+def dates_of(nights: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Return (x, SVG text-anchor, date) of the first and the last nightly run, given by their run ids."""
+    first, last = (f"{started_at(night):%Y-%m-%d}" for night in (nights[0], nights[-1]))
+    return [("0", "start", first), (str(_WIDTH), "end", last)] if len(nights) > 1 else [("0", "start", first)]
+
+
+def release_changes(versions: Sequence[str | None]) -> list[tuple[int, str]]:
+    """Return the places at which a version differs from the last known one, and "before -> after"."""
+    found: list[tuple[int, str]] = []
+    known: str | None = None
+    for place, version in enumerate(versions):
+        if version is not None and known is not None and version != known:
+            found.append((place, f"{known} -> {version}"))
+        known = version or known
+    return found
+
+
+def _lines(
+    series: Series, steps: Mapping[Key, Sequence[Step]], versions: Sequence[Mapping[str, str]], what: str
+) -> dict[Key, Line]:
     columns = zip(series.methods, series.decades.T, strict=True)
-    return {key: _line(decades, steps.get(key, ()), what) for key, decades in columns}
+    return {
+        key: _line(decades, steps.get(key, ()), release_changes([own.get(key[0]) for own in versions]), what)
+        for key, decades in columns
+    }
 
 
-def _line(decades: Array, steps: Sequence[Step], what: str) -> Line:
+def _line(decades: Array, steps: Sequence[Step], releases: Sequence[tuple[int, str]], what: str) -> Line:
     """Return the line of decades (nights,); a run without a value interrupts it."""
     nights = len(decades)
     x = np.linspace(_EDGE, _WIDTH - _EDGE, nights) if nights > 1 else np.array([_WIDTH / 2.0])
@@ -72,6 +109,8 @@ def _line(decades: Array, steps: Sequence[Step], what: str) -> Line:
         path="".join(drawn),
         zero=f"M0 {middle:g}H{_WIDTH}",
         marks=tuple(told),
+        releases=tuple((f"{x[place]:.1f}", text) for place, text in releases),
+        size=abs(float(decades[-1])) if there[-1] else 0.0,
         tonight=f"× {factor}" if factor else "",
         label=f"{what} relative to the median of {int(there.sum())} runs, latest {factor or 'not measured'}",
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from bodycheck._util.untrusted import joined, parted
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Setting, read_back_mismatch
 from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.stability_check import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
@@ -18,6 +20,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import StepPlan, plan_steps
 from bodycheck.reports.measurement.convergence import LARGEST_ERROR
 from bodycheck.reports.measurement.invariants import worst_drift
+from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.measurement.measures import (
     MEASURES,
     ORIENTATION,
@@ -57,7 +60,7 @@ class CaseResult:
     floors: dict[str, float] = field(default_factory=dict)
     read_back: ReadBack | None = None
 
-    @property
+    @cached_property
     def setting(self) -> Setting:
         """The step, the tolerance, or neither."""
         return Setting(self.columns.get("dt_s"), self.columns.get("tolerance"))
@@ -71,6 +74,12 @@ class CaseResult:
     def ok(self) -> bool:
         """Whether the case ended well and was measured."""
         return bool(self.columns["outcome"] == "ok")
+
+    @cached_property
+    def largest_errors(self) -> dict[str, float]:
+        """measured + bound: upper bounds of the true errors, by measure; empty unless it ended well."""
+        measured = (name for name in MEASURES if name in self.columns) if self.ok else ()
+        return {name: float(self.columns[name] + bound_of(self.columns, name)) for name in measured}
 
 
 def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting, ask: Asking) -> CaseResult:
@@ -91,7 +100,7 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
     trajectory, held = answer.trajectory, answer.read_back
     if trajectory is None or held is None:
         return ended(answer.outcome, answer.message)
-    if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, held):
+    if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, held, method.precision):
         return ended("invalid", fault)
     motion = stable_motion(scene, trajectory, problem.motion)
     if isinstance(motion, str):
@@ -165,20 +174,25 @@ def _who(problem: Problem, engine: Engine, method: Method, setting: Setting) -> 
         "engine_version": engine.version,
         "method": method.name,
         "control": method.control,
+        "precision": method.precision,
         "dt_s": setting.dt_s,
         "tolerance": setting.tolerance,
-        "reproduce": _reproducing_command(problem, engine.name, method.name, setting),
+        "reproduce": reproducing_command(
+            problem.scenario_spec, engine, method, setting, code=problem.scenario.scene.has_callback_load
+        ),
     }
 
 
-def _reproducing_command(problem: Problem, engine: str, method: str, setting: Setting) -> str:
-    """Return the command line that reproduces this one case."""
-    words = ["bodycheck", "run", problem.scenario_spec, "--engine", f"{engine}:{method}"]
+def reproducing_command(
+    scenario_spec: str, engine: Engine, method: Method, setting: Setting, *, code: bool = False
+) -> str:
+    """Return the command line that runs this one case; code: whether the scenario names functions."""
+    words = ["bodycheck", "run", scenario_spec, "--engine", with_method(engine.name, method.name)]
     if setting.dt_s is not None:
         words += ["--dt", repr(setting.dt_s)]
     if setting.tolerance is not None:
         words += ["--tolerance", repr(setting.tolerance)]
-    if problem.scenario.scene.has_callback_load:
+    if code or engine.build.kind == "handed over":
         words.append(ALLOW_CODE)
     return joined(words)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise, takewhile
 
 import numpy as np
@@ -22,6 +23,7 @@ _LEAST_CERTAIN = 1e-12
 _LEAST_LIMIT_POINTS = 3  # usable points, where the limit alone shows convergence
 _LEAST_FALL = 0.5  # order in the tolerance at which errors must fall
 _PLATEAU_DECADES = 2.0  # of the tolerance, over which they must fall
+_TURNED = 100.0  # predicted round-offs, below which an error that finer steps increase is round-off
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +31,18 @@ class Point:
     """One case of a method: its step or tolerance, its error, and its signed departure from the truth.
 
     error: None where the case did not end well. motion (samples, k): the departure over the scale [default:
-    the error itself, which serves as the motion while it is small].
+    the error itself, which serves as the motion while it is small]. round_off: the error that the method's
+    arithmetic alone is predicted to make at this step, where that is coarser than double precision.
     """
 
     dt_s: float
     error: float | None
     motion: Array | None = None
+    round_off: float = 0.0
+
+    def is_above(self, floor: float) -> bool:
+        """Whether the error is well above the floor and above round-off."""
+        return self.error is not None and self.error > ABOVE_FLOOR * max(floor, self.round_off)
 
 
 @dataclass(frozen=True)
@@ -73,16 +81,44 @@ class Convergence:
     @property
     def is_decided(self) -> bool:
         """Whether finer steps would not change the verdict."""
-        return self.verdict in ("converges", "does-not-converge", "at-floor", "chaotic")
+        return self.verdict in (
+            "converges",
+            "does-not-converge",
+            "at-floor",
+            "at-precision-floor",
+            "chaotic",
+        )
 
 
 def usable(points: Sequence[Point], floor: float) -> list[Point]:
-    """Return the points usable for an order, coarsest first: 10 floor < error < 0.3."""
+    """Return the points usable for an order, coarsest first: 10 floor < error < 0.3.
+
+    Where the arithmetic is coarser than double precision, steps finer than the best one are not usable.
+    """
+    best = best_of(points)
     return [
         p
         for p in sorted(points, key=lambda p: -p.dt_s)
-        if p.error is not None and ABOVE_FLOOR * floor < p.error < LARGEST_ERROR
+        if p.error is not None
+        and p.is_above(floor)
+        and p.error < LARGEST_ERROR
+        and (p.round_off == 0.0 or best is None or p.dt_s >= best.dt_s)
     ]
+
+
+def best_of(points: Sequence[Point]) -> Point | None:
+    """Return the point with the least error, the coarsest of equal ones; None where no case ended well."""
+    ended = [(p.error, -p.dt_s, p) for p in points if p.error is not None]
+    return min(ended, key=lambda one: one[:2])[2] if ended else None
+
+
+def reaches_round_off(points: Sequence[Point]) -> bool:
+    """Whether the least error is the round-off that is predicted, or finer steps increase it near there."""
+    best = best_of(points)
+    if best is None or best.error is None or best.round_off == 0.0:
+        return False
+    is_finest = best.dt_s == min(p.dt_s for p in points)
+    return best.error <= (ABOVE_FLOOR if is_finest else _TURNED) * best.round_off
 
 
 def round_off_floor(points: Sequence[Point], least: float) -> float:
@@ -106,19 +142,29 @@ def convergence_of(points: Sequence[Point], how: Judged) -> Convergence:
 
     points: in any order.
     """
+    return _convergence_of(tuple(points), how)
+
+
+@lru_cache(maxsize=64)  # the refinement asks for what the row asks for again
+def _convergence_of(points: tuple[Point, ...], how: Judged) -> Convergence:
     if how.floor > LARGEST_LIMIT:
         return Convergence("chaotic", 0, how.floor)
     ended = sorted((p for p in points if p.error is not None), key=lambda p: -p.dt_s)
     if not ended:
         return Convergence("unstable", 0, how.floor)
     floor = round_off_floor(ended, how.floor)
+    shown = max(floor, *(p.round_off for p in ended))
     errors = [p.error for p in ended if p.error is not None]
     if max(errors) <= ABOVE_FLOOR * floor:
-        return Convergence("at-floor", 0, floor)
+        return Convergence("at-floor", 0, shown)
+    if not any(p.is_above(floor) for p in ended):
+        return Convergence("at-precision-floor", 0, shown)
     fit = usable(ended, floor)
-    order = settled_order([p.dt_s for p in fit], [p.error for p in fit if p.error is not None], floor)
+    order = settled_order(
+        tuple(p.dt_s for p in fit), tuple(p.error for p in fit if p.error is not None), floor
+    )
     limit = _limit(ended, how)
-    found = Convergence("pre-asymptotic", len(fit), floor)
+    found = Convergence("pre-asymptotic", len(fit), shown)
     if limit is not None:
         found = replace(found, limit_distance=limit.distance, limit_uncertainty=limit.uncertainty)
         if limit.is_off and errors[-1] > LARGEST_ROUND_OFF and how.judged == "limit":
@@ -128,6 +174,8 @@ def convergence_of(points: Sequence[Point], how: Judged) -> Convergence:
         return replace(found, verdict="converges", points=order.points, **interval)
     if limit is not None and limit.is_truth and len(fit) >= _LEAST_LIMIT_POINTS:
         return replace(found, verdict="converges")
+    if reaches_round_off(ended):
+        return replace(found, verdict="at-precision-floor")
     all_usable = len(ended) == len(points) and max(errors) < LARGEST_ERROR
     return replace(found, verdict="too-few-points") if all_usable and len(fit) < LEAST_POINTS else found
 
@@ -140,9 +188,9 @@ def _limit(ended: Sequence[Point], how: Judged) -> Limit | None:
     fine_first = takewhile(lambda pair: pair[1] is not None, ((p, _motion_of(p)) for p in reversed(ended)))
     known = [(point.dt_s, motion) for point, motion in fine_first if motion is not None][::-1]
     steps, motions = [dt_s for dt_s, _ in known], [motion for _, motion in known]
-    return limit_of(
-        steps, motions, max(how.floor, how.growing, _LEAST_CERTAIN), extrapolated=how.extrapolated
-    )
+    round_off = ABOVE_FLOOR * max(p.round_off for p in ended)  # predicted to within a factor of 10
+    certain = max(how.floor, how.growing, round_off, _LEAST_CERTAIN)
+    return limit_of(steps, motions, certain, extrapolated=how.extrapolated)
 
 
 def _motion_of(point: Point) -> Array | None:

@@ -32,11 +32,8 @@ def relative(value: float, columns: Mapping[str, Any], measure: str) -> float:
     kind = BOUND_KINDS[measure]
     scale = columns.get(_SCALES[kind], 0.0) if kind in _SCALES else 1.0
     if measure == "rotational_energy_drift":  # the truth's bound is relative to the total kinetic energy
-        scale = (
-            columns["rotational_energy_scale_j"] / columns["energy_scale_j"]
-            if columns["energy_scale_j"]
-            else 0.0
-        )
+        whole = columns.get("energy_scale_j", 0.0)
+        scale = columns.get("rotational_energy_scale_j", 0.0) / whole if whole else 0.0
     return float(value / scale) if scale else 0.0
 
 

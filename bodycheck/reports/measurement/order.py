@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -23,20 +23,22 @@ _NOISES = np.geomspace(2e-4, 0.1, 16)[:, None]  # sigma: relative scatter of max
 _BENDS = np.geomspace(0.1, 0.8, 6)  # tau: contribution of the next order at the coarsest step
 _DECAY = 0.5  # of the variance of each further order
 _FLOOR_NOISE = 0.01  # of the error: a floor of this size makes the noise sqrt 2 times as large
-_TAIL = 0.025
-_REACH, _GRID, _REFINEMENTS = 20.0, 17, 4  # of the quantile search, resolved to 40 standard deviations / 16^4
+_TAILS = np.array([0.025, 0.975])
+_REACH, _HALVINGS = 20.0, 16  # of the quantile search, resolved to 40 standard deviations / 2^16
 _WIDEST_ORDERS = (0.05, 0.1, 0.25)  # half-widths of the interval that settle an order, best first
 _LEAST_ORDER = 0.5
+_LARGEST_LOG = 700.0  # exp of it is finite
 
 
 @dataclass(frozen=True)
 class Order:
-    """The order, the ends of its 95 % interval, and the number of points used."""
+    """The order, the ends of its 95 % interval, the number of points used, and the place of the first."""
 
     order: float
     low: float
     high: float
     points: int
+    first: int = 0
 
     @property
     def half_width(self) -> float:
@@ -44,7 +46,8 @@ class Order:
         return 0.5 * (self.high - self.low)
 
 
-def settled_order(steps: Sequence[float], errors: Sequence[float], floor: float) -> Order | None:
+@lru_cache(maxsize=1024)  # the refinement asks for what the verdict asks for again
+def settled_order(steps: tuple[float, ...], errors: tuple[float, ...], floor: float) -> Order | None:
     """Return the order settled by the longest run of consecutive steps; None where no run settles it.
 
     steps (n,) in s, descending, and errors (n,) > 0, all usable. The coarsest steps may not be asymptotic and
@@ -61,7 +64,7 @@ def settled_order(steps: Sequence[float], errors: Sequence[float], floor: float)
     for widest in _WIDEST_ORDERS:
         for number, run in enumerate(runs):
             if number not in found:
-                found[number] = observed_order(steps[run], errors[run], floor)
+                found[number] = replace(observed_order(steps[run], errors[run], floor), first=run.start)
             one = found[number]
             if one.half_width <= widest and one.order >= max(_LEAST_ORDER, one.half_width):
                 return one
@@ -73,10 +76,8 @@ def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float
 
     steps (n,) in s, descending; errors (n,) > 0; floor: of the errors, whose noise grows towards it.
     """
-    from scipy.special import ndtr  # imported here: takes half a second
-
     e = np.asarray(errors)
-    spreads = np.round(np.sqrt(1.0 + (floor / (_FLOOR_NOISE * e)) ** 2), 2)
+    spreads = _spreads(e, floor)
     fit = _fit_of(tuple(steps), tuple(spreads))
     y = np.log(e) / spreads
     rest = fit.residual @ y
@@ -92,19 +93,78 @@ def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float
         - np.sum((bend * fit.covariances) ** 2 / variance, axis=-1)
     )
     deviations = np.sqrt(np.maximum(spread, 0.0)) + 1e-15
+    mean, low, high = _summary(weights, means, deviations)
+    return Order(mean, low, high, len(e))
+
+
+@dataclass(frozen=True)
+class PredictedError:
+    """The error expected at a step that was not measured, and the ends of its 95 % interval."""
+
+    error: float
+    low: float
+    high: float
+
+
+def predicted_error(
+    steps: Sequence[float], errors: Sequence[float], floor: float, dt_s: float
+) -> PredictedError:
+    """Return the posterior prediction of the error at dt_s, from at least 3 points.
+
+    steps (n,) in s, errors (n,) > 0, floor: as for observed_order. The interval widens with the distance to
+    the points, and where these cannot distinguish the order from the next one.
+    """
+    e = np.asarray(errors)
+    h = np.array([*steps, dt_s])
+    z = h / h.max()
+    products = np.outer(z, z)
+    bends = products / (1.0 - _DECAY * products)
+    basis, y, noises = np.stack([np.ones_like(h), np.log(h)], axis=-1), np.log(e), _spreads(e, floor) ** 2
+    x, new = basis[:-1], basis[-1]
+
+    noise, bend = (_NOISES**2)[..., None, None], (_BENDS**2)[:, None, None]
+    inverse = np.linalg.inv(noise * np.diag(noises) + bend * bends[:-1, :-1])
+    weighted = x.T @ inverse
+    information = weighted @ x
+    line = np.linalg.solve(information, (weighted @ y)[..., None])[..., 0]
+    rest = y - line @ x.T
+    pull = (inverse @ rest[..., None])[..., 0]
+    # the determinant of the inverse covariance enters with the opposite sign
+    likelihood = 0.5 * (
+        np.linalg.slogdet(inverse)[1] - np.linalg.slogdet(information)[1] - np.sum(rest * pull, axis=-1)
+    )
+    weights = np.exp(likelihood - likelihood.max())
+    weights /= weights.sum()
+
+    shared = bend[..., 0] * bends[:-1, -1]
+    means = line @ new + np.sum(shared * pull, axis=-1)
+    solved = (inverse @ np.broadcast_to(shared, rest.shape)[..., None])[..., 0]
+    off = new - solved @ x
+    spread = np.sum(off * np.linalg.solve(information, off[..., None])[..., 0], axis=-1)
+    variances = noise[..., 0, 0] + bend[..., 0, 0] * bends[-1, -1] - np.sum(shared * solved, axis=-1) + spread
+    deviations = np.sqrt(np.maximum(variances, 0.0)) + 1e-15
+    logarithms = _summary(weights, means, deviations)
+    return PredictedError(*(math.exp(min(value, _LARGEST_LOG)) for value in logarithms))
+
+
+def _spreads(errors: Array, floor: float) -> Array:
+    """Return the noise of each error (n,) relative to sigma; it grows towards the floor."""
+    return np.asarray(np.round(np.sqrt(1.0 + (floor / (_FLOOR_NOISE * errors)) ** 2), 2))
+
+
+def _summary(weights: Array, means: Array, deviations: Array) -> tuple[float, float, float]:
+    """Return the mean, and the 2.5 % and 97.5 % quantiles, of a mixture of normal distributions."""
+    from scipy.special import ndtr  # imported here: takes half a second
+
     mean = float(np.sum(weights * means))
     reach = _REACH * math.sqrt(float(np.sum(weights * (deviations**2 + (means - mean) ** 2))))
-
-    def quantile(tail: float) -> float:
-        low, high = mean - reach, mean + reach
-        for _ in range(_REFINEMENTS):
-            grid = np.linspace(low, high, _GRID)
-            below = ndtr((grid[:, None, None] - means) / deviations).reshape(_GRID, -1) @ weights.ravel()
-            place = min(max(int(np.searchsorted(below, tail)), 1), _GRID - 1)
-            low, high = float(grid[place - 1]), float(grid[place])
-        return 0.5 * (low + high)
-
-    return Order(mean, quantile(_TAIL), quantile(1.0 - _TAIL), len(e))
+    low, high = np.full(2, mean - reach), np.full(2, mean + reach)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        below = ndtr((middle[:, None, None] - means) / deviations).reshape(2, -1) @ weights.ravel() < _TAILS
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    ends = 0.5 * (low + high)
+    return mean, float(ends[0]), float(ends[1])
 
 
 @dataclass(frozen=True, eq=False)

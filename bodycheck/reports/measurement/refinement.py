@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bodycheck.reports.measurement.convergence import (
-    ABOVE_FLOOR,
     LARGEST_ERROR,
     Judged,
     Point,
@@ -22,7 +21,7 @@ _FLAT_SPREAD = 2.0
 
 
 def next_step_size(
-    points: list[Point],
+    points: Sequence[Point],
     how: Judged,
     listed: Sequence[float],
     interval_s: float,
@@ -41,9 +40,12 @@ def next_step_size(
         return None
     floor = round_off_floor(points, how.floor)
     strides = sorted(round(interval_s / p.dt_s) for p in points)
-    if _too_fine(points, floor):
+    reached = found.verdict == "at-precision-floor"
+    if _too_fine(points, floor, reached=reached):
         coarser = [n for n in _round_numbers(strides[0]) if n < strides[0]]
         return interval_s / max(coarser) if needs_order and coarser else None
+    if reached:
+        return None
     finest = min(points, key=lambda p: p.dt_s)
     if finest.error is not None and finest.error <= floor:
         return None
@@ -53,18 +55,23 @@ def next_step_size(
     return None if too_many or too_fine else interval_s / finer
 
 
-def _too_fine(points: list[Point], floor: float) -> bool:
-    """Whether the coarsest step is so accurate that the missing points must be coarser."""
+def _too_fine(points: Sequence[Point], floor: float, *, reached: bool) -> bool:
+    """Whether the coarsest step is so accurate that the missing points must be coarser.
+
+    reached: whether finer steps have reached the floor of the method's arithmetic.
+    """
     coarsest = max(points, key=lambda p: p.dt_s)
     small = coarsest.error is not None and coarsest.error < LARGEST_ERROR
-    flat = _is_flat(points, floor)
+    flat = not reached and _is_flat(points, floor)
     return small and len(usable(points, floor)) < LEAST_POINTS and not flat
 
 
-def _is_flat(points: list[Point], floor: float) -> bool:
+def _is_flat(points: Sequence[Point], floor: float) -> bool:
     """Whether the errors are well above the floor and hardly shrink from the coarsest to the finest step."""
-    errors = [p.error for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
-    return len(errors) > 1 and min(errors) > ABOVE_FLOOR * floor and errors[0] < _FLAT_SPREAD * errors[-1]
+    ended = [p for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
+    errors = [p.error for p in ended if p.error is not None]
+    above = all(p.is_above(floor) for p in ended)
+    return len(errors) > 1 and above and errors[0] < _FLAT_SPREAD * errors[-1]
 
 
 def _round_numbers(limit: int) -> list[int]:

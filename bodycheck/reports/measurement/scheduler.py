@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.adapters.workers.engine_pool import EnginePool, RemoteEngines
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,15 +45,15 @@ class _TaskQueue:
             self._open.clear()
 
 
-def run_tasks(tasks: Sequence[Task], jobs: int) -> None:
-    """Run all tasks, `jobs` at a time.
+def run_tasks(tasks: Sequence[Task], jobs: int, remote: RemoteEngines | None = None) -> None:
+    """Run all tasks, `jobs` at a time; remote: engines elsewhere, which answer instead of worker processes.
 
     An exception in one task ends the others and is raised here, and so is a keyboard interrupt.
     """
     board, raised = _TaskQueue(tasks), []
     # with the GIL, two threads that measure would only take turns within each sample
     turn = threading.Lock()
-    strands = [EnginePool(turn=turn) for _ in range(max(1, min(jobs, len(tasks))))]
+    strands = [EnginePool(turn=turn, remote=remote) for _ in range(max(1, min(jobs, len(tasks))))]
     ended = threading.Semaphore(0)
 
     def work(engine_pool: EnginePool) -> None:
@@ -76,6 +76,8 @@ def run_tasks(tasks: Sequence[Task], jobs: int) -> None:
             ended.acquire()
     finally:
         board.clear()
+        if remote is not None:
+            remote.stop()
         for engine_pool in strands:
             engine_pool.stop()
         for thread in threads:

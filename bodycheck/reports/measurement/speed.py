@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import product
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,8 @@ import numpy as np
 from bodycheck.adapters.contract import Engine, Setting
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.workers import case_messages, protocol
-from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.adapters.workers.engine_pool import EnginePool, is_only_here
+from bodycheck.adapters.workers.executors import announced_as, compile_for
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.measurement.case import CaseResult
@@ -46,12 +49,14 @@ def measure_speeds(
     timeout_s: float,
     passes: int,
     case_done: Callable[[], None],
+    executor: Executor | None = None,
 ) -> tuple[tuple[CaseResult, ...], MachineNoise]:
     """Return the cases, with the speed of those that ended well; nothing else runs meanwhile.
 
     passes: how often all cases are timed, one pass after another. On a shared core the load of other
     processes makes everything take 1.5 or 2 times as long, for a second or for minutes at a time; the fastest
     lap is nearly undisturbed if one pass was. case_done: called once per case, evenly over the passes.
+    executor: times the cases elsewhere, by workers that do nothing else meanwhile.
 
     The reference measurement is the reference's rk4 on the same scenario at its finest listed step.
     relative_cpu is the case's fastest lap over the fastest lap of the reference, with the laps of both
@@ -59,35 +64,88 @@ def measure_speeds(
     half as much as their medians.
     """
     by_name = {problem.scenario.name: problem for problem in problems}
-    found: dict[int, Message] = {}
-    core = _last_core()
     laps_each = _LAPS if passes == 1 else _LAPS_OF_ONE_OF_MANY
-    with closing(_Clock(core, laps_each, timeout_s)) as clock:
-        for done, (number, (place, result)) in enumerate(product(range(passes), enumerate(cases)), start=1):
-            if result.ok:
-                problem, engine = by_name[result.columns["scenario"]], engines[result.columns["engine"]]
-                laps = _laps(problem, engine, result, answers, clock, again=number > 0)
-                found[place] = _together(found.get(place), laps)
-            if done % passes == 0:
-                case_done()
-    timed = [
+    timed = {
+        place: _Timed.of(by_name[row["scenario"]], engines[row["engine"]], result, laps_each, timeout_s)
+        for place, (row, result) in enumerate((result.columns, result) for result in cases)
+        if result.ok
+    }
+    found: dict[int, Message] = {}
+    core = _last_core() if executor is None else None
+    done = 0
+    with closing(_Clock(core)) as clock:
+        for _ in range(passes):
+            for place, laps in _one_pass(timed, found, answers, clock, executor):
+                found[place] = laps
+                done += 1
+                if done % passes == 0:
+                    case_done()
+    for _ in range(len(cases) - len(timed)):
+        case_done()
+    measured = tuple(
         _with_speed(result, found[place]) if place in found else result for place, result in enumerate(cases)
-    ]
+    )
     yardsticks = [laps["yardstick_s"] for laps in found.values() if "lost" not in laps]
     spreads = [_spread(seconds) for seconds in yardsticks if min(seconds, default=0.0) > 0.0]
-    return tuple(timed), MachineNoise(core, float(np.median(spreads)) if spreads else None)
+    return measured, MachineNoise(core, float(np.median(spreads)) if spreads else None)
 
 
-def _laps(
-    problem: Problem, engine: Engine, result: CaseResult, answers: Answers, clock: _Clock, *, again: bool
-) -> Message:
-    """Return the laps of a case, from this run's journal or measured now; `again`: always measure."""
-    case = Case(problem.scenario.scene, result.columns["method"], result.setting)
-    laps = None if again else answers.laps(engine, case)
-    if laps is None:
-        laps = clock.laps(problem, engine, case)
-        answers.keep_laps(engine, case, laps)
-    return laps
+@dataclass(frozen=True)
+class TimingRequest:
+    """A case to be timed, alternating with a case of the reference, as picklable data.
+
+    version: of the engine, which must have it. laps: how many. timeout_s: time limit of one answer.
+    """
+
+    engine: str
+    version: str
+    case: Message
+    reference: Message
+    laps: int
+    timeout_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Timed:
+    """A case of a run that is timed."""
+
+    engine: Engine
+    case: Case
+    request: TimingRequest
+
+    @classmethod
+    def of(cls, problem: Problem, engine: Engine, result: CaseResult, laps: int, timeout_s: float) -> _Timed:
+        scene = problem.scenario.scene
+        case = Case(scene, result.columns["method"], result.setting)
+        reference = Case(scene, _YARDSTICK[1], Setting(dt_s=min(problem.scenario.steps)))
+        cases = case_messages.case_message(case), case_messages.case_message(reference)
+        return cls(engine, case, TimingRequest(engine.name, engine.version, *cases, laps, timeout_s))
+
+
+def _one_pass(
+    timed: Mapping[int, _Timed],
+    found: Mapping[int, Message],
+    answers: Answers,
+    clock: _Clock,
+    executor: Executor | None,
+) -> Iterator[tuple[int, Message]]:
+    """Yield the laps of each case in all passes so far; the first pass takes those of this run's journal.
+
+    found: the laps of the earlier passes.
+    """
+
+    def begun(one: _Timed) -> Callable[[], Message]:
+        if executor is None or is_only_here(one.engine.name):
+            return partial(clock.laps, one.request)
+        return executor.submit(time_case, one.request).result
+
+    stored = {} if found else {place: answers.laps(one.engine, one.case) for place, one in timed.items()}
+    running = ((place, begun(one)) for place, one in timed.items() if stored.get(place) is None)
+    for place, laps in running if executor is None else list(running):
+        together = _together(found.get(place), laps())
+        answers.keep_laps(timed[place].engine, timed[place].case, together)
+        yield place, together
+    yield from ((place, laps) for place, laps in stored.items() if laps is not None)
 
 
 def _together(before: Message | None, laps: Message) -> Message:
@@ -102,34 +160,53 @@ def _together(before: Message | None, laps: Message) -> Message:
 _LAP: Message = {"do": "lap"}
 
 
-def _preparation(case: Case) -> Message:
-    return {"do": "prepare", "case": case_messages.case_message(case)}
+_timing = threading.Lock()
+_clocks: list[_Clock] = []
+
+
+def time_case(asked: TimingRequest) -> Message:
+    """Return the laps of a case as a run's journal has them; runs in a worker of an executor.
+
+    The engines are kept for the next case. Cases that are requested at the same time wait for one another.
+    """
+    compile_for(asked.reference)
+    if asked.engine == _YARDSTICK[0]:
+        compile_for(asked.case)
+    with _timing:
+        if not _clocks:
+            _clocks.append(_Clock(_last_core()))
+        found = _clocks[0].announced(asked)
+        return {"lost": protocol.shown(found)} if isinstance(found, str) else _clocks[0].laps(asked)
 
 
 class _Clock:
     """Engines on one core, timed lap by lap, alternating with the reference measurement."""
 
-    def __init__(self, core: int | None, laps: int, timeout_s: float) -> None:
-        self._engine_pool, self._laps, self._timeout_s = EnginePool(core), laps, timeout_s
-        self._yardstick = _Yardstick(core, timeout_s)
+    def __init__(self, core: int | None) -> None:
+        self._engine_pool, self._yardstick = EnginePool(core), _Yardstick(core)
 
-    def laps(self, problem: Problem, engine: Engine, case: Case) -> Message:
+    def announced(self, asked: TimingRequest) -> Engine | str:
+        """Return the engine of a case, or why this machine does not have it."""
+        return announced_as(self._engine_pool, asked.engine, asked.version)
+
+    def laps(self, asked: TimingRequest) -> Message:
         """Return the times in s of the case's laps and of the reference laps between them, or why none exist.
 
         A failure is retried once: a worker killed from outside is not at fault.
         """
-        self._yardstick.prepare(problem)
-        laps, failed = self._tried(engine, case)
-        return self._tried(engine, case)[0] if failed else laps
+        self._yardstick.prepare(asked)
+        laps, failed = self._tried(asked)
+        return self._tried(asked)[0] if failed else laps
 
-    def _tried(self, engine: Engine, case: Case) -> tuple[Message, bool]:
-        answer = self._engine_pool.ask(engine.name, _preparation(case), self._timeout_s)
+    def _tried(self, asked: TimingRequest) -> tuple[Message, bool]:
+        request: Message = {"do": "prepare", "case": asked.case}
+        answer = self._engine_pool.ask(asked.engine, request, asked.timeout_s)
         own: list[float] = []
         others: list[float] = []
-        while answer.get("outcome") == "ok" and len(own) < self._laps:
+        while answer.get("outcome") == "ok" and len(own) < asked.laps:
             if (other := self._yardstick.lap()) is not None:
                 others.append(other)
-            answer = self._engine_pool.ask(engine.name, _LAP, self._timeout_s)
+            answer = self._engine_pool.ask(asked.engine, _LAP, asked.timeout_s)
             if answer.get("outcome") == "ok":
                 try:
                     own.append(protocol.lap_of(answer))
@@ -150,17 +227,17 @@ class _Clock:
 class _Yardstick:
     """The reference measurement: the reference's rk4 on the scenario being timed."""
 
-    def __init__(self, core: int | None, timeout_s: float) -> None:
-        self._engine_pool, self._timeout_s = EnginePool(core), timeout_s
-        self._prepared: Problem | None = None
+    def __init__(self, core: int | None) -> None:
+        self._engine_pool, self._timeout_s = EnginePool(core), 0.0
+        self._prepared: Message | None = None
 
-    def prepare(self, problem: Problem) -> None:
-        """Prepare the reference for this scenario, unless that is done already."""
-        if self._prepared is not problem:
-            engine, method = _YARDSTICK
-            case = Case(problem.scenario.scene, method, Setting(dt_s=min(problem.scenario.steps)))
-            answer = self._engine_pool.ask(engine, _preparation(case), self._timeout_s)
-            self._prepared = problem if answer.get("outcome") == "ok" else None
+    def prepare(self, asked: TimingRequest) -> None:
+        """Prepare the reference for the scenario of this case, unless that is done already."""
+        self._timeout_s = asked.timeout_s
+        if self._prepared != asked.reference:
+            request: Message = {"do": "prepare", "case": asked.reference}
+            answer = self._engine_pool.ask(_YARDSTICK[0], request, asked.timeout_s)
+            self._prepared = asked.reference if answer.get("outcome") == "ok" else None
 
     def lap(self) -> float | None:
         """Return the time of one lap in s; None on a scenario that the reference method cannot run."""

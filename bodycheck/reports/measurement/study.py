@@ -6,6 +6,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,9 @@ from bodycheck.reports.measurement.convergence import (
     Convergence,
     Judged,
     Point,
+    best_of,
     convergence_of,
+    reaches_round_off,
     stepless_verdict,
     tolerance_convergence,
 )
@@ -28,6 +31,7 @@ from bodycheck.reports.measurement.measure_bounds import BOUND_KINDS, floor_of, 
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, QUANTITIES, WHO, scale_of
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.refinement import next_step_size
+from bodycheck.reports.measurement.round_off import RoundOff, fitted
 from bodycheck.reports.measurement.stability import Searching, stability_row
 
 _VERDICTS = {"dt": convergence_of, "tolerance": tolerance_convergence, "none": stepless_verdict}
@@ -79,17 +83,19 @@ def study(
             # whether a scene can be represented does not depend on the step
             return Study(tuple(cases), (), stable_step())
     asked = [setting.dt_s for setting in settings if setting.dt_s is not None]
-    while stepped and (step := _further_step(cases, problem, asked)) is not None:
+    while stepped and (step := _further_step(cases, problem, method, asked)) is not None:
         make(Setting(dt_s=step))
-    return Study(tuple(cases), tuple(_method_rows(cases, problem, method)), stable_step())
+    return Study(tuple(cases), tuple(method_rows(cases, problem, method)), stable_step())
 
 
-def _further_step(cases: Sequence[CaseResult], problem: Problem, asked: Sequence[float]) -> float | None:
+def _further_step(
+    cases: Sequence[CaseResult], problem: Problem, method: Method, asked: Sequence[float]
+) -> float | None:
     """Return the step needed by the first undecided quantity, starting with the orientation."""
     scene = problem.scenario.scene
     for quantity in QUANTITIES:
-        points = _points(cases, quantity)
-        how = _judged(cases, problem, quantity)
+        points = _points(tuple(cases), problem, method, quantity)
+        how = _judged(cases, problem, method, quantity)
         needs_order = quantity == ORIENTATION
         if not needs_order and not any(quantity in case.departures for case in cases):
             continue
@@ -114,14 +120,18 @@ def _round_off(problem: Problem, quantity: str) -> float:
     return relative(round_off, problem.columns, quantity)
 
 
-def _judged(cases: Sequence[CaseResult], problem: Problem, quantity: str) -> Judged:
+def _judged(cases: Sequence[CaseResult], problem: Problem, method: Method, quantity: str) -> Judged:
     """Return how a quantity of these cases is judged."""
     ended = [case for case in cases if case.ok]
     steps = max((case.columns.get("steps") or 0 for case in ended), default=0)
+    floors = [limit(problem, quantity), *(case.floors.get(quantity, 0.0) for case in ended)]
+    if method.precision != "float64" and method.control != "dt":
+        round_off = RoundOff.of(problem, quantity, method.precision)
+        floors.append(round_off.at(problem.scenario.duration_s / max(steps, 1)))
     # a quantity too small to be measured in the finest case did not stop shrinking at the coarser ones
     lost = bool(ended) and quantity not in ended[-1].columns
     return Judged(
-        floor=max([limit(problem, quantity), *(case.floors.get(quantity, 0.0) for case in ended)]),
+        floor=max(floors),
         growing=_round_off(problem, quantity) * math.sqrt(steps),
         extrapolated=not any(SWITCH_NOTE in case.columns["message"] for case in ended),
         judged="property" if problem.is_chaotic or lost else MEASURES[quantity].judged or "property",
@@ -149,22 +159,29 @@ def _with_step_change(coarser: CaseResult, case: CaseResult) -> CaseResult:
     return replace(case, columns=columns)
 
 
-def _points(cases: Sequence[CaseResult], quantity: str) -> list[Point]:
+@lru_cache(maxsize=64)  # the refinement asks for what the rows ask for again
+def _points(
+    cases: tuple[CaseResult, ...], problem: Problem, method: Method, quantity: str
+) -> tuple[Point, ...]:
     """Return the cases as points of error against step; the error is None where one did not end well."""
-    return [
+    points = tuple(
         Point(_fineness(case), case.columns.get(quantity) if case.ok else None, case.departures.get(quantity))
         for case in cases
-    ]
+    )
+    if method.precision == "float64" or method.control != "dt":
+        return points
+    round_off = RoundOff.of(problem, quantity, method.precision)
+    return tuple(replace(point, round_off=round_off.at(point.dt_s)) for point in points)
 
 
-def _method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) -> Iterator[dict[str, Any]]:
+def method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) -> Iterator[dict[str, Any]]:
+    """Yield the rows of methods.csv, one per quantity; cases: of one method, coarsest step first."""
     who = {name: cases[0].columns[name] for name in WHO}
     for quantity in QUANTITIES:
         if not _is_judged(cases, quantity):
             continue
-        found: Convergence = _VERDICTS[method.control](
-            _points(cases, quantity), _judged(cases, problem, quantity)
-        )
+        points = _points(tuple(cases), problem, method, quantity)
+        found: Convergence = _VERDICTS[method.control](points, _judged(cases, problem, method, quantity))
         growth = _growth(cases, problem, quantity, found.floor)
         expected = _expected_order(cases, problem, method)
         finest = _finest(cases, quantity)
@@ -173,6 +190,7 @@ def _method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) 
             "quantity": quantity,
             "expected_order": expected,
             **finest,
+            **_best(points, RoundOff.of(problem, quantity, method.precision), found.order or expected),
             **vars(found),
             **vars(growth),
         }
@@ -189,6 +207,24 @@ def _expected_order(cases: Sequence[CaseResult], problem: Problem, method: Metho
     held = bool(problem.scenario.scene.lasting_loads) and method.lasting == "held over the step"
     switched = any(SWITCH_NOTE in case.columns["message"] for case in cases)
     return min(method.order, 1) if held or switched else method.order
+
+
+def _best(points: Sequence[Point], round_off: RoundOff, order: float | None) -> dict[str, float]:
+    """Return the best step, its error, and the floor there: predicted, and measured where it was reached.
+
+    order: of the errors above the floor; 2 where it is not known, which matters for the measured floor only.
+    """
+    predicted = [replace(point, round_off=round_off.at(point.dt_s)) for point in points if point.dt_s > 0.0]
+    best = best_of(predicted)
+    if best is None or best.error is None:
+        return {}
+    found = {"best_dt_s": best.dt_s, "least_error": best.error, "predicted_floor": best.round_off}
+    measured = [p for p in predicted if p.error is not None and 0.0 < p.error < LARGEST_ERROR]
+    if measured and reaches_round_off(predicted):
+        errors = [p.error for p in measured if p.error is not None]
+        branches = fitted([p.dt_s for p in measured], errors, [p.round_off for p in measured], order or 2.0)
+        found["measured_floor"] = branches.level * best.round_off
+    return found
 
 
 def _finest(cases: Sequence[CaseResult], quantity: str) -> dict[str, float | None]:

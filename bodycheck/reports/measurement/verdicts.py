@@ -26,6 +26,12 @@ STATES = {
     "at-floor": State(
         "≈", "at floor", "all errors are at round-off or within the truth's own bound", "floor"
     ),
+    "at-precision-floor": State(
+        "≈",
+        "at precision floor",
+        "the errors are the round-off of the method's own arithmetic: finer steps do not reduce them",
+        "floor",
+    ),
     "exact": State("=", "exact", "a method without steps, within the truth's own bound", "floor"),
     "pre-asymptotic": State(
         "…", "pre-asymptotic", "the errors are too large or too irregular to show an order", "open"

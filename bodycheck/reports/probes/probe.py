@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
@@ -13,9 +12,10 @@ import numpy as np
 from bodycheck.adapters.contract import Engine, Method, Setting, read_back_mismatch
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.stability_check import invalid_state
-from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.measurement.case import reproducing_command
 from bodycheck.reports.probes.finding import Finding, Sampled
+from bodycheck.reports.probes.precision import is_single, precision_finding
 from bodycheck.reports.probes.readings import reading_findings
 from bodycheck.reports.probes.responses import gravity_finding, response_findings
 from bodycheck.scenarios.library import PROBES, load_scenario
@@ -55,6 +55,7 @@ class _Probed:
     """
 
     probe: Probe
+    method: Method
     motions: tuple[Sampled, ...] = ()
     reason: str = ""
     mismatch: str | None = None
@@ -72,9 +73,7 @@ class _Probed:
         if not self.motions:
             return 0.0
         path = self.motions[-1].trajectory
-        omega = path.omega_world_rad_s if path.omega_body_rad_s is None else path.omega_body_rad_s
-        single = all(_is_single(values[1:]) for values in (path.velocity_m_s, omega) if values is not None)
-        eps = _SINGLE_EPS if single else _EPS
+        eps = _SINGLE_EPS if is_single(path) or self.method.precision != "float64" else _EPS
         return (len(path.t_s) - 1) * max(eps, tolerance or 0.0)
 
 
@@ -88,10 +87,12 @@ def probe_rows(
     first, second = probes or built_in_probes()
     tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
     rows: list[dict[str, Any]] = []
-    loaded = _probed(first, engine, method, tolerance, ask)
+    loaded = motions_of(first, engine, method, tolerance, ask)
     # do not wait a second time for an engine that timed out
     free = (
-        replace(loaded, probe=second) if loaded.timed_out else _probed(second, engine, method, tolerance, ask)
+        replace(loaded, probe=second)
+        if loaded.timed_out
+        else motions_of(second, engine, method, tolerance, ask)
     )
     for probed, findings in (
         (loaded, _loaded_findings(loaded, loaded.resolution(tolerance))),
@@ -103,22 +104,17 @@ def probe_rows(
             "engine_version": engine.version,
             "method": method.name,
             "dt_s": finest,
-            "reproduce": _command(probed.probe.name, engine, method, finest, tolerance),
+            "reproduce": reproducing_command(probed.probe.name, engine, method, Setting(finest, tolerance)),
         }
         rows += [{**shared, **_cells(finding)} for finding in findings]
     return rows
-
-
-def _is_single(values: Array) -> bool:
-    """Whether all values fit in single precision, as those of an engine that computes in it do."""
-    return bool(np.all(values == values.astype(np.float32)))
 
 
 def _cells(finding: Finding) -> dict[str, Any]:
     return {**vars(finding), "verdict": finding.verdict}
 
 
-def _probed(probe: Probe, engine: Engine, method: Method, tolerance: float | None, ask: Asking) -> _Probed:
+def motions_of(probe: Probe, engine: Engine, method: Method, tolerance: float | None, ask: Asking) -> _Probed:
     """Run one probe at each of its steps, sampled after every step, until one fails."""
     motions = []
     mismatch = None
@@ -127,12 +123,12 @@ def _probed(probe: Probe, engine: Engine, method: Method, tolerance: float | Non
         told = dt_s if method.control == "dt" else None
         answer = ask(engine, Case(scene, method.name, Setting(dt_s=told, tolerance=tolerance)))
         if answer.trajectory is None or answer.read_back is None:
-            return _Probed(probe, reason=f"{answer.outcome}: {answer.message}")
-        mismatch = mismatch or read_back_mismatch(scene, told, answer.read_back)
+            return _Probed(probe, method, reason=f"{answer.outcome}: {answer.message}")
+        mismatch = mismatch or read_back_mismatch(scene, told, answer.read_back, method.precision)
         if reason := invalid_state(answer.trajectory):
-            return _Probed(probe, reason=f"unstable: {reason}", mismatch=mismatch)
+            return _Probed(probe, method, reason=f"unstable: {reason}", mismatch=mismatch)
         motions.append(Sampled(scene, answer.trajectory))
-    return _Probed(probe, tuple(motions), "", mismatch)
+    return _Probed(probe, method, tuple(motions), "", mismatch)
 
 
 def _loaded_findings(loaded: _Probed, resolution: float) -> Iterator[Finding]:
@@ -153,19 +149,11 @@ def _free_findings(free: _Probed, loaded: _Probed, resolution: float) -> Iterato
         if not loaded.motions:
             yield gravity_finding(free.motions, resolution)
         yield from reading_findings(free.motions, resolution)
+    if free.method.control == "dt":
+        yield precision_finding(free.motions[-1].trajectory, free.method.precision)
 
 
 def _read_back(check: str, probed: _Probed) -> Iterator[Finding]:
     """Yield a finding with deviation 1 where the engine's parameters differ from those it was given."""
     if probed.mismatch is not None:
         yield Finding(check, 1.0, 0.0, 1.0, 0.0, probed.mismatch)
-
-
-def _command(name: str, engine: Engine, method: Method, dt_s: float | None, tolerance: float | None) -> str:
-    """Return the command line that reproduces a probe with this one method."""
-    words = ["bodycheck", "run", name, "--engine", f"{engine.name}:{method.name}"]
-    if dt_s is not None:
-        words += ["--dt", repr(dt_s)]
-    if tolerance is not None:
-        words += ["--tolerance", repr(tolerance)]
-    return shlex.join(words)

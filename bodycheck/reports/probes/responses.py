@@ -8,16 +8,17 @@ gives (n - k) h F, and one that releases the load k steps late gives k h F after
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
-from bodycheck.reference_impl.scene import PointForce, Scene, Timed, Torque
+from bodycheck.reference_impl.scene import Axes, PointForce, Scene, Timed, Torque
 from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
 
+_LEAST_SIZE = 1e-3  # of the impulse; a mistake that gives less is not distinguished from no response
 _SMALLEST_RESPONSE = 0.1  # a smaller response is too small to measure a delay
 
 
@@ -44,7 +45,8 @@ class _Window:
     """The part of the motion under one load: the gained momentum and the load's impulse, for each step.
 
     gained, impulse: (3,) for each of the steps. kept: (3,) for each step, gained between the end of the load
-    and the next load; empty for gravity, which does not end. round_off: of the gained momentum.
+    and the next load; empty for gravity, which does not end. round_off: of the gained momentum. mistaken: the
+    impulses that frequent mistakes of an adapter would give, by their descriptions.
     """
 
     name: str
@@ -53,6 +55,7 @@ class _Window:
     steps: tuple[int, ...]
     round_off: float
     kept: tuple[Array, ...] = ()
+    mistaken: Mapping[str, tuple[Array, ...]] = field(default_factory=dict)
 
     @property
     def size(self) -> float:
@@ -68,6 +71,19 @@ class _Window:
     def limit(self, steps_s: Sequence[float]) -> Limit:
         """Return the excess in the limit h -> 0."""
         return limit(steps_s, self.excess, self.round_off / self.size)
+
+    def mistake(self, steps_s: Sequence[float], *, without_effect: bool) -> str:
+        """Return the description of the mistake that explains the gained momentum; "" if none does."""
+        if without_effect:
+            load = self.name.replace("_", " ")
+            force = load.removesuffix(" moment")
+            at_centre = f"the {force} acts at the centre of mass, not at its point"
+            return f"the {load} has no effect" if load == force else at_centre
+        for what, impulse in self.mistaken.items():
+            found = replace(self, impulse=impulse)
+            if found.size > _LEAST_SIZE * self.size and _is_zero(found.limit(steps_s)):
+                return what
+        return ""
 
     def kept_at_first_order(self, steps_s: Sequence[float], along: Array) -> float:
         """Return the share of the impulse gained after the load has ended, less its limit for h -> 0."""
@@ -111,12 +127,22 @@ def _gravity(motions: Sequence[Sampled], resolution: float) -> _Window:
     scene, until = motions[0].scene, _alone_until(motions)
     momenta = [linear_momentum(scene.body.mass, motion.trajectory.velocity_m_s) for motion in motions]
     ends = [motion.index(until) for motion in motions]
+    weight = scene.body.mass * scene.gravity
+    turned = [
+        motion.trajectory.rotation_matrices[: end + 1] @ weight
+        for motion, end in zip(motions, ends, strict=True)
+    ]
+    in_body_axes = tuple(_integral(rate, motion.dt_s) for rate, motion in zip(turned, motions, strict=True))
     return _Window(
         "gravity",
         tuple(momentum[end] - momentum[0] for momentum, end in zip(momenta, ends, strict=True)),
-        (scene.body.mass * scene.gravity * until,) * len(motions),
+        (weight * until,) * len(motions),
         tuple(ends),
         _round_off(momenta, scene.body.mass, motions, resolution),
+        mistaken={
+            "gravity acts in body axes": in_body_axes,
+            "gravity has the opposite sign": (-weight * until,) * len(motions),
+        },
     )
 
 
@@ -146,16 +172,39 @@ def _window(
 ) -> _Window:
     """Return the effect of a load on one of the momenta, series; part: 0 for force, 1 for torque."""
     gained, impulse, kept, steps = [], [], [], []
+    mistaken: dict[str, list[Array]] = {}
     for motion, values in zip(motions, series, strict=True):
         first, last, end = (motion.index(t) for t in (load.from_s, load.until_s, pause_ends_s))
-        rate = _rates(load, motion.trajectory.rotation_matrices[first : last + 1])[part]
+        rotation = motion.trajectory.rotation_matrices[first : last + 1]
         gained.append(values[last] - values[first])
-        impulse.append(_integral(rate, motion.dt_s))
+        impulse.append(_integral(_rates(load, rotation)[part], motion.dt_s))
+        for what, rate in _mistaken_rates(load, rotation, part):
+            mistaken.setdefault(what, []).append(_integral(rate, motion.dt_s))
         kept.append(values[end] - values[last])
         steps.append(last - first)
     mass = 0.0 if part else motions[0].scene.body.mass
     round_off = _round_off(series, mass, motions, resolution)
-    return _Window(name, tuple(gained), tuple(impulse), tuple(steps), round_off, tuple(kept))
+    by_mistake = {what: tuple(impulses) for what, impulses in mistaken.items()}
+    return _Window(name, tuple(gained), tuple(impulse), tuple(steps), round_off, tuple(kept), by_mistake)
+
+
+def _mistaken_rates(load: Timed, rotation: Array, part: int) -> Iterator[tuple[str, Array]]:
+    """Yield force or torque (n, 3) in world axes as frequent mistakes give it, with their descriptions."""
+    right = _rates(load, rotation)
+    other: Axes = "world" if load.axes == "body" else "body"
+    swapped = _rates(replace(load, axes=other), rotation)
+    if isinstance(load, Torque) or part == 0:
+        what = "torque" if part else "force"
+        yield f"the {load.axes} {what} acts in {other} axes", swapped[part]
+        yield f"the {load.axes} {what} has the opposite sign", -right[part]
+        return
+    arm = np.broadcast_to(load.at, right[0].shape)
+    yield f"the moment of the {load.axes} force is F x r instead of r x F", -right[1]
+    yield f"the moment of the {load.axes} force has its arm in world axes", np.cross(arm, right[0])
+    if load.axes == "body":
+        in_body_axes = np.einsum("nji,nj->ni", rotation, right[1])
+        yield "the moment of the body force acts in world axes", in_body_axes
+    yield f"the {load.axes} force acts in {other} axes", swapped[1]
 
 
 def _rates(load: Timed, rotation: Array) -> tuple[Array, Array]:
@@ -183,9 +232,12 @@ def _response(window: _Window, steps_s: Sequence[float]) -> Iterator[Finding]:
     along = window.impulse[-1] / window.size
     found = window.limit(steps_s)
     measured = _nearly(1.0 + float(found.value[0] @ along), found.tolerance)
-    yield Finding(
-        f"{window.name}_response", measured, 1.0, found.size, found.tolerance, _response_text(found, along)
-    )
+    text = _response_text(found, along)
+    if text and (
+        mistake := window.mistake(steps_s, without_effect=_norm(found.value[0] + along) < _LEAST_SIZE)
+    ):
+        text = f"{mistake}: {text}"
+    yield Finding(f"{window.name}_response", measured, 1.0, found.size, found.tolerance, text)
     check = f"{window.name}_delay"
     if measured < _SMALLEST_RESPONSE:
         yield Finding(check, message="no response from which to measure a delay")
@@ -197,7 +249,7 @@ def _response(window: _Window, steps_s: Sequence[float]) -> Iterator[Finding]:
 
 
 def _response_text(found: Limit, along: Array) -> str:
-    if found.size <= found.tolerance:
+    if _is_zero(found):
         return ""
     lengthwise = float(found.value[0] @ along)
     across = float(np.linalg.norm(found.value[0] - lengthwise * along))
@@ -206,6 +258,10 @@ def _response_text(found: Limit, along: Array) -> str:
     return (
         f"{text}, plus {across:.3g} times its size perpendicular to it" if across > found.tolerance else text
     )
+
+
+def _is_zero(found: Limit) -> bool:
+    return found.size <= found.tolerance
 
 
 def _nearly(value: float, tolerance: float) -> float:

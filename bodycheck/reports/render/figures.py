@@ -1,10 +1,13 @@
-"""Draw figures of a run for papers, as SVG or PNG: one column wide, the legend next to the axes."""
+"""Draw figures of a run for papers: vector graphics or PNG, one or two columns wide, the legend below."""
 
 from __future__ import annotations
 
 import io
+import textwrap
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -12,12 +15,16 @@ import numpy as np
 
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import setting
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.measures import MEASURES, scale_of
-from bodycheck.reports.render.styles import Style, styles
+from bodycheck.reports.render.headings import heading
+from bodycheck.reports.render.merging import merged
+from bodycheck.reports.render.styles import COLOURS, Style, styles
 from bodycheck.reports.run_files.run_tables import (
     MethodKey,
+    Run,
     RunTables,
     cases_by_method,
     common_step,
@@ -29,14 +36,17 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
-_SUFFIXES = (".svg", ".png")
-_INCHES = (3.5, 2.6)
+_SUFFIXES = (".svg", ".pdf", ".png")
+_UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+WIDTHS_IN = {1: 3.5, 2: 7.2}
+"""The widths of a figure in columns of a paper."""
+
+_HEIGHT_IN = 2.4
+_LEGEND_LINE_IN = 0.115  # of a line of a legend of 6 points
+_LABEL_LETTERS = 52  # of a line of the legend, so that it fits one column
 _DOTS_PER_INCH = 300
-_COLOURS = (  # one per engine, as in the report: after Okabe and Ito
-    *("#0072b2", "#c44e00", "#00805c", "#1a1a1a"),
-    *("#a8487f", "#8a6d00", "#2f86b5", "#7a5cc0"),
-)
 _MARKERS = {
     "circle": "o",
     "square": "s",
@@ -52,94 +62,215 @@ _MARKERS = {
 _Lines: TypeAlias = Mapping[MethodKey, Sequence[CaseResult]]
 """The cases of one scenario by engine and method."""
 
+_Points: TypeAlias = tuple[Array, Array]
+"""Abscissas and values of a line, each (n,)."""
+
+_RC: Any = {
+    "font.size": 8,
+    "svg.hashsalt": "bodycheck",
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.titlesize": 8,
+}
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """How a figure looks.
+
+    columns: its width, 1 (3.5 in) or 2 (7.2 in) columns of a paper. style: a file of matplotlib's settings.
+    engines: the lines that are drawn, as ENGINE or ENGINE:METHOD; all if empty.
+    """
+
+    columns: int = 1
+    style: Path | None = None
+    engines: tuple[str, ...] = ()
+
+    def shows(self, key: MethodKey) -> bool:
+        """Whether a method is drawn."""
+        return not self.engines or key[0] in self.engines or ":".join(key) in self.engines
+
 
 def check_picture(out: Path) -> None:
     """Raise InputError for an unsupported suffix, UnavailableError without matplotlib."""
     if out.suffix not in _SUFFIXES:
-        raise InputError(f"--out {out}: must end in {' or '.join(_SUFFIXES)}")
+        raise InputError(f"--out {out}: must end in {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
     try:
         import matplotlib  # noqa: F401 - checked before anything is read
     except ImportError:
         raise UnavailableError("figures need matplotlib: pip install 'bodycheck[plot]'") from None
 
 
-def picture(run: RunTables, figure: str, scenario: str, quantity: str, suffix: str) -> bytes:
-    """Return a figure of one scenario as the bytes of an SVG or PNG file, identical for identical runs.
+def check_engines(run: RunTables, engines: Sequence[str]) -> None:
+    """Raise InputError for an engine or ENGINE:METHOD that the run does not have."""
+    keys = dict.fromkeys(key_of(case.columns) for case in run.cases)
+    known = [*dict.fromkeys(engine for engine, _ in keys), *(":".join(key) for key in keys)]
+    if unknown := [name for name in engines if name not in known]:
+        raise InputError(f"--engine {', '.join(unknown)}: not in this run (available: {', '.join(known)})")
 
-    figure: one of FIGURES, or STABILITY, which ignores `quantity`; "drift" needs the motions. Raises
-    InputError if there is nothing to draw.
+
+def picture(
+    run: RunTables,
+    figure: str,
+    scenario: str,
+    quantity: str,
+    suffix: str,
+    appearance: Appearance | None = None,
+) -> bytes:
+    """Return a figure of one scenario as the bytes of a file, identical for identical runs.
+
+    figure: one of FIGURES, STABILITY or BODIES; the last two ignore `quantity`. "drift" and BODIES need a
+    `Run` with its motions. Raises InputError if there is nothing to draw or the style cannot be used.
     """
-    import matplotlib as mpl  # late: only figures need it
+    appearance = appearance or Appearance()
+    with rendering(appearance.style):
+        return figure_bytes(drawn_figure(run, figure, scenario, quantity, appearance), suffix)
 
-    with mpl.rc_context({"font.size": 8, "svg.hashsalt": "bodycheck", "axes.grid": True, "grid.alpha": 0.3}):
-        shown = io.BytesIO()
-        undated = {"Date": None} if suffix == ".svg" else None
-        page = drawn_figure(run, figure, scenario, quantity)
-        page.savefig(shown, format=suffix[1:], dpi=_DOTS_PER_INCH, bbox_inches="tight", metadata=undated)
+
+def figure_bytes(page: Figure, suffix: str) -> bytes:
+    """Return a figure as the bytes of a file without a date."""
+    shown = io.BytesIO()
+    page.savefig(shown, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=_UNDATED.get(suffix))
     return shown.getvalue()
 
 
-def drawn_figure(run: RunTables, figure: str, scenario: str, quantity: str) -> Figure:
-    """Draw a figure of one scenario, one line per method; parameters and errors as in picture."""
+@contextmanager
+def rendering(style: Path | None = None) -> Iterator[None]:
+    """Use our settings of matplotlib, and over them those of a style file."""
+    import matplotlib as mpl  # late: only figures need it
+
+    with mpl.rc_context(_RC):
+        if style is not None:
+            mpl.rcParams.update(_style_of(style))
+        yield
+
+
+def _style_of(style: Path) -> Any:
+    """Return the settings of a style file. Raises InputError where matplotlib would only warn."""
+    import logging
+
+    import matplotlib as mpl
+
+    complaints: list[str] = []
+
+    class Collect(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            complaints.append(" ".join(record.getMessage().split()))
+
+    handler, logger = Collect(), logging.getLogger("matplotlib")
+    logger.addHandler(handler)
+    propagates, logger.propagate = logger.propagate, False
+    try:
+        found = mpl.rc_params_from_file(style, use_default_template=False)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"--style {style}: cannot be read: {error}") from None
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagates
+    if complaints:
+        raise InputError(f"--style {style}: {complaints[0].partition(' You probably')[0]}")
+    return found
+
+
+def drawn_figure(
+    run: RunTables, figure: str, scenario: str, quantity: str, appearance: Appearance | None = None
+) -> Figure:
+    """Draw a figure of one scenario; parameters and errors as in picture."""
     from matplotlib.figure import Figure
 
-    lines = cases_by_method(run.cases).get(scenario, {})
-    page = Figure(figsize=_INCHES)
-    axes = page.add_subplot()
+    appearance = appearance or Appearance()
     drawn = styles(key_of(case.columns) for case in run.cases)
+    lines = cases_by_method(run.cases).get(scenario, {})
+    lines = {key: cases for key, cases in lines.items() if appearance.shows(key)}
+    page = Figure(figsize=(WIDTHS_IN[appearance.columns], _HEIGHT_IN), layout="constrained")
+    if figure in BODIES:
+        from bodycheck.reports.render import body_figures
+
+        assert isinstance(run, Run)
+        body_figures.draw(page, run, figure, scenario, [c for own in lines.values() for c in own])
+        return page
+    axes = page.add_subplot(title=scenario)
     if figure == STABILITY:
-        _stability(axes, run.stability[run.stability["scenario"] == scenario], drawn)
+        rows = run.stability[run.stability["scenario"] == scenario]
+        shown = [appearance.shows(key) for key in zip(rows["engine"], rows["method"], strict=True)]
+        _stability(axes, rows[np.array(shown, dtype=bool)], drawn)
     elif lines:
         FIGURES[figure](axes, lines, drawn, quantity)
     if not axes.lines:
         raise InputError(f"--figure {figure}: nothing to draw for {scenario}")
-    axes.set_title(scenario, fontsize=8)
     if figure != STABILITY:
-        axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, fontsize=6)
+        _legend(page, axes, appearance.columns)
     return page
+
+
+def _legend(page: Figure, axes: Axes, columns: int) -> None:
+    """Put the legend below the axes, and make the figure higher by as much."""
+    groups: list[list[Line2D]] = []
+    for line in axes.lines:  # a line without a label belongs to the one before it
+        if str(line.get_label()).startswith("_"):
+            groups[-1].append(line)
+        else:
+            groups.append([line])
+    handles: Any = [tuple(group) for group in groups]  # drawn one upon the other
+    labels = (str(group[0].get_label()) for group in groups)
+    wrapped = ["\n  ".join(textwrap.wrap(text, _LABEL_LETTERS, break_on_hyphens=False)) for text in labels]
+    heights = sum(1 + label.count("\n") for label in wrapped) / columns
+    page.set_figheight(page.get_figheight() + _LEGEND_LINE_IN * (heights + 1))
+    page.legend(handles, wrapped, loc="outside lower center", ncols=columns, frameon=False, fontsize=6)
 
 
 def _work_precision(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
     """Draw error against processor time: one point per case, joined from the coarsest to the finest."""
-    axes.set(xscale="log", yscale="log", xlabel="processor time, s", ylabel=_words(quantity))
-    for key, cases in lines.items():
-        points = [
+    axes.set(xscale="log", yscale="log", xlabel=heading("cpu_s"), ylabel=heading(quantity))
+    points = {
+        key: _points(
             (case.columns["cpu_s"], _drawn_error(case, quantity))
             for case in cases
             if case.ok and quantity in case.columns and "cpu_s" in case.columns
-        ]
-        _draw(axes, drawn[key], cases, points)
+        )
+        for key, cases in lines.items()
+    }
+    for key, cases in lines.items():
+        _draw(axes, drawn, [key], points[key], cases)
 
 
 def _order(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
-    """Draw error against step, for every method with a step."""
-    axes.set(xscale="log", yscale="log", xlabel="step, s", ylabel=_words(quantity))
-    for key, cases in lines.items():
-        points = [
-            (case.dt_s, _drawn_error(case, quantity))
-            for case in cases
-            if case.ok and quantity in case.columns and case.dt_s is not None
-        ]
-        _draw(axes, drawn[key], cases, sorted(points))
+    """Draw error against step, for every method with a step; equal lines are one."""
+    axes.set(xscale="log", yscale="log", xlabel="step, s", ylabel=heading(quantity))
+    points = {
+        key: _points(
+            sorted(
+                (case.dt_s, _drawn_error(case, quantity))
+                for case in cases
+                if case.ok and quantity in case.columns and case.dt_s is not None
+            )
+        )
+        for key, cases in lines.items()
+    }
+    floor = floor_of(next(iter(lines.values()))[0].columns, quantity)
+    _draw_merged(axes, drawn, points, lines, floor)
 
 
 def _drift(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity: str) -> None:
-    """Draw a measure over time, for each method at the step shared by most methods."""
+    """Draw a measure over time, for each method at the step shared by most methods; equal lines are one."""
     every = [case for cases in lines.values() for case in cases]
     at_s = common_step(every)
     scale = scale_of(every[0].columns, quantity)
-    what = _words(quantity) if scale > 0.0 else f"{_words(quantity)}, {MEASURES[quantity].unit}"
+    what = heading(quantity) if scale > 0.0 else f"{heading(quantity)}, {MEASURES[quantity].unit}"
     axes.set(yscale="log", xlabel=f"time, s ({setting('dt', at_s)})", ylabel=what)
-    for key, cases in lines.items():
-        case = shown_case(cases, at_s)
-        if case is None:
-            continue
-        points: list[tuple[float, float]] = []
-        if quantity in case.series and case.trajectory is not None:
-            values = case.series[quantity] / (scale or 1.0)
-            times = case.trajectory.t_s[: len(values)]
-            points = [(t, value) for t, value in zip(times, values, strict=True) if value > 0.0]
-        _draw(axes, drawn[key], [case], points, markers=False)
+    shown = {key: shown_case(cases, at_s) for key, cases in lines.items()}
+    cases = {key: [case] for key, case in shown.items() if case is not None}
+    points = {key: _over_time(own[0], quantity, scale) for key, own in cases.items()}
+    _draw_merged(axes, drawn, points, cases, 0.0, markers=False)
+
+
+def _over_time(case: CaseResult, quantity: str, scale: float) -> _Points:
+    """Return the times and the values of a measure that are above 0."""
+    if quantity not in case.series or case.trajectory is None:
+        return np.empty(0), np.empty(0)
+    values = case.series[quantity] / (scale or 1.0)
+    above = values > 0.0
+    return case.trajectory.t_s[: len(values)][above], values[above]
 
 
 FIGURES: dict[str, Callable[[Axes, _Lines, Mapping[MethodKey, Style], str], None]] = {
@@ -150,7 +281,13 @@ FIGURES: dict[str, Callable[[Axes, _Lines, Mapping[MethodKey, Style], str], None
 
 
 STABILITY = "stability"
-"""The only figure without a quantity."""
+"""The largest stable step of each method."""
+
+BODIES = ("polhode", "motion")
+"""The figures of the body itself: omega on the ellipsoid of inertia, and the body at several times."""
+
+NEED_MOTIONS = ("drift", *BODIES)
+"""The figures that need the motions of a run, not only its tables."""
 
 
 def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style]) -> None:
@@ -167,7 +304,7 @@ def _stability(axes: Axes, rows: pd.DataFrame, drawn: Mapping[MethodKey, Style])
         axes.plot(
             [stable],
             [f"{style.name}{why}"],
-            color=_COLOURS[style.colour],
+            color=COLOURS[style.colour],
             marker=_MARKERS[style.marker],
             markersize=4,
             fillstyle="none" if np.isnan(row["dt_unstable_s"]) else "full",
@@ -185,34 +322,62 @@ def _drawn_error(case: CaseResult, quantity: str) -> float:
     return max(float(case.columns[quantity]), floor_of(case.columns, quantity))
 
 
-def _draw(
+def _points(pairs: Iterable[tuple[float, float]]) -> _Points:
+    x, y = np.array(list(pairs), dtype=np.float64).reshape(-1, 2).T
+    return x, y
+
+
+def _draw_merged(
     axes: Axes,
-    style: Style,
-    cases: Sequence[CaseResult],
-    points: Sequence[tuple[Any, float]],
+    drawn: Mapping[MethodKey, Style],
+    points: Mapping[MethodKey, _Points],
+    cases: _Lines,
+    floor: float,
     *,
     markers: bool = True,
 ) -> None:
-    """Draw the line of one method; its legend entry counts the cases that did not end well."""
+    """Draw each group of equal lines as one; a method without points only has its faults in the legend."""
+    there = {key: line for key, line in points.items() if len(line[0])}
+    empty = [[key] for key in points if key not in there]
+    for group in (*merged(there, floor), *empty):
+        own = [case for key in group for case in cases[key]]
+        _draw(axes, drawn, group, points[group[0]], own, markers=markers)
+
+
+def _draw(
+    axes: Axes,
+    drawn: Mapping[MethodKey, Style],
+    group: Sequence[MethodKey],
+    points: _Points,
+    cases: Sequence[CaseResult],
+    *,
+    markers: bool = True,
+) -> None:
+    """Draw one line, in the colour of each of its engines, the lower ones wider, and label it with all names.
+
+    The label counts the cases of a method that did not end well.
+    """
+    names = [_label(drawn[key], [case for case in cases if key_of(case.columns) == key]) for key in group]
+    if not len(points[0]) and names == [drawn[key].name for key in group]:
+        return
+    by_engine = list({key[0]: key for key in reversed(group)}.values())[::-1]
+    for rank, key in enumerate(by_engine):
+        style, below = drawn[key], len(by_engine) - 1 - rank
+        solid = style.dash == "solid" or len(by_engine) > 1
+        axes.plot(
+            *points,
+            label=" = ".join(names) if rank == 0 else None,
+            color=COLOURS[style.colour],
+            marker=_MARKERS[style.marker] if markers else None,
+            markersize=4 + 1.5 * below,
+            markerfacecolor="none",
+            markeredgewidth=0.7,
+            linewidth=0.8 + 1.4 * below,
+            linestyle="solid" if solid else (0, tuple(map(float, style.dash.split()))),
+        )
+
+
+def _label(style: Style, cases: Sequence[CaseResult]) -> str:
     ended = Counter(case.columns["outcome"] for case in cases if not case.ok)
     faults = ", ".join(f"{amount} {outcome}" for outcome, amount in ended.items())
-    if not points and not faults:
-        return
-    x, y = np.array(points, dtype=np.float64).reshape(-1, 2).T
-    axes.plot(
-        x,
-        y,
-        label=f"{style.name} ({faults})" if faults else style.name,
-        color=_COLOURS[style.colour],
-        marker=_MARKERS[style.marker] if markers else None,
-        markersize=4,
-        markerfacecolor="none",
-        markeredgewidth=0.7,
-        linewidth=0.8,
-        linestyle="solid" if style.dash == "solid" else (0, tuple(map(float, style.dash.split()))),
-    )
-
-
-def _words(quantity: str) -> str:
-    name = quantity.removesuffix("_rad")
-    return name.replace("_", " ") + (", rad" if quantity != name else "")
+    return f"{style.name} ({faults})" if faults else style.name

@@ -8,48 +8,73 @@ from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import Progress, ProgressColumn, SpinnerColumn, Task
 from rich.text import Text
+
+from bodycheck._util.formatting import count
+from bodycheck.reports.document import shortened
+
+_S_PER_KERNEL = 0.7  # of a cold `bodycheck run intermediate-axis --engine mujoco:rk4`, on two cores
+_SPINNER_WIDTH = 2
 
 
 @contextmanager
-def watched(what: str) -> Iterator[None]:
+def watched(what: str, *, quiet: bool = False) -> Iterator[None]:
     """Show a description and the elapsed time on standard error, if that is a terminal."""
-    console = Console(stderr=True, highlight=False)
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+    with _bar(quiet=quiet) as shown:
         shown.add_task(what, total=None)
         yield
 
 
-class LiveProgress:
-    """A progress bar on standard error if that is a terminal, else one line per phase."""
+def _bar(*, quiet: bool = False) -> Progress:
+    console = Console(stderr=True, highlight=False)
+    disabled = quiet or not console.is_terminal
+    columns = (SpinnerColumn(), _Line(console))
+    return Progress(*columns, console=console, transient=True, disable=disabled)
 
-    def __init__(self, cases_listed: int) -> None:
-        self._console = Console(stderr=True, highlight=False)
-        self._bar = Progress(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("cases"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            console=self._console,
-            transient=True,
-            disable=not self._console.is_terminal,
-        )
-        self._task = self._bar.add_task("starting", total=cases_listed)
+
+class _Line(ProgressColumn):
+    """The phase, its count, the elapsed and the remaining time, in one line of the terminal."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self._console = console
+
+    def render(self, task: Task) -> Text:
+        """Return the line; a narrow terminal shows the phase shortened and the times whole."""
+        amount = "" if task.total is None else f" {task.completed:.0f}/{task.total:.0f}"
+        unit, note = task.fields.get("unit", ""), task.fields.get("note", "")
+        times = f", elapsed {_clock(task.elapsed)}"
+        if task.time_remaining:  # None before two are done, 0 where only uncounted work is left
+            times += f", remaining {_clock(task.time_remaining)}"
+        room = self._console.width - _SPINNER_WIDTH - len(amount + unit + times)
+        whole = f"{task.description}{amount}{unit}{note}{times}"
+        if len(whole) > self._console.width - _SPINNER_WIDTH:
+            whole = f"{shortened(task.description, room)}{amount}{unit}{times}"
+        return Text(whole, no_wrap=True, overflow="ellipsis")
+
+
+def _clock(seconds: float | None) -> str:
+    """Return seconds as 1:05 or 1:02:05."""
+    minutes, left = divmod(int(seconds or 0.0), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{left:02d}" if hours else f"{minutes}:{left:02d}"
+
+
+class LiveProgress:
+    """One line on standard error that is kept up to date if that is a terminal, else one line per phase.
+
+    label: what the run is one of, such as a release; it precedes each phase, and a log has no phases then.
+    """
+
+    def __init__(self, cases_listed: int, label: str = "") -> None:
+        self._bar = _bar()
+        self._logs = not self._bar.console.is_terminal and not label
+        self._label = f"{label}: " if label else ""
+        self._task = self._bar.add_task(f"{self._label}starting", total=None)
         self._lock = threading.Lock()
         self._listed, self._done, self._timed = cases_listed, 0, 0
+        self._compiling = False
 
     def __enter__(self) -> LiveProgress:
         self._bar.start()
@@ -60,22 +85,25 @@ class LiveProgress:
     ) -> None:
         self._bar.stop()
 
-    def speed_measured(self) -> None:
-        """Count one more measured speed; the total is the number of cases that ran."""
-        if self._timed == 0:
-            self._bar.reset(self._task, total=self._done)
-        self._timed += 1
-        self._bar.update(self._task, completed=self._timed)
-
     def phase(self, what: str) -> None:
         """Show the name of the phase that has begun."""
-        self._bar.update(self._task, description=what)
-        if not self._console.is_terminal:
-            self._console.print(Text(what))
+        self._show(what)
+
+    def compiling(self, done: int, total: int) -> None:
+        """Show how much is compiled; called only while something is."""
+        if not self._compiling:
+            self._compiling = True
+            note = f" (first run, about {_rounded(total * _S_PER_KERNEL)})"
+            self._show("compiling", note, total=total, unit=" kernels")
+        self._bar.update(self._task, completed=done, total=total)
 
     def truth_begun(self, scenario: str) -> None:
         """Show the scenario whose truth is being solved, on a terminal only."""
-        self._bar.update(self._task, description=f"solving the truth of {scenario}")
+        self._bar.update(self._task, description=f"{self._label}solving the truth of {scenario}")
+
+    def motions_begun(self) -> None:
+        """Show the number of cases that have ended, of those listed."""
+        self._show("motions", total=self._listed, unit=" cases")
 
     def case_done(self) -> None:
         """Count one more case, from any thread; steps added during the run raise the total."""
@@ -83,3 +111,25 @@ class LiveProgress:
             self._done += 1
             self._listed = max(self._listed, self._done)
             self._bar.update(self._task, completed=self._done, total=self._listed)
+
+    def speeds_begun(self) -> None:
+        """Show the number of cases that were timed, of those that ran."""
+        self._show("speeds, one case at a time", total=self._done, unit=" cases")
+
+    def speed_measured(self) -> None:
+        """Count one more measured speed."""
+        self._timed += 1
+        self._bar.update(self._task, completed=self._timed)
+
+    def _show(self, what: str, note: str = "", *, total: int | None = None, unit: str = "") -> None:
+        if self._logs:
+            self._bar.console.print(Text(what + unit * bool(note) + note))
+        self._bar.remove_task(self._task)  # a task cannot lose its total
+        self._task = self._bar.add_task(f"{self._label}{what}", total=total, note=note, unit=unit)
+
+
+def _rounded(seconds: float) -> str:
+    """Return "20 seconds" or "2 minutes"."""
+    if seconds < 45.0:
+        return f"{max(10, round(seconds, -1)):.0f} seconds"
+    return count(round(seconds / 60.0), "minute")

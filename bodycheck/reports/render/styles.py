@@ -4,10 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from zlib import crc32
 
 from bodycheck.reports.run_files.run_tables import MethodKey
 
-_ENGINE_COLOURS = 8
+REFERENCE = "reference"
+"""The engine that is drawn thin and grey unless it is selected."""
+
+_COLOURS = {"mujoco": 0, "pybullet": 1, "dart": 2, REFERENCE: 3}
+"""Engine -> the number of its colour, the same in every report, figure and page."""
+
+_OTHER_COLOURS = 4
+
+COLOURS = (  # after Okabe and Ito
+    *("#0072b2", "#c44e00", "#00805c", "#1a1a1a"),
+    *("#a8487f", "#8a6d00", "#2f86b5", "#7a5cc0"),
+)
+"""The colours on white, by number; report.css has them as well, and those for a dark page."""
 
 MARKERS = {
     "circle": "M14 6a4 4 0 1 0 8 0a4 4 0 1 0-8 0z",
@@ -32,6 +45,7 @@ class Style:
 
     number: int
     name: str
+    engine: str
     colour: int
     marker: str
     dash: str
@@ -42,16 +56,22 @@ class Style:
         return MARKERS[self.marker]
 
 
+def engine_colour(engine: str) -> int:
+    """Return the number of an engine's colour; it depends on nothing but the name."""
+    known = _COLOURS.get(engine)
+    return len(_COLOURS) + crc32(engine.encode()) % _OTHER_COLOURS if known is None else known
+
+
 def styles(keys: Iterable[MethodKey]) -> dict[MethodKey, Style]:
     """Return the style of each method, in the order of the run."""
     ordered = list(dict.fromkeys(keys))
-    engines = list(dict.fromkeys(engine for engine, _ in ordered))
     markers = list(MARKERS)
     return {
         (engine, method): Style(
             number=i,
             name=f"{engine}:{method}",
-            colour=engines.index(engine) % _ENGINE_COLOURS,
+            engine=engine,
+            colour=engine_colour(engine),
             marker=markers[i % len(markers)],
             dash=DASHES[i % len(DASHES)],
         )

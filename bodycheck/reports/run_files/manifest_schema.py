@@ -45,6 +45,34 @@ class _Unavailable(BaseModel):
     unavailable: _Text
 
 
+class _Load(BaseModel):
+    """A load of a scenario."""
+
+    model_config = ConfigDict(extra="allow")
+
+    from_s: _Number | None = None
+    until_s: _Number | None = None
+
+
+class _Body(BaseModel):
+    """The body of a scenario."""
+
+    model_config = ConfigDict(extra="allow")
+
+    notes: list[_Text] = []
+
+
+class _Scenario(BaseModel):
+    """A scenario; reading a whole run checks all of it."""
+
+    model_config = ConfigDict(extra="allow")
+
+    duration_s: Annotated[_Number, Field(gt=0.0)]
+    samples: Annotated[int, Field(strict=True, ge=2, le=10**9)]
+    body: _Body
+    forcing: list[_Load] = []
+
+
 def _kind(entry: Any) -> str:
     return "unavailable" if isinstance(entry, dict) and "unavailable" in entry else "ran"
 
@@ -70,7 +98,7 @@ class _Manifest(BaseModel):
     libraries: dict[_Text, _Text]
     engines: dict[_Text, _Entry]
     outcomes: dict[_Text, _Count]
-    scenarios: dict[_Text, dict[_Text, Any]]
+    scenarios: dict[_Text, _Scenario]
     dt_s: list[_Number] | None
     tolerances: list[_Number] | None
     speed: StrictBool

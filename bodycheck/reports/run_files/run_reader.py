@@ -21,14 +21,21 @@ from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario
 from bodycheck.reports.measurement.measures import MEASURES, Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.probes.laws import LAW_VERDICTS
 from bodycheck.reports.run_files.manifest_schema import check_manifest
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import (
+    DIAGNOSIS_COLUMNS,
+    FINGERPRINT_COLUMNS,
+    LAW_COLUMNS,
     METHOD_COLUMNS,
     PROBE_COLUMNS,
     RESULT_COLUMNS,
     STABILITY_COLUMNS,
     as_table,
+    no_diagnoses,
+    no_fingerprints,
+    no_laws,
     no_probes,
     read_rows,
 )
@@ -43,6 +50,9 @@ _OF_EVERY_CASE = ("run_id", "scenario", "engine", "method", "control", "outcome"
 _OF_EVERY_METHOD = ("run_id", "scenario", "engine", "method", "quantity", "verdict")
 _OF_EVERY_SEARCH = ("run_id", "scenario", "engine", "method", "outcome")
 _OF_EVERY_CHECK = ("run_id", "engine", "method", "check", "verdict", "reproduce")
+_OF_EVERY_DIAGNOSIS = ("run_id", "scenario", "engine", "method", "verdict", "diagnosis", "reproduce")
+_OF_EVERY_FINGERPRINT = ("run_id", "engine", "method", "fingerprint", "reproduce")
+_OF_EVERY_LAW = ("run_id", "engine", "method", "law", "verdict", "reproduce")
 _SAME = 1e-6  # relative tolerance between an error measured again and the one in the table
 
 
@@ -50,7 +60,8 @@ _SAME = 1e-6  # relative tolerance between an error measured again and the one i
 class Tables:
     """The tables of a run, which suffice to compare, advise and summarise.
 
-    results, methods, stability, probes, manifest: as for Run. cases: the rows of results, without motions.
+    results, methods, stability, probes, diagnoses, fingerprints, laws, manifest: as for Run. cases: the rows
+    of results, without motions.
     """
 
     run_id: str
@@ -60,10 +71,13 @@ class Tables:
     manifest: dict[str, Any]
     cases: tuple[CaseResult, ...]
     probes: pd.DataFrame = field(default_factory=no_probes)
+    diagnoses: pd.DataFrame = field(default_factory=no_diagnoses)
+    fingerprints: pd.DataFrame = field(default_factory=no_fingerprints)
+    laws: pd.DataFrame = field(default_factory=no_laws)
 
 
 def read_tables(folder: Path) -> Tables:
-    """Read results.csv, methods.csv, stability.csv, probes.csv (if there is one) and manifest.json of a run.
+    """Read the tables (those of methods and diagnoses if there are any) and manifest.json of a run.
 
     Raises InputError with one line where the folder is not a run, or its files are damaged or do not belong
     together.
@@ -73,15 +87,27 @@ def read_tables(folder: Path) -> Tables:
     methods = read_rows(folder / "methods.csv", METHOD_COLUMNS, _OF_EVERY_METHOD)
     stability = read_rows(folder / "stability.csv", STABILITY_COLUMNS, _OF_EVERY_SEARCH)
     path = folder / "probes.csv"  # absent from runs of earlier versions
-    probes = read_rows(path, PROBE_COLUMNS, _OF_EVERY_CHECK) if path.exists() else []
+    probes = _if_there(path, PROBE_COLUMNS, _OF_EVERY_CHECK)
+    told = folder / "diagnoses.csv"
+    diagnoses = _if_there(told, DIAGNOSIS_COLUMNS, _OF_EVERY_DIAGNOSIS)
+    fingerprints = _if_there(folder / "fingerprints.csv", FINGERPRINT_COLUMNS, _OF_EVERY_FINGERPRINT)
+    laws = _if_there(folder / "laws.csv", LAW_COLUMNS, _OF_EVERY_LAW)
+    _check_words(folder / "laws.csv", laws, "verdict", LAW_VERDICTS)
+    _check_commands(folder / "fingerprints.csv", fingerprints)
+    _check_commands(folder / "laws.csv", laws)
     _check_words(folder / "results.csv", results, "outcome", STATES)
     _check_commands(folder / "results.csv", results)
+    _check_settings(folder / "results.csv", results)
     _check_commands(path, probes)
+    _check_commands(told, diagnoses)
     _check_words(folder / "methods.csv", methods, "verdict", STATES)
     _check_words(folder / "methods.csv", methods, "quantity", MEASURES)
+    _check_intervals(folder / "results.csv", results, "cpu_s")
+    _check_intervals(folder / "methods.csv", methods, "order")
+    _check_intervals(folder / "methods.csv", methods, "growth_exponent")
     _check_words(folder / "stability.csv", stability, "outcome", STATES)
-    run_id, rows = manifest["run_id"], (*results, *methods, *stability)
-    if others := {row["run_id"] for row in (*rows, *probes)} - {run_id}:
+    run_id, rows = manifest["run_id"], (*results, *methods, *stability, *diagnoses)
+    if others := {row["run_id"] for row in (*rows, *probes, *fingerprints, *laws)} - {run_id}:
         raise InputError(f"{folder}: manifest.json is of run {run_id}, but the tables of {', '.join(others)}")
     if Counter(row["outcome"] for row in results) != manifest["outcomes"]:
         raise InputError(
@@ -101,14 +127,22 @@ def read_tables(folder: Path) -> Tables:
         manifest=manifest,
         cases=tuple(_case(row) for row in results),
         probes=as_table(({"message": "", **row} for row in probes), PROBE_COLUMNS),
+        diagnoses=as_table(diagnoses, DIAGNOSIS_COLUMNS),
+        fingerprints=as_table(fingerprints, FINGERPRINT_COLUMNS),
+        laws=as_table(laws, LAW_COLUMNS),
     )
+
+
+def _if_there(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Read the rows of a table that runs of earlier versions lack."""
+    return read_rows(path, columns, needed) if path.exists() else []
 
 
 def _json(folder: Path, name: str) -> Any:
     try:
         return read_json(folder / name)
     except FileNotFoundError:
-        raise InputError(f"{folder}: not a run folder: {name} is missing") from None
+        raise InputError(f"{folder / name}: missing: not a run folder") from None
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -120,6 +154,22 @@ def _check_words(path: Path, rows: Iterable[dict[str, Any]], column: str, known:
     """Raise InputError where a row has a word that this version does not write."""
     if unknown := {row[column] for row in rows} - {"ok", *known}:
         raise InputError(f"{path}: unknown {column} {sorted(unknown)[0]!r} (available: {', '.join(known)})")
+
+
+def _check_intervals(path: Path, rows: Iterable[dict[str, Any]], column: str) -> None:
+    """Raise InputError where an estimate lacks an end of its interval."""
+    low, high = f"{column}_low", f"{column}_high"
+    for row in rows:
+        if column in row and not {low, high} <= row.keys():
+            raise InputError(f"{path}: {column} {row[column]:g} without {low} and {high}")
+
+
+def _check_settings(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    """Raise InputError where a step or a tolerance is not positive and finite."""
+    for row in rows:
+        for column in ("dt_s", "tolerance"):
+            if column in row and not 0.0 < row[column] < math.inf:
+                raise InputError(f"{path}: {column} is {row[column]!r}, not a positive number")
 
 
 def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
@@ -154,6 +204,9 @@ def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = No
         problems=tuple(problems.values()),
         cases=tuple(_with_motion(folder, problems[case.columns["scenario"]], case) for case in cases),
         probes=tables.probes,
+        diagnoses=tables.diagnoses,
+        fingerprints=tables.fingerprints,
+        laws=tables.laws,
     )
 
 

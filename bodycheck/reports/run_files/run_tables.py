@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.run_files.tables import no_probes
+from bodycheck.reports.run_files.sentinels import Sentinel
+from bodycheck.reports.run_files.tables import no_diagnoses, no_fingerprints, no_laws, no_probes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,7 +24,9 @@ class Run:
     stability: one row per scenario and method with a step (stability.csv); empty where steps were specified.
     manifest: versions, machine, settings (manifest.json). problems: the scenarios with their truths. cases:
     the rows of results in the same order, each with its trajectory and its measures over time. probes: one
-    row per method and check (probes.csv).
+    row per method and check (probes.csv). sentinels: the cases that every shard runs; none in another run.
+    diagnoses: one row per scenario and method with a verdict against it (diagnoses.csv). fingerprints: one
+    row per method (fingerprints.csv). laws: one row per method and law (laws.csv).
     """
 
     run_id: str
@@ -34,6 +37,10 @@ class Run:
     problems: tuple[Problem, ...]
     cases: tuple[CaseResult, ...]
     probes: pd.DataFrame = field(default_factory=no_probes)
+    sentinels: tuple[Sentinel, ...] = ()
+    diagnoses: pd.DataFrame = field(default_factory=no_diagnoses)
+    fingerprints: pd.DataFrame = field(default_factory=no_fingerprints)
+    laws: pd.DataFrame = field(default_factory=no_laws)
 
 
 MethodKey: TypeAlias = tuple[str, str]
@@ -58,6 +65,18 @@ class RunTables(Protocol):
     @property
     def probes(self) -> pd.DataFrame:
         """One row per method and check of its probes; empty for a run of a version without probes."""
+
+    @property
+    def diagnoses(self) -> pd.DataFrame:
+        """One row per diagnosed method and scenario; empty for a run of a version without diagnoses."""
+
+    @property
+    def fingerprints(self) -> pd.DataFrame:
+        """One row per method: its known map; empty for a run without fingerprints."""
+
+    @property
+    def laws(self) -> pd.DataFrame:
+        """One row per method and law; empty for a run without laws."""
 
     @property
     def cases(self) -> tuple[CaseResult, ...]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bodycheck._util.formatting import markdown_table
+from bodycheck.reports.document import markdown_table
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,4 +1,4 @@
-"""The tables of a run: columns of results, methods, stability and probes.csv, in order."""
+"""The columns of the tables of a run, in order, and how their cells are written and read."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ _CASE = (
     "run_id",
     *WHO,
     "control",
+    "precision",
     "dt_s",
     "tolerance",
     "steps",
@@ -77,6 +78,10 @@ METHOD_COLUMNS = (
     "finest_dt_s",
     "finest_tolerance",
     "finest_error",
+    "best_dt_s",
+    "least_error",
+    "predicted_floor",
+    "measured_floor",
     "limit_distance",
     "limit_uncertainty",
     "verdict",
@@ -84,6 +89,7 @@ METHOD_COLUMNS = (
     "growth_exponent",
     "growth_exponent_low",
     "growth_exponent_high",
+    "fingerprint",
 )
 STABILITY_COLUMNS = (
     "run_id",
@@ -101,14 +107,30 @@ PROBE_COLUMNS = (
     *("check", "measured", "expected", "deviation", "tolerance"),
     *("dt_s", "verdict", "message", "reproduce"),
 )
+DIAGNOSIS_COLUMNS = (
+    *("run_id", *WHO, "dt_s", "tolerance", "quantity", "verdict", "diagnosis"),
+    *("faults", "parameter", "value", "value_low", "value_high", "unit", "share", "alike"),
+    *("map", "before", "after", "round_off", "reproduce"),
+)
+FINGERPRINT_COLUMNS = (
+    *("run_id", "engine", "engine_version", "method", "fingerprint"),
+    *("agreement", "digits", "runner_up", "runner_up_distance", "position_update"),
+    *("local_order", "leading_error", "description", "message", "reproduce"),
+)
+LAW_COLUMNS = (
+    *("run_id", "engine", "engine_version", "method", "law", "verdict"),
+    *("size", "tolerance", "quantity", "state", "dt_s", "t_s", "message", "reproduce"),
+)
 _YES_OR_NO = ("reused",)
 _WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
 _LARGEST_WHOLE = 2**63 - 1
 _TEXTS = frozenset(
     (
-        *("run_id", *WHO, "control", "outcome"),
+        *("run_id", *WHO, "control", "precision", "outcome"),
         *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
-        *("growth", "reason", "check", "build"),
+        *("growth", "reason", "check", "build", "law", "state"),
+        *("diagnosis", "faults", "parameter", "unit", "alike", "map"),
+        *("fingerprint", "runner_up", "position_update", "leading_error", "description"),
     )
 )
 
@@ -135,6 +157,21 @@ def _cells(rows: list[Mapping[str, Any]], column: str) -> list[Any]:
 def no_probes() -> pd.DataFrame:
     """Return the empty table of a run without probes."""
     return as_table((), PROBE_COLUMNS)
+
+
+def no_diagnoses() -> pd.DataFrame:
+    """Return the empty table of a run in which nothing was diagnosed."""
+    return as_table((), DIAGNOSIS_COLUMNS)
+
+
+def no_fingerprints() -> pd.DataFrame:
+    """Return the empty table of a run without fingerprints."""
+    return as_table((), FINGERPRINT_COLUMNS)
+
+
+def no_laws() -> pd.DataFrame:
+    """Return the empty table of a run without laws."""
+    return as_table((), LAW_COLUMNS)
 
 
 def _dtype(column: str) -> str | None:

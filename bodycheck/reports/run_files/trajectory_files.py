@@ -1,10 +1,9 @@
-"""Trajectory files: the CSV columns, the npz arrays, and a reader for files written by other programs."""
+"""The quantities of a trajectory: their columns in a table, and their arrays in an npz."""
 
 from __future__ import annotations
 
 import io
 import math
-import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -21,7 +20,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 if TYPE_CHECKING:
     import pandas as pd
 
-_MOST_BYTES = 1 << 28
+MOST_BYTES = 1 << 28
 """Limit for all arrays together, as doubles; the quantities of a million samples take 208 MB."""
 _ALWAYS_BYTES = 1 << 25
 _MOST_PACKED = 50  # above that, times the file size: denser files are zip bombs, or a body at rest
@@ -32,19 +31,27 @@ _ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
 
 
-def read_npz(path: Path, names: Sequence[str]) -> dict[str, Array]:
-    """Return those of the named arrays that the file has, as doubles.
+def read_npz(
+    path: Path, names: Sequence[str] | None = None, faults: dict[str, str] | None = None
+) -> dict[str, Array]:
+    """Return those of the named arrays that the file has, as doubles; of all arrays without names.
 
-    Raises OSError where the file cannot be read, and InputError with one line where it is not an npz of real
-    numbers.
+    faults: receives name -> message for an array that is not of real numbers, and is left out. Raises OSError
+    where the file cannot be read, and InputError with one line where it is not an npz of real numbers.
     """
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as archive:
-            left = min(_MOST_BYTES, max(_ALWAYS_BYTES, _MOST_PACKED * path.stat().st_size))
+            left = min(MOST_BYTES, max(_ALWAYS_BYTES, _MOST_PACKED * path.stat().st_size))
+            there = [name.removesuffix(".npy") for name in archive.NameToInfo if name.endswith(".npy")]
             arrays = {}
-            for name in names:
-                if f"{name}.npy" in archive.NameToInfo:
+            for name in there if names is None else [name for name in names if name in there]:
+                try:
                     arrays[name] = _array(archive, name, left)
+                except ValueError as error:
+                    if faults is None:
+                        raise
+                    faults[name] = str(error)
+                else:
                     left -= arrays[name].nbytes
             return arrays
     except (ValueError, EOFError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
@@ -101,7 +108,7 @@ def doubles(values: np.ndarray[Any, np.dtype[Any]], name: str) -> Array:
     return values.astype(np.float64)
 
 
-_ARRAYS = {
+COLUMNS = {
     "position_m": ("x_m", "y_m", "z_m"),
     "quaternion": ("qw", "qx", "qy", "qz"),
     "velocity_m_s": ("vx_m_s", "vy_m_s", "vz_m_s"),
@@ -110,8 +117,6 @@ _ARRAYS = {
     "rotation": tuple(f"r{i}{j}" for i in range(3) for j in range(3)),
 }
 """Array of the npz -> its columns in the CSV."""
-
-_IGNORED = ("bound_rad",)  # the last column of `bodycheck truth`
 
 
 def trajectory_table(trajectory: Trajectory) -> pd.DataFrame:
@@ -127,13 +132,13 @@ def trajectory_table(trajectory: Trajectory) -> pd.DataFrame:
     }
     columns = {"t_s": trajectory.t_s}
     for array, value in values.items():
-        columns |= {name: value[:, i] for i, name in enumerate(_ARRAYS[array])}
+        columns |= {name: value[:, i] for i, name in enumerate(COLUMNS[array])}
     return pd.DataFrame(columns)
 
 
 def stored_arrays(trajectory: Trajectory) -> dict[str, Array]:
     """Return the arrays that the npz of a trajectory holds."""
-    values = {name: getattr(trajectory, name) for name in ("t_s", *_ARRAYS)}
+    values = {name: getattr(trajectory, name) for name in ("t_s", *COLUMNS)}
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -159,68 +164,30 @@ def _npy_header(shape: tuple[int, ...]) -> bytes:
 
 
 def read_arrays(path: Path) -> dict[str, Array]:
-    """Read t_s (n,) and any arrays of a trajectory, (n, 3), (n, 4) or (n, 3, 3), from .csv or .npz.
+    """Read t_s (n,) and any arrays of a trajectory, (n, 3), (n, 4) or (n, 3, 3), from .npz.
 
     Raises InputError with one line that names the file and the fault.
     """
     try:
-        arrays = read_npz(path, ("t_s", *_ARRAYS)) if path.suffix == ".npz" else _read_csv(path)
+        return checked_arrays(path, read_npz(path, ("t_s", *COLUMNS)))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def checked_arrays(path: Path, arrays: dict[str, Array]) -> dict[str, Array]:
+    """Return the arrays of a trajectory.
+
+    Raises InputError if the times are not ascending, or if a quantity is missing or of another shape.
+    """
     t_s = arrays.get("t_s")
     if t_s is None:
         raise InputError(f"{path}: has no t_s")
     if t_s.ndim != 1 or not len(t_s) or not np.all(np.isfinite(t_s)) or np.any(np.diff(t_s) <= 0.0):
         raise InputError(f"{path}: t_s must be finite times in ascending order")
     if len(arrays) == 1:
-        raise InputError(f"{path}: has no quantity besides t_s (available: {', '.join(_ARRAYS)})")
+        raise InputError(f"{path}: has no quantity besides t_s (available: {', '.join(COLUMNS)})")
     for name, value in arrays.items():
-        shape = {"t_s": (), "rotation": (3, 3)}.get(name, (len(_ARRAYS.get(name, ())),))
+        shape = {"t_s": (), "rotation": (3, 3)}.get(name, (len(COLUMNS.get(name, ())),))
         if value.shape != (len(t_s), *shape):
             raise InputError(f"{path}: {name} has the shape {value.shape}, not {(len(t_s), *shape)}")
-    return arrays
-
-
-def _read_csv(path: Path) -> dict[str, Array]:
-    import pandas as pd
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # a row of the wrong width
-            table = pd.read_csv(
-                path,
-                skipinitialspace=True,
-                index_col=False,
-                keep_default_na=False,
-                na_values=["nan", "NaN"],
-                compression=None,  # do not guess from the file name
-            )
-    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
-        raise InputError(f"{path}: not a CSV file: {' '.join(str(error).split())}") from None
-    known = {"t_s", *_IGNORED, *(column for columns in _ARRAYS.values() for column in columns)}
-    if unknown := [str(column) for column in table.columns if column not in known]:
-        raise InputError(f"{path}: unknown trajectory column {', '.join(unknown)}")
-    if table.empty:
-        raise InputError(f"{path}: has no rows")
-    for column in table.columns:
-        kind = table[column].dtype.kind
-        if kind == "b":
-            raise InputError(f"{path}: {column} has booleans, not numbers")
-        if kind not in "fiu":
-            row = int(np.argmax(pd.to_numeric(table[column], errors="coerce").isna().to_numpy()))
-            found = table[column].iloc[row]
-            raise InputError(f"{path}: line {row + 2}: {column} is {found!r}, not a number")
-    try:
-        values = {str(column): doubles(table[column].to_numpy(), str(column)) for column in table.columns}
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
-    arrays: dict[str, Array] = {"t_s": values["t_s"]} if "t_s" in values else {}
-    for array, columns in _ARRAYS.items():
-        there = [column for column in columns if column in table]
-        if there and len(there) < len(columns):
-            missing = ", ".join(column for column in columns if column not in table)
-            raise InputError(f"{path}: has {there[0]} but not {missing}")
-        if there:
-            together = np.stack([values[column] for column in there], axis=-1)
-            arrays[array] = together.reshape(-1, 3, 3) if array == "rotation" else together
     return arrays

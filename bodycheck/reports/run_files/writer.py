@@ -14,6 +14,7 @@ from bodycheck.adapters.workers.protocol import Message, read_back_message
 from bodycheck.reference_impl.truth.truth import QUANTITIES
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.sentinels import write_sentinels
 from bodycheck.reports.run_files.trajectory_files import npz, stored_arrays
 
 
@@ -43,6 +44,7 @@ def write_files(run: Run, report: str, out: Path, *, beside: Path | None = None)
             unfinished.mkdir()  # not mkdtemp, which ignores the umask and excludes other users
             write_tables(run, unfinished)
             _write_trajectories(run, unfinished / "trajectories")
+            write_sentinels(run.sentinels, unfinished)
             (unfinished / "report.html").write_text(report, encoding="utf-8")
             unfinished.replace(out)
         finally:
@@ -58,6 +60,9 @@ def write_tables(run: Run, folder: Path) -> None:
     run.methods.to_csv(folder / "methods.csv", index=False)
     run.stability.to_csv(folder / "stability.csv", index=False)
     run.probes.to_csv(folder / "probes.csv", index=False)
+    run.diagnoses.to_csv(folder / "diagnoses.csv", index=False)
+    run.fingerprints.to_csv(folder / "fingerprints.csv", index=False)
+    run.laws.to_csv(folder / "laws.csv", index=False)
     (folder / "manifest.json").write_text(json.dumps(run.manifest, indent=2) + "\n", encoding="utf-8")
     (folder / "read_back.json").write_text(json.dumps(_read_backs(run)) + "\n", encoding="utf-8")
 

@@ -1,141 +1,373 @@
-"""The cheapest settings of a run that meet an error tolerance: measured, never extrapolated."""
+"""The cheapest settings that meet an error tolerance, and the error of a step: measured, else predicted."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import TypeAlias
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import meant, number
 from bodycheck._util.untrusted import joined, parted
+from bodycheck.adapters.programs import with_method
 from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.run_files.run_tables import MethodKey
-from bodycheck.reports.summary.cases_within import keeping, ladders_of, largest_error
+from bodycheck.reports.summary.cases_within import keeping, largest_error
+from bodycheck.reports.summary.error_curve import MOST_STEPS, Basis, ErrorCurve, Estimate
+from bodycheck.scenarios.library import as_suite
 
 _ADVISED = tuple(name for name in QUANTITIES if MEASURES[name].judged == "limit")
+_SURENESS: tuple[Basis, ...] = ("measured", "predicted", "unsure")
+
+Curves: TypeAlias = Mapping[tuple[str, MethodKey], ErrorCurve]
+"""(scenario, method) -> its error against its step."""
 
 
 @dataclass(frozen=True)
 class Option:
-    """The settings with which a method meets the error tolerance, and their cost.
+    """A method at one setting: its error, where that comes from, its cost, and how to confirm and use it.
 
-    settings: the step or tolerance on each scenario; None for a method that has neither. error: measured
-    error plus the truth's bound, the largest over the scenarios. cpu_s: CPU time of the whole scenarios in s;
-    None where it was not measured. reproduce: the command that reproduces it.
+    setting: the step in s or the tolerance; None for a method that has neither. error: an upper end: measured
+    error plus the truth's bound, or that of the prediction's 95 % interval; the largest over the scenarios.
+    basis: measured, predicted, or unsure for the reason `why`. real_time: simulated seconds per CPU second,
+    and cpu_s: CPU seconds of the whole scenarios; None where no time was measured. evaluations: right-hand
+    sides of the whole scenarios, the cost where no time was measured. rotation_rad: max |omega|
+    times the step. limiting: the scenario that requires this setting. confirm: the command that measures it.
+    snippet: the statements that select it in a program; "" if the engine declares none.
     """
 
     engine: str
     method: str
     control: str
-    settings: tuple[float | None, ...]
+    setting: float | None
     error: float
+    basis: Basis
+    why: str
     cpu_s: float | None
-    reproduce: str
+    real_time: float | None
+    evaluations: float | None
+    rotation_rad: float | None
+    limiting: str
+    confirm: str
+    snippet: str
+
+    @property
+    def name(self) -> str:
+        """The method as `--engine` accepts it."""
+        return with_method(self.engine, self.method)
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What meets the error tolerance on one scenario, or on all scenarios together if scenario is None.
+    """The options on one scenario, or on all scenarios together if scenario is None.
 
-    options: the cheapest option of each engine, cheapest first, those without measured time last. without:
-    the measured engines of which no method meets the tolerance. nearest: the option with the smallest error
-    where none meets the tolerance; None where nothing was measured.
+    options: the best option of each engine, or, for the error of a step, of each method; best first. without:
+    each other engine or method with the reason. nearest: the option with the smallest measured error where
+    there is no other; None where nothing was measured.
     """
 
     scenario: str | None
     options: tuple[Option, ...]
-    without: tuple[str, ...]
-    nearest: Option | None
+    without: tuple[tuple[str, str], ...] = ()
+    nearest: Option | None = None
 
 
-def check_question(error: float, quantity: str) -> None:
-    """Raise InputError for an invalid error tolerance or an unknown quantity."""
-    if not 0.0 < error < math.inf:
-        raise InputError(f"--error {error!r}: must be a positive number")
+@dataclass(frozen=True)
+class Advice:
+    """The answers to one question: which settings meet `error`, or which error the step `dt_s` has."""
+
+    quantity: str
+    error: float | None
+    dt_s: float | None
+    run: str
+    answers: tuple[Answer, ...]
+
+
+def check_question(error: float | None, dt_s: float | None, quantity: str) -> None:
+    """Raise InputError for an invalid error tolerance or step, or an unknown quantity."""
+    if (error is None) == (dt_s is None):
+        raise InputError("give --error, the error to meet, or --dt, the step whose error is wanted")
+    for option, value in (("--error", error), ("--dt", dt_s)):
+        if value is not None and not 0.0 < value < math.inf:
+            raise InputError(f"{option} {value!r}: must be a positive number")
     if quantity not in _ADVISED:
-        raise InputError(f"--quantity {quantity}: unknown quantity (available: {', '.join(_ADVISED)})")
+        raise InputError(f"--quantity {quantity}: unknown quantity{meant(quantity, _ADVISED)}")
 
 
-def advise(
-    cases: Iterable[CaseResult], error: float, quantity: str, scenarios: Sequence[str]
+def settings_within(
+    curves: Curves, error: float, scenarios: Sequence[str], *, predicted: bool = True
 ) -> tuple[Answer, ...]:
-    """Return the answers for all scenarios together, if there are several, and for each one.
+    """Return the cheapest setting of each engine that meets an error, for all scenarios and for each.
 
-    Raises InputError as check_question does.
+    predicted: whether steps that were not measured count.
     """
-    check_question(error, quantity)
-    ladders = ladders_of(case for case in cases if case.columns["scenario"] in scenarios)
-    kept: dict[str, dict[MethodKey, Option]] = {name: {} for name in scenarios}
-    best: dict[str, dict[MethodKey, Option]] = {name: {} for name in scenarios}
-    for (name, key), ladder in ladders.items():
-        options = [_option(case, quantity) for case in keeping(ladder, error, quantity)]
-        if options:
-            kept[name][key] = min(reversed(options), key=_cost)  # if no cost is known, the coarsest step
-        if measured := [
-            _option(case, quantity) for case in ladder if largest_error(case, quantity) < math.inf
-        ]:
-            best[name][key] = min(measured, key=lambda option: option.error)
-    engines = tuple(dict.fromkeys(engine for _, (engine, _) in ladders))
-    answers = [_answer(name, kept[name], best[name], engines) for name in scenarios]
+
+    def best(curve: ErrorCurve) -> Option | None:
+        return cheapest_within(curve, error, predicted=predicted)
+
+    def why(curve: ErrorCurve) -> str:
+        return _why_none(curve, error)
+
+    each = {name: _found(curves, name, best, why) for name in scenarios}
+    answers = [_cheapest_of_engines(name, *each[name]) for name in scenarios]
     if len(scenarios) > 1:
-        answers.insert(0, _answer(None, _on_all(kept), _on_all(best), engines))
+        answers.insert(0, _cheapest_of_engines(None, *_on_all(each, curves)))
     return tuple(answers)
 
 
-def _option(case: CaseResult, quantity: str) -> Option:
-    columns: Mapping[str, Any] = case.columns
+def errors_at(curves: Curves, dt_s: float, scenarios: Sequence[str]) -> tuple[Answer, ...]:
+    """Return the error of each method at a step, for all scenarios and for each, most accurate first."""
+
+    def at(curve: ErrorCurve) -> Option | None:
+        return None if (found := _at(curve, dt_s)) is None else _option(curve, found)
+
+    each = {name: _found(curves, name, at, lambda curve: _why_none(curve, None)) for name in scenarios}
+    answers = [_by_error(name, *each[name]) for name in scenarios]
+    if len(scenarios) > 1:
+        answers.insert(0, _by_error(None, *_on_all(each, curves)))
+    return tuple(answers)
+
+
+def cheapest_within(curve: ErrorCurve, error: float, *, predicted: bool = True) -> Option | None:
+    """Return the cheapest setting of a method that meets an error: measured, or coarser and predicted."""
+    found = curve.coarsest_within(error) if predicted else None
+    if found is not None:
+        return _option(curve, found)
+    # if no cost is known, the coarsest step
+    kept = [_measured(curve, case) for case in keeping(curve.cases, error, curve.quantity)]
+    return min(reversed(kept), key=_cost, default=None)
+
+
+_Options: TypeAlias = dict[MethodKey, Option]
+_Reasons: TypeAlias = dict[MethodKey, str]
+
+
+def _found(
+    curves: Curves,
+    scenario: str,
+    option: Callable[[ErrorCurve], Option | None],
+    why: Callable[[ErrorCurve], str],
+) -> tuple[_Options, _Reasons, _Options]:
+    """Return the options of one scenario, the reasons where there is none, and the most accurate settings."""
+    options: _Options = {}
+    reasons: _Reasons = {}
+    nearest: _Options = {}
+    for (name, key), curve in curves.items():
+        if name != scenario:
+            continue
+        found = option(curve)
+        if found is not None:
+            options[key] = found
+        else:
+            reasons[key] = why(curve)
+        if curve.measured:
+            least = min(curve.measured, key=lambda case: largest_error(case, curve.quantity))
+            nearest[key] = _measured(curve, least)
+    return options, reasons, nearest
+
+
+def _at(curve: ErrorCurve, dt_s: float) -> Estimate | None:
+    return curve.at(dt_s) if curve.control == "dt" else None
+
+
+def _measured(curve: ErrorCurve, case: CaseResult) -> Option:
+    return _option(curve, Estimate(case.setting.fineness, largest_error(case, curve.quantity), "measured"))
+
+
+def _option(curve: ErrorCurve, found: Estimate) -> Option:
+    """Return the option of an estimate; its cost is that of the nearest timed step, in proportion."""
+    near = _nearest_timed(curve, found.setting)
+    columns, setting, cpu_s = near.columns, found.setting, near.columns.get("cpu_s")
+    dt_s = setting if curve.control == "dt" else None
+    evaluations = columns.get("rhs_evaluations")
+    if dt_s is not None and near.dt_s is not None:
+        cpu_s = _times(cpu_s, near.dt_s / dt_s)
+        evaluations = _times(evaluations, near.dt_s / dt_s)
+    omega = columns.get("omega_scale_rad_s")
     return Option(
         engine=columns["engine"],
         method=columns["method"],
-        control=columns["control"],
-        settings=(case.setting.fineness,),
-        error=largest_error(case, quantity),
-        cpu_s=columns.get("cpu_s"),
-        reproduce=columns["reproduce"],
+        control=curve.control,
+        setting=setting,
+        error=found.error,
+        basis=found.basis,
+        why=found.why,
+        cpu_s=cpu_s,
+        real_time=None if not cpu_s else curve.duration_s / cpu_s,
+        evaluations=evaluations,
+        rotation_rad=None if dt_s is None or omega is None else omega * dt_s,
+        limiting=columns["scenario"],
+        confirm=_with_step(columns["reproduce"], dt_s),
+        snippet="" if dt_s is None else curve.snippet.replace("{dt_s}", repr(dt_s)),
     )
 
 
-def _cost(option: Option) -> float:
-    return math.inf if option.cpu_s is None else option.cpu_s
+def _nearest_timed(curve: ErrorCurve, setting: float | None) -> CaseResult:
+    """Return the case with the nearest setting; one whose CPU time was measured takes precedence."""
+
+    def distance(case: CaseResult) -> tuple[bool, float]:
+        own = case.setting.fineness
+        apart = abs(math.log(own / setting)) if own is not None and setting is not None else 0.0
+        # the cost of a tolerance does not follow from that of another
+        exact = apart > 0.0 and curve.control != "dt"
+        return case.columns.get("cpu_s") is None or exact, apart
+
+    return min(curve.measured, key=distance)
 
 
-def _answer(
-    scenario: str | None,
-    kept: Mapping[MethodKey, Option],
-    best: Mapping[MethodKey, Option],
-    engines: Iterable[str],
+@lru_cache
+def _with_step(command: str, dt_s: float | None) -> str:
+    """Return the command of a case with another step."""
+    words = parted(command)
+    if dt_s is not None and "--dt" in words:
+        words[words.index("--dt") + 1] = repr(dt_s)
+    return joined(words)
+
+
+def _cost(option: Option) -> tuple[float, float]:
+    cpu_s, evaluations = option.cpu_s, option.evaluations
+    return math.inf if cpu_s is None else cpu_s, math.inf if evaluations is None else evaluations
+
+
+def _why_none(curve: ErrorCurve, error: float | None) -> str:
+    """Return why a method has no setting that meets an error, or no known error at a step."""
+    if not curve.measured:
+        ended = next((case.columns["outcome"] for case in curve.cases if not case.ok), "failed")
+        return f"{ended} at every measured setting"
+    if curve.control != "dt":
+        return "no measured setting meets it" if error is not None else "has no step"
+    if curve.verdict == "does-not-converge":
+        return "does-not-converge: finer steps do not reduce the error"
+    if error is not None and error <= curve.floor:
+        return f"below the floor of round-off and of the truth, {curve.floor:.2g}"
+    if not curve.is_predictable:
+        return "the measured steps do not determine it"
+    return f"needs more than {number(MOST_STEPS)} steps"
+
+
+def _cheapest_of_engines(
+    scenario: str | None, options: _Options, reasons: _Reasons, nearest: _Options
 ) -> Answer:
-    cheapest: dict[str, Option] = {}
-    for option in sorted(kept.values(), key=_cost):
-        cheapest.setdefault(option.engine, option)
-    nearest = None if cheapest else min(best.values(), key=lambda option: option.error, default=None)
-    without = tuple(engine for engine in engines if engine not in cheapest)
-    return Answer(scenario, tuple(cheapest.values()), without, nearest)
+    """Return the cheapest option of each engine; a sure one takes precedence over an unsure one."""
+    best: dict[str, Option] = {}
+    for option in sorted(options.values(), key=lambda one: (one.basis == "unsure", _cost(one))):
+        best.setdefault(option.engine, option)
+    shown = tuple(sorted(best.values(), key=lambda one: (one.basis == "unsure", _cost(one))))
+    without: dict[str, str] = {}
+    for (engine, _), why in reasons.items():
+        if engine not in best:
+            without.setdefault(engine, why)
+    closest = None if shown else min(nearest.values(), key=lambda one: one.error, default=None)
+    return Answer(scenario, shown, tuple(without.items()), closest)
 
 
-def _on_all(found: Mapping[str, Mapping[MethodKey, Option]]) -> dict[MethodKey, Option]:
-    """Return the methods that have an option on every scenario, with the largest error and the total time."""
-    together = {}
-    for key in dict.fromkeys(key for options in found.values() for key in options):
-        each = [options[key] for options in found.values() if key in options]
-        if len(each) < len(found):
-            continue
-        times = [option.cpu_s for option in each]
-        together[key] = Option(
-            *key,
-            control=each[0].control,
-            settings=tuple(option.settings[0] for option in each),
-            error=max(option.error for option in each),
-            cpu_s=None if None in times else sum(time for time in times if time is not None),
-            reproduce=_command(key, [option.reproduce for option in each]),
+def _by_error(scenario: str | None, options: _Options, reasons: _Reasons, _: _Options) -> Answer:
+    shown = tuple(sorted(options.values(), key=lambda one: one.error))
+    return Answer(scenario, shown, tuple((with_method(*key), why) for key, why in reasons.items()))
+
+
+def _on_all(
+    each: Mapping[str, tuple[_Options, _Reasons, _Options]], curves: Curves
+) -> tuple[_Options, _Reasons, _Options]:
+    """Return the options that hold on every scenario at once, and the scenario without one for all others."""
+    options = _together([found[0] for found in each.values()], curves)
+    nearest = _together([found[2] for found in each.values()], curves)
+    keys = dict.fromkeys(key for found in each.values() for key in (*found[0], *found[1]))
+    reasons = {
+        key: next(
+            (
+                f"{name}: {found[1].get(key, 'not measured')}"
+                for name, found in each.items()
+                if key not in found[0]
+            ),
+            "",
         )
+        for key in keys
+        if key not in options
+    }
+    return options, reasons, nearest
+
+
+def _together(found: Sequence[_Options], curves: Curves) -> _Options:
+    """Return the methods that have an option on every scenario, at the finest of their settings."""
+    together = {}
+    for key in dict.fromkeys(key for options in found for key in options):
+        each = [options[key] for options in found if key in options]
+        if len(each) == len(found):
+            together[key] = _joint(key, each, curves)
     return together
 
 
-def _command(key: MethodKey, each: Sequence[str]) -> str:
+def _joint(key: MethodKey, each: Sequence[Option], curves: Curves) -> Option:
+    """Return one option for all scenarios: the setting of the limiting one, and the total cost at this."""
+    limiting = min(each, key=lambda one: (math.inf if one.setting is None else one.setting, -one.error))
+    cpu_s = _total(_times(one.cpu_s, _ratio(one, limiting)) for one in each)
+    simulated = sum(curves[one.limiting, key].duration_s for one in each)
+    basis = max((one.basis for one in each), key=_SURENESS.index)
+    fits = all(curves[one.limiting, key].divides_interval(limiting.setting) for one in each)
+    return Option(
+        *key,
+        control=limiting.control,
+        setting=limiting.setting,
+        error=max(one.error for one in each),
+        basis=basis,
+        why="; ".join(f"{one.limiting}: {one.why}" for one in each if one.why),
+        cpu_s=cpu_s,
+        real_time=None if not cpu_s else simulated / cpu_s,
+        evaluations=_total(_times(one.evaluations, _ratio(one, limiting)) for one in each),
+        rotation_rad=limiting.rotation_rad,
+        limiting=limiting.limiting,
+        confirm=_command(key, [one.confirm for one in each], limiting.setting if fits else None),
+        snippet=limiting.snippet,
+    )
+
+
+def _ratio(one: Option, limiting: Option) -> float:
+    """Return how many times as many steps an option takes at the setting of the limiting one."""
+    if one.control != "dt" or one.setting is None or limiting.setting is None:
+        return 1.0
+    return one.setting / limiting.setting
+
+
+def _times(cost: float | None, factor: float) -> float | None:
+    return None if cost is None else cost * factor
+
+
+def _total(times: Iterable[float | None]) -> float | None:
+    known = list(times)
+    return None if None in known else math.fsum(time for time in known if time is not None)
+
+
+def _command(key: MethodKey, each: Sequence[str], dt_s: float | None) -> str:
     """Merge several commands into one that runs the method on all their scenarios."""
     asked = [name for command in each if (name := scenario_spec(command)) is not None]
     code = [ALLOW_CODE] if any(ALLOW_CODE in parted(command) for command in each) else []
-    return joined(["bodycheck", "run", *asked, "--engine", ":".join(key), *code])
+    step = [] if dt_s is None else ["--dt", repr(dt_s)]
+    return joined(["bodycheck", "run", *as_suite(asked), "--engine", with_method(*key), *step, *code])
+
+
+def to_measure(curves: Curves, advice: Iterable[Answer], error: float) -> dict[tuple[str, MethodKey], float]:
+    """Return the steps that would turn the answers on single scenarios into measured ones.
+
+    These are the predicted and unsure settings, and, of an engine that has none, a finer step of each of its
+    methods whose errors may still fall.
+    """
+    steps: dict[tuple[str, MethodKey], float] = {}
+    for answer in advice:
+        if answer.scenario is None:
+            continue
+        for option in answer.options:
+            if option.basis != "measured" and option.setting is not None:
+                steps[answer.scenario, (option.engine, option.method)] = option.setting
+        missing = {engine for engine, _ in answer.without}
+        for (name, key), curve in curves.items():
+            if (
+                name == answer.scenario
+                and key[0] in missing
+                and (finer := curve.finer_step(error)) is not None
+            ):
+                steps[name, key] = finer
+    return steps

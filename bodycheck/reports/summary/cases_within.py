@@ -11,7 +11,6 @@ from typing import TypeAlias
 
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.convergence import LARGEST_ROUND_OFF
-from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method
 
 RefinementSequence: TypeAlias = Sequence[CaseResult]
@@ -21,29 +20,41 @@ RefinementSequence: TypeAlias = Sequence[CaseResult]
 def ladders_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], RefinementSequence]:
     """Return the cases of each method on each scenario, finest first."""
     return {
-        (scenario, key): sorted(own, key=lambda case: case.setting.fineness or 0.0)
+        (scenario, key): finest_first(own)
         for scenario, methods in cases_by_method(cases).items()
         for key, own in methods.items()
     }
 
 
+def finest_first(cases: Iterable[CaseResult]) -> RefinementSequence:
+    """Return the cases of one method on one scenario, finest first."""
+    return sorted(cases, key=lambda case: case.setting.fineness or 0.0)
+
+
 def largest_error(case: CaseResult, quantity: str) -> float:
     """measured + bound: an upper bound of the true error; infinite where the case did not end well."""
-    columns = case.columns
-    if not case.ok or quantity not in columns:
-        return math.inf
-    return float(columns[quantity] + bound_of(columns, quantity))
+    return case.largest_errors.get(quantity, math.inf)
 
 
 def keeping(ladder: RefinementSequence, error: float, quantity: str) -> Iterator[CaseResult]:
     """Yield the cases that meet the error tolerance, finest first, up to the first one that does not.
 
     A coarser step that meets the tolerance after that does so by accident. A failure with an error below 1e-9
-    does not count, because round-off can make finer steps worse there.
+    does not count, because round-off can make finer steps worse there; in single precision it can make all
+    steps worse that are finer than the best one, which are left out.
     """
-    for case in ladder:
+    for case in without_round_off(ladder, quantity):
         largest = largest_error(case, quantity)
         if largest <= error:
             yield case
         elif largest > LARGEST_ROUND_OFF:
             return
+
+
+def without_round_off(ladder: RefinementSequence, quantity: str) -> RefinementSequence:
+    """Return the cases of a method, finest first, without those that single precision makes worse."""
+    if not ladder or ladder[0].columns.get("precision", "float64") == "float64":
+        return ladder
+    errors = [largest_error(case, quantity) for case in ladder]
+    best = min(range(len(ladder)), key=lambda i: (errors[i], -i))
+    return ladder[best:]

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from rich.console import Console
-from rich.text import Text
-
-from bodycheck.adapters.contract import Engine
-from bodycheck.adapters.registry import engine_names
+from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.registry import default_engines, optional_engines, stated_by
+from bodycheck.adapters.versions.environments import is_made, needed_environment, requirements_of
 from bodycheck.adapters.workers.engine_pool import announced
+from bodycheck.reports.document import Column, Document, Table
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.scenarios.library import scenario_summaries, suites
 
 
-def print_catalogue(what: str) -> None:
-    """Print one line per entry: its name and description."""
-    out = Console(highlight=False, soft_wrap=True)
+@dataclass(frozen=True)
+class Entry:
+    """One line of a list."""
+
+    name: str
+    description: str
+
+
+def catalogue(what: str) -> list[Entry]:
+    """Return the scenarios, suites, engines, methods or measures."""
     catalogues: dict[str, Callable[[], list[tuple[str, str]]]] = {
         "scenarios": lambda: list(scenario_summaries().items()),
         "suites": lambda: [(name, ", ".join(members)) for name, members in suites().items()],
@@ -24,10 +31,13 @@ def print_catalogue(what: str) -> None:
         "methods": _method_rows,
         "measures": _measure_rows,
     }
-    rows = catalogues[what]()
-    width = max(len(name) for name, _ in rows)
-    for name, text in rows:
-        out.print(Text(f"{name:{width}}  {text}"))
+    return [Entry(*row) for row in catalogues[what]()]
+
+
+def catalogue_document(what: str, entries: Sequence[Entry]) -> Document:
+    """Return one row per entry: its name and description."""
+    rows = tuple((entry.name, entry.description) for entry in entries)
+    return Document(f"bodycheck: {what}", (Table((Column("", "fixed"), Column("")), rows),))
 
 
 def _measure_rows() -> list[tuple[str, str]]:
@@ -38,23 +48,44 @@ def _measure_rows() -> list[tuple[str, str]]:
 
 
 def _engine_rows() -> list[tuple[str, str]]:
-    return [
+    rows = [
         (name, engine.version if isinstance(engine, Engine) else f"not available: {engine}")
-        for name, engine in announced(engine_names()).items()
+        for name, engine in announced(default_engines()).items()
     ]
+    return rows + [(name, f"on request (--engine {name}): {_needs(name)}") for name in optional_engines()]
+
+
+def _needs(engine: str) -> str:
+    """Return what an optional engine needs, and whether it is there."""
+    needed = needed_environment(engine)
+    if needed is None:
+        return "installed here"
+    requirements = ", ".join(requirements_of(needed))
+    if is_made(needed):
+        return f"{requirements} in its own environment"
+    return f"needs {requirements}, which are installed into an environment when it is first requested"
 
 
 def _method_rows() -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
     apart: list[tuple[str, str]] = []
-    for name, engine in announced(engine_names()).items():
+    for name, engine in announced(default_engines()).items():
         for method in engine.methods.values() if isinstance(engine, Engine) else ():
-            order = "" if method.order is None else f"; order {method.order}, torque {method.torque}"
-            if method.lasting != method.torque:
-                order += f", varying loads {method.lasting}"
-            only = "; run only when requested by name" if method.on_request else ""
-            if method.is_for_off_centre_links:
-                only += ", or where a link is off the centre of mass"
-            row = (f"{name}:{method.name}", f"{method.formula}{order}; conserves {method.keeps}{only}")
-            (apart if method.on_request else rows).append(row)
+            (apart if method.on_request else rows).append(
+                _method_row(name, method, on_request=method.on_request)
+            )
+    for name in optional_engines():
+        apart += [_method_row(name, method, on_request=True) for method in stated_by(name).methods.values()]
     return rows + apart
+
+
+def _method_row(engine: str, method: Method, *, on_request: bool) -> tuple[str, str]:
+    order = "" if method.order is None else f"; order {method.order}, torque {method.torque}"
+    if method.lasting != method.torque:
+        order += f", varying loads {method.lasting}"
+    if method.precision != "float64":
+        order += f"; precision {method.precision}"
+    only = "; run only when requested by name" if on_request else ""
+    if method.is_for_off_centre_links:
+        only += ", or where a link is off the centre of mass"
+    return f"{engine}:{method.name}", f"{method.formula}{order}; conserves {method.keeps}{only}"

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from statistics import median
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from bodycheck._util.formatting import number
+from bodycheck._util.formatting import number, setting
 from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.verdicts import (
@@ -35,31 +34,35 @@ class Cell:
     """One method on one scenario, with its most severe state.
 
     verdict: the most severe of the quantities; None where no case ended well. order: of the orientation.
-    error: of the orientation at the common step. faults: number of cases per fault. cases: total number of
-    cases. wrong: the quantities that count against the method, most severe first. properties: of the engine's
-    state, not faults. detail: what the verdict is based on.
+    error: of the orientation at the common step, or at the finest tolerance; `at` names it. faults: number of
+    cases per fault. cases: total number of cases. wrong: the quantities that count against the method, most
+    severe first. properties: of the engine's state, not faults. detail: what the verdict is based on. cause:
+    the diagnosis of a wrong motion.
     """
 
     state: str
     verdict: QuantityVerdict | None = None
     order: float | None = None
     error: float | None = None
+    at: str = ""
     faults: Mapping[str, int] = field(default_factory=dict)
     cases: int = 0
     wrong: tuple[QuantityVerdict, ...] = ()
     properties: tuple[QuantityVerdict, ...] = ()
     detail: str = ""
+    cause: str = ""
 
     @property
     def notes(self) -> list[str]:
         """The faults, the wrong quantities and the properties of the state, as text."""
         faults = [f"{amount} of {self.cases} {fault}" for fault, amount in self.faults.items()]
-        return [*faults, *(one.text for one in (*self.wrong, *self.properties))]
+        causes = [f"diagnosis: {self.cause}"] if self.cause else []
+        return [*faults, *(one.text for one in (*self.wrong, *self.properties)), *causes]
 
     @property
     def is_sound(self) -> bool:
         """Whether the method behaves as theory predicts, as far as was measured."""
-        return self.state in ("converges", "at-floor", "exact")
+        return self.state in ("converges", "at-floor", "at-precision-floor", "exact")
 
 
 def summary_cell(
@@ -85,6 +88,7 @@ def summary_cell(
         verdict,
         verdicts[ORIENTATION].order if ORIENTATION in verdicts else None,
         error,
+        "" if at_step is None else setting(at_step.columns["control"], at_step.setting.fineness),
         faults,
         len(cases),
         tuple(most_severe(verdicts.values())),
@@ -114,11 +118,17 @@ def summary_cells(run: RunTables) -> dict[str, dict[MethodKey, Cell]]:
     rows: list[Any] = run.methods.to_dict("records")
     for row in rows:
         found.setdefault((row["scenario"], *key_of(row)), {})[row["quantity"]] = row
+    told: list[Any] = run.diagnoses.to_dict("records")
+    causes = {(row["scenario"], *key_of(row)): row["diagnosis"] for row in told}
     cells = {}
     for scenario, methods in by_scenario.items():
         at_s = common_step(case for cases in methods.values() for case in cases)
         cells[scenario] = {
-            key: summary_cell(cases, found.get((scenario, *key), {}), at_s) for key, cases in methods.items()
+            key: replace(
+                summary_cell(cases, found.get((scenario, *key), {}), at_s),
+                cause=causes.get((scenario, *key), ""),
+            )
+            for key, cases in methods.items()
         }
     return cells
 
@@ -159,21 +169,20 @@ class Overview:
 
     @property
     def order(self) -> str:
-        """The median of the observed orders, and their range where there are several."""
+        """The observed orders of the orientation: one, or the smallest and the largest."""
         orders = sorted(cell.order for cell in self.cells.values() if cell.order is not None)
-        if not orders:
-            return ""
-        span = f" ({orders[0]:.2f} to {orders[-1]:.2f})" if len(orders) > 1 else ""
-        return f"{median(orders):.2f}{span}"
+        return " to ".join(dict.fromkeys(f"{order:.2f}" for order in (*orders[:1], *orders[-1:])))
 
     @property
-    def largest_error(self) -> str:
-        """The largest orientation error at the scenarios' common steps, and its scenario."""
-        errors = [(cell.error, scenario) for scenario, cell in self.cells.items() if cell.error is not None]
+    def largest_error(self) -> tuple[str, str]:
+        """The largest orientation error at the scenarios' common steps in rad; its step and scenario."""
+        errors = [
+            (cell.error, cell.at, scenario) for scenario, cell in self.cells.items() if cell.error is not None
+        ]
         if not errors:
-            return ""
-        error, scenario = max(errors)
-        return f"{number(error, 3)} rad in {scenario}"
+            return "", ""
+        error, at, scenario = max(errors)
+        return number(error, 3), at if len(self.cells) == 1 else f"{at}, {scenario}"
 
 
 def overviews(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> list[Overview]:

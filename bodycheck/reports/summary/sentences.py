@@ -1,20 +1,47 @@
-"""The results of a run in a few sentences: what is wrong, what is correct, and what is undecided."""
+"""The summary of a run: what is wrong, what is correct and what is undecided, as sentences and tables."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 from bodycheck._util.formatting import count, names
+from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.run_tables import MethodKey, RunTables
-from bodycheck.reports.summary.cells import Cell
+from bodycheck.reports.summary.cells import Cell, Overview, overviews, summary_cells
 from bodycheck.reports.summary.worst_results import MethodResults, faulty, headline, worst_methods
 
 _UNDECIDED = ("pre-asymptotic", "too-few-points", "chaotic")
 
 
-def verdict_sentences(run: RunTables, cells: Mapping[str, Mapping[MethodKey, Cell]]) -> list[str]:
+@dataclass(frozen=True)
+class Summary:
+    """The conclusions from a run, as shown by the terminal, Markdown and the report.
+
+    cells: by scenario, then by engine and method. worst: the methods with results, worst first.
+    """
+
+    cells: dict[str, dict[MethodKey, Cell]]
+    worst: list[MethodResults]
+
+    @classmethod
+    def of(cls, run: RunTables) -> Summary:
+        """Return the summary of a run."""
+        cells = summary_cells(run)
+        return cls(cells, worst_methods(run, cells))
+
+    @property
+    def sentences(self) -> list[str]:
+        """The results in a few sentences that name every method with findings."""
+        return verdict_sentences(self.cells, self.worst)
+
+
+def verdict_sentences(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> list[str]:
     """Return the results of the run in a few sentences that name every method with findings."""
-    found = worst_methods(run)
+    if not cells:
+        return ["No case: none falls to this shard."]
     sentences = [headline(found), _as_they_should(cells, found), _undecided(cells), _properties(found)]
     return [sentence for sentence in sentences if sentence]
 
@@ -62,3 +89,97 @@ def _properties(found: list[MethodResults]) -> str:
         if result.kind == "property"
     ]
     return f"Properties of the engines' states, not faults: {'; '.join(results)}." if results else ""
+
+
+def run_document(run: RunTables) -> Document:
+    """Return outcomes, verdicts, one row per method, and the worst results with their commands."""
+    summary = Summary.of(run)
+    return Document(
+        f"bodycheck: {count(len(summary.cells), 'scenario')}, {count(len(run.cases), 'case')}",
+        (
+            Sentence(_outcomes(run)),
+            *_remarks(run),
+            *(Sentence(sentence) for sentence in summary.sentences),
+            _method_table(overviews(summary.cells)),
+            _worst_table(summary.worst),
+            Sentence(_machine(run.manifest), only=("markdown",)),
+        ),
+    )
+
+
+def run_data(run: RunTables) -> dict[str, Any]:
+    """Return the same as data: verdicts, orders and errors by method and scenario, and all results."""
+    summary = Summary.of(run)
+    return {
+        "run_id": run.manifest["run_id"],
+        "outcomes": run.manifest["outcomes"],
+        "unavailable": {
+            name: e["unavailable"] for name, e in run.manifest["engines"].items() if "unavailable" in e
+        },
+        "sentences": summary.sentences,
+        "methods": {one.method: one.cells for one in overviews(summary.cells)},
+        "worst": summary.worst,
+    }
+
+
+def _outcomes(run: RunTables) -> str:
+    ended = ", ".join(f"{amount} {outcome}" for outcome, amount in run.manifest["outcomes"].items())
+    seconds, compiling = run.manifest["run_s"], run.manifest["compile_s"] or 0.0
+    compiled = f", after compiling for {compiling:.0f} s" if round(compiling) else ""
+    took = "" if seconds is None else f" in {seconds:.0f} s{compiled}"
+    return f"{count(len(run.cases), 'case')}{took}: {ended}"
+
+
+def _remarks(run: RunTables) -> Iterator[Sentence]:
+    """Yield why engines were not measured, how shards differ, and the notes on the scenarios' bodies."""
+    for engine in run.manifest["engines"].values():
+        if "unavailable" in engine:
+            yield Sentence(f"Not measured: {engine['unavailable']}", "open")
+    for finding in run.manifest.get("merged", {}).get("findings", ()):
+        yield Sentence(finding, "open")
+    for name, scenario in run.manifest["scenarios"].items():
+        for note in scenario["body"].get("notes", ()):
+            yield Sentence(f"{name}: {note}", "open")
+
+
+def _method_table(methods: list[Overview]) -> Table:
+    columns = (
+        Column("engine:method", "name"),
+        Column("verdict"),
+        Column("order", "fixed"),
+        Column("largest error, rad", "number"),
+        Column("at"),
+    )
+    rows = tuple((one.method, _verdicts(one), one.order, *one.largest_error) for one in methods)
+    return Table(columns, rows, title="Methods", folded=True)
+
+
+def _verdicts(overview: Overview) -> tuple[Span, ...]:
+    """Return each verdict in its colour, with the number of scenarios where there are several."""
+    spans: list[Span] = []
+    for state, amount in overview.states.items():
+        number = f" {amount}" if len(overview.cells) > 1 else ""
+        spans += [Span(", ")] * bool(spans)
+        spans.append(Span(STATES[state].word + number, STATES[state].tint))
+    return tuple(spans)
+
+
+def _worst_table(worst: list[MethodResults]) -> Table:
+    columns = (Column("engine:method", "name"), Column("result"), Column("reproduce", "command"))
+    rows = []
+    for one in worst:
+        tint = "open" if one.worst.kind in ("property", "lower-order") else "bad"
+        rows.append((one.method, Span(one.sentence, tint), one.worst.reproduce))
+    return Table(columns, tuple(rows), title="Worst result of each method")
+
+
+def _machine(manifest: Mapping[str, Any]) -> str:
+    there = {name: entry for name, entry in manifest["engines"].items() if "version" in entry}
+    facts = (
+        f"bodycheck {manifest['bodycheck']}",
+        *(f"{name} {entry['version']}" for name, entry in there.items()),
+        f"Python {manifest['python']}",
+        f"{manifest['cpu']}, {manifest['cores']} cores, {manifest['platform']}",
+        f"run {manifest['run_id']} of {manifest['created']}",
+    )
+    return f"{'; '.join(facts)}."

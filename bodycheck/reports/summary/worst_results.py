@@ -6,13 +6,13 @@ The terminal, Markdown, the report and nightly runs all show exactly these.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from bodycheck._util.formatting import count, number, step
-from bodycheck.reports.run_files.run_tables import RunTables, key_of
+from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, key_of
 from bodycheck.reports.summary.cases_within import ladders_of
-from bodycheck.reports.summary.cells import faults_of, summary_cells
+from bodycheck.reports.summary.cells import Cell, faults_of
 
 _WORST_FIRST = (
     "invalid",
@@ -33,7 +33,7 @@ class Result:
 
     kind: a state, or `property`. quantity: a measure, or the check of a probe; "" where a case did not end
     well. size: of the quantity; results are sorted by it, descending. scenarios: where it occurs, the one
-    with the largest size first; empty for a probe.
+    with the largest size first; empty for a probe. cause: the diagnosis of the motion with that size.
     """
 
     kind: str
@@ -43,13 +43,16 @@ class Result:
     reproduce: str
     scenarios: tuple[str, ...] = ()
     size: float = 0.0
+    cause: str = ""
 
     @property
     def sentence(self) -> str:
-        """The result and its scenarios in one line."""
+        """The result, its scenarios and its cause in one line."""
         first, *others = self.scenarios or ("",)
         more = f" and {count(len(others), 'more scenario')}" if others else ""
-        return f"{self.text} in {first}{more}" if first else self.text
+        where = f" in {first}{more}" if first else ""
+        cause = f"; diagnosis: {self.cause}" if self.cause else ""
+        return f"{self.text}{where}{cause}"
 
 
 @dataclass(frozen=True)
@@ -71,19 +74,22 @@ class MethodResults:
         return self.worst.sentence + (f"; {count(more, 'more finding')}" if more else "")
 
 
-def worst_results(run: RunTables) -> list[Result]:
+_Cells = Mapping[str, Mapping[MethodKey, Cell]]
+
+
+def worst_results(run: RunTables, cells: _Cells) -> list[Result]:
     """Return all results, worst first; a result that recurs in several scenarios is listed once."""
     found: dict[tuple[str, str, str], list[Result]] = {}
-    for one in (*_broken(run), *_judged(run), *_probed(run)):
+    for one in (*_broken(run), *_judged(run, cells), *_probed(run), *_lawless(run)):
         found.setdefault((one.kind, one.method, one.quantity), []).append(one)
     together = (_together(alike) for alike in found.values())
     return sorted(together, key=lambda one: (_WORST_FIRST.index(one.kind), -one.size))
 
 
-def worst_methods(run: RunTables) -> list[MethodResults]:
+def worst_methods(run: RunTables, cells: _Cells) -> list[MethodResults]:
     """Return the methods that have results, each once, the one with the worst result first."""
     by_method: dict[str, list[Result]] = {}
-    for one in worst_results(run):
+    for one in worst_results(run, cells):
         by_method.setdefault(one.method, []).append(one)
     return [MethodResults(method, tuple(results)) for method, results in by_method.items()]
 
@@ -98,9 +104,7 @@ def _together(alike: list[Result]) -> Result:
     ordered = sorted(alike, key=lambda one: -one.size)
     first = ordered[0]
     scenarios = tuple(dict.fromkeys(name for one in ordered for name in one.scenarios))
-    return Result(
-        first.kind, first.method, first.quantity, first.text, first.reproduce, scenarios, first.size
-    )
+    return replace(first, scenarios=scenarios)
 
 
 def _broken(run: RunTables) -> Iterator[Result]:
@@ -118,9 +122,9 @@ def _broken(run: RunTables) -> Iterator[Result]:
         )
 
 
-def _judged(run: RunTables) -> Iterator[Result]:
+def _judged(run: RunTables, cells: _Cells) -> Iterator[Result]:
     ladders = ladders_of(run.cases)
-    for scenario, methods in summary_cells(run).items():
+    for scenario, methods in cells.items():
         for key, cell in methods.items():
             finest = next((case for case in ladders[scenario, key] if case.ok), None)
             if finest is None:
@@ -129,7 +133,10 @@ def _judged(run: RunTables) -> Iterator[Result]:
             for one in (*cell.wrong, *cell.properties):
                 kind = "property" if one.is_property else one.state
                 method = ":".join(key)
-                yield Result(kind, method, one.quantity, one.text, command, (scenario,), one.size or 0.0)
+                cause = "" if one.is_property else cell.cause
+                yield Result(
+                    kind, method, one.quantity, one.text, command, (scenario,), one.size or 0.0, cause
+                )
 
 
 def _probed(run: RunTables) -> Iterator[Result]:
@@ -145,6 +152,16 @@ def _probed(run: RunTables) -> Iterator[Result]:
                 row["reproduce"],
                 size=row["deviation"],
             )
+
+
+def _lawless(run: RunTables) -> Iterator[Result]:
+    """Yield the laws that a method breaks."""
+    rows: list[Any] = run.laws.to_dict("records")
+    for row in rows:
+        if row["verdict"] == "broken":
+            text = f"law {row['law']} broken: {row['message']}"
+            method = ":".join(key_of(row))
+            yield Result("inconsistent", method, row["law"], text, row["reproduce"], size=row["size"])
 
 
 def _probe_text(row: Mapping[str, Any]) -> str:

@@ -1,5 +1,5 @@
-// Draws a turning body, its momentum and its omega on a canvas: two square views, one above the other.
-const FACES = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
+// Draws a rotating body, its momentum and its omega on a canvas: two square views, one above the other.
+const SHARP = 0.8; // faces whose normals have a smaller cosine meet in an edge that is drawn
 
 const askew = v => (Math.abs(v[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]);
 
@@ -8,6 +8,53 @@ function camera(up, side = askew(up)) {
   const right = unit(cross(up, side));
   const eye = unit(added(scaled(up, Math.sin(0.44)), scaled(cross(right, up), Math.cos(0.44))));
   return [right, cross(eye, right), eye];
+}
+
+// The camera after a rotation of what it shows: to the right by yaw, upwards by pitch.
+function orbited([right, up, eye], yaw, pitch) {
+  const mixed = (u, v, angle) => [
+    added(scaled(u, Math.cos(angle)), scaled(v, Math.sin(angle))), added(scaled(v, Math.cos(angle)), scaled(u, -Math.sin(angle))),
+  ];
+  const [across, ahead] = mixed(right, eye, yaw);
+  return [across, ...mixed(up, ahead, pitch)].map(unit);
+}
+
+// The normal of a polygon, concave or not, as long as twice its area; normalised.
+function normalOf(face, vertices) {
+  let sum = [0, 0, 0];
+  for (let k = 1; k + 1 < face.length; k++) {
+    const [a, b, c] = [face[0], face[k], face[k + 1]].map(i => vertices[i]);
+    sum = added(sum, cross(added(b, scaled(a, -1)), added(c, scaled(a, -1))));
+  }
+  return unit(sum);
+}
+
+// A stored surface with its normals and edges; edges where it bends, or where the marking ends, are sharp.
+function surfaceOf({ vertices, faces, marked }) {
+  const normals = faces.map(face => normalOf(face, vertices));
+  const all = faces.map((corners, k) => ({ corners, marked: marked.includes(k), sharp: [] }));
+  const edges = new Map();
+  faces.forEach((face, k) => face.forEach((i, n) => {
+    const ends = [i, face[(n + 1) % face.length]];
+    const key = Math.min(...ends) * vertices.length + Math.max(...ends);
+    if (!edges.has(key)) edges.set(key, { ends, between: [] });
+    edges.get(key).between.push(k);
+  }));
+  for (const edge of edges.values()) {
+    const [one, other] = edge.between;
+    edge.sharp = other === undefined || dot(normals[one], normals[other]) < SHARP || all[one].marked !== all[other].marked;
+    if (edge.sharp) for (const k of edge.between) all[k].sharp.push(edge.ends);
+  }
+  return { vertices, normals, faces: all, edges: [...edges.values()] };
+}
+
+// A surface after a rotation from body to world axes.
+const posed = (surface, q) => ({ ...surface, corners: allTurned(q, surface.vertices), normals: allTurned(q, surface.normals) });
+
+// A colour between two given as #rrggbb.
+function blend(from, to, part) {
+  const [a, b] = [from, to].map(text => [1, 3, 5].map(k => parseInt(text.slice(k, k + 2), 16)));
+  return `rgb(${a.map((x, i) => Math.round(x + part * (b[i] - x))).join(" ")})`;
 }
 
 // A square view on the canvas: maps coordinates in [-reach, reach] to its pixels.
@@ -51,28 +98,36 @@ class View {
     context.fill();
   }
 
-  // Only the faces towards the eye, darker at a larger angle to it; one pair of faces is marked.
-  box(corners, paint) {
+  // The faces towards the eye, the farthest first, lighter at a smaller angle to it; marked ones are stronger.
+  body({ faces, corners, normals }, paint) {
     const { context } = this;
     const [, , eye] = this.axes;
-    FACES.forEach((face, number) => {
-      const [a, b, , d] = face.map(i => corners[i]);
-      const out = unit(cross(added(b, scaled(a, -1)), added(d, scaled(a, -1))));
-      const centre = face.reduce((sum, i) => added(sum, corners[i]), [0, 0, 0]);
-      const facing = dot(dot(out, centre) < 0 ? scaled(out, -1) : out, eye);
-      if (facing <= 0) return;
+    const heights = corners.map(corner => dot(corner, eye));
+    const seen = faces.map((face, k) => ({
+      face, facing: dot(normals[k], eye), depth: face.corners.reduce((sum, i) => sum + heights[i], 0) / face.corners.length,
+    })).filter(({ facing }) => facing > 0);
+    for (const { face, facing } of seen.sort((a, b) => a.depth - b.depth)) {
       context.beginPath();
-      face.forEach((i, k) => context[k ? "lineTo" : "moveTo"](...this.place(corners[i])));
+      for (const i of face.corners) context.lineTo(...this.place(corners[i]));
       context.closePath();
-      context.globalAlpha = 0.35 + 0.5 * facing;
-      context.fillStyle = number === 1 ? paint.marked : paint.face;
-      context.fill();
-      context.globalAlpha = 1;
-      context.setLineDash([]);
+      context.fillStyle = blend(paint.paper, paint.ink, (face.marked ? 0.9 : 0.35) - 0.25 * facing);
+      context.strokeStyle = context.fillStyle; // closes the seam to the next face
       context.lineWidth = 1;
-      context.strokeStyle = paint.edge;
+      context.setLineDash([]);
+      context.fill();
       context.stroke();
-    });
+      for (const edge of face.sharp) this.line(edge.map(i => corners[i]), paint.edge, 1);
+    }
+  }
+
+  // The edges and the outline of a body as the eye would see them, dashed.
+  ghost({ edges, corners, normals }, ink) {
+    const [, , eye] = this.axes;
+    const towards = normals.map(normal => dot(normal, eye) > 0);
+    for (const { ends, between, sharp } of edges) {
+      const shown = between.filter(k => towards[k]).length;
+      if (shown && (sharp || shown < between.length)) this.line(ends.map(i => corners[i]), ink, 1.25, [4, 3]);
+    }
   }
 
   // The outline of the ellipsoid with these semiaxes: the points whose normal is perpendicular to the line of sight.

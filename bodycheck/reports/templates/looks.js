@@ -17,7 +17,7 @@ function axis(title, more) {
     gridcolor: colour("--grid"),
     linecolor: colour("--line"),
     zeroline: false,
-    exponentformat: "power",
+    exponentformat: "e",
     minorloglabels: "none",
     automargin: true,
     ...more,
@@ -34,12 +34,24 @@ function logAxis(title, values, more) {
   return axis(title, { type: "log", tickvals: ticks.map(Number), ticktext: texts, ...more });
 }
 
+// A logarithmic axis spans the selected lines, so that grey ones do not flatten them; without any, all lines.
+function heightOf(lines) {
+  const logs = lines.filter(({ level }) => level === "on").flatMap(({ y }) => y).filter(value => value > LEAST).map(Math.log10);
+  if (!logs.length) return {};
+  const [least, most] = logs.reduce(([a, b], x) => [Math.min(a, x), Math.max(b, x)], [Infinity, -Infinity]);
+  const margin = Math.max(0.06 * (most - least), 0.5 - 0.5 * (most - least), 0.1);
+  return { range: [least - margin, most + margin] };
+}
+
+// Room for the labels at the ends of lines; on a phone there is none.
+const labelWidth = () => (matchMedia("(max-width: 40rem)").matches ? 8 : 190);
+
 function layout(more) {
   return {
     font: { family: "system-ui, sans-serif", size: 12, color: colour("--ink") },
     paper_bgcolor: "rgba(0,0,0,0)",
     plot_bgcolor: "rgba(0,0,0,0)",
-    margin: { l: 48, r: 8, t: 20, b: 40 },
+    margin: { l: 52, r: labelWidth(), t: 20, b: 44 },
     showlegend: false,
     hovermode: "closest",
     dragmode: touch ? false : "zoom",
@@ -47,28 +59,29 @@ function layout(more) {
   };
 }
 
-// rank: the number of engines that are drawn on top of this line
-function look(m, rank = 0) {
+// level: "on", or "grey" for thin lines in the background; rank: the number of engines drawn on top of the line
+function look(m, level = "on", rank = 0, solid = false) {
   const { marker, dash } = methods[m];
+  if (level === "grey") {
+    return { line: { color: colour("--context"), width: 1 }, marker: { color: colour("--context"), symbol: marker, size: 5 } };
+  }
   const ink = engineColour(m);
   return {
-    name: plain(methods[m].name),
-    line: { color: ink, width: 1.5 + 1.5 * rank, dash },
+    line: { color: ink, width: 1.5 + 2.5 * rank, dash: solid ? "solid" : dash },
     marker: { color: ink, symbol: marker, size: 7 + 3 * rank },
-    hoverinfo: "text",
   };
 }
 
 // Points without coordinates are open markers in a strip at the edge of the axes, one lane per method.
 function marks(faults, where) {
   return faults.map(fault => ({
-    ...look(fault.m),
     ...where(fault),
-    mode: "markers",
-    marker: { ...look(fault.m).marker, symbol: `${methods[fault.m].marker}-open` },
+    mode: "markers", hoverinfo: "text", name: plain(methods[fault.m].name),
+    marker: { ...look(fault.m, fault.level).marker, symbol: `${methods[fault.m].marker}-open` },
     text: hover([methods[fault.m].name, fault.dt && `dt ${fault.dt} s`, fault.outcome, fault.message]),
   }));
 }
+
 function lanes(faults) {
   const faulty = [...new Set(faults.map(fault => fault.m))];
   return m => (faulty.indexOf(m) + 0.5) / faulty.length;
@@ -77,7 +90,7 @@ const strip = title => ({
   title: { text: title, standoff: 4 }, range: [0, 1],
   showgrid: false, showticklabels: false, zeroline: false, fixedrange: true,
 });
-const sideStrip = (faults, title = "not ok") => faults.length ? {
+const sideStrip = (faults, title = "failed") => faults.length ? {
   xaxis2: { ...strip(title), side: "top", domain: [0.9, 1], anchor: "y2" },
   yaxis2: { ...strip(""), anchor: "x2" },
 } : {};
@@ -87,7 +100,6 @@ function besideMarks(faults) {
   return marks(faults, fault => ({ x: [0.5], y: [lane(fault.m)], xaxis: "x2", yaxis: "y2" }));
 }
 
-const zeroAtLeast = name => `${name}; 0 at ${LEAST}`;
 const floorLine = floor => ({
   type: "line", xref: "x domain", x0: 0, x1: 1, y0: floor, y1: floor,
   line: { color: colour("--faint"), width: 1, dash: "dash" },
@@ -106,9 +118,4 @@ function frontOf(points) {
     mode: "lines", hoverinfo: "skip", x: ahead.map(p => p.x), y: ahead.map(p => p.y),
     line: { color: colour("--front"), width: 8, shape: "hv" },
   };
-}
-
-function byMethod(points) {
-  const present = [...new Set(points.map(p => p.m))];
-  return present.map(m => [m, points.filter(p => p.m === m)]);
 }

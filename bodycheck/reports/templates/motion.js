@@ -1,10 +1,15 @@
-// Plays the motions of a scenario, the truth and the engines, synchronised by one slider.
+// Plays the motions of a scenario, the truth and any of its cases, synchronised by one time.
 const LEAST_PLAY_S = 6; // shorter motions are slowed down, longer ones sped up to at most MOST_PLAY_S
 const MOST_PLAY_S = 20;
+const TURN_PER_PX = 0.01; // rad, of the view
+const TURN_PER_KEY = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
 
-function rows(text, width) {
-  const numbers = floats(text);
-  return Array.from({ length: numbers.length / width }, (_, k) => numbers.slice(width * k, width * (k + 1)));
+// Numbers in [-scale, scale] are stored as base64 of little-endian int16.
+function rows(text, width, scale) {
+  const bytes = Uint8Array.from(atob(text), letter => letter.charCodeAt(0));
+  const view = new DataView(bytes.buffer);
+  return Array.from({ length: bytes.length / 2 / width }, (_, k) =>
+    Array.from({ length: width }, (_, i) => (scale * view.getInt16(2 * (width * k + i), true)) / 32767));
 }
 
 // omega / sqrt(2 K_truth) in body axes; for the truth it lies on the ellipsoid of inertia.
@@ -16,21 +21,28 @@ function polhode(track, truth, moments) {
 
 const momentum = ({ q, omega }, moments) => turned(q, omega.map((w, i) => w * moments[i]));
 
+// A stored track with its states, and omega in body and in world axes.
+function unpacked(stored, truth, moments) {
+  const track = { ...stored, q: rows(stored.q, 4, 1), omega: rows(stored.omega, 3, stored.fastest) };
+  track.polhode = polhode(track, truth ?? track, moments);
+  track.herpolhode = track.polhode.map((w, k) => turned(track.q[k], w));
+  return track;
+}
+
 function prepared(data) {
   const { moments, t } = data;
-  const unpacked = track => ({ ...track, q: rows(track.q, 4), omega: rows(track.omega, 3) });
-  const truth = unpacked(data.truth);
+  const truth = { ...unpacked(data.truth, null, moments), name: "truth" };
   const momenta = truth.q.map((q, k) => momentum({ q, omega: truth.omega[k] }, moments));
   const largest = momenta.reduce((most, L) => (Math.hypot(...L) > Math.hypot(...most) ? L : most));
-  const tracks = [{ ...truth, name: "truth" }, ...data.methods.map(track => ({ ...unpacked(track), name: methods[track.m].name }))];
-  for (const track of tracks) {
-    track.polhode = polhode(track, truth, moments);
-    track.herpolhode = track.polhode.map((w, k) => turned(track.q[k], w));
-  }
-  const ahead = tracks[0].polhode.find(w => Math.hypot(...w) > 0) ?? [1, 1, 1];
+  const tracks = data.tracks.map(stored => ({
+    ...unpacked(stored, truth, moments),
+    name: `${methods[stored.m].name}, dt ${stored.dt} s`,
+    error: typeof stored.error === "number" ? t.map(() => stored.error) : lineValues(stored.error),
+  }));
+  const ahead = truth.polhode.find(w => Math.hypot(...w) > 0) ?? [1, 1, 1];
   const side = [ahead[0] < 0 ? -0.7 : 0.7, ahead[1] < 0 ? -1 : 1, 0]; // so that the polhode begins in front
   const semiaxes = moments.map(moment => 1 / Math.sqrt(moment));
-  return { ...data, tracks, momenta, semiaxes, world: camera(unit(largest)), body: camera([0, 0, ahead[2] < 0 ? -1 : 1], side), L: Math.hypot(...largest) };
+  return { ...data, surface: surfaceOf(data.body), truth, tracks, semiaxes, world: camera(unit(largest)), inside: camera([0, 0, ahead[2] < 0 ? -1 : 1], side), L: Math.hypot(...largest) };
 }
 
 // The three principal sections of the ellipsoid of inertia.
@@ -51,61 +63,108 @@ function drawTrack(canvas, motion, track, t) {
   canvas.width = size * ratio;
   canvas.height = 2 * size * ratio;
   context.scale(ratio, ratio);
-  const [truth] = motion.tracks;
-  const { moments, semiaxes } = motion;
+  const { truth, moments, semiaxes } = motion;
   const ink = track === truth ? colour("--ink") : engineColour(track.m);
   const faint = colour("--trace");
   const state = stateAt(track, motion.t, t);
+  const ghost = stateAt(truth, motion.t, t);
   const now = motion.t.findLastIndex(sample => sample <= t) + 1;
 
   const widest = Math.max(...semiaxes);
   const world = new View(context, motion.world, size, 0, 1.05);
   const trace = points => points.map(w => scaled(w, 0.75 / widest));
   world.line(trace(truth.herpolhode), faint, 1);
-  const paint = { face: colour("--none"), marked: ink, edge: colour("--faint") };
-  world.box(motion.corners.map(corner => turned(state.q, corner)), paint);
+  world.body(posed(motion.surface, state.q), { paper: colour("--paper"), ink, edge: ink });
+  if (track !== truth) world.ghost(posed(motion.surface, ghost.q), faint);
   world.line(trace(track.herpolhode.slice(0, now)), ink, 1.5);
   const arrow = of => scaled(momentum(of, moments), 0.8 / motion.L);
-  world.arrow(arrow(stateAt(truth, motion.t, t)), faint, 3);
+  world.arrow(arrow(ghost), faint, 3);
   world.arrow(arrow(state), ink, 1.5);
 
-  const body = new View(context, motion.body, size, size, 1.1 * widest);
-  body.ellipsoid(semiaxes, paint);
+  const body = new View(context, motion.inside, size, size, 1.1 * widest);
+  body.ellipsoid(semiaxes, { face: colour("--none"), edge: colour("--faint") });
   for (const section of sectionsOf(semiaxes)) body.curve(section, moments, colour("--line"), 1);
   body.curve(truth.polhode, moments, faint, 3);
   body.curve(track.polhode.slice(0, now), moments, ink, 1.5);
   body.dot(track.polhode[Math.max(now - 1, 0)], ink);
-  return angleBetween(stateAt(truth, motion.t, t).q, state.q);
 }
 
-const off = angle => (angle < 1e-6 ? "less than 1e-6 rad off" : `${short(angle, 2)} rad off`);
+// The error at a time between two samples.
+function errorAt({ error }, times, t) {
+  const k = Math.min(Math.max(times.findLastIndex(sample => sample <= t), 0), times.length - 2);
+  const part = Math.min(Math.max((t - times[k]) / (times[k + 1] - times[k]), 0), 1);
+  return (1 - part) * error[k] + part * error[k + 1];
+}
+
+// The time of the largest error of the engines' tracks, or of the reference's if it is alone.
+function peakOf(all, times) {
+  const engines = all.filter(({ m }) => methods[m].engine !== "reference");
+  const tracks = engines.length ? engines : all;
+  const most = Math.max(...tracks.flatMap(({ error }) => error));
+  return times[Math.max(...tracks.map(({ error }) => error.indexOf(most)))];
+}
+
+// A select of all tracks, grouped by engine.
+function trackSelect(tracks, shown) {
+  const select = document.createElement("select");
+  for (const [engine, own] of Map.groupBy(tracks.toSorted((a, b) => a.m - b.m || b.dt - a.dt), track => methods[track.m].engine)) {
+    const group = select.appendChild(document.createElement("optgroup"));
+    group.label = engine;
+    for (const track of own) group.append(new Option(track.name, tracks.indexOf(track), track === shown, track === shown));
+  }
+  return select;
+}
+
+function newPanel(figure, motion, track) {
+  const panel = figure.querySelector(".tracks").appendChild(document.createElement("div"));
+  const head = panel.appendChild(document.createElement("p"));
+  const select = track === motion.truth ? document.createElement("b") : trackSelect(motion.tracks, track);
+  const canvas = document.createElement("canvas");
+  canvas.tabIndex = 0;
+  canvas.setAttribute("role", "img");
+  head.append(select);
+  panel.append(canvas);
+  if (track === motion.truth) select.textContent = track.name;
+  return { track, select, canvas, told: head.appendChild(document.createElement("small")) };
+}
 
 function startPlayer(figure) {
   const motion = prepared(dataOf(figure));
+  const { t: times, truth, tracks } = motion;
+  const section = figure.closest("[data-section]");
   const slider = figure.querySelector("input[type=range]");
   const button = figure.querySelector("[data-play]");
   const clock = figure.querySelector("output");
-  const last = motion.t.at(-1);
-  const panels = motion.tracks.map(track => {
-    const panel = figure.querySelector(".tracks").appendChild(document.createElement("div"));
-    const name = panel.appendChild(document.createElement("b"));
-    name.textContent = track.name;
-    const canvas = panel.appendChild(document.createElement("canvas"));
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", `Motion and polhode of ${track.name}`);
-    return { track, canvas, told: panel.appendChild(document.createElement("small")) };
-  });
+  const speed = figure.querySelector("[data-speed]");
+  const loop = figure.querySelector("[data-loop]");
+  const link = figure.querySelector("[data-link]");
+  const last = times.at(-1);
+  const first = tracks.filter((track, k) => tracks.findIndex(({ m }) => methods[m].engine === methods[track.m].engine) === k);
+  const panels = [truth, ...first].map(track => newPanel(figure, motion, track));
   let playing = 0;
+  let t = 0;
 
   function show() {
-    const t = (last * slider.value) / slider.max;
+    slider.value = (slider.max * t) / last;
     clock.textContent = `${t.toFixed(2)} s`;
     slider.setAttribute("aria-valuetext", clock.textContent);
-    panels.forEach(({ track, canvas, told }, number) => {
-      const angle = drawTrack(canvas, motion, track, t);
-      if (number) told.textContent = off(angle);
-    });
+    for (const { track, canvas, told } of panels) {
+      canvas.setAttribute("aria-label", `Motion and polhode of ${track.name}; arrow keys rotate the view, space plays`);
+      drawTrack(canvas, motion, track, t);
+      if (track !== truth) told.textContent = `${short(errorAt(track, times, t), 2)} rad off`;
+    }
+    moveCursor(section, t);
     figure.dataset.drawn = clock.textContent;
+  }
+
+  function goTo(time) {
+    stop();
+    t = Math.min(Math.max(time, 0), last);
+    show();
+  }
+
+  function keepTime() { // in the address
+    state.set("time", `${section.id}@${Number(t.toPrecision(6))}`);
   }
 
   function stop() {
@@ -116,30 +175,88 @@ function startPlayer(figure) {
 
   function play() {
     const seconds = Math.min(Math.max(last, LEAST_PLAY_S), MOST_PLAY_S);
-    if (slider.valueAsNumber >= Number(slider.max)) slider.value = 0;
-    const from = slider.valueAsNumber;
-    let begin = null;
+    if (t >= last) t = 0;
+    let before = null;
     const frame = now => {
-      begin ??= now;
-      slider.value = from + (slider.max * (now - begin)) / 1000 / seconds;
+      t += (((now - (before ?? now)) / 1000) * Number(speed.value) * last) / seconds;
+      before = now;
+      const ended = t >= last && !loop.checked;
+      t = ended ? last : t % last;
       show();
-      if (slider.valueAsNumber < Number(slider.max)) playing = requestAnimationFrame(frame);
-      else stop();
+      if (ended) stop();
+      else playing = requestAnimationFrame(frame);
     };
     button.textContent = "pause";
     playing = requestAnimationFrame(frame);
   }
+  const toggle = () => (playing ? stop() : play());
 
-  button.addEventListener("click", () => (playing ? stop() : play()));
-  slider.addEventListener("input", () => {
-    stop();
+  // The upper half of a canvas is seen by one camera, the lower half by the other, in all panels alike.
+  function turnView(name, yaw, pitch) {
+    motion[name] = orbited(motion[name], yaw, pitch);
     show();
+  }
+
+  for (const panel of panels) {
+    const { canvas, select } = panel;
+    let half = null;
+    canvas.addEventListener("pointerdown", event => {
+      half = event.offsetY < canvas.clientHeight / 2 ? "world" : "inside";
+      canvas.setPointerCapture(event.pointerId);
+    });
+    canvas.addEventListener("pointermove", event => {
+      if (half) turnView(half, TURN_PER_PX * event.movementX, -TURN_PER_PX * event.movementY);
+    });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { half = null; });
+    canvas.addEventListener("keydown", event => {
+      const turn = TURN_PER_KEY[event.key];
+      if (!turn && event.key !== " ") return;
+      event.preventDefault();
+      if (turn) for (const name of ["world", "inside"]) turnView(name, ...turn);
+      else toggle();
+    });
+    if (panel.track === truth) continue;
+    select.setAttribute("aria-label", `Motion in panel ${panels.indexOf(panel)}`);
+    select.addEventListener("change", () => {
+      panel.track = tracks[select.value];
+      show();
+    });
+  }
+
+  button.addEventListener("click", toggle);
+  slider.addEventListener("input", () => goTo((last * slider.value) / slider.max));
+  slider.addEventListener("change", keepTime);
+  link.addEventListener("click", () => {
+    stop();
+    keepTime();
+    copyLink(link);
   });
   dark.addEventListener("change", show);
   addEventListener("resize", show);
   addEventListener("beforeprint", show);
   addEventListener("afterprint", show);
-  show();
+  const [place, stored] = (state.get("time") ?? "").split("@");
+  goTo(place === section.id ? Number(stored) || 0 : peakOf(first, times));
+
+  return {
+    // Shows a time that was chosen in a plot, and in the panel of its engine the case whose line it was.
+    choose(time, m, dt) {
+      const found = tracks.findIndex(track => track.m === m && track.dt === dt);
+      const panel = panels.find(({ track }) => track !== truth && methods[track.m].engine === methods[m].engine);
+      if (found >= 0 && panel) {
+        panel.track = tracks[found];
+        panel.select.value = found;
+      }
+      goTo(time);
+      keepTime();
+      figure.scrollIntoView({ block: "nearest" });
+    },
+  };
 }
 
-for (const figure of document.querySelectorAll("[data-motion]")) whenSeen(figure, () => startPlayer(figure));
+for (const figure of document.querySelectorAll("[data-motion]")) {
+  let player = null;
+  const started = () => (player ??= startPlayer(figure));
+  whenSeen(figure, started);
+  figure.closest("[data-section]").addEventListener("timechosen", ({ detail: { t, m, dt } }) => started().choose(t, m, dt));
+}

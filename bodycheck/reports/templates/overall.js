@@ -1,30 +1,30 @@
 // The plot over all scenarios: error tolerance against the cost of meeting it.
-plots.overall = (data, shown, chosen) => {
-  const { name, points, faults } = data[chosen.error];
-  const missing = faults.filter(shown);
-  const kept = points.filter(p => p.cost[1] !== null && shown(p)).map(p => ({ ...p, x: p.cost[1], y: p.error }));
-  const traces = byMethod(kept).map(([m, own]) => ({
-    ...look(m),
-    mode: "lines+markers",
-    x: own.map(p => p.x),
-    y: own.map(p => p.y),
-    error_x: {
+plots.overall = (data, chosen) => {
+  const { title, points, faults } = data[chosen.error];
+  const missing = marked(faults);
+  const kept = points.filter(p => p.cost[1] !== null && levelOf(p.m)).map(p => ({ ...p, x: p.cost[1], y: p.error }));
+  const lines = [...Map.groupBy(kept, p => p.m)].map(([m, own]) => ({
+    m, own, level: levelOf(m), members: [m], x: own.map(p => p.x), y: own.map(p => p.y),
+  }));
+  const traces = stacked(lines, line => ({
+    error_x: line.level === "on" ? {
       type: "data", symmetric: false, thickness: 1, width: 2,
-      array: own.map(p => (p.cost[2] ?? p.x) - p.x), arrayminus: own.map(p => p.x - p.cost[0]),
-    },
-    text: own.map(p => hover([
-      methods[m].name,
-      `${name} at most ${p.y}`,
+      array: line.own.map(p => (p.cost[2] ?? p.x) - p.x), arrayminus: line.own.map(p => p.x - p.cost[0]),
+    } : undefined,
+    text: line.own.map(p => hover([
+      methods[p.m].name,
+      `${title} at most ${p.y}`,
       `${short(p.x)} CPU s per simulated s (${short(p.cost[0])} to ${p.cost[2] === null ? "not met" : short(p.cost[2])})`,
       `in ${p.kept} of ${p.scenarios} scenarios`,
     ])),
   }));
-  return [
-    [frontOf(kept), ...traces, ...besideMarks(missing)],
-    layout({
+  return {
+    lines,
+    traces: [frontOf(kept), ...traces, ...besideMarks(missing)],
+    layout: layout({
       xaxis: logAxis("CPU seconds per simulated second", kept.map(p => p.x), beside(missing)),
-      yaxis: axis(`tolerance of ${name}`, { type: "log" }),
-      ...sideStrip(missing, "met nowhere"),
+      yaxis: axis(`tolerance: ${title}`, { type: "log", ...heightOf(lines) }),
+      ...sideStrip(missing, "unmet"),
     }),
-  ];
+  };
 };

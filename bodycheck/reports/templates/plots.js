@@ -1,12 +1,12 @@
-// The plots of one scenario: name -> f(data, whether shown, chosen) -> plotly's traces and layout.
+// The plots of one scenario: name -> f(data, chosen) -> traces, layout, and the lines that get labels.
 const fineness = p =>
-  p.dt !== null ? `dt ${p.dt} s` : p.tolerance !== null ? `tolerance ${p.tolerance}` : "no steps";
+  p.dt !== null ? `dt ${p.dt} s` : p.tolerance ? `tolerance ${p.tolerance}` : "no steps";
 
-function pointText(p, error, fit) {
+function pointText(p, name, error, fit) {
   return hover([
-    methods[p.m].name,
+    name,
     fineness(p),
-    `${error.name} ${short(p.error)}`,
+    `${error.title} ${short(p.error)}`,
     fit && `order ${short(fit[0], 3)}, floor ${short(fit[1], 2)}`,
     p.cpu && `processor ${short(p.cpu[1])} s (${short(p.cpu[0])} to ${short(p.cpu[2])})`,
     p.ns !== undefined && `${short(p.ns)} ns per step`,
@@ -14,9 +14,13 @@ function pointText(p, error, fit) {
   ]);
 }
 
-// The points that have the chosen error.
-const having = (points, choice) =>
-  points.filter(p => p.errors[choice] !== null).map(p => ({ ...p, error: p.errors[choice] }));
+// The points that have the chosen error, by method, each with the level at which the legend shows it.
+function linesOf(points, choice, fits) {
+  const usable = points.filter(p => p.errors[choice] !== null && levelOf(p.m) && fits(p));
+  const by = Map.groupBy(usable.map(p => ({ ...p, error: p.errors[choice] })), p => p.m);
+  return [...by].map(([m, own]) => ({ m, own, level: levelOf(m) }));
+}
+const marked = faults => faults.map(fault => ({ ...fault, level: levelOf(fault.m) })).filter(fault => fault.level);
 
 // C dt^order down to the floor; C from the median of the errors used for the order.
 function fitLine(own, [order, floor], steps) {
@@ -32,93 +36,103 @@ function fitLine(own, [order, floor], steps) {
   };
 }
 
+// A ring around the best step of a method: finer steps are no better, because of round-off.
+function bestStep(m, [dt, error, floor]) {
+  return {
+    mode: "markers", name: "best step", x: [dt], y: [logarithmic(error)], hoverinfo: "text",
+    text: [hover([methods[m].name, `best step ${dt} s`, `error ${short(error)}`, `round-off floor ${short(floor, 2)}`])],
+    marker: { symbol: "circle-open", size: 17, color: engineColour(m), line: { width: 2 } },
+  };
+}
+
 const plots = {
-  speed(data, shown, chosen) {
-    const faults = data.faults.filter(shown);
+  speed(data, chosen) {
+    const faults = marked(data.faults);
     const error = data.errors[chosen.error];
-    const points = having(data.points, chosen.error).filter(p => p.cpu && shown(p));
-    const traces = byMethod(points).map(([m, own]) => ({
-      ...look(m),
-      mode: "lines+markers",
-      x: own.map(p => p.cpu[1]),
-      y: own.map(p => logarithmic(p.error)),
-      error_x: {
-        type: "data", symmetric: false, thickness: 1, width: 2,
-        array: own.map(p => p.cpu[2] - p.cpu[1]), arrayminus: own.map(p => p.cpu[1] - p.cpu[0]),
-      },
-      text: own.map(p => pointText(p, error)),
+    const lines = linesOf(data.points, chosen.error, p => p.cpu).map(line => ({
+      ...line, members: [line.m], x: line.own.map(p => p.cpu[1]), y: line.own.map(p => logarithmic(p.error)),
     }));
+    const traces = stacked(lines, line => ({
+      error_x: line.level === "on" ? {
+        type: "data", symmetric: false, thickness: 1, width: 2,
+        array: line.own.map(p => p.cpu[2] - p.cpu[1]), arrayminus: line.own.map(p => p.cpu[1] - p.cpu[0]),
+      } : undefined,
+      text: line.own.map(p => pointText(p, methods[p.m].name, error)),
+    }));
+    const points = lines.flatMap(line => line.own);
     const front = frontOf(points.map(p => ({ x: p.cpu[1], y: logarithmic(Math.max(p.error, error.floor)) })));
-    return [
-      [front, ...traces, ...besideMarks(faults)],
-      layout({
-        xaxis: logAxis("processor time, s", points.map(p => p.cpu[1]), beside(faults)),
-        yaxis: axis(zeroAtLeast(error.name), { type: "log" }),
+    return {
+      lines,
+      traces: [front, ...traces, ...besideMarks(faults)],
+      layout: layout({
+        xaxis: logAxis("CPU time, s", points.map(p => p.cpu[1]), beside(faults)),
+        yaxis: axis(error.title, { type: "log", ...heightOf(lines) }),
         ...sideStrip(faults),
         ...withFloor(error.floor),
       }),
-    ];
+    };
   },
 
-  error(data, shown, chosen) {
-    const faults = data.faults.filter(fault => fault.dt !== null && shown(fault));
+  error(data, chosen) {
+    const faults = marked(data.faults.filter(fault => fault.dt !== null));
     const error = data.errors[chosen.error];
     const steps = [...data.points, ...data.faults].map(p => p.dt).filter(dt => dt !== null);
-    const points = having(data.points, chosen.error).filter(p => p.tolerance === null && shown(p)); // a tolerance is not a step
-    const fits = [];
-    const traces = byMethod(points).map(([m, own]) => {
+    const across = [Math.max(...steps), Math.min(...steps)];
+    const all = linesOf(data.points, chosen.error, p => !p.tolerance).map(line => { // a tolerance is not a step
+      const { own } = line;
       const stepless = own[0].dt === null; // one error, drawn across all steps
-      const at = stepless ? [Math.min(...steps), Math.max(...steps)] : own.map(p => p.dt);
-      const fit = error.fits[m];
-      if (fit) fits.push(fitLine(own, fit, steps));
       return {
-        ...look(m, data.ranks[m]),
-        mode: "lines+markers",
-        x: at,
-        y: at.map((_, k) => logarithmic((own[k] ?? own[0]).error)),
-        text: at.map((_, k) => pointText(own[k] ?? own[0], error, fit)),
+        ...line,
+        x: stepless ? across : own.map(p => p.dt),
+        y: (stepless ? [own[0], own[0]] : own).map(p => logarithmic(p.error)),
       };
     });
-    const above = faults.length ? {
-      yaxis2: { ...strip("not ok"), domain: [0.86, 1], anchor: "x" },
-    } : {};
+    const lines = merged(all, error.floor);
+    const fits = lines.filter(line => line.level === "on" && error.fits[line.m])
+      .map(line => fitLine(line.own, error.fits[line.m], steps));
+    const traces = stacked(lines, line => ({
+      text: line.x.map((_, k) => pointText(line.own[k] ?? line.own[0], fullName(line), error, error.fits[line.m])),
+    }));
     const lane = lanes(faults);
-    return [
-      [...traces, ...fits.filter(Boolean), ...marks(faults, fault => ({ x: [fault.dt], y: [lane(fault.m)], yaxis: "y2" }))],
-      layout({
-        xaxis: logAxis("step, s", steps),
-        yaxis: axis(zeroAtLeast(error.name), { type: "log", domain: [0, faults.length ? 0.82 : 1] }),
+    const above = faults.length ? { yaxis2: { ...strip("failed"), domain: [0.86, 1], anchor: "x" } } : {};
+    const best = lines.filter(line => line.level === "on" && error.best[line.m])
+      .map(line => bestStep(line.m, error.best[line.m]));
+    return {
+      lines,
+      traces: [...traces, ...fits.filter(Boolean), ...best, ...marks(faults, fault => ({ x: [fault.dt], y: [lane(fault.m)], yaxis: "y2" }))],
+      layout: layout({
+        xaxis: logAxis("step, s (finer to the right)", steps, { autorange: "reversed" }),
+        yaxis: axis(error.title, { type: "log", ...heightOf(lines), domain: [0, faults.length ? 0.82 : 1] }),
         ...above,
         ...withFloor(error.floor),
       }),
-    ];
+    };
   },
 
-  drift(data, shown, chosen) {
+  drift(data, chosen) {
     const drift = data.drifts[chosen.drift];
-    const missing = data.missing.filter(shown);
-    const lines = Object.entries(drift ? drift.lines : {}).map(([m, values]) => [Number(m), values]);
-    const traces = lines.filter(([m]) => shown({ m })).map(([m, values]) => {
-      const line = typeof values === "number" ? data.t.map(() => values) : floats(values); // a constant line is stored as one number
-      const looks = look(m, data.ranks[m]);
-      return {
-        ...looks,
-        mode: "lines+markers",
-        marker: { ...looks.marker, maxdisplayed: 8 },
-        x: data.t,
-        y: line.map(logarithmic),
-        text: line.map((value, k) => hover([
-          methods[m].name, `${data.t[k]} s`, short(value), drift.growth[m] && `grows ${drift.growth[m]} at its finest step`,
-        ])),
-      };
-    });
-    return [
-      [...traces, ...besideMarks(missing)],
-      layout({
+    const missing = marked(data.missing);
+    const valuesOf = stored => { // a constant line is one number, a line equal to an earlier one [its method]
+      if (Array.isArray(stored)) return valuesOf(drift.lines[stored[0]]);
+      return (typeof stored === "number" ? data.t.map(() => stored) : lineValues(stored)).map(logarithmic);
+    };
+    const all = Object.entries(drift ? drift.lines : {})
+      .map(([m, stored]) => ({ m: Number(m), level: levelOf(m), x: data.t, y: valuesOf(stored) }));
+    const lines = merged(all.filter(line => line.level), LEAST);
+    const traces = stacked(lines, line => ({
+      mode: "lines",
+      text: line.y.map((value, k) => hover([
+        fullName(line), `${data.t[k]} s`, value === LEAST ? "0" : short(value, 3), drift.growth[line.m] && `grows ${drift.growth[line.m]} at its finest step`,
+      ])),
+    }));
+    return {
+      lines,
+      traces: [...traces, ...besideMarks(missing)],
+      layout: layout({
         xaxis: axis("time, s", beside(missing)),
-        yaxis: axis(drift ? zeroAtLeast(drift.name) : "", { type: "log" }),
+        yaxis: axis(drift ? drift.title : "", { type: "log", ...heightOf(lines) }),
         ...sideStrip(missing),
       }),
-    ];
+    };
   },
 };

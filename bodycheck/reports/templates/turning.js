@@ -14,16 +14,17 @@ function turned([w, ...v], x) {
   return added(added(x, scaled(c, w)), cross(v, c));
 }
 
+// Many vectors (n, 3), rotated from body to world axes.
+function allTurned(q, vectors) {
+  const [a, b, c] = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map(axis => turned(q, axis));
+  return vectors.map(([x, y, z]) => a.map((_, i) => a[i] * x + b[i] * y + c[i] * z));
+}
+
 // exp(v / 2) of a rotation vector v
 function turn(vector) {
   const angle = Math.hypot(...vector);
   const half = angle ? Math.sin(angle / 2) / angle : 0.5;
   return [Math.cos(angle / 2), ...scaled(vector, half)];
-}
-
-function angleBetween(p, q) {
-  const [w, ...v] = product([p[0], -p[1], -p[2], -p[3]], q);
-  return 2 * Math.atan2(Math.hypot(...v), Math.abs(w));
 }
 
 // Extrapolate both neighbouring samples with their own omega and blend them: a body may turn far in between.

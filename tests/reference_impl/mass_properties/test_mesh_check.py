@@ -1,4 +1,4 @@
-"""Every fault of a mesh is refused by a message that says where, or put right by a note that says so."""
+"""Faults of meshes: each is refused with its place, or corrected with a note."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def soup(vertices: Any, triangles: Any) -> tuple[Any, Any]:
     return vertices[triangles].reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
-def test_a_good_mesh_passes_as_it_is(meshes: Any) -> None:
-    """Vertices, triangles and their order stay; there is nothing to note."""
+def test_correct_mesh_is_unchanged(meshes: Any) -> None:
+    """Vertices, triangles and their order stay, and there is no note."""
     vertices, triangles = meshes.sphere(2)
     mesh = checked_mesh(vertices, triangles)
     assert np.array_equal(mesh.vertices, vertices)
@@ -35,8 +35,8 @@ def test_a_good_mesh_passes_as_it_is(meshes: Any) -> None:
     assert mesh.notes == ()
 
 
-def test_triangles_with_their_own_corners_are_joined(meshes: Any) -> None:
-    """The vertices of a soup of triangles become those of the mesh, 0.0 and -0.0 the same."""
+def test_triangles_without_shared_vertices_are_merged(meshes: Any) -> None:
+    """A triangle soup gets the vertices of the mesh; 0.0 and -0.0 are equal."""
     vertices, triangles = meshes.sphere(2)
     corners, rows = soup(vertices, triangles)
     corners[::2] = np.where(corners[::2] == 0.0, -0.0, corners[::2])
@@ -48,7 +48,7 @@ def test_triangles_with_their_own_corners_are_joined(meshes: Any) -> None:
 
 @given(st.lists(st.tuples(*[st.sampled_from([-1.0, -0.0, 0.0, 5e-324, 1.0, 1e300])] * 3), max_size=40))
 @settings(max_examples=100, deadline=None, derandomize=True)
-def test_merging_is_that_of_a_dictionary(points: list[tuple[float, float, float]]) -> None:
+def test_merging_equals_that_of_a_dictionary(points: list[tuple[float, float, float]]) -> None:
     """Each row gets the number of the first row equal to it, numbers running in order of appearance."""
     numbers: dict[tuple[float, float, float], int] = {}
     expected = [numbers.setdefault(point, len(numbers)) for point in points]
@@ -58,8 +58,8 @@ def test_merging_is_that_of_a_dictionary(points: list[tuple[float, float, float]
 
 
 @pytest.mark.parametrize("flipped", [[3], [0, 1, 7], [0, 1, 2, 3, 4, 5]])
-def test_flipped_triangles_are_turned(flipped: list[int], meshes: Any) -> None:
-    """A closed surface with some triangles the wrong way has them turned, and a note counts them."""
+def test_flipped_triangles_are_reversed(flipped: list[int], meshes: Any) -> None:
+    """A closed surface with some reversed triangles is corrected, and a note counts them."""
     vertices, triangles = meshes.box()
     triangles[flipped] = triangles[flipped, ::-1]
     mesh = checked_mesh(vertices, triangles)
@@ -69,8 +69,8 @@ def test_flipped_triangles_are_turned(flipped: list[int], meshes: Any) -> None:
     )
 
 
-def test_a_mesh_mostly_flipped_ends_facing_outward(meshes: Any) -> None:
-    """Where more than half of the triangles face inward, those are what is turned and noted."""
+def test_mostly_flipped_mesh_ends_facing_outward(meshes: Any) -> None:
+    """Where more than half of the triangles face inward, those are reversed and counted."""
     vertices, triangles = meshes.box()
     triangles[:11] = triangles[:11, ::-1]
     mesh = checked_mesh(vertices, triangles)
@@ -78,16 +78,16 @@ def test_a_mesh_mostly_flipped_ends_facing_outward(meshes: Any) -> None:
     assert mesh.notes[0].startswith("11 of the triangles")
 
 
-def test_an_inside_out_mesh_is_turned(meshes: Any) -> None:
-    """A mesh all of whose triangles face inward is turned as a whole, and a note says so."""
+def test_inside_out_mesh_is_reversed(meshes: Any) -> None:
+    """A mesh whose triangles all face inward is reversed as a whole, with a note."""
     vertices, triangles = meshes.sphere(2)
     mesh = checked_mesh(vertices, triangles[:, ::-1])
     assert np.array_equal(mesh.triangles, triangles)
     assert mesh.notes == ("the mesh was inside-out; all its triangles were turned",)
 
 
-def test_collapsed_triangles_are_left_out(meshes: Any) -> None:
-    """Triangles with two equal corners, also equal by coordinates only, go, and a note counts them."""
+def test_collapsed_triangles_are_dropped(meshes: Any) -> None:
+    """Triangles with two equal corners, by index or coordinates, are dropped, and a note counts them."""
     vertices, triangles = meshes.box()
     corners, rows = soup(vertices, np.vstack([triangles, [[0, 0, 1], [2, 5, 2]]]))
     mesh = checked_mesh(corners, rows)
@@ -97,7 +97,7 @@ def test_collapsed_triangles_are_left_out(meshes: Any) -> None:
     )
 
 
-def test_a_cavity_is_kept(meshes: Any, joined: Any) -> None:
+def test_cavity_is_kept(meshes: Any, joined: Any) -> None:
     """A surface within another that faces inward is a cavity, and matter within that cavity is matter."""
     big, middle, small = (meshes.box([a] * 3, [1 - a] * 3) for a in (0.0, 0.25, 0.375))
     mesh = checked_mesh(*joined(big, (middle[0], middle[1][:, ::-1]), small))
@@ -105,16 +105,16 @@ def test_a_cavity_is_kept(meshes: Any, joined: Any) -> None:
     assert mesh.notes == ("the mesh has 3 closed surfaces; none was found to cross another",)
 
 
-def test_an_inside_out_shell_is_turned_as_a_whole(meshes: Any, joined: Any) -> None:
-    """Outer surface inward and cavity outward: both are turned."""
+def test_inside_out_shell_is_reversed_as_a_whole(meshes: Any, joined: Any) -> None:
+    """An outer surface facing inward and its cavity facing outward are both reversed."""
     big, small = meshes.box(), meshes.box([0.25] * 3, [0.75] * 3)
     mesh = checked_mesh(*joined((big[0], big[1][:, ::-1]), small))
     assert volume(mesh) == 1.0 - 0.5**3
     assert mesh.notes[0] == "the mesh was inside-out; all its triangles were turned"
 
 
-def test_separate_parts_are_turned_one_by_one(meshes: Any, joined: Any) -> None:
-    """A surface that lies within no other is turned outward by itself."""
+def test_separate_parts_are_oriented_one_by_one(meshes: Any, joined: Any) -> None:
+    """A surface that lies within no other is oriented outward by itself."""
     one, other = meshes.box(), meshes.box((2.0, 0.0, 0.0), (3.0, 1.0, 1.0))
     mesh = checked_mesh(*joined(one, (other[0], other[1][:, ::-1])))
     assert volume(mesh) == 2.0
@@ -123,22 +123,22 @@ def test_separate_parts_are_turned_one_by_one(meshes: Any, joined: Any) -> None:
     ) or (mesh.notes[0].startswith("12 of the triangles faced the wrong way and were turned, at (2"))
 
 
-def test_parts_that_touch_stay_parts(meshes: Any, joined: Any) -> None:
+def test_touching_parts_stay_separate(meshes: Any, joined: Any) -> None:
     """Two boxes that share part of a face are two boxes."""
     mesh = checked_mesh(*joined(meshes.box(), meshes.box((1.0, 0.25, 0.25), (2.0, 0.75, 0.75))))
     assert volume(mesh) == 1.25
 
 
-def test_bars_that_cross_are_refused(meshes: Any, joined: Any) -> None:
-    """Two bars through each other, neither with a corner inside the other, are seen to cross."""
+def test_crossing_bars_are_refused(meshes: Any, joined: Any) -> None:
+    """Two bars through each other cross, although neither has a corner inside the other."""
     along, across = meshes.box((-5, -1, -1), (5, 1, 1)), meshes.box((-0.5, -6, -0.5), (0.5, 6, 0.5))
     with pytest.raises(ValueError, match=r"its closed surfaces at .* and .* cross, so that what they share"):
         checked_mesh(*joined(along, across))
 
 
 @pytest.mark.parametrize("lift", [(0.0, 0.0, 1e-13), (1e-13, 1e-13, 1e-13)])
-def test_surfaces_upon_each_other_are_refused(lift: Any, meshes: Any, joined: Any) -> None:
-    """A box drawn twice but for the last digits is neither inside nor outside itself, and not two boxes."""
+def test_coincident_surfaces_are_refused(lift: Any, meshes: Any, joined: Any) -> None:
+    """A box present twice but for the last digits is neither inside itself nor two boxes."""
     vertices, triangles = meshes.box()
     with pytest.raises(ValueError, match=r"its closed surfaces at .* and .* (lie upon each other|cross)"):
         checked_mesh(*joined((vertices, triangles), (vertices + lift, triangles)))
@@ -150,7 +150,7 @@ def crossing_bars(meshes: Any, joined: Any) -> tuple[Any, Any]:
 
 
 def test_crossing_parts_count_twice_on_request(meshes: Any, joined: Any) -> None:
-    """Bars that cross weigh what both weigh, and a note says that what they share counts so."""
+    """Crossing bars weigh the sum of both, and a note says that the overlap counts twice."""
     mesh = checked_mesh(*crossing_bars(meshes, joined), "count-twice")
     assert volume(mesh) == 40.0 + 12.0
     assert mesh.notes == (
@@ -160,7 +160,7 @@ def test_crossing_parts_count_twice_on_request(meshes: Any, joined: Any) -> None
 
 
 def test_matter_within_matter_counts_twice_on_request(meshes: Any, joined: Any) -> None:
-    """An insert drawn over a solid block adds its own volume, less its own cavity; a cavity stays one."""
+    """An insert within a solid block adds its own volume, less its own cavity; a cavity stays one."""
     boxes = [meshes.box([a] * 3, [1 - a] * 3) for a in (0.0, 0.25, 0.375)]
     inward = [(vertices, triangles[:, ::-1]) for vertices, triangles in boxes]
     insert = checked_mesh(*joined(boxes[0], boxes[1]), "count-twice")
@@ -174,8 +174,8 @@ def test_matter_within_matter_counts_twice_on_request(meshes: Any, joined: Any) 
     )
 
 
-def test_counting_twice_does_not_guess(meshes: Any, joined: Any) -> None:
-    """A part that crosses another and faces inward may be a cut: it is refused all the same."""
+def test_ambiguous_part_is_refused_on_request_too(meshes: Any, joined: Any) -> None:
+    """A part that crosses another and faces inward may be a cut, so it is refused."""
     box, other = meshes.box(), meshes.box([0.5] * 3, [1.5] * 3)
     with pytest.raises(
         ValueError, match="crosses another and does not face outward; it may be one drawn ins"
@@ -185,8 +185,8 @@ def test_counting_twice_does_not_guess(meshes: Any, joined: Any) -> None:
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
 @pytest.mark.parametrize("slit", [1e-17, 1e-15, 1e-12, 5e-8])
-def test_slits_of_round_off_are_joined(slit: float, scale: float, meshes: Any) -> None:
-    """A mesh whose triangles have their own corners, a hair apart, is closed, and a note reports it."""
+def test_slits_of_round_off_are_closed(slit: float, scale: float, meshes: Any) -> None:
+    """Triangles with their own corners, a round-off apart, give a closed mesh and a note."""
     vertices, triangles = meshes.sphere(2)
     corners, rows = soup(vertices, triangles)
     corners[:30] += slit * np.random.default_rng(0).uniform(-0.5, 0.5, (30, 3))
@@ -199,8 +199,8 @@ def test_slits_of_round_off_are_joined(slit: float, scale: float, meshes: Any) -
 @pytest.mark.parametrize(
     ("gap", "split"), [(1e-6, 1e-6), (1e-3, 1e-3), (1e-8, 1e-6), (1e-14, 3e-12)], ids=str
 )
-def test_real_gaps_are_not_joined(gap: float, split: float, meshes: Any) -> None:
-    """A gap of a millionth stays open, and a hair's one where other corners of the rim lie almost as near."""
+def test_real_gaps_stay_open(gap: float, split: float, meshes: Any) -> None:
+    """A gap of a millionth stays open, and a round-off one where other corners are nearly as close."""
     vertices, triangles = meshes.box()
     middle = len(vertices)
     # the first triangle is cut in two at a point of its edge, and its neighbour there is not
@@ -212,15 +212,15 @@ def test_real_gaps_are_not_joined(gap: float, split: float, meshes: Any) -> None
         checked_mesh(vertices, triangles)
 
 
-def test_slits_are_not_looked_for_in_a_closed_mesh(meshes: Any) -> None:
+def test_closed_mesh_is_not_searched_for_slits(meshes: Any) -> None:
     """A closed plate thinner than the tolerances keeps both of its faces."""
     mesh = checked_mesh(*meshes.box((0.0, 0.0, 0.0), (1.0, 1.0, 1e-12)))
     assert volume(mesh) == pytest.approx(1e-12, rel=1e-12, abs=0.0)
     assert mesh.notes == ()
 
 
-def test_parts_that_share_an_edge_are_taken_apart(meshes: Any, joined: Any) -> None:
-    """Two boxes with one edge in common, four triangles at it, are two boxes, also inside-out."""
+def test_parts_that_share_an_edge_are_separated(meshes: Any, joined: Any) -> None:
+    """Two boxes with one common edge of four triangles are two boxes, also inside-out."""
     one, other = meshes.box(), meshes.box((1.0, 1.0, 0.0), (2.0, 2.0, 1.0))
     vertices, triangles = joined(one, other)
     mesh = checked_mesh(vertices, triangles)
@@ -230,8 +230,8 @@ def test_parts_that_share_an_edge_are_taken_apart(meshes: Any, joined: Any) -> N
     assert volume(checked_mesh(vertices, triangles[:, ::-1])) == 2.0
 
 
-def test_a_wall_that_two_parts_share_bounds_nothing(meshes: Any, joined: Any) -> None:
-    """Two boxes with a face in common are one of twice the length; the face, there twice, is left out."""
+def test_wall_shared_by_two_parts_is_dropped(meshes: Any, joined: Any) -> None:
+    """Two boxes with a common face, present twice, are one box of twice the length."""
     vertices, triangles = joined(meshes.box(), meshes.box((1.0, 0.0, 0.0), (2.0, 1.0, 1.0)))
     wall = np.flatnonzero((vertices[triangles][:, :, 0] == 1.0).all(axis=1))
     assert volume(checked_mesh(vertices, triangles)) == 2.0  # cut along different diagonals
@@ -244,16 +244,16 @@ def test_a_wall_that_two_parts_share_bounds_nothing(meshes: Any, joined: Any) ->
     assert mesh.notes[0].startswith("4 of the triangles lie back to back and were left out, at (1, ")
 
 
-def test_a_cavity_that_touches_its_surface_stays_a_cavity(meshes: Any, joined: Any) -> None:
-    """A hollow that meets the outside along an edge: four triangles there, matter and void in turn."""
+def test_cavity_that_touches_its_surface_stays_a_cavity(meshes: Any, joined: Any) -> None:
+    """A hollow may meet the outside along an edge of four triangles."""
     hollow = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 4.0], [1.0, 2.0, 2.0], [2.0, 1.0, 2.0]])  # 2 m^3, inward
     mesh = checked_mesh(*joined(meshes.box((0, 0, 0), (4, 4, 4)), (hollow, meshes.tetrahedron()[1])))
     assert volume(mesh) == pytest.approx(64.0 - 2.0, rel=1e-15, abs=0.0)
 
 
 @pytest.mark.parametrize("fault", ["drawn twice", "overlapping", "three"])
-def test_edges_at_which_matter_does_not_alternate_are_refused(fault: str, meshes: Any, joined: Any) -> None:
-    """A box drawn twice, boxes that overlap from a common edge on, and a fin are refused."""
+def test_edges_where_matter_does_not_alternate_are_refused(fault: str, meshes: Any, joined: Any) -> None:
+    """A box present twice, boxes overlapping from a common edge, and a fin are refused."""
     box = meshes.box((0.0, 0.0, 0.0), (2.0, 2.0, 1.0))
     corners = np.array([[0.0, 0.0, 0.0], [2.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 0.0, 1.0]])
     drawn = {
@@ -266,8 +266,8 @@ def test_edges_at_which_matter_does_not_alternate_are_refused(fault: str, meshes
 
 
 @pytest.mark.parametrize(("parts", "most"), [(1, 150), (2, 150)])
-def test_checking_takes_at_most_150_bytes_a_triangle(parts: int, most: int, meshes: Any, joined: Any) -> None:
-    """Peak memory beside the arrays given; with what a file takes, 50 bytes as STL, that is below 200."""
+def test_check_takes_at_most_150_bytes_per_triangle(parts: int, most: int, meshes: Any, joined: Any) -> None:
+    """Peak memory without the given arrays; with a file's 50 bytes as STL it is below 200."""
     sphere = meshes.sphere(5)
     mesh = joined(*(((1.0 - 0.5 * k) * sphere[0], sphere[1][:, :: 1 - 2 * k]) for k in range(parts)))
     checked_mesh(*mesh)  # compiled
@@ -313,8 +313,8 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_faults_are_refused_by_name_and_place(fault: str, meshes: Any, joined: Any) -> None:
-    """A mesh that bounds no solid, or more than one reading of it, is refused, saying what and where."""
+def test_faults_are_refused_with_their_place(fault: str, meshes: Any, joined: Any) -> None:
+    """A mesh that bounds no solid, or more than one possible solid, is refused with the place."""
     vertices, triangles = meshes.box()
     inner = meshes.box([0.25] * 3, [0.75] * 3)
     match fault:
@@ -357,7 +357,7 @@ def test_faults_are_refused_by_name_and_place(fault: str, meshes: Any, joined: A
     assert str(caught.value).startswith(FAULTS[fault])
 
 
-def test_winding_numbers_tell_inside_from_outside(meshes: Any) -> None:
+def test_winding_number_separates_inside_from_outside(meshes: Any) -> None:
     """1 inside an outward torus, 0 in its hole and outside, NaN on a face."""
     vertices, triangles = meshes.torus(3.0, 1.0, 12, 8)
     on_face = vertices[triangles[5]].mean(axis=0)

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bodycheck.reference_impl.kernels.jit import interpreted
+from bodycheck.reference_impl.mass_properties.mesh_check import Mesh, checked_mesh
 from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron, volume_area_reach
-from bodycheck.reference_impl.mass_properties.solid import primitive
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
 from bodycheck.reference_impl.rotations import exp_matrix
 
 TILT = exp_matrix(np.array([0.3, 0.5, 0.7]))
@@ -47,16 +49,42 @@ def test_meshes_match_rational_numbers(
     assert max(errors) < 1e-15
 
 
-def test_corners_far_from_the_mass_cost_nothing(meshes: Any, joined: Any, exact_errors: Any) -> None:
-    """A body whose corners surround another place than its mass is integrated about its own centroid."""
+@pytest.mark.parametrize("shape", ["box", "ellipsoid", "slivers", "box in box"])
+def test_interpreted_meshes_have_the_same_bits(shape: str, meshes: Any, joined: Any) -> None:
+    """A mesh is accepted, merged, turned and integrated alike by compiled and by interpreted kernels."""
+    vertices, triangles = {
+        "box": meshes.box,
+        "ellipsoid": lambda: (meshes.sphere(1)[0] * [1.0, 0.7, 0.4], meshes.sphere(1)[1]),
+        "slivers": lambda: meshes.prism(60, 1.0, 5.0),
+        "box in box": lambda: joined(
+            meshes.box(), (meshes.box([0.2] * 3, [0.5] * 3)[0], meshes.box()[1][:, ::-1])
+        ),
+    }[shape]()
+
+    def checked() -> tuple[Mesh, MassProperties]:
+        mesh = checked_mesh(vertices @ TILT.T + 0.1 * FAR, triangles)
+        return mesh, polyhedron(mesh.vertices, mesh.triangles)
+
+    with interpreted():
+        one, solid = checked()
+    other, compiled = checked()
+    assert np.array_equal(one.vertices, other.vertices)
+    assert np.array_equal(one.triangles, other.triangles)
+    assert solid.mass == compiled.mass
+    assert np.array_equal(solid.centre, compiled.centre)
+    assert np.array_equal(solid.inertia, compiled.inertia)
+
+
+def test_corners_far_from_the_mass_lose_no_digits(meshes: Any, joined: Any, exact_errors: Any) -> None:
+    """A body whose corners surround another place is integrated about its own centroid."""
     ball, triangles = meshes.sphere(2)
     vertices, triangles = joined((ball, triangles), meshes.prism(200, 0.5, 0.5))
     vertices[len(ball) :, 0] += 20.0
     assert max(exact_errors(vertices, triangles, polyhedron(vertices, triangles))) < 1e-15
 
 
-def test_a_needle_keeps_its_smallest_moment(meshes: Any, exact_integrals: Any) -> None:
-    """The moment about the axis of a prism, 1e-12 of the others, is right to 1e-14 of itself."""
+def test_needle_keeps_its_smallest_moment(meshes: Any, exact_integrals: Any) -> None:
+    """The moment about the axis of a prism, 1e-12 of the others, is right to 1e-14, relatively."""
     vertices, triangles = meshes.prism(8, 1e-6, 1.0)
     expected = float(exact_integrals(vertices, triangles).inertia[2][2])
     assert polyhedron(vertices, triangles).inertia[2, 2] == pytest.approx(expected, rel=1e-14, abs=0.0)
@@ -66,7 +94,7 @@ def test_a_needle_keeps_its_smallest_moment(meshes: Any, exact_integrals: Any) -
     ("shape", "size"), [("ellipsoid", [1.0, 0.7, 0.4]), ("torus", [3.0, 1.0]), ("cylinder", [0.8, 2.0])]
 )
 def test_finer_meshes_converge_to_the_closed_form(shape: str, size: list[float], meshes: Any) -> None:
-    """The difference to the closed form falls by four each time the mesh is made twice as fine."""
+    """The difference to the closed form falls by four with each refinement by two."""
     makers = {
         "ellipsoid": lambda n: (meshes.sphere(n)[0] * size, meshes.sphere(n)[1]),
         "torus": lambda n: meshes.torus(*size, 8 << n, 6 << n),
@@ -84,7 +112,7 @@ def test_finer_meshes_converge_to_the_closed_form(shape: str, size: list[float],
 
 
 def test_trimesh_agrees_near_the_origin(meshes: Any) -> None:
-    """A second implementation finds the same numbers to its own precision."""
+    """A second implementation gives the same numbers to its own precision."""
     trimesh = pytest.importorskip("trimesh.triangles")
     vertices, triangles = meshes.torus(3.0, 1.0, 24, 16)
     vertices = vertices @ TILT.T
@@ -132,7 +160,7 @@ def test_translation_moves_the_centre_only(body: Any, displacement: Any) -> None
 @given(convex_bodies(), vectors)
 @settings(max_examples=50, deadline=None, derandomize=True)
 def test_rotation_rotates_centre_and_inertia(body: Any, vector: Any) -> None:
-    """A mesh turned by R has R c and R I R^T."""
+    """A mesh rotated by R has R c and R I R^T."""
     vertices, triangles = body
     rotation = exp_matrix(vector)
     solid, turned = polyhedron(vertices, triangles), polyhedron(vertices @ rotation.T, triangles)

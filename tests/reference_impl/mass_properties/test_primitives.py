@@ -1,4 +1,4 @@
-"""Closed forms against numerical integrals of thirty digits, each other, and their refusals."""
+"""Closed forms against numerical integrals of thirty digits and each other, and their refusals."""
 
 from __future__ import annotations
 
@@ -109,6 +109,6 @@ def test_every_primitive_is_a_possible_body(shape: str) -> None:
     ],
 )
 def test_impossible_sizes_are_refused(shape: str, size: list[float], message: str) -> None:
-    """A wrong name, number of sizes or size is refused by a message that names it."""
+    """A wrong name, number of sizes or size is refused with a message that names it."""
     with pytest.raises(ValueError, match=message):
         primitive(shape, size)

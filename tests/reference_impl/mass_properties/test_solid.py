@@ -1,4 +1,4 @@
-"""What re-posing and scaling do to mass properties."""
+"""Mass properties of moved, rotated and scaled bodies."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ def test_moments_give_the_inertia_of_points() -> None:
     assert pytest.approx(inertia_of_points(MASSES, POINTS - centre), rel=1e-13, abs=0.0) == CLOUD.inertia
 
 
-def test_inertia_about_another_point() -> None:
-    """Huygens-Steiner gives what the points themselves have about that point."""
+def test_inertia_about_another_point_is_huygens_steiner() -> None:
+    """Huygens-Steiner gives the inertia of the points about that point."""
     point = np.array([1.0, -2.0, 3.0])
     assert CLOUD.inertia_about(point) == pytest.approx(
         inertia_of_points(MASSES, POINTS - point), rel=1e-13, abs=0.0
     )
 
 
-def test_moving_and_rotating_are_those_of_the_points() -> None:
+def test_moving_and_rotating_equals_that_of_the_points() -> None:
     """The points moved, then rotated, have the moved and rotated properties."""
     rotation, displacement = exp_matrix(np.array([0.4, -1.0, 2.0])), np.array([3.0, 4.0, 5.0])
     posed = CLOUD.moved(displacement).rotated(rotation)
@@ -60,8 +60,8 @@ def test_an_impossible_density_is_refused(density: float) -> None:
 
 
 @pytest.mark.parametrize("density", [1e-310, 1.7e308])
-def test_a_density_that_leaves_double_precision_is_refused(density: float) -> None:
-    """Where mass or moments would be infinite or lose digits, the message says what they would be."""
+def test_density_beyond_double_precision_is_refused(density: float) -> None:
+    """If mass or moments would be infinite or lose digits, the message gives their values."""
     with pytest.raises(
         ValueError, match=r"makes a mass of .* kg and moments of .* beyond the range of double"
     ):

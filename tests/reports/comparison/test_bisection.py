@@ -1,4 +1,4 @@
-"""The search for changes in an ordered list, held to what a look at every member says."""
+"""The search for changes in an ordered list, compared with an evaluation of every member."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Measured:
 
 @given(stretches, failing)
 def test_every_change_between_the_ends_is_found(lengths: list[int], failing: set[int]) -> None:
-    """The pairs are the neighbours, among those that can be measured, that differ; nothing is asked twice."""
+    """The pairs are the differing neighbours among the measurable members; no member is measured twice."""
     measured = Measured(lengths, failing)
     found = changes(measured.members, measured, lambda one, other: one != other)
     neighbours = zip(measured.sound, measured.sound[1:], strict=False)
@@ -48,7 +48,7 @@ def test_every_change_between_the_ends_is_found(lengths: list[int], failing: set
 
 @given(stretches, failing)
 def test_few_members_are_measured(lengths: list[int], failing: set[int]) -> None:
-    """The ends, log2(n) for each change, and no more of those that fail than there are."""
+    """The ends, log2(n) per change, and at most all members that cannot be measured."""
     measured = Measured(lengths, failing)
     found = changes(measured.members, measured, lambda one, other: one != other)
     halves = math.ceil(math.log2(max(2, len(measured.members))))
@@ -57,8 +57,8 @@ def test_few_members_are_measured(lengths: list[int], failing: set[int]) -> None
 
 
 @given(st.lists(st.integers(0, 2), max_size=20))
-def test_a_pair_always_differs_and_leaves_nothing_between(values: list[int]) -> None:
-    """Whatever comes and goes, a pair is of neighbours that differ; equal ends give none."""
+def test_pair_consists_of_differing_neighbours(values: list[int]) -> None:
+    """Whatever the values, a pair is of neighbours that differ; equal ends give no pair."""
     members = [str(place) for place in range(len(values))]
     found = changes(members, lambda member: values[int(member)], lambda one, other: one != other)
     for before, after in found:
@@ -68,8 +68,8 @@ def test_a_pair_always_differs_and_leaves_nothing_between(values: list[int]) -> 
 
 
 @given(st.lists(st.one_of(st.none(), st.integers(0, 2)), max_size=20))
-def test_where_every_member_is_measured_no_change_is_missed(values: list[int | None]) -> None:
-    """What comes and goes between equal ends is found; those that cannot be measured are stepped around."""
+def test_measuring_every_member_finds_every_change(values: list[int | None]) -> None:
+    """Changes between equal ends are found; unmeasurable members are skipped."""
     members = [str(place) for place in range(len(values))]
     asked: list[str] = []
 
@@ -84,8 +84,8 @@ def test_where_every_member_is_measured_no_change_is_missed(values: list[int | N
     assert asked == members
 
 
-def test_small_differences_add_up_where_every_member_is_measured() -> None:
-    """Each is compared with the first since the last change."""
+def test_small_differences_add_up() -> None:
+    """Each member is compared with the first one since the last change."""
     values = {str(k): 1.0 + 0.4 * k for k in range(7)}
     found = every_change(list(values), values.get, lambda one, other: abs(one - other) > 1.0)
     assert found == (("2", "3"), ("5", "6"))

@@ -9,15 +9,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mirrored import mirrored
 
 from bodycheck._util.formatting import count
 from bodycheck.reports.comparison.compare import Comparison, compare
-from bodycheck.reports.comparison.comparison_output import print_comparison, render_comparison
-from bodycheck.reports.comparison.describe import groups, sentences
+from bodycheck.reports.comparison.describe import (
+    comparison_document,
+    comparison_page,
+    groups,
+    sentences,
+)
 from bodycheck.reports.comparison.measure_track import OneMeasure
+from bodycheck.reports.document import print_document
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_reader import Tables, read_tables
+from tests.helpers.swapped_runs import swapped
 
 MEASURES = ("orientation_error_rad", "energy_drift", "omega_error", "position_error", "quaternion_norm_error")
 
@@ -112,7 +117,7 @@ def test_a_planted_change_is_weighed_by_its_size(
     after = with_rows(before, where, lambda row: row | {measure: factor * row[measure]})
     found = compare(before, after).changes
     assert [(change.quantity, change.status) for change in found] == ([(measure, status)] if status else [])
-    assert [mirrored(change) for change in found] == list(compare(after, before).changes)
+    assert [swapped(change) for change in found] == list(compare(after, before).changes)
 
 
 def test_what_lies_beneath_the_noise_is_neither_better_nor_worse(tables: Tables) -> None:
@@ -153,7 +158,7 @@ def test_a_comparison_is_the_same_from_either_side(tables: Tables, seed: int) ->
     before = replace(tables, cases=tables.cases[:-3])
     there, back = compare(before, after), compare(after, before)
     assert len(there.changes) > 10
-    assert {mirrored(change) for change in there.changes} == set(back.changes)
+    assert {swapped(change) for change in there.changes} == set(back.changes)
     assert there.paired == back.paired
 
 
@@ -230,7 +235,7 @@ def test_a_stable_step_changed_where_the_two_searches_cannot_mean_one(
     assert [(change.quantity, change.status) for change in found] == (
         [("dt_stable_s", direction)] if direction else []
     )
-    assert [mirrored(change) for change in found] == list(compare(after, before).changes)
+    assert [swapped(change) for change in found] == list(compare(after, before).changes)
 
 
 def test_a_search_that_fails_now_is_told(tables: Tables) -> None:
@@ -326,7 +331,7 @@ def test_every_change_is_in_one_group_and_on_the_page(much: Comparison) -> None:
     for group in made:
         cases = {change.fineness for change in group.changes}
         assert len(group.changes) == 1 or f"in {count(len(cases), 'case')}" in group.text
-    page = render_comparison(much)
+    page = comparison_page(much)
     assert page.count("<li>") == len(sentences(much)) + sum(
         len(group.changes) for group in made if len(group.changes) > 1
     )
@@ -338,7 +343,7 @@ def test_a_pipe_is_given_whole_lines_without_colour(
     much: Comparison, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One line a method and scenario, however long, and no control characters."""
-    print_comparison(much)
+    print_document(comparison_document(much))
     shown = capsys.readouterr().out
     assert "\x1b" not in shown
     failing = [group for group in groups(much.changes) if group.status == "worse"]

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
 import pytest
-from gated import a_run
 from markupsafe import escape
-from mirrored import TURNED
 
-from bodycheck._util.formatting import escaped_markdown
 from bodycheck.reports.comparison.change import Status
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.comparison.comparison_output import (
-    comparison_markdown,
-    print_comparison,
-    render_comparison,
-)
-from bodycheck.reports.comparison.describe import sentences
+from bodycheck.reports.comparison.describe import comparison_document, comparison_page, sentences
 from bodycheck.reports.comparison.environment_diff import is_refinement
 from bodycheck.reports.comparison.headlines import by_method, headlines
 from bodycheck.reports.comparison.release_search import release_searches
+from bodycheck.reports.document import escaped_markdown, markdown, print_document
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
+from tests.helpers.gate_tables import make_tables
+from tests.helpers.swapped_runs import SWAPPED_STATUS
 
 ERROR = "orientation_error_rad"
 ORDER = ("order", "order_low", "order_high")
@@ -37,7 +33,7 @@ def run(*cases: dict[str, Any], version: str = "3.17.0", engine: str = "mujoco",
     methods = [{"engine": engine, **cells} for cells in parts.pop("methods", [])]
     about = {"version": version, "methods": {"rk4": {"order": 4 if version == "4.0.0" else 2}}}
     manifest = {"scenarios": SCENARIOS, "engines": {engine: about}, "created": "today", "bodycheck": "1"}
-    return a_run(named, methods, **{**manifest, **parts})
+    return make_tables(named, methods, **{**manifest, **parts})
 
 
 def of_order(order: float) -> dict[str, float]:
@@ -154,7 +150,7 @@ def test_a_case_that_ends_otherwise_outweighs_any_factor(old: str, new: str, sta
     after = run({"outcome": new}, {"dt_s": 0.02, ERROR: 1e-3 * factor})
     (one,) = by_method(compare(before, after).changes)
     assert one.net == status
-    opposite = TURNED[status]
+    opposite = SWAPPED_STATUS[status]
     assert (
         f"rk4 {status}, outcome at 10 ms {old} -> {new}, but {opposite}, error"
         in headlines(compare(before, after))[0]
@@ -307,25 +303,26 @@ def test_terminal_markdown_and_page_say_the_same(capsys: pytest.CaptureFixture[s
     lost = {"method": "lost", "dt_s": 1e-3}
     before = replace(NEW, cases=(*NEW.cases, *run(lost).cases))
     found = compare(before, OLD)
-    print_comparison(found)
-    shown, page, markdown = capsys.readouterr().out, render_comparison(found), comparison_markdown(found)
-    assert len(markdown.splitlines()) < 60
+    document = comparison_document(found)
+    print_document(document)
+    shown, page, as_markdown = capsys.readouterr().out, comparison_page(found), markdown(document)
+    assert len(as_markdown.splitlines()) < 60
     lines = shown.splitlines()
     listed = [line for line in lines if line.startswith("brick")]
     assert len(listed) == 3
     for line in listed:
-        words = line.split(maxsplit=2)
+        words = re.split(" {2,}", line)
         for text in words:
             assert str(escape(text)) in page
-            assert escaped_markdown(text) in markdown
+            assert escaped_markdown(text) in as_markdown
     for sentence in sentences(found):
         assert sentence in lines
-        assert escaped_markdown(sentence) in markdown
+        assert escaped_markdown(sentence) in as_markdown
         assert str(escape(sentence)) in page
     for heading in ("Worse", "No longer measured"):
         assert heading in lines
         assert f"{heading}</h2>" in page
-        assert f"| {heading.lower()} |" in markdown
+        assert f"**{heading}**" in as_markdown
 
 
 @pytest.mark.parametrize("size", [1.0, 1e3])

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from bodycheck.reports.comparison.measure_track import Finding
-from bodycheck.reports.render.answer_text import Found, Track, print_found
+from bodycheck.reports.comparison.release_results import Found, Track, found_document
+from bodycheck.reports.document import print_document
 
 VERSIONS = ("1.0", "1.1", "1.2", "2.0", "2.1")
 
@@ -58,15 +59,14 @@ def test_the_last_line_says_where_it_changed(
     found: Found, last: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The last release before a change and the first after it; of those that are unknown, that they are."""
-    print_found(found)
+    print_document(found_document(found))
     assert capsys.readouterr().out.splitlines()[-1] == last
 
 
 def test_what_could_not_be_run_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     """With its reason, word for word, and not among those that were run."""
-    print_found(
-        said({"1.0": 1e-3, "2.1": 1e-3}, (), failed={"1.1": "toy==1.1 cannot be installed: :x: [no]"})
-    )
+    failed = {"1.1": "toy==1.1 cannot be installed: :x: [no]"}
+    print_document(found_document(said({"1.0": 1e-3, "2.1": 1e-3}, (), failed=failed)))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "energy_drift on free; 5 releases from 1.0 to 2.1, 2 of them run"
     assert "not run: 1.1: toy==1.1 cannot be installed: :x: [no]" in lines
@@ -83,9 +83,10 @@ def test_where_every_release_was_run_it_is_said_in_which_anything_changed(
         Track("b", there, (("1.0", "1.1"), ("1.1", "1.2"), ("2.0", "2.1"))),
         Track("c", there, (("1.0", "1.1"), ("1.1", "1.2"), ("2.0", "2.1"))),
     )
-    print_found(Found("toy", "free", "energy_drift", VERSIONS, tracks, {}, every=True))
+    print_document(found_document(Found("toy", "free", "energy_drift", VERSIONS, tracks, {}, every=True)))
     lines = capsys.readouterr().out.splitlines()
     assert "toy:a: 0.001 in all 5 releases run" in lines
     assert lines[-1] == "changed in 1.1 (b, c), 1.2 (b, c), 2.1 (b, c)"
-    print_found(Found("toy", "free", "energy_drift", VERSIONS, tracks[:1], {}, every=True))
+    same = Found("toy", "free", "energy_drift", VERSIONS, tracks[:1], {}, every=True)
+    print_document(found_document(same))
     assert capsys.readouterr().out.splitlines()[-1] == "changed in no release"

@@ -1,4 +1,4 @@
-"""The format of a tolerance file: what is read, and what is refused with which words."""
+"""The format of a tolerance file, and its refusals."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_a_wrong_file_is_refused_with_its_place_in_the_file(what: str) -> None:
-    """The message names the file, the key, what is wrong and what would be right."""
+def test_wrong_file_is_refused_with_its_key(what: str) -> None:
+    """The message names the file, the key, the error and what would be right."""
     text, message = WRONG[what]
     with pytest.raises(InputError) as refused:
         parse_gates(text, "tolerances.toml")
@@ -92,8 +92,8 @@ def test_a_wrong_file_is_refused_with_its_place_in_the_file(what: str) -> None:
     assert all(line.startswith("tolerances.toml: ") for line in str(refused.value).splitlines())
 
 
-def test_all_errors_of_a_file_are_told_at_once() -> None:
-    """Faults of keys, faults between keys and faults of other gates come together, one line each."""
+def test_all_errors_of_a_file_are_reported_at_once() -> None:
+    """Errors of keys, between keys and of other gates are reported in one line each."""
     text = GATE + GATE.replace("upper", "uper") + GATE.replace("1e-3", "inf") + "lower = 2.0\n"
     with pytest.raises(InputError) as refused:
         parse_gates(text, "t")
@@ -104,8 +104,8 @@ def test_all_errors_of_a_file_are_told_at_once() -> None:
     ]
 
 
-def test_a_file_that_cannot_be_read_is_wrong_input(tmp_path: Path) -> None:
-    """A missing file, a folder and bytes that are no text each give one line."""
+def test_unreadable_file_is_refused(tmp_path: Path) -> None:
+    """A missing file, a folder and bytes that are not text are each refused in one line."""
     (tmp_path / "latin").write_bytes(b"\xff\xfe")
     for name in ("missing", ".", "latin"):
         with pytest.raises(InputError, match=r"cannot be read|is not UTF-8"):
@@ -113,7 +113,7 @@ def test_a_file_that_cannot_be_read_is_wrong_input(tmp_path: Path) -> None:
 
 
 def test_every_measure_of_the_tables_can_be_gated() -> None:
-    """Each column that a gate may name is one of results.csv; order and verdict are of every quantity."""
+    """Each column that a gate may name is in results.csv; order and verdict are of every quantity."""
     for name in RESULT_COLUMNS:
         try:
             assert measure_of(name).column == name
@@ -130,8 +130,8 @@ def test_every_measure_of_the_tables_can_be_gated() -> None:
 CHANGE = '[[change]]\nmeasure = "energy_drift"\nthreshold = 0.05\nreason = "noisy"\n'
 
 
-def test_thresholds_stand_next_to_gates(tmp_path: Path) -> None:
-    """Each command reads its own tables of one file; without gates there is nothing to gate."""
+def test_thresholds_and_gates_share_a_file(tmp_path: Path) -> None:
+    """Each command reads its own tables; without gates `gate` refuses the file."""
     file = tmp_path / "t.toml"
     gate = '[[gate]]\nmeasure = "omega_error"\nupper = 1.0\nreason = "r"\n'
     order = '[[change]]\nmeasure = "order.omega_error"\nthreshold = 0.3\nreason = "few points"\n'
@@ -159,10 +159,8 @@ def test_thresholds_stand_next_to_gates(tmp_path: Path) -> None:
         (CHANGE + "[other]\n", "other: unknown key (a tolerance file has [[gate]] and [[change]] tables)"),
     ],
 )
-def test_a_wrong_threshold_is_refused_with_its_place_in_the_file(
-    tmp_path: Path, text: str, message: str
-) -> None:
-    """Whichever command reads the file."""
+def test_wrong_threshold_is_refused_with_its_key(tmp_path: Path, text: str, message: str) -> None:
+    """Both commands refuse it."""
     file = tmp_path / "t.toml"
     file.write_text(text)
     for read in (lambda: read_thresholds(file, THRESHOLD), lambda: read_gates(file)):

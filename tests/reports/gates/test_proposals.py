@@ -1,4 +1,4 @@
-"""New bounds from a run: which are tightened, which loosened for a reason, and how the file is edited."""
+"""New bounds from a run: which are tightened, which loosened with a reason, and the edit of the file."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import tomllib
 from typing import Any
 
 import pytest
-from gated import a_run
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.gate import gate_of, parse_gates
 from bodycheck.reports.gates.proposal import Change, edited, proposals
 from bodycheck.reports.gates.verdict import held
+from tests.helpers.gate_tables import make_tables
 
 GATE = {"measure": "orientation_error_rad", "reason": "r"}
 
@@ -20,20 +20,20 @@ def proposed(
     table: dict[str, Any], *errors: float | None, margin: float = 0.3, loosen: bool = False
 ) -> list[tuple[str, float, bool]]:
     """Return key, new bound and whether that loosens, for a run with these errors."""
-    run = a_run([{"orientation_error_rad": error, "dt_s": i + 1.0} for i, error in enumerate(errors)])
+    run = make_tables([{"orientation_error_rad": error, "dt_s": i + 1.0} for i, error in enumerate(errors)])
     results = held([gate_of({**GATE, **table}, "here")], run)
     return [(c.key, c.new, c.loosens) for c in proposals(results, margin, loosen=loosen)]
 
 
-def test_a_bound_that_is_kept_with_room_to_spare_is_tightened_to_the_margin() -> None:
-    """upper comes to the largest error x 10^margin, lower to the least over it, to two digits outwards."""
+def test_bound_met_with_room_is_tightened_to_the_margin() -> None:
+    """upper becomes the largest error x 10^margin, lower the least / 10^margin, to two digits outwards."""
     assert proposed({"upper": 1.0}, 1e-9, 3e-9) == [("upper", 6.0e-9, False)]
     assert proposed({"upper": 1.0}, 3e-9, margin=0.0) == [("upper", 3e-9, False)]
     assert proposed({"lower": 1e-9}, 1.0, 3.0) == [("lower", 0.5, False)]
 
 
-def test_a_bound_is_never_loosened_by_itself() -> None:
-    """One that is kept within the margin stays; one that fails stays too, unless loosening is asked for."""
+def test_bound_is_never_loosened_without_request() -> None:
+    """A bound met within the margin stays; a failed one stays unless loosening is requested."""
     assert proposed({"upper": 1e-3}, 0.9e-3) == []
     assert proposed({"upper": 1e-3}, 0.9e-3, loosen=True) == []
     for table, error in (
@@ -44,29 +44,30 @@ def test_a_bound_is_never_loosened_by_itself() -> None:
         assert proposed(table, error) == []
         ((_, new, loosens),) = proposed(table, error, loosen=True)
         assert loosens
-        run = a_run([{"orientation_error_rad": error}])
+        run = make_tables([{"orientation_error_rad": error}])
         assert held([gate_of({**GATE, **table, next(iter(table)): new}, "here")], run)[0].status == "passed"
 
 
 @pytest.mark.parametrize("loosen", [False, True])
-def test_nothing_is_proposed_where_a_case_was_not_measured(loosen: bool) -> None:
-    """One empty cell and the bound stays, whatever the others say; nothing at all likewise."""
+def test_nothing_is_proposed_if_a_case_was_not_measured(loosen: bool) -> None:
+    """One empty cell keeps the bound, whatever the others are."""
     assert proposed({"upper": 1.0}, 1e-9, None, loosen=loosen) == []
     assert proposed({"upper": 1e-3}, None, loosen=loosen) == []
     assert proposed({"upper": 1e-3}, loosen=loosen) == []
 
 
 def test_no_bound_is_proposed_below_the_floor() -> None:
-    """The noise floor stops the tightening."""
+    """The noise floor limits the tightening."""
     assert proposed({"upper": 1.0, "floor": 1e-14}, 1e-16) == [("upper", 1e-14, False)]
 
 
-def test_orders_and_words_come_from_theory_and_are_never_changed() -> None:
-    """However far off they are, and whatever is asked for."""
+def test_bounds_of_orders_and_words_are_never_changed() -> None:
+    """They come from theory."""
     order = {"measure": "order.orientation_error_rad", "lower": 3.0, "reason": "r"}
     word = {"measure": "verdict", "equals": "converges", "reason": "r"}
     results = held(
-        [gate_of(order, "here"), gate_of(word, "here")], a_run([{}], [{"order": 2.0, "verdict": "chaotic"}])
+        [gate_of(order, "here"), gate_of(word, "here")],
+        make_tables([{}], [{"order": 2.0, "verdict": "chaotic"}]),
     )
     assert [result.status for result in results] == ["failed", "failed"]
     assert proposals(results, 0.3, loosen=True) == []
@@ -86,8 +87,8 @@ reason = "a \\"word\\""
 """
 
 
-def test_all_but_the_bounds_of_a_file_stays_as_it_was() -> None:
-    """Comments, blanks, order and other keys are untouched; the new text is read again."""
+def test_only_bounds_of_a_file_are_changed() -> None:
+    """Comments, blanks, order and other keys stay; the new text can be read."""
     changes = [
         Change(0, "upper", 1e-3, 2.5e-7, 1e-7, loosens=False),
         Change(1, "upper", 10.5, 100.0, 50.0, loosens=True),
@@ -100,8 +101,8 @@ def test_all_but_the_bounds_of_a_file_stays_as_it_was() -> None:
     assert edited(TEXT, "t", [], None) == TEXT
 
 
-def test_a_reason_is_added_once_though_both_bounds_are_loosened() -> None:
-    """And not again, when the same is said once more."""
+def test_reason_is_added_once() -> None:
+    """It is added once for both bounds, and not again if it is repeated."""
     text = '[[gate]]\nmeasure = "energy_drift"\nlower = 2.0\nupper = 3.0\nreason = "r"\n'
     both = [Change(0, "lower", 2.0, 1.0, 1.5, loosens=True), Change(0, "upper", 3.0, 4.0, 3.5, loosens=True)]
     once = edited(text, "t", both, "wider")
@@ -119,8 +120,8 @@ def test_a_reason_is_added_once_though_both_bounds_are_loosened() -> None:
     ],
     ids=["inline", "quoted key", "bound in a text"],
 )
-def test_a_file_that_would_be_spoilt_is_refused(text: str) -> None:
-    """Where the edit does not say exactly what was meant, nothing is written."""
+def test_edit_with_another_meaning_is_refused(text: str) -> None:
+    """If the edited file does not have exactly the new bounds, nothing is written."""
     tomllib.loads(text)
     with pytest.raises(InputError, match="cannot be edited: write each key"):
         edited(text, "t", [Change(0, "upper", 1e-3, 1e-4, 5e-5, loosens=False)], None)

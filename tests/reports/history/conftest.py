@@ -1,10 +1,10 @@
 from __future__ import annotations
 
 import pytest
-from scenario_file import tumbling
 
 import bodycheck
 from bodycheck.reports.run_files.run_tables import Run
+from tests.helpers.scenario_texts import tumbling
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""A past run is data from outside: damage to it is named, costs that run alone, and stops no other."""
+"""Damaged past runs: each is named and left out, and stops no other."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from made_nights import run_of_night, stored, unchanged
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.history.archive import History
@@ -16,34 +15,35 @@ from bodycheck.reports.history.baseline import told_of
 from bodycheck.reports.history.queries import query
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.nightly_run import store_night
+from tests.helpers.nightly_runs import as_nightly_run, store_nightly_runs, unchanged
 
 pytestmark = pytest.mark.slow
 
 
-def test_night_that_cannot_be_judged_is_stored(night_run: Run, tmp_path: Path) -> None:
-    """A run whose tables do not belong together is refused once it is stored, and is no baseline."""
-    stored(night_run, tmp_path, [unchanged])
+def test_run_that_cannot_be_judged_is_stored(night_run: Run, tmp_path: Path) -> None:
+    """A run with inconsistent tables is refused after it is stored, and is not a baseline."""
+    store_nightly_runs(night_run, tmp_path, [unchanged])
     with pytest.raises(InputError, match="is damaged"):
-        store_night(run_of_night(night_run, 1, outcomes={"ok": 1}), History(tmp_path))
+        store_night(as_nightly_run(night_run, 1, outcomes={"ok": 1}), History(tmp_path))
     nights = History(tmp_path).nights()
     assert [told_of(night)["status"] for night in nights] == ["insufficient history", "not judged"]
-    (judged,) = stored(night_run, tmp_path, [unchanged], first=2)
+    (judged,) = store_nightly_runs(night_run, tmp_path, [unchanged], first=2)
     assert judged.comparison is not None
     assert judged.comparison.before.run_id == nights[0].name
     assert [why.startswith(str(nights[1] / "results.csv")) for why in judged.past.left_out] == [True]
 
 
-def test_fault_of_judging_costs_no_night(
+def test_internal_error_of_judging_loses_no_run(
     night_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever nobody expected is raised after the run is stored; it says where, and a query reads it."""
+    """It is raised after the run is stored; the message has the folder, and a query reads it."""
 
     def broken(*_: object) -> None:
         raise TypeError("nobody expected this")
 
     monkeypatch.setattr("bodycheck.runs.nightly_run.judge_night", broken)
     with pytest.raises(TypeError) as raised:
-        stored(night_run, tmp_path, [unchanged])
+        store_nightly_runs(night_run, tmp_path, [unchanged])
     (night,) = History(tmp_path).nights()
     assert raised.value.__notes__ == [f"the run is stored in {night}, but could not be judged"]
     assert told_of(night)["status"] == "not judged"
@@ -98,16 +98,16 @@ DAMAGES: dict[str, tuple[str, Callable[[Path], None]]] = {
 
 
 @pytest.mark.parametrize("what", DAMAGES)
-def test_damaged_past_run_is_named_and_is_no_baseline(
+def test_damaged_past_run_is_named_and_not_a_baseline(
     what: str, pair: Path, night_run: Run, tmp_path: Path
 ) -> None:
-    """The next run is stored and judged by the one before; the damaged file is named."""
+    """The next run is stored and compared with the one before; the damaged file is named."""
     history = tmp_path / "history"
     shutil.copytree(pair, history)
     older, newer = History(history).nights()
     name, damage = DAMAGES[what]
     damage(newer / name)
-    (judged,) = stored(night_run, history, [unchanged], first=2)
+    (judged,) = store_nightly_runs(night_run, history, [unchanged], first=2)
     (why,) = judged.past.left_out
     assert why.startswith(f"{newer / name}: ")
     assert judged.comparison is not None
@@ -118,22 +118,22 @@ def test_damaged_past_run_is_named_and_is_no_baseline(
 
 @pytest.fixture(scope="module")
 def pair(night_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a history of two nights."""
+    """Return a history of two nightly runs."""
     folder = tmp_path_factory.mktemp("pair")
-    stored(night_run, folder, [unchanged, unchanged])
+    store_nightly_runs(night_run, folder, [unchanged, unchanged])
     return folder
 
 
-def test_run_dated_in_the_future_is_reported_and_no_baseline(
+def test_run_dated_in_the_future_is_reported_and_not_a_baseline(
     night_run: Run, pair: Path, tmp_path: Path
 ) -> None:
-    """A clock that was wrong once decides neither what is compared nor what is pruned."""
+    """A wrong clock decides neither what is compared nor what is pruned."""
     history = tmp_path / "history"
     shutil.copytree(pair, history)
     older, newer = History(history).nights()
     coming = history / "29990101T000000Z-00000f"
     shutil.copytree(newer, coming)
-    (judged,) = stored(night_run, history, [unchanged], first=2)
+    (judged,) = store_nightly_runs(night_run, history, [unchanged], first=2)
     assert judged.past.left_out == (f"{coming}: is dated in the future",)
     assert judged.comparison is not None
     assert judged.comparison.before.run_id == newer.name

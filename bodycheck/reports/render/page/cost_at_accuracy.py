@@ -12,6 +12,7 @@ from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.cases_within import RefinementSequence, keeping, ladders_of
 
@@ -20,8 +21,6 @@ ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "om
 
 TARGETS = tuple(float(f"1e-{k}") for k in range(1, 14))
 """The error tolerances, one per decade; a coarser one is useless, a finer one is round-off."""
-
-_REFERENCE = "reference"
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +32,12 @@ class Cheapest:
     of_engines: CaseResult | None
 
 
-def cheapest_cases(problem: Problem, cases: Sequence[CaseResult], error: str) -> list[Cheapest]:
+def cheapest_cases(
+    problem: Problem, ladders: Mapping[MethodKey, RefinementSequence], error: str
+) -> list[Cheapest]:
     """Return the cheapest cases of one scenario for each tolerance above its floor that any case meets."""
-    floor, ladders = floor_of(problem.columns, error), ladders_of(cases)
-    engines = [ladder for (_, (engine, _)), ladder in ladders.items() if engine != _REFERENCE]
+    floor = floor_of(problem.columns, error)
+    engines = [ladder for (engine, _), ladder in ladders.items() if engine != REFERENCE]
     found = []
     for target in TARGETS:
         of_all = _cheapest(ladders.values(), error, target)
@@ -71,7 +72,10 @@ class Cost:
 def costs(
     problems: Sequence[Problem], cases: Iterable[CaseResult], error: str
 ) -> dict[MethodKey, list[Cost]]:
-    """Return the costs of every method whose speed was measured, for each tolerance of the error."""
+    """Return the costs of every method whose speed was measured, for each tolerance of the error.
+
+    Methods that ran in fewer than half of the scenarios are left out: their medians cannot be compared.
+    """
     by_method: dict[MethodKey, dict[str, RefinementSequence]] = {}
     for (scenario, key), ladder in ladders_of(cases).items():
         if any(case.columns["outcome"] != "unsupported" for case in ladder):
@@ -79,6 +83,8 @@ def costs(
     floors = {problem.scenario.name: floor_of(problem.columns, error) for problem in problems}
     found = {}
     for key, ladders in by_method.items():
+        if 2 * len(ladders) < len(problems):
+            continue
         if any("cpu_s" in case.columns for ladder in ladders.values() for case in ladder):
             told = [
                 (floors[scenario], ladder)
@@ -127,7 +133,7 @@ def fronts(found: Mapping[MethodKey, Sequence[Cost]]) -> list[Front]:
     for target in TARGETS:
         keeping = [cost for own in found.values() for cost in own if cost.target == target]
         keeping = sorted((c for c in keeping if math.isfinite(c.median)), key=lambda c: c.median)
-        engines = [cost for cost in keeping if cost.key[0] != _REFERENCE]
+        engines = [cost for cost in keeping if cost.key[0] != REFERENCE]
         if keeping:
             front.append(Front(target, keeping[0], engines[0] if engines else None))
     return front

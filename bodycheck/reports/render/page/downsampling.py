@@ -5,11 +5,14 @@ from __future__ import annotations
 from base64 import b64encode
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 
-LINE_POINTS = 200  # more are indistinguishable on a screen and enlarge the page
+LINE_POINTS = 81  # more are indistinguishable on a screen and enlarge the page
+
+
+LEAST = 1e-18  # of a line on a logarithmic axis; smaller values are 0
+CODES_PER_DECADE = 2500  # of a line on a logarithmic axis
 
 
 def rounded(value: float) -> float:
@@ -17,15 +20,21 @@ def rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def packed(values: Array | NDArray[np.float32]) -> str:
-    """Return the base64 of little-endian float32: half as long as decimals."""
-    return b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
+def packed_fractions(values: Array, largest: float = 1.0) -> str:
+    """Return numbers of at most `largest` as the base64 of little-endian int16, 32767 for `largest`."""
+    fractions = np.clip(values / (largest or 1.0), -1.0, 1.0)
+    return b64encode(np.round(np.iinfo(np.int16).max * fractions).astype("<i2").tobytes()).decode()
 
 
 def packed_line(values: Array) -> str | float:
-    """Return a downsampled line, packed; for a constant line, its value."""
-    line = np.minimum(thinned_maxima(values), np.finfo(np.float32).max).astype(np.float32)
-    return rounded(line[0]) if np.all(line == line[0]) else packed(line)
+    """Return a line of values >= 0 for a logarithmic axis, exact to 5e-4; for a constant line, its value.
+
+    The base64 of little-endian uint16: 0 below 1e-18, else 2500 (18 + log10 value), at most 65535.
+    """
+    if np.all(values == values[0]):
+        return rounded(float(min(values[0], np.finfo(np.float64).max)))
+    codes = np.round(CODES_PER_DECADE * (np.log10(np.maximum(values, LEAST)) - np.log10(LEAST)))
+    return b64encode(np.minimum(codes, np.iinfo(np.uint16).max).astype("<u2").tobytes()).decode()
 
 
 def thinned_times(t_s: Array) -> Array:

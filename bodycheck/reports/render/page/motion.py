@@ -1,4 +1,4 @@
-"""The motions that the report plays: the truth and one method of each engine, in principal axes."""
+"""The motions that the report plays: the truth and cases of each engine, in principal axes."""
 
 from __future__ import annotations
 
@@ -11,29 +11,33 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.pivot import turning_inertia
 from bodycheck.reference_impl.rotations import matrix_to_quaternion
-from bodycheck.reference_impl.scene import RigidBody
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.render.page.downsampling import packed, rounded
-from bodycheck.reports.run_files.run_tables import MethodKey, key_of
+from bodycheck.reports.render.body_surface import principal_frame, surface_of
+from bodycheck.reports.render.page.downsampling import packed_fractions, packed_line
+from bodycheck.reports.render.styles import REFERENCE
+from bodycheck.reports.run_files.run_tables import MethodKey, common_step, key_of
+from bodycheck.scenarios.body import Body
 
-FRAMES = 201
+FRAMES = 101
 """The largest number of states per motion in the page; they dominate its size."""
 
-_THINNEST = 0.06  # of the longest edge: a plate without thickness would be invisible from its side
+TRACKS = 16
+"""The largest number of cases per scenario whose motions are in the page."""
 
 
 def motion_view(
     problem: Problem, cases: Sequence[CaseResult], numbers: Mapping[MethodKey, int]
 ) -> dict[str, Any] | None:
-    """Return the data of the view of one scenario: its body, the truth, and one track per shown method.
+    """Return the data of the view of one scenario: its body, the truth, and tracks of cases.
 
     numbers: the style number of each method. Returns None if no method with a step ended well.
     """
     at_s = coarsest_shared_step(cases)
-    shown = shown_cases(cases, at_s)
-    if at_s is None or not shown:
+    played = played_cases(cases, at_s)
+    if at_s is None or not played:
         return None
     inertia = turning_inertia(problem.scenario.scene)
     moments, axes = principal_frame(inertia)
@@ -42,13 +46,19 @@ def motion_view(
         "dt": at_s,
         "t": [float(f"{t:.6g}") for t in problem.times[frames]],
         "moments": moments.tolist(),
-        "corners": _rounded(box_corners(problem.scenario.scene.body) @ axes),
+        "body": _body(problem.scenario.body, axes),
         "truth": _track(problem.truth.trajectory, axes, frames),
-        "methods": [
-            {"m": numbers[key_of(case.columns)], **_track(case.trajectory, axes, frames)}
-            for case in shown
+        "tracks": [
+            {
+                "m": numbers[key_of(case.columns)],
+                "dt": case.dt_s,
+                "error": packed_line(case.series[ORIENTATION][frames]),
+                **_track(case.trajectory, axes, frames),
+            }
+            for case in played[:TRACKS]
             if case.trajectory is not None
         ],
+        "left_out": max(len(played) - TRACKS, 0),
     }
 
 
@@ -70,6 +80,26 @@ def shown_cases(cases: Sequence[CaseResult], at_s: float | None) -> list[CaseRes
     return list(worst.values())
 
 
+def played_cases(cases: Sequence[CaseResult], at_s: float | None) -> list[CaseResult]:
+    """Return the cases that can be played: first the case of each engine farthest from the truth at a step.
+
+    Then come the cases of the plots over time, which a click selects, and the others from the coarsest step
+    on; of the reference only the farthest of each step.
+    """
+    steps = sorted({case.dt_s for case in cases if case.ok and case.dt_s is not None}, reverse=True)
+    farthest = [case for dt_s in steps for case in shown_cases(cases, dt_s)]
+    engines = [
+        case
+        for dt_s in steps
+        for case in cases
+        if case.dt_s == dt_s and case.ok and case.trajectory is not None
+        if case.columns["engine"] != REFERENCE
+    ]
+    plotted = [case for case in engines if case.dt_s == common_step(cases)]
+    ordered = (*shown_cases(cases, at_s), *plotted, *farthest, *engines)
+    return list({id(case): case for case in ordered}.values())
+
+
 def _error(case: CaseResult) -> float:
     return float(case.columns["orientation_error_rad"])
 
@@ -79,34 +109,22 @@ def frame_numbers(samples: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
     return np.unique(np.linspace(0, samples - 1, min(samples, FRAMES)).round().astype(np.intp))
 
 
-def principal_frame(inertia: Array) -> tuple[Array, Array]:
-    """I = A diag(moments) A^T: the moments (3,) and the rotation A (3, 3); A = 1 if I is diagonal."""
-    if np.array_equal(np.diag(np.diag(inertia)), inertia):
-        return np.diag(inertia).copy(), np.eye(3)
-    moments, axes = np.linalg.eigh(inertia)
-    return moments, axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
-
-
-def box_corners(body: RigidBody) -> Array:
-    """a_i^2 ~ I_j + I_k - I_i: the corners (8, 3) of the box with this tensor, body axes, at distance 0.9.
-
-    The edges of the box have the same proportions as the axes of the solid ellipsoid with this tensor.
-    """
-    moments, axes = principal_frame(body.inertia)
-    edges = np.sqrt(np.maximum(moments.sum() - 2.0 * moments, 0.0))
-    edges = np.maximum(edges, _THINNEST * edges.max())
-    signs = np.array([[2.0 * (k >> i & 1) - 1.0 for i in range(3)] for k in range(8)])
-    return np.asarray(0.9 * (signs * edges / np.linalg.norm(edges)) @ axes.T)
-
-
 def _track(
     trajectory: Trajectory, axes: Array, frames: np.ndarray[tuple[int], np.dtype[np.intp]]
-) -> dict[str, str]:
-    """Return quaternions (n, 4) of the principal axes and omega (n, 3) along them, as packed float32."""
+) -> dict[str, Any]:
+    """Return quaternions (n, 4) of the principal axes and omega (n, 3) along them, packed as int16."""
     q = matrix_to_quaternion(trajectory.rotation_matrices[frames] @ axes)
     omega = trajectory.omega_body[frames] @ axes
-    return {"q": packed(q), "omega": packed(omega)}
+    fastest = float(np.abs(omega).max())
+    return {"q": packed_fractions(q), "omega": packed_fractions(omega, fastest), "fastest": fastest}
 
 
-def _rounded(values: Array) -> list[list[float]]:
-    return [[rounded(x) for x in row] for row in values]
+def _body(body: Body, axes: Array) -> dict[str, Any]:
+    """Return the surface of a body in principal axes: vertices (n, 3), faces, marked faces."""
+    surface = surface_of(body)
+    return {
+        "what": surface.what,
+        "vertices": [[round(x, 4) for x in vertex] for vertex in (surface.vertices @ axes).tolist()],
+        "faces": surface.faces,
+        "marked": sorted(surface.marked),
+    }

@@ -6,42 +6,34 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from bodycheck._util.formatting import number
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measure_bounds import floor_of
-from bodycheck.reports.measurement.measures import MEASURES, scale_of
+from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, scale_of
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.render.headings import heading
+from bodycheck.reports.render.merging import merged
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cost
-from bodycheck.reports.render.page.downsampling import packed_line, rounded, thinned_times
+from bodycheck.reports.render.page.downsampling import packed_line, rounded, thinned_maxima, thinned_times
 from bodycheck.reports.render.styles import Style
 from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method, key_of, shown_case
 
 
-def coinciding(cases: Sequence[CaseResult]) -> list[list[MethodKey]]:
-    """Return the groups of methods whose orientation errors are equal to 3 digits at every step.
+def coinciding(problem: Problem, cases: Sequence[CaseResult]) -> list[list[MethodKey]]:
+    """Return the groups of methods whose orientation errors are equal at every step: their lines overlap.
 
-    Their lines overlap. Methods with fewer than two errors are ignored.
+    Methods with fewer than two errors are ignored.
     """
-    errors: dict[MethodKey, list[tuple[float, str]]] = {}
-    for case in cases:
-        if case.ok and case.dt_s is not None:
-            error = f"{case.columns['orientation_error_rad']:.2e}"
-            errors.setdefault(key_of(case.columns), []).append((case.dt_s, error))
-    groups: dict[tuple[tuple[float, str], ...], list[MethodKey]] = {}
-    for key, line in errors.items():
-        if len(line) > 1:
-            groups.setdefault(tuple(line), []).append(key)
-    return [group for group in groups.values() if len(group) > 1]
-
-
-def ranks(cases: Sequence[CaseResult], drawn: Mapping[MethodKey, Style]) -> dict[int, int]:
-    """Return how many engines cover each line; it is drawn that much wider, to stay visible."""
-    found = {}
-    for group in coinciding(cases):
-        engines = list(dict.fromkeys(engine for engine, _ in group))
-        for key in group:
-            found[drawn[key].number] = len(engines) - 1 - engines.index(key[0])
-    return found
+    lines: dict[MethodKey, tuple[Array, Array]] = {}
+    for key, own in cases_by_method(cases).get(problem.scenario.name, {}).items():
+        points = [(c.dt_s, c.columns[ORIENTATION]) for c in own if c.ok and c.dt_s is not None]
+        if len(points) > 1:
+            steps, errors = np.array(points).T
+            lines[key] = steps, errors
+    return [group for group in merged(lines, floor_of(problem.columns, ORIENTATION)) if len(group) > 1]
 
 
 _FIRST_MEASURES = ("energy_drift", "angular_momentum_drift", "orientation_error_rad")
@@ -50,7 +42,7 @@ _FIRST_MEASURES = ("energy_drift", "angular_momentum_drift", "orientation_error_
 def plot_data(
     problem: Problem,
     cases: Sequence[CaseResult],
-    method_rows: Iterable[Mapping[str, Any]],
+    method_rows: Sequence[Mapping[str, Any]],
     drawn: Mapping[MethodKey, Style],
     at_s: float | None,
 ) -> dict[str, Any]:
@@ -67,15 +59,17 @@ def plot_data(
         "errors": [
             {
                 "name": error,
+                "title": heading(error),
                 "floor": rounded(floor_of(problem.columns, error)),
                 "fits": _fits(method_rows, error, index),
+                "best": _best(method_rows, error, index),
             }
             for error in ERRORS
         ],
+        "dt": at_s,
         "t": [rounded(t) for t in thinned_times(problem.times)],
         "drifts": _drifts(problem, shown, _growths(method_rows, index)),
         "missing": [_mark(m, case) for m, case in shown.items() if not case.ok],
-        "ranks": ranks(cases, drawn),
         "points": [_point(index[key_of(case.columns)], case) for case in cases if case.ok],
         "faults": [_mark(index[key_of(case.columns)], case) for case in cases if not case.ok],
     }
@@ -90,15 +84,28 @@ def _drifts(
     drifts = []
     for measure in measures:
         scale = scale_of(problem.columns, measure)
-        name = measure if scale > 0.0 else f"{measure}_abs, {MEASURES[measure].unit}"
-        lines = {
-            m: packed_line(case.series[measure] / (scale or 1.0))
-            for m, case in shown.items()
-            if measure in case.series
-        }
+        name = measure if scale > 0.0 else f"{measure}_abs"
+        lines = _packed_lines(
+            {
+                m: thinned_maxima(case.series[measure] / (scale or 1.0))
+                for m, case in shown.items()
+                if measure in case.series
+            }
+        )
         if lines:
-            drifts.append({"name": name, "lines": lines, "growth": growths.get(measure, {})})
+            unit = "" if scale > 0.0 else f", {MEASURES[measure].unit}"
+            title = heading(measure) + unit
+            drifts.append({"name": name, "title": title, "lines": lines, "growth": growths.get(measure, {})})
     return drifts
+
+
+def _packed_lines(lines: Mapping[int, Array]) -> dict[int, str | float | list[int]]:
+    """Return the lines as stored in the page: of equal ones only the first, the others as [its number]."""
+    stored: dict[int, str | float | list[int]] = {}
+    for first, *others in merged({m: (np.empty(0), values) for m, values in lines.items()}):
+        stored[first] = packed_line(lines[first])
+        stored |= {m: [first] for m in others}
+    return stored
 
 
 def _growths(rows: Iterable[Mapping[str, Any]], index: Mapping[MethodKey, int]) -> dict[str, dict[int, str]]:
@@ -124,9 +131,10 @@ def _point(m: int, case: CaseResult) -> dict[str, Any]:
     point: dict[str, Any] = {
         "m": m,
         "dt": case.dt_s,
-        "tolerance": case.setting.tolerance,
         "errors": [rounded(columns[error]) if error in columns else None for error in ERRORS],
     }
+    if case.setting.tolerance is not None:
+        point["tolerance"] = case.setting.tolerance
     if "cpu_s" in columns:
         point["cpu"] = [rounded(columns[name]) for name in ("cpu_s_low", "cpu_s", "cpu_s_high")]
         point["stepping"] = columns["stepping"]
@@ -143,6 +151,17 @@ def _fits(
         index[key_of(row)]: [rounded(row["order"]), rounded(row["floor"])]
         for row in rows
         if row["quantity"] == error and row["order"] == row["order"]
+    }
+
+
+def _best(
+    rows: Iterable[Mapping[str, Any]], error: str, index: Mapping[MethodKey, int]
+) -> dict[int, list[float]]:
+    """Return the best step, its error and the floor there, of each method that reached its floor."""
+    return {
+        index[key_of(row)]: [rounded(row[name]) for name in ("best_dt_s", "least_error", "measured_floor")]
+        for row in rows
+        if row["quantity"] == error and row["measured_floor"] == row["measured_floor"]
     }
 
 
@@ -167,6 +186,7 @@ def overall_data(
     return [
         {
             "name": error,
+            "title": heading(error),
             "points": [
                 _cost_point(drawn[cost.key].number, cost) for own in of_error.values() for cost in own
             ],

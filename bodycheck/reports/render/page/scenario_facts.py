@@ -14,7 +14,7 @@ from bodycheck.adapters.contract import ReadBack, Reading
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.scenarios.body import Body, GivenBody, MeshBody, ShapeBody
+from bodycheck.scenarios.body import Body, FileBody, GivenBody, MeshBody, ShapeBody
 from bodycheck.scenarios.forcings import Forcing
 
 
@@ -80,6 +80,8 @@ def _shape_words(body: Body) -> str:
             what = f"mesh {body.mesh.name}"
         case ShapeBody():
             what = f"{body.shape}, sizes {formatting.vector(np.array(body.size_m))} m"
+        case FileBody():
+            return "; ".join([f"link {body.of_file.name} of {body.urdf or body.mjcf}", *body.notes])
         case GivenBody():
             return ""
     return "; ".join([f"{what}, {formatting.number(body.density_kg_m3, 6)} kg/m³", *body.notes])

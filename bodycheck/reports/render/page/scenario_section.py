@@ -8,8 +8,11 @@ from functools import cached_property
 from typing import Any
 from urllib.parse import quote
 
+from bodycheck._util.formatting import step
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.render.page.answers import START, cell_data
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cheapest, cheapest_cases
 from bodycheck.reports.render.page.motion import motion_view
 from bodycheck.reports.render.page.plots import coinciding, growth_words, plot_data
@@ -23,6 +26,7 @@ from bodycheck.reports.run_files.run_tables import (
     key_of,
     shown_case,
 )
+from bodycheck.reports.summary.cases_within import finest_first
 from bodycheck.reports.summary.cells import Cell
 
 _CASE_MEASURES = (
@@ -43,12 +47,17 @@ _METHOD_MEASURES = ("orientation_error_rad", "energy_drift", "angular_momentum_d
 
 _ORDER_COLUMNS = (
     *("quantity", "verdict", "order", "order_low", "order_high", "points", "floor"),
+    *("best_dt_s", "least_error", "predicted_floor", "measured_floor"),
     *("growth", "growth_exponent"),
 )
 """The columns of methods.csv that the page shows."""
 
 _GROWING = ("energy_drift", "angular_momentum_drift")
 """The drifts whose growth the table of methods shows."""
+
+
+_UNMET_TINTS = ("bad", "fault", "none")
+"""The tints that stay, whatever error is chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +80,19 @@ class CellPart:
     def anchor(self) -> str:
         """The id of the part: unique, without spaces."""
         return anchor_of(self.scenario, self.key)
+
+    @cached_property
+    def map_data(self) -> dict[str, Any]:
+        """The numbers of the part's cell in the heat map."""
+        return {**cell_data(finest_first(self.cases)), "tint": STATES[self.cell.state].tint}
+
+    @property
+    def tint(self) -> str:
+        """The tint of its cell in the heat map when the page opens: good if it meets the slider's error."""
+        own = STATES[self.cell.state].tint
+        if own in _UNMET_TINTS:
+            return own
+        return "open" if self.map_data["met"][START] is None else "good"
 
     @property
     def read_back(self) -> list[tuple[str, str]]:
@@ -150,7 +172,17 @@ class Section:
     @property
     def coinciding(self) -> list[list[MethodKey]]:
         """The groups of methods whose lines overlap."""
-        return coinciding(self.cases)
+        return coinciding(self.problem, self.cases)
+
+    @property
+    def at_s_text(self) -> str:
+        """The common step as text; "" where there is none."""
+        return step(self.at_s)
+
+    @property
+    def has_faults(self) -> bool:
+        """Whether any case did not end well."""
+        return not all(case.ok for case in self.cases)
 
     @property
     def has_speed(self) -> bool:
@@ -163,6 +195,11 @@ def anchor_of(scenario: str, key: MethodKey | None = None) -> str:
     if key is None:
         return "scenario-" + quote(scenario, safe="")
     return f"cell-{quote(scenario, safe='')}--{quote(':'.join(key), safe=':')}"
+
+
+def method_anchor(key: MethodKey) -> str:
+    """Return the id of a method's row in the table of all methods."""
+    return f"method-{quote(':'.join(key), safe=':')}"
 
 
 def sections_of(
@@ -196,6 +233,7 @@ def _section(
 ) -> Section:
     all_cases = [case for own in by_method.values() for case in own]
     at_s = common_step(all_cases)
+    ladders = {key: finest_first(own) for key, own in by_method.items()}
     parts = {
         key: CellPart(
             scenario=problem.scenario.name,
@@ -213,6 +251,6 @@ def _section(
         parts=parts,
         at_s=at_s,
         plots=plot_data(problem, all_cases, rows, drawn, at_s),
-        cheapest={error: cheapest_cases(problem, all_cases, error) for error in ERRORS},
+        cheapest={error: cheapest_cases(problem, ladders, error) for error in ERRORS},
         motion=motion_view(problem, all_cases, {key: style.number for key, style in drawn.items()}),
     )

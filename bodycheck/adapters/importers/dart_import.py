@@ -1,0 +1,79 @@
+"""DART's importers of URDF and MJCF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodycheck.adapters.importers import DEFAULT, HeldLink, ImportRequest, SpinRequest
+from bodycheck.reference_impl.arrays import Array
+
+FLAGS = {
+    "urdf": {DEFAULT: "DartLoader().parseSkeleton(FILE)"},
+    "mjcf": {DEFAULT: "MjcfParser.readWorld(FILE)"},
+}
+
+
+def _skeletons(request: ImportRequest) -> list[Any]:
+    import dartpy
+
+    if request.format == "mjcf":
+        world = dartpy.utils.MjcfParser.readWorld(request.file)
+        if world is None:
+            raise ValueError("MjcfParser.readWorld returned nothing")
+        return [world.getSkeleton(k) for k in range(world.getNumSkeletons())]
+    loader = dartpy.utils.DartLoader()
+    for folder in Path(request.file).parents:  # package://NAME/ is the nearest folder of that name
+        if folder.name:
+            loader.addPackageDirectory(folder.name, str(folder))
+    skeleton = loader.parseSkeleton(request.file)
+    if skeleton is None:
+        raise ValueError("DartLoader.parseSkeleton returned nothing")
+    return [skeleton]
+
+
+def held(request: ImportRequest) -> list[HeldLink]:
+    """Return the body nodes of every skeleton that the file makes."""
+    skeletons = _skeletons(request)
+    return [_link(one.getBodyNode(k)) for one in skeletons for k in range(one.getNumBodyNodes())]
+
+
+def _link(node: Any) -> HeldLink:
+    inertia, joint = node.getInertia(), node.getParentJoint()
+    damping = limits = None
+    if joint.getNumDofs() == 1:
+        damping = float(joint.getDampingCoefficient(0))
+        low, high = joint.getPositionLowerLimit(0), joint.getPositionUpperLimit(0)
+        limits = (float(low), float(high)) if np.isfinite([low, high]).all() else None
+    return HeldLink(
+        node.getName(),
+        float(inertia.getMass()),
+        np.array(inertia.getLocalCOM()).tolist(),
+        np.array(inertia.getMoment()).tolist(),
+        damping,
+        limits,
+    )
+
+
+def spin(request: ImportRequest, spin: SpinRequest) -> Array:
+    """Spin the root body node on its free joint, without gravity."""
+    (skeleton,) = _skeletons(request)
+    skeleton.setGravity(np.zeros(3))
+    skeleton.setTimeStep(spin.dt_s)
+    joint, body = skeleton.getRootJoint(), skeleton.getBodyNode(0)
+    if joint.getNumDofs() != 6:
+        raise ValueError(f"the root joint is a {joint.getType()}, not free")
+    arm = np.array(body.getInertia().getLocalCOM())
+    omega = np.array(spin.omega_rad_s)
+    joint.setPositions(np.zeros(6))
+    joint.setVelocities(np.concatenate([omega, -np.cross(omega, arm)]))  # the centre of mass at rest
+    found = []
+    for sample in range(spin.samples):
+        for _ in range(spin.steps_per_sample if sample else 0):
+            skeleton.computeForwardDynamics()
+            skeleton.integrateVelocities(spin.dt_s)
+            skeleton.integratePositions(spin.dt_s)
+        found.append(np.array(body.getTransform().rotation()))
+    return np.array(found)

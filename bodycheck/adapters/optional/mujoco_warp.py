@@ -1,0 +1,106 @@
+"""MuJoCo Warp: MuJoCo's integrators as Warp kernels, in float32 on the CPU."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import version
+from types import SimpleNamespace
+from typing import Any
+
+from bodycheck.adapters.contract import Method, Simulation
+from bodycheck.adapters.optional.between_steps import array, only_free
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import Scene
+
+_EULER = Method(
+    name="euler",
+    formula="omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)",
+    order=1,
+    evaluations=1,
+    torque="held over the step",
+    keeps="|q| = 1; linear momentum",
+    source="MuJoCo Warp, mujoco_warp.step",
+    snippet="m.opt.timestep = {dt_s}; m.opt.integrator = mjINT_EULER; model = mujoco_warp.put_model(m)",
+    precision="float32",
+)
+_IMPLICIT = replace(
+    _EULER,
+    formula="omega += h (I + h D)^-1 (tau - omega x I omega), D = d(omega x I omega)/domega; "
+    "q = q exp(h omega)",
+)
+_RK4 = replace(
+    _EULER,
+    name="rk4",
+    formula="classical Runge-Kutta 4 on the rotation group: q = q exp(h sum b_i k_i)",
+    order=None,  # at usual steps its error is that of float32
+    evaluations=4,
+    torque="every stage",
+)
+
+
+def _of_integrator(method: Method, name: str) -> Method:
+    return replace(method, name=name, snippet=method.snippet.replace("EULER", name.upper()))
+
+
+class MuJoCoWarp:
+    """MuJoCo Warp (Google DeepMind and NVIDIA)."""
+
+    name = "mujoco-warp"
+    distribution = "mujoco-warp"
+    requires = ("mujoco-warp>=4.0",)
+    methods: Mapping[str, Method] = {
+        "euler": _EULER,
+        "implicit": _of_integrator(_IMPLICIT, "implicit"),
+        "implicitfast": _of_integrator(_IMPLICIT, "implicitfast"),
+        "rk4": _of_integrator(_RK4, "rk4"),
+    }
+
+    def __init__(self) -> None:
+        import mujoco_warp  # noqa: F401 - before any case, as it takes seconds
+        import warp
+
+        warp.config.quiet = True
+        self.version = version(self.distribution)
+
+    def unsupported(self, scene: Scene, method: str) -> str | None:  # noqa: ARG002 - the contract's signature
+        """Refuse pivots and link frames."""
+        return only_free(scene)
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
+        """Put MuJoCo's model of one body into Warp."""
+        from bodycheck.adapters.optional.mujoco_ports import PortSimulation
+
+        return PortSimulation(scene, dt_s, _Port(scene, method, dt_s), "python")
+
+
+class _Port:
+    """A model and one world of data in Warp."""
+
+    def __init__(self, scene: Scene, integrator: str, dt_s: float) -> None:
+        import mujoco
+        import mujoco_warp
+
+        from bodycheck.adapters.optional.mujoco_ports import mj_model
+
+        compiled = mj_model(scene, integrator, dt_s)
+        self._warp: Any = mujoco_warp
+        self._model = mujoco_warp.put_model(compiled)
+        self._data = mujoco_warp.put_data(compiled, mujoco.MjData(compiled))
+
+    def model(self) -> Any:
+        held = self._model
+        option = SimpleNamespace(timestep=held.opt.timestep.numpy(), gravity=held.opt.gravity.numpy())
+        fields = {name: getattr(held, name).numpy() for name in ("body_mass", "body_inertia", "body_iquat")}
+        return SimpleNamespace(**fields, opt=option)
+
+    def put(self, **state: Array) -> None:
+        for name, value in state.items():
+            getattr(self._data, name).assign(value[None])
+
+    def step(self, steps: int) -> None:
+        for _ in range(steps):
+            self._warp.step(self._model, self._data)
+
+    def get(self) -> tuple[Array, Array]:
+        return array(self._data.qpos.numpy()[0]), array(self._data.qvel.numpy()[0])

@@ -1,0 +1,105 @@
+"""Engines that are programs in any language, which speak the worker protocol (docs/workers.md).
+
+`cmd:COMMAND` names one by its command line. A shorter name is defined in engines.toml in the working
+directory:
+
+    [engines.rapier]
+    command = ["node", "rapier.mjs"]
+    environment = { NODE_OPTIONS = "--max-old-space-size=2048" }
+"""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import parse_toml
+from bodycheck.adapters.registry import engine_names
+from bodycheck.scenarios.reader import fault_lines
+
+PROGRAMS_FILE = Path("engines.toml")
+_COMMAND, _METHOD = "cmd:", "::"
+
+
+class Program(BaseModel):
+    """A command with its arguments, and variables that are added to its environment."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    command: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1)]
+    environment: dict[str, str] = Field(default_factory=dict)
+
+
+class _ProgramsFile(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    engines: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,60}$")], Program]
+
+
+def named_programs() -> Mapping[str, Program]:
+    """Return the programs of engines.toml in the working directory, by name; raise InputError if invalid."""
+    try:
+        text = PROGRAMS_FILE.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return {}
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{PROGRAMS_FILE}: cannot be read: {error}") from None
+    try:
+        found = _ProgramsFile.model_validate(parse_toml(text, str(PROGRAMS_FILE))).engines
+    except ValidationError as error:
+        raise InputError("\n".join(f"{PROGRAMS_FILE}: {line}" for line in fault_lines(error))) from None
+    if taken := found.keys() & set(engine_names()):
+        raise InputError(f"{PROGRAMS_FILE}: engines.{min(taken)}: is the name of another engine")
+    return found
+
+
+def program_of(engine: str) -> Program | None:
+    """Return the program of cmd:COMMAND, or of a name in engines.toml; None for any other engine.
+
+    Raises InputError if the command cannot be split into words, the program does not exist, or engines.toml
+    is invalid.
+    """
+    if not is_command(engine):
+        program = None if engine in engine_names() else named_programs().get(engine)
+    else:
+        try:
+            words = shlex.split(engine.removeprefix(_COMMAND))
+        except ValueError as error:
+            raise InputError(f"{engine}: {error}") from None
+        if not words:
+            raise InputError(f"{engine}: no command (expected one like cmd:./worker)")
+        program = Program(command=words)
+    if program is not None and shutil.which(program.command[0]) is None:
+        raise InputError(f"{engine}: no such program: {program.command[0]}")
+    return program
+
+
+def is_command(engine: str) -> bool:
+    """Whether the engine is named by a command line."""
+    return engine.startswith(_COMMAND)
+
+
+def is_program(engine: str) -> bool:
+    """Whether the engine is a program, named by a command line or in engines.toml."""
+    return is_command(engine) or (engine not in engine_names() and engine in named_programs())
+
+
+def split_method(name: str) -> tuple[str, str, str]:
+    """Split NAME[==VERSION][:METHOD] or cmd:COMMAND[::METHOD] into engine, separator (or "") and method."""
+    if is_command(name):
+        engine, mark, method = name.partition(_METHOD)
+    else:
+        engine, mark, method = name.partition(":")
+        engine = "==".join(part.strip() for part in engine.split("=="))
+    return engine, mark, method.strip()
+
+
+def with_method(engine: str, method: str) -> str:
+    """Return the name of a method as `--engine` accepts it."""
+    return f"{engine}{_METHOD if is_command(engine) else ':'}{method}"

@@ -1,0 +1,123 @@
+"""The command `audit`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bodycheck._util.errors import InputError
+from bodycheck.cli.help_text import MEASURE, OUTPUT, described
+from bodycheck.cli.options import Json, Quiet
+
+auditing = typer.Typer()
+
+_TIMEOUT_S = 60.0
+_FAIL_ON = ("never", "note", "warning", "error", "difference")
+
+
+@auditing.command(
+    short_help="Compare what a URDF or MJCF file states with what importers hold.",
+    **described(
+        MEASURE,
+        "bodycheck audit robot.urdf",
+        "bodycheck audit robot.urdf --engine mujoco,pybullet==3.2.7 --html audit.html",
+        "bodycheck audit --spellings --engine mujoco,mujoco==3.12.0",
+        "bodycheck audit robot.xml --lint --fail-on error --sarif audit.sarif",
+    ),
+)
+def audit(
+    model: Annotated[
+        Path | None, typer.Argument(help="A URDF or MJCF file; none with --spellings.", show_default=False)
+    ] = None,
+    engine: Annotated[
+        str | None,
+        typer.Option(help="Engines, like mujoco,pybullet==3.2.7.", show_default="all with an importer"),
+    ] = None,
+    lint: Annotated[
+        bool, typer.Option("--lint", help="Check the file itself only, without engines.")
+    ] = False,
+    no_spins: Annotated[
+        bool, typer.Option("--no-spins", help="Compare numbers only, without spinning each link.")
+    ] = False,
+    spellings: Annotated[
+        bool,
+        typer.Option(
+            "--spellings",
+            help="Spin a built-in body that is written in many ways, and compare the motions; exit with "
+            "status 1 if two differ by more than round-off.",
+        ),
+    ] = False,
+    fail_on: Annotated[
+        str,
+        typer.Option(
+            help="Exit with status 1 on findings of this severity or above (note, warning, error), on any "
+            "difference or failed import (difference), or on both, like error,difference."
+        ),
+    ] = "never",
+    html: Annotated[
+        Path | None, typer.Option(help="Also write a page to this file.", rich_help_panel=OUTPUT)
+    ] = None,
+    sarif: Annotated[
+        Path | None,
+        typer.Option(
+            help="Also write findings and differences as SARIF to this file.", rich_help_panel=OUTPUT
+        ),
+    ] = None,
+    timeout_s: Annotated[float, typer.Option(help="Time limit of one import in s.", min=1e-3)] = _TIMEOUT_S,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compare mass, centre of mass and inertia of each link in a file with what importers hold.
+
+    The file is read in 40-digit arithmetic; each engine imports it in a process of its own. Then each link
+    is spun freely against the exact motion of the body in the file.
+    """
+    from importlib.metadata import version
+
+    from bodycheck._util.files import check_file, write_whole
+    from bodycheck.reports.audit.audit_document import audit_data, audit_document, failures
+    from bodycheck.reports.audit.audit_document import sarif as as_sarif
+    from bodycheck.reports.audit.audit_page import audit_page
+    from bodycheck.reports.document import answer, json_text
+    from bodycheck.reports.render.progress import watched
+    from bodycheck.runs.audit_run import AuditOptions
+    from bodycheck.runs.audit_run import audit as audited
+
+    if spellings == (model is not None):
+        raise InputError("audit: give either a model file or --spellings")
+    if model is None:
+        _spellings(engine, timeout_s, as_json=json, quiet=quiet)
+        return
+    wanted = fail_on.split(",")
+    if unknown := [word for word in wanted if word not in _FAIL_ON]:
+        raise InputError(f"--fail-on {unknown[0]!r}: unknown (available: {', '.join(_FAIL_ON)})")
+    if lint and engine is not None:
+        raise InputError("--lint: uses no engines; give --lint or --engine, not both")
+    outputs = {"--html": html, "--sarif": sarif}
+    for option, path in outputs.items():
+        check_file(option, path)
+    engines = [] if lint else None if engine is None else engine.split(",")
+    with watched(f"auditing {model}", quiet=quiet):
+        found = audited(model, AuditOptions(engines, not no_spins, timeout_s))
+    if html is not None:
+        write_whole(html, audit_page(found).encode())
+    if sarif is not None:
+        write_whole(sarif, json_text(as_sarif(found, version("bodycheck"))).encode())
+    answer(audit_document(found), audit_data(found), as_json=json)
+    if failures(found, wanted):
+        raise typer.Exit(1)
+
+
+def _spellings(engine: str | None, timeout_s: float, *, as_json: bool, quiet: bool) -> None:
+    from bodycheck.reports.audit.spellings import spelling_document
+    from bodycheck.reports.document import answer
+    from bodycheck.reports.render.progress import watched
+    from bodycheck.runs.spelling_run import spell
+
+    with watched("spinning the spellings of one body", quiet=quiet):
+        results = spell(None if engine is None else engine.split(","), timeout_s)
+    answer(spelling_document(results), results, as_json=as_json)
+    if any(one.broken for one in results):
+        raise typer.Exit(1)

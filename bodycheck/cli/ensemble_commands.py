@@ -1,0 +1,294 @@
+"""The commands on many random bodies: the distribution of errors, and the search for the worst start."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bodycheck._util.errors import InputError
+from bodycheck.cli.help_text import HOW, MEASURE, OUTPUT, WHAT, described
+from bodycheck.cli.options import (
+    AllowCode,
+    Jobs,
+    Json,
+    Quiet,
+    TimeoutS,
+    complete_engines,
+    complete_scenarios,
+    numbers,
+    progress_of,
+)
+from bodycheck.runs.run_options import TIMEOUT_S
+
+if TYPE_CHECKING:
+    from bodycheck.runs.ensemble_run import EnsembleRequest
+
+ensemble_commands = typer.Typer()
+
+_Template = Annotated[
+    str,
+    typer.Argument(
+        help="A built-in scenario or a .toml file, for duration, mass and loads.",
+        autocompletion=complete_scenarios,
+    ),
+]
+_Seed = Annotated[int, typer.Option(help="Seed of the random bodies.", rich_help_panel=WHAT)]
+_Samples = Annotated[
+    int,
+    typer.Option(help="Times at which motions are compared, 0 and the end included.", rich_help_panel=WHAT),
+]
+_Trace = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LOW,HIGH",
+        help="Range of I1 + I2 + I3, log-uniform.",
+        show_default="1e-9,1e3; that of the scenario where a load acts",
+        rich_help_panel=WHAT,
+    ),
+]
+_Torque = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LOW,HIGH",
+        help="Range of a constant torque of random direction in body axes, log-uniform.",
+        show_default="none",
+        rich_help_panel=WHAT,
+    ),
+]
+
+
+def _range(text: str | None, option: str) -> tuple[float, float] | None:
+    ends = numbers(text, option)
+    if ends is None:
+        return None
+    if len(ends) not in (1, 2):
+        raise InputError(f"{option} {text}: must be one number or LOW,HIGH")
+    return ends[0], ends[-1]
+
+
+@ensemble_commands.command(
+    name="ensemble",
+    short_help="Measure methods on many random bodies.",
+    **described(
+        MEASURE,
+        "bodycheck ensemble intermediate-axis --n 100000 --engine reference:rk4,reference:m1 --out bodies",
+        "bodycheck ensemble intermediate-axis --n 1000 --engine mujoco:rk4 --dt 1e-2",
+        "bodycheck ensemble intermediate-axis --row 4711 > row.toml",
+    ),
+)
+def ensemble(
+    scenario: _Template,
+    engine: Annotated[
+        str | None,
+        typer.Option(
+            help="Engines to run, as NAME[==VERSION][:METHOD],... or cmd:COMMAND; required without --row.",
+            rich_help_panel=WHAT,
+            autocompletion=complete_engines,
+        ),
+    ] = None,
+    n: Annotated[int, typer.Option("--n", help="Number of bodies.", rich_help_panel=WHAT)] = 1000,
+    dt: Annotated[
+        str | None,
+        typer.Option(
+            help="Step sizes in s, like 1e-2,1e-3.",
+            show_default="a thousandth of the duration",
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            help="Error tolerances of the adaptive methods.",
+            show_default="each method's",
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
+    seed: _Seed = 1,
+    samples: _Samples = 5,
+    trace_kg_m2: _Trace = None,
+    spin_rad_s: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LOW,HIGH",
+            help="Range of |omega|, log-uniform.",
+            show_default="0.1 to 10 times that of the scenario",
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
+    torque_n_m: _Torque = None,
+    first_row: Annotated[
+        int, typer.Option(help="Number of the first body, to continue an ensemble.", rich_help_panel=WHAT)
+    ] = 0,
+    row: Annotated[
+        int | None,
+        typer.Option(help="Print this body as a scenario file, and run nothing.", rich_help_panel=WHAT),
+    ] = None,
+    worst: Annotated[
+        int, typer.Option(help="Number of bodies to keep as scenario files.", rich_help_panel=OUTPUT)
+    ] = 10,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="New or empty folder for the results.",
+            show_default="bodycheck-runs/ensemble-SCENARIO-SEED",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    jobs: Jobs = None,
+    timeout_s: TimeoutS = TIMEOUT_S,
+    allow_code: AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Measure methods on random bodies, and write quantiles with error bars, a dataset and the worst bodies.
+
+    Moments of inertia are uniform in the triangle of possible ones, attitudes and directions uniform, |omega|
+    and the trace of the inertia log-uniform. A body is known by its seed and row alone.
+    """
+    from bodycheck.runs.ensemble_run import EnsembleRequest, row_text
+
+    request = EnsembleRequest(
+        scenario=scenario,
+        engines=() if engine is None else engine.split(","),
+        n=n,
+        seed=seed,
+        first_row=first_row,
+        dt_s=numbers(dt, "--dt"),
+        tolerances=numbers(tolerance, "--tolerance"),
+        samples=samples,
+        trace_kg_m2=_range(trace_kg_m2, "--trace-kg-m2"),
+        spin_rad_s=_range(spin_rad_s, "--spin-rad-s"),
+        torque_n_m=_range(torque_n_m, "--torque-n-m"),
+        worst=worst,
+        jobs=jobs,
+        timeout_s=timeout_s,
+        allow_code=allow_code,
+    )
+    if row is not None:
+        print(row_text(request, row), end="")
+        return
+    if not request.engines:
+        raise InputError("--engine: name the engines to run, like --engine reference:rk4,mujoco:rk4")
+    _run(request, out, as_json=json, quiet=quiet)
+
+
+def _run(request: EnsembleRequest, out: Path | None, *, as_json: bool, quiet: bool) -> None:
+    from bodycheck.reports.document import answer
+    from bodycheck.runs.directory import RUNS
+    from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document
+    from bodycheck.runs.ensemble_run import run_ensemble
+
+    folder = out or RUNS / f"ensemble-{Path(request.scenario).stem}-{request.seed}"
+    result = run_ensemble(request, folder, progress_of(quiet=quiet))
+    answer(ensemble_document(result, folder), ensemble_data(result, folder), as_json=as_json)
+
+
+@ensemble_commands.command(
+    short_help="Search the start at which a method does worst.",
+    **described(
+        MEASURE,
+        "bodycheck hunt intermediate-axis --engine mujoco:rk4 --dt 1e-2 --out worst",
+        "bodycheck hunt intermediate-axis --engine mujoco:euler --against dart:semi-implicit",
+        "bodycheck hunt intermediate-axis --engine reference:rk4 --spin-rad-s 1,1000 "
+        "--measure rotational_energy_drift",
+    ),
+)
+def hunt(
+    scenario: _Template,
+    engine: Annotated[
+        str, typer.Option(help="The method, as NAME[==VERSION]:METHOD.", autocompletion=complete_engines)
+    ],
+    against: Annotated[
+        str | None,
+        typer.Option(
+            help="Search the largest difference from this method, NAME[==VERSION]:METHOD, and not from the "
+            "truth.",
+            show_default="the truth",
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
+    dt: Annotated[
+        float | None,
+        typer.Option(
+            help="Step size in s.", show_default="a thousandth of the duration", rich_help_panel=WHAT
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="Error tolerance of an adaptive method.", rich_help_panel=WHAT)
+    ] = None,
+    measure: Annotated[
+        str,
+        typer.Option(
+            help="orientation_error_rad, omega_error, rotational_energy_drift or angular_momentum_drift; a "
+            "breakdown counts above all of them.",
+            rich_help_panel=WHAT,
+        ),
+    ] = "orientation_error_rad",
+    spin_rad_s: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LOW,HIGH",
+            help="Range of |omega| to search.",
+            show_default="fixed at that of the scenario",
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
+    trace_kg_m2: _Trace = None,
+    torque_n_m: _Torque = None,
+    evaluations: Annotated[int, typer.Option(help="Number of starts to try.", rich_help_panel=HOW)] = 2000,
+    seed: _Seed = 1,
+    samples: _Samples = 5,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="New or empty folder for the results.",
+            show_default="bodycheck-runs/hunt-SCENARIO-SEED",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    jobs: Jobs = None,
+    timeout_s: TimeoutS = TIMEOUT_S,
+    allow_code: AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Search the start at which a method is worst relative to its median error, and save it as a scenario.
+
+    The search begins at uniform starts of the same distribution as `ensemble` has. With --against it finds
+    where two methods, engines or versions differ most; a breakdown of the method ranks above any error.
+    """
+    from bodycheck.reports.document import answer
+    from bodycheck.reports.run_files.writer import check_output
+    from bodycheck.runs.directory import RUNS
+    from bodycheck.runs.ensemble_answer import hunt_data, hunt_document
+    from bodycheck.runs.ensemble_run import EnsembleRequest
+    from bodycheck.runs.hunt_run import HuntRequest, write_hunt
+    from bodycheck.runs.hunt_run import hunt as search
+
+    request = HuntRequest(
+        ensemble=EnsembleRequest(
+            scenario=scenario,
+            engines=(engine,),
+            n=1,
+            seed=seed,
+            dt_s=None if dt is None else [dt],
+            tolerances=None if tolerance is None else [tolerance],
+            samples=samples,
+            trace_kg_m2=_range(trace_kg_m2, "--trace-kg-m2"),
+            spin_rad_s=_range(spin_rad_s, "--spin-rad-s"),
+            torque_n_m=_range(torque_n_m, "--torque-n-m"),
+            jobs=jobs,
+            timeout_s=timeout_s,
+            allow_code=allow_code,
+        ),
+        against=against,
+        measure=measure,
+        evaluations=evaluations,
+    )
+    folder = out or RUNS / f"hunt-{Path(scenario).stem}-{seed}"
+    check_output(folder)
+    result = search(request, progress_of(quiet=quiet))
+    write_hunt(result, folder)
+    answer(hunt_document(result, folder), hunt_data(result, folder), as_json=json)

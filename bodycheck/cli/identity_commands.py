@@ -1,0 +1,85 @@
+"""The commands that say what a method is: its one-step map, and the laws that it obeys."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from bodycheck.cli.help_text import MEASURE, described
+from bodycheck.cli.options import AllowCode, Json, Quiet, TimeoutS, complete_engines
+from bodycheck.runs.run_options import TIMEOUT_S
+
+identity_commands = typer.Typer()
+
+_Engine = Annotated[
+    str,
+    typer.Argument(
+        metavar="ENGINE",
+        help="NAME[==VERSION][:METHOD],..., cmd:COMMAND[::METHOD] or MODULE:FUNCTION.",
+        autocompletion=complete_engines,
+    ),
+]
+
+
+@identity_commands.command(
+    short_help="Print which known one-step map a method is.",
+    **described(
+        MEASURE,
+        "bodycheck fingerprint mujoco",
+        "bodycheck fingerprint mujoco==3.7.0:implicitfast --all-loads",
+        "bodycheck fingerprint my_module:step --allow-code",
+    ),
+)
+def fingerprint(
+    engine: _Engine,
+    all_loads: Annotated[
+        bool,
+        typer.Option("--all-loads", help="Also under loads that vary with time and motion; may compile."),
+    ] = False,
+    timeout_s: TimeoutS = TIMEOUT_S,
+    allow_code: AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compare single steps of each method with all known maps, free and under each load.
+
+    Prints the map, the largest distance to it in rad and relative to omega, and the runner-up with its
+    distance. A method without a known map is described by its local order and its leading error term.
+    """
+    from bodycheck.reports.document import answer
+    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.summary.method_identity import fingerprint_document
+    from bodycheck.runs.identify import fingerprints
+
+    with watched(f"comparing {engine} with known maps", quiet=quiet):
+        rows = fingerprints(engine, timeout_s=timeout_s, all_loads=all_loads, allow_code=allow_code)
+    answer(fingerprint_document(rows), rows, as_json=json)
+
+
+@identity_commands.command(
+    short_help="Check the laws that every method must obey.",
+    **described(MEASURE, "bodycheck laws pybullet", "bodycheck laws pybullet:multibody@defaults"),
+)
+def laws(
+    engine: _Engine,
+    timeout_s: TimeoutS = TIMEOUT_S,
+    allow_code: AllowCode = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Check that other descriptions of a scene, such as rotated axes, give the same motion.
+
+    Prints the largest break of each law, its tolerance, and the state that shows it most. The exit status is
+    1 if a law is broken; a property, such as a step that cannot be reversed, breaks none.
+    """
+    from bodycheck.reports.document import answer
+    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.summary.method_identity import laws_document
+    from bodycheck.runs.identify import laws as checked
+
+    with watched(f"checking the laws on {engine}", quiet=quiet):
+        rows = checked(engine, timeout_s=timeout_s, allow_code=allow_code)
+    answer(laws_document(rows), rows, as_json=json)
+    if any(row["verdict"] == "broken" for row in rows):
+        raise typer.Exit(1)

@@ -1,0 +1,76 @@
+"""The command `merge`: put the shards of a run together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bodycheck._util.errors import InputError
+from bodycheck.cli.help_text import MEASURE, OUTPUT, described
+from bodycheck.cli.nightly import tell_night
+from bodycheck.cli.options import AllowCode, Json, Threshold, Tolerances, thresholds_of
+from bodycheck.reports.gates.thresholds import THRESHOLD
+
+merging = typer.Typer()
+
+
+@merging.command(
+    short_help="Put the shards of a run together.",
+    **described(
+        MEASURE,
+        "bodycheck merge part-* --out whole",
+        "bodycheck merge part-* --history nights",
+    ),
+)
+def merge(
+    parts: Annotated[list[Path], typer.Argument(metavar="PART...", help="Folders of all shards of one run.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="New or empty folder for the whole run; required without --history.",
+            show_default=False,
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    history: Annotated[
+        Path | None,
+        typer.Option(
+            help="Store the whole as a nightly run in this history and compare it, as `nightly` does.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    threshold: Threshold = THRESHOLD,
+    tolerances: Tolerances = None,
+    allow_code: AllowCode = False,
+    json: Json = False,
+) -> None:
+    """Put the shards of a run together, and write what a run writes.
+
+    The tables are those of one run, but for speeds. Differences between the machines are reported: versions,
+    and sentinel cases, which every shard runs, with different results.
+    """
+    from bodycheck.reports.document import answer
+    from bodycheck.reports.history.archive import History
+    from bodycheck.reports.run_files.writer import check_output
+    from bodycheck.reports.summary.sentences import run_data, run_document
+    from bodycheck.runs.directory import write_run
+    from bodycheck.runs.merge import merge as merged
+    from bodycheck.runs.nightly_run import store_night
+
+    if (out is None) == (history is None):
+        raise InputError("--out or --history: give one of them")
+    thresholds = thresholds_of(threshold, tolerances)
+    if out is not None:
+        check_output(out)
+    run = merged(parts, allow_code=allow_code)
+    if history is not None:
+        judged, night = store_night(run, History.at(history), thresholds)
+        tell_night(judged, night, None, json=json)
+        return
+    assert out is not None
+    report = write_run(run, out)
+    answer(run_document(run), {**run_data(run), **run.manifest["merged"], "report": report}, as_json=json)
+    if not json:
+        print(report)

@@ -1,0 +1,193 @@
+"""The data of an audit: bodies as stated and as held, their differences, columns of importers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import principal_axes
+from bodycheck.scenarios.model_files.exact import ExactInertia, doubles
+
+State: TypeAlias = Literal["agrees", "rounded", "differs", "merged", "absent", "not computed"]
+"""merged: part of another link. not computed: the reader has no truth for this link."""
+
+SAME = 1e-9
+"""Relative difference up to which an import in doubles agrees; measured round-off stays below 1e-11."""
+SINGLE = 2e-6
+"""Relative difference up to which an import agrees as far as single precision can."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Mass in kg, centre of mass (3,) in m and tensor (3, 3) about it in kg m^2, in link axes."""
+
+    mass_kg: float
+    centre_m: Array
+    inertia_kg_m2: Array
+
+    @classmethod
+    def of(cls, exact: ExactInertia) -> Body:
+        """Return the nearest doubles of a 40-digit inertia."""
+        return cls(float(exact.mass), doubles(exact.centre), doubles(exact.tensor))
+
+    @cached_property
+    def principal(self) -> tuple[Array, Array]:
+        """Ascending moments (3,) and axes, the columns of (3, 3); NaN where the tensor is not finite."""
+        if not np.isfinite(self.inertia_kg_m2).all():
+            return np.full(3, np.nan), np.full((3, 3), np.nan)
+        if not self.inertia_kg_m2.any():
+            return np.zeros(3), np.eye(3)
+        return principal_axes(0.5 * (self.inertia_kg_m2 + self.inertia_kg_m2.T))
+
+    @property
+    def gyration_m(self) -> float:
+        """sqrt(tr I / 2 m), the radius of gyration about the centre; 0 without mass."""
+        trace = float(np.trace(self.inertia_kg_m2))
+        return math.sqrt(trace / (2.0 * self.mass_kg)) if self.mass_kg > 0.0 and trace > 0.0 else 0.0
+
+    @property
+    def possible(self) -> bool:
+        """Whether a rigid body can have these numbers, to 1e-12."""
+        moments = self.principal[0]
+        return bool(
+            math.isfinite(self.mass_kg)
+            and self.mass_kg > 0.0
+            and moments[0] > 0.0
+            and moments[0] + moments[1] >= moments[2] * (1.0 - 1e-12)
+        )
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Held minus stated: |dm| / m, |dc| / max(|c|, radius of gyration), max |dI| / largest moment."""
+
+    mass: float
+    centre: float
+    inertia: float
+
+    @classmethod
+    def between(cls, stated: Body, held: Body) -> Difference:
+        """Return the relative differences; 1 where something is held in place of zero, inf for NaN."""
+        length = max(float(np.linalg.norm(stated.centre_m)), stated.gyration_m)
+        moment = float(np.max(np.abs(stated.inertia_kg_m2)))
+        return cls(
+            _relative(abs(held.mass_kg - stated.mass_kg), abs(stated.mass_kg)),
+            _relative(float(np.linalg.norm(held.centre_m - stated.centre_m)), length),
+            _relative(float(np.max(np.abs(held.inertia_kg_m2 - stated.inertia_kg_m2))), moment),
+        )
+
+    @property
+    def largest(self) -> float:
+        """The largest of the three."""
+        return max(self.mass, self.centre, self.inertia)
+
+
+def _relative(difference: float, scale: float) -> float:
+    if not math.isfinite(difference):
+        return math.inf
+    return difference / scale if scale > 0.0 else float(difference > 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One link in one importer: what should be held, what is held, and the named causes of differences.
+
+    expected: the body in the file, or the composite of the links merged into this one. into: the link that
+    this one was merged into, "the world" for a fixed base.
+    """
+
+    state: State
+    expected: Body | None = None
+    held: Body | None = None
+    difference: Difference | None = None
+    causes: tuple[str, ...] = ()
+    merged: tuple[str, ...] = ()
+    into: str = ""
+
+
+@dataclass(frozen=True)
+class Column:
+    """An importer with its flags: how the import ended, and the settings that the flags mean."""
+
+    engine: str
+    version: str
+    flags: str
+    settings: str
+    outcome: str
+    message: str = ""
+
+    @property
+    def name(self) -> str:
+        """ENGINE:FLAGS."""
+        return f"{self.engine}:{self.flags}"
+
+
+@dataclass(frozen=True)
+class Spin:
+    """Orientation errors in rad of one link's free spin against the truth of the body in the file.
+
+    control: the engine with the numbers of the file; held: with the numbers that it held; excerpt: after its
+    importer read a file with this link only. None where it could not be spun; the message says why.
+    """
+
+    control_rad: float | None
+    held_rad: float | None
+    excerpt_rad: float | None
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finding of the linter: rule, place, what is wrong, what is expected, and how sure that is."""
+
+    rule: str
+    severity: Literal["error", "warning", "note"]
+    confidence: Literal["certain", "likely", "possible"]
+    file: str
+    line: int
+    link: str
+    message: str
+    expected: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkAudit:
+    """One link: the body in the file, and a comparison and a spin for each importer by its name."""
+
+    name: str
+    line: int
+    stated: Body | None
+    derived: str
+    unread: str
+    held: Mapping[str, Comparison]
+    spins: Mapping[str, Spin] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Audit:
+    """The audit of one file. outside: files outside of its folder that it names and that were read."""
+
+    file: str
+    format: str
+    sha256: str
+    columns: Sequence[Column]
+    links: Sequence[LinkAudit]
+    findings: Sequence[Finding]
+    outside: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    extra: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def differing(self) -> list[tuple[LinkAudit, str, Comparison]]:
+        """Return (link, importer, comparison) of every difference."""
+        return [
+            (link, name, one)
+            for link in self.links
+            for name, one in link.held.items()
+            if one.state == "differs"
+        ]

@@ -1,0 +1,289 @@
+"""An audit as a document, as data with all digits, and as SARIF."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bodycheck._util.formatting import count, names, scientific
+from bodycheck.reports.audit.audit import SAME, SINGLE, Audit, Body, Comparison, Difference, LinkAudit, Spin
+from bodycheck.reports.document import Cell, Column, Document, Sentence, Span, Table
+
+_TINTS = {"error": "bad", "warning": "open", "note": "none"}
+_LEVELS = ("note", "warning", "error")
+_NOTICEABLE = 3.0  # times the error of the engine itself
+_FLOOR_RAD = 1e-9
+_DIGITS = 17
+
+
+def audit_document(audit: Audit) -> Document:
+    """Return the document: importers, differences, spins that differ, findings."""
+    return Document(
+        f"{Path(audit.file).name}: import audit",
+        (
+            *_head(audit),
+            _importers(audit),
+            _differences(audit),
+            _spins(audit),
+            _findings(audit),
+        ),
+    )
+
+
+def _head(audit: Audit) -> list[Sentence]:
+    differing = audit.differing()
+    findings = Counter[str](finding.severity for finding in audit.findings)
+    linted = names([count(findings[level], level) for level in reversed(_LEVELS) if findings[level]])
+    links = {link.name for link, _, _ in differing}
+    told = f"{count(len(audit.links), 'link')}; {count(len(links), 'link')} held otherwise by an importer"
+    bad = bool(differing) or findings["error"] > 0
+    found = [
+        Sentence(
+            f"{told}; {linted or 'nothing'} found in the file itself.", "bad" if bad else "good", strong=True
+        )
+    ]
+    unread = [link for link in audit.links if link.unread]
+    if unread:
+        which = names([f"{link.name} ({link.unread})" for link in unread])
+        found.append(Sentence(f"Not computed, and so not compared: {which}."))
+    if audit.outside:
+        found.append(Sentence(f"Names files outside of its folder: {names(list(audit.outside))}."))
+    found += [Sentence(note) for note in audit.notes]
+    for name, extra in audit.extra.items():
+        found.append(Sentence(f"{name} also holds links that the file does not name: {names(list(extra))}."))
+    return found
+
+
+def _importers(audit: Audit) -> Table:
+    columns = (Column("importer", "fixed"), Column("version"), Column("result"), Column("import"))
+    rows = []
+    for one in audit.columns:
+        states = Counter(link.held[one.name].state for link in audit.links if one.name in link.held)
+        told = names([f"{amount} {state}" for state, amount in states.items()])
+        result: Cell = told or Span(f"{one.outcome}: {one.message}", "fault")
+        rows.append((one.name, one.version, result, one.settings))
+    return Table(columns, tuple(rows), "Importers")
+
+
+def _differences(audit: Audit) -> Table:
+    columns = (
+        Column("link", "name"),
+        Column("importer", "fixed"),
+        Column("mass", "number"),
+        Column("centre", "number"),
+        Column("tensor", "number"),
+        Column("cause"),
+    )
+    rows = []
+    for link in audit.links:
+        for name, one in link.held.items():
+            if one.state in ("differs", "merged", "absent"):
+                rows.append(
+                    (link.name, name, *_relative(one.difference), Span("; ".join(one.causes), tint_of(one)))
+                )
+    return Table(columns, tuple(rows), "Differences, relative to the file")
+
+
+def _relative(difference: Difference | None) -> tuple[str, str, str]:
+    if difference is None:
+        return "", "", ""
+    mass, centre, inertia = (
+        "0" if value <= SAME else scientific(value)
+        for value in (difference.mass, difference.centre, difference.inertia)
+    )
+    return mass, centre, inertia
+
+
+def tint_of(comparison: Comparison) -> str:
+    """Return the tint of a comparison: how far the held body is from the file's."""
+    match comparison.state:
+        case "agrees":
+            return "good"
+        case "rounded":
+            return "floor"
+        case "merged" | "not computed":
+            return "none"
+        case "absent":
+            return "fault"
+    largest = math.inf if comparison.difference is None else comparison.difference.largest
+    return "open" if largest < 1e-2 else "bad"
+
+
+def moves_alike(spin: Spin, *, by: str) -> bool | None:
+    """Return whether a spin ("held" or "excerpt") follows the truth as closely as the engine can."""
+    error = spin.held_rad if by == "held" else spin.excerpt_rad
+    if error is None or spin.control_rad is None:
+        return None
+    return error <= _NOTICEABLE * spin.control_rad + _FLOOR_RAD
+
+
+def _spins(audit: Audit) -> Table:
+    columns = (
+        Column("link", "name"),
+        Column("importer", "fixed"),
+        Column("file's numbers", "number"),
+        Column("held", "number"),
+        Column("excerpt", "number"),
+    )
+    rows = []
+    for link in audit.links:
+        for name, spin in link.spins.items():
+            if False in (moves_alike(spin, by="held"), moves_alike(spin, by="excerpt")):
+                rows.append(
+                    (
+                        link.name,
+                        name,
+                        _radians(spin.control_rad),
+                        _marked(spin, "held"),
+                        _marked(spin, "excerpt"),
+                    )
+                )
+    return Table(columns, tuple(rows), "Free spins that leave the truth of the file's body, rad after 1 s")
+
+
+def _radians(value: float | None) -> str:
+    return "" if value is None else scientific(value)
+
+
+def _marked(spin: Spin, by: str) -> Cell:
+    value = spin.held_rad if by == "held" else spin.excerpt_rad
+    return Span(_radians(value), "bad" if moves_alike(spin, by=by) is False else "none")
+
+
+def _findings(audit: Audit) -> Table:
+    columns = (
+        Column("place", "fixed"),
+        Column("link", "name"),
+        Column("finding"),
+        Column("expected"),
+    )
+    rows = tuple(
+        (
+            f"{Path(one.file).name}:{one.line}",
+            one.link,
+            (
+                Span(f"{one.rule} ({one.severity}, {one.confidence}): ", _TINTS[one.severity]),
+                Span(one.message),
+            ),
+            one.expected,
+        )
+        for one in audit.findings
+    )
+    return Table(columns, rows, "Findings without engines")
+
+
+# ------------------------------------------------------------------------------------------------------ data
+
+
+def audit_data(audit: Audit) -> dict[str, Any]:
+    """Return everything with all digits."""
+    return {
+        "file": audit.file,
+        "format": audit.format,
+        "sha256": audit.sha256,
+        "same": SAME,
+        "single_precision": SINGLE,
+        "importers": [{"name": one.name, **vars(one)} for one in audit.columns],
+        "links": [_link_data(link) for link in audit.links],
+        "findings": [vars(one) for one in audit.findings],
+        "outside": list(audit.outside),
+        "notes": list(audit.notes),
+        "links_not_in_file": {name: list(extra) for name, extra in audit.extra.items()},
+    }
+
+
+def _link_data(link: LinkAudit) -> dict[str, Any]:
+    return {
+        "name": link.name,
+        "line": link.line,
+        "stated": body_data(link.stated),
+        "derived": link.derived,
+        "not_computed": link.unread,
+        "held": {name: _comparison_data(one) for name, one in link.held.items()},
+        "spins": {name: vars(one) for name, one in link.spins.items()},
+    }
+
+
+def body_data(body: Body | None) -> dict[str, Any] | None:
+    """Return mass, centre, tensor, principal moments and axes (one per row)."""
+    if body is None:
+        return None
+    moments, axes = body.principal
+    return {
+        "mass_kg": body.mass_kg,
+        "centre_m": body.centre_m.tolist(),
+        "inertia_kg_m2": body.inertia_kg_m2.tolist(),
+        "principal_moments_kg_m2": moments.tolist(),
+        "principal_axes": axes.T.tolist(),
+    }
+
+
+def _comparison_data(one: Comparison) -> dict[str, Any]:
+    return {
+        "state": one.state,
+        "expected": body_data(one.expected),
+        "body": body_data(one.held),
+        "difference": None if one.difference is None else {**vars(one.difference)},
+        "causes": list(one.causes),
+        "merged": list(one.merged),
+        "merged_into": one.into,
+    }
+
+
+def sarif(audit: Audit, version: str) -> dict[str, Any]:
+    """Return findings and differences as a SARIF 2.1.0 log."""
+    results = [
+        _sarif_result(
+            one.rule, one.severity, one.file, one.line, _sarif_text(one.message, one.expected), one.link
+        )
+        for one in audit.findings
+    ]
+    for link, name, one in audit.differing():
+        message = f"{name} holds another body: {'; '.join(one.causes)}"
+        results.append(
+            _sarif_result("import-difference", "warning", audit.file, link.line, message, link.name)
+        )
+    rules = sorted({result["ruleId"] for result in results})
+    driver = {
+        "name": "bodycheck",
+        "version": version,
+        "rules": [{"id": rule, "shortDescription": {"text": rule.replace("-", " ")}} for rule in rules],
+    }
+    return {
+        "$schema": "https://json.schemastore.org/sarif-2.1.0.json",
+        "version": "2.1.0",
+        "runs": [{"tool": {"driver": driver}, "results": results}],
+    }
+
+
+def _sarif_text(message: str, expected: str) -> str:
+    return f"{message}; expected: {expected}" if expected else message
+
+
+def _sarif_result(rule: str, level: str, file: str, line: int, message: str, link: str) -> dict[str, Any]:
+    place = {"artifactLocation": {"uri": Path(file).as_posix()}, "region": {"startLine": max(line, 1)}}
+    return {
+        "ruleId": rule,
+        "level": level,
+        "message": {"text": f"{link}: {message}"},
+        "locations": [{"physicalLocation": place}],
+    }
+
+
+def failures(audit: Audit, fail_on: Sequence[str]) -> list[str]:
+    """Return what an audit fails on: findings at or above a severity, and differences."""
+    found = []
+    severities = [level for level in _LEVELS if level in fail_on]
+    if severities:
+        least = _LEVELS.index(severities[0])
+        bad = [one for one in audit.findings if _LEVELS.index(one.severity) >= least]
+        found += [count(len(bad), "finding")] if bad else []
+    if "difference" in fail_on:
+        differing = audit.differing()
+        found += [count(len(differing), "difference")] if differing else []
+        failed = [one.name for one in audit.columns if one.outcome not in ("ok", "unsupported")]
+        found += [f"{names(failed)} did not import the file"] if failed else []
+    return found

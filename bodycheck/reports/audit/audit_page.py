@@ -1,0 +1,136 @@
+"""The page of an audit: one row per link, one column per importer, and ellipsoids of inertia."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from bodycheck._util.formatting import number, scientific
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.audit.audit import Audit, Body, Comparison, LinkAudit
+from bodycheck.reports.audit.audit_document import audit_document, moves_alike, tint_of
+from bodycheck.reports.document import page
+
+_VIEW = 110.0  # side of a drawing in px
+_POINTS = 48
+_CAMERA = (math.radians(-60.0), math.radians(25.0))  # azimuth, elevation
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """A cell of the map: tint, what it says, the causes, the numbers and a drawing."""
+
+    tint: str
+    text: str
+    causes: tuple[str, ...]
+    details: tuple[str, ...]
+    drawing: Markup
+
+
+def audit_page(audit: Audit) -> str:
+    """Return the audit as one self-contained HTML page."""
+    heads = [(one.name, f"{one.version}: {one.settings}") for one in audit.columns]
+    rows = [
+        (
+            link.name,
+            link.line,
+            _stated(link),
+            [_cell(link, column.name, column.outcome) for column in audit.columns],
+        )
+        for link in audit.links
+    ]
+    return page(
+        audit_document(audit), "audit.html", heads=heads, rows=rows, file=audit.file, sha256=audit.sha256
+    )
+
+
+def _stated(link: LinkAudit) -> tuple[str, ...]:
+    if link.stated is None:
+        return (link.unread or "no inertia in the file",)
+    return (*_numbers(link.stated), *filter(None, (link.derived,)))
+
+
+def _numbers(body: Body) -> tuple[str, ...]:
+    moments = ", ".join(number(value, 5) for value in body.principal[0])
+    centre = ", ".join(number(value, 5) for value in body.centre_m)
+    return f"m {number(body.mass_kg, 6)} kg", f"c ({centre}) m", f"J ({moments}) kg m²"
+
+
+def _cell(link: LinkAudit, name: str, outcome: str) -> _Cell:
+    one = link.held.get(name)
+    if one is None:
+        return _Cell("none", outcome, (), (), Markup(""))
+    text: str = one.state
+    if one.difference is not None and one.state != "agrees":
+        text = f"{one.state}: {scientific(one.difference.largest)}"
+    details = () if one.held is None else _numbers(one.held)
+    spin = link.spins.get(name)
+    if spin is not None:
+        told = {True: "follows the file's body", False: "leaves the file's body"}
+        for by, error in (("held", spin.held_rad), ("excerpt", spin.excerpt_rad)):
+            alike = moves_alike(spin, by=by)
+            if alike is not None and error is not None:
+                details += (f"spin of {by}: {scientific(error)} rad, {told[alike]}",)
+    return _Cell(tint_of(one), text, one.causes, details, _ellipsoids(one))
+
+
+def _ellipsoids(one: Comparison) -> Markup:
+    """Draw the equivalent uniform ellipsoids of both bodies about their centres of mass, to one scale."""
+    if one.held is None or one.expected is None or not one.held.possible or not one.expected.possible:
+        return Markup("")
+    outlines = [
+        (kind, _outline(body), _projected(body.centre_m))
+        for kind, body in (("true", one.expected), ("held", one.held))
+    ]
+    points = np.concatenate([outline + centre for _, outline, centre in outlines])
+    low, high = points.min(axis=0), points.max(axis=0)
+    scale = 0.9 * _VIEW / max(float(np.max(high - low)), 1e-300)
+    middle = 0.5 * (low + high)
+    paths = []
+    for kind, outline, centre in outlines:
+        xy = (outline + centre - middle) * scale
+        at = (centre - middle) * scale
+        line = "L".join(f"{x:.1f} {-y:.1f}" for x, y in xy)
+        paths.append(
+            f'<path class="{kind}" d="M{line}Z"/>'
+            f'<circle class="{kind}" cx="{at[0]:.1f}" cy="{-at[1]:.1f}" r="1.6"/>'
+        )
+    half = _VIEW / 2.0
+    label = escape("ellipsoids of inertia: dashed as in the file, solid as held")
+    return Markup(
+        f'<svg viewBox="{-half} {-half} {_VIEW} {_VIEW}" width="{_VIEW:.0f}" height="{_VIEW:.0f}" role="img" '
+        f'aria-label="{label}">{"".join(paths)}</svg>'
+    )
+
+
+def _projected(vector: Array) -> Array:
+    return np.asarray(_screen() @ vector)
+
+
+def _screen() -> Array:
+    """Return the two axes of the drawing (2, 3): to the right and upwards."""
+    azimuth, elevation = _CAMERA
+    right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
+    towards = np.array(
+        [
+            math.cos(elevation) * math.cos(azimuth),
+            math.cos(elevation) * math.sin(azimuth),
+            math.sin(elevation),
+        ]
+    )
+    return np.array([right, np.cross(towards, right)])
+
+
+def _outline(body: Body) -> Array:
+    """Return the outline (n, 2) of the uniform ellipsoid with these moments: S = P A diag(a^2) A^T P^T."""
+    moments, axes = body.principal
+    squares = np.maximum(2.5 / body.mass_kg * (moments.sum() - 2.0 * moments), 0.0)
+    P = _screen()
+    shadow = P @ (axes * squares) @ axes.T @ P.T
+    values, vectors = np.linalg.eigh(shadow)
+    angle = np.linspace(0.0, 2.0 * math.pi, _POINTS, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    return np.asarray((vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)).T)

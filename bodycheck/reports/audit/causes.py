@@ -1,0 +1,251 @@
+"""Name the cause of a difference between a stated and a held body, by trying each known fault on the file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import permutations, product
+from typing import TypeAlias
+
+import numpy as np
+
+from bodycheck._util.formatting import number, scientific
+from bodycheck.adapters.importers import HeldLink
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.audit.audit import SINGLE, Body, Difference
+from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite, doubles, exact, mp
+from bodycheck.scenarios.model_files.model import Joint, ModelLink
+
+DISCARDED = "tensor discarded"
+MARGINS_M = (0.0, 0.04)
+"""Margins of collision shapes: none, and Bullet's default."""
+Boxes: TypeAlias = Mapping[float, Sequence[Array]]
+Member: TypeAlias = tuple[ModelLink, Frame]
+"""A link, and its pose in the link that it is part of."""
+_NEARLY_A_BOX = 0.05  # shapes of meshes have small margins
+
+
+KNOWN_ISSUES = {
+    ("mujoco", "rotation of the inertial frame ignored"): "google-deepmind/mujoco#3559",
+    ("mujoco", "rotation of the merged links ignored"): "google-deepmind/mujoco#2982",
+    ("pybullet", f"{DISCARDED}: recomputed from the collision shape"): "bulletphysics/bullet3#1671",
+    ("pybullet", f"{DISCARDED}: a placeholder"): "bulletphysics/bullet3#1671",
+}
+"""Engine, beginning of a cause -> where its developers discuss it."""
+
+
+def with_issue(engine: str, cause: str) -> str:
+    """Return a cause with the upstream issue about it, if one is known."""
+    for (name, beginning), issue in KNOWN_ISSUES.items():
+        if engine.partition("==")[0] == name and cause.startswith(beginning):
+            return f"{cause} ({issue})"
+    return cause
+
+
+def body_causes(
+    members: Sequence[Member],
+    expected: Body | None,
+    held: Body,
+    difference: Difference | None,
+    discarded: str,
+    boxes: Boxes,
+) -> tuple[str, ...]:
+    """Return the named causes.
+
+    members: the link and those merged into it. discarded: what a second import showed the tensor to come
+    from, or "". boxes: margin in m -> tensors (3, 3) of boxes around the link's shapes with that margin.
+    """
+    link = members[0][0]
+    if expected is None or difference is None:
+        return ("mass and tensor invented: the file gives this link no inertia",) if held.mass_kg else ()
+    if not (np.isfinite(held.inertia_kg_m2).all() and math.isfinite(held.mass_kg)):
+        return ("not finite",)
+    found = []
+    if difference.largest <= SINGLE:
+        return (
+            f"rounded: {scientific(difference.largest)}, as single precision or an unfinished iteration does",
+        )
+    if difference.mass > SINGLE:
+        found.append(_mass_cause(link, expected, held))
+    if difference.centre > SINGLE:
+        found.append(_centre_cause(link, expected, held))
+    if difference.inertia > SINGLE:
+        found.append(_tensor_cause(members, expected, held, discarded, boxes))
+    return tuple(dict.fromkeys(found))
+
+
+def _mass_cause(link: ModelLink, expected: Body, held: Body) -> str:
+    if held.mass_kg == 0.0:
+        return "mass discarded: the link cannot move"
+    if expected.mass_kg == 0.0:
+        return f"mass invented: {number(held.mass_kg, 6)} kg"
+    if held.mass_kg > expected.mass_kg and held.mass_kg in (1e-3, 1e-6, 1e-2, 0.1, 1.0):
+        return f"mass clamped to {number(held.mass_kg, 6)} kg"
+    parts = () if link.stated is None else link.stated.parts
+    if len(parts) > 1 and any(
+        abs(float(part.mass) - held.mass_kg) <= SINGLE * held.mass_kg for part in parts
+    ):
+        return f"mass of one of {len(parts)} shapes only"
+    return f"mass times {number(held.mass_kg / expected.mass_kg, 6)}"
+
+
+def _centre_cause(link: ModelLink, expected: Body, held: Body) -> str:
+    scale = max(float(np.linalg.norm(expected.centre_m)), expected.gyration_m)
+
+    def near(other: Array) -> bool:
+        return bool(np.linalg.norm(held.centre_m - other) <= SINGLE * scale)
+
+    if near(np.zeros(3)):
+        return "centre of mass ignored"
+    if near(-expected.centre_m):
+        return "centre of mass of the wrong sign"
+    parts = () if link.stated is None else link.stated.parts
+    if len(parts) > 1 and any(near(doubles(part.centre)) for part in parts):
+        return "centre of mass of one shape only"
+    if link.stated is not None:
+        turned = doubles(link.stated.frame.rotation)
+        if near(turned @ expected.centre_m) or near(turned.T @ expected.centre_m):
+            return "centre of mass rotated by the inertial frame"
+    return f"centre of mass {number(float(np.linalg.norm(held.centre_m - expected.centre_m)), 3)} m off"
+
+
+def _tensor_cause(members: Sequence[Member], expected: Body, held: Body, discarded: str, boxes: Boxes) -> str:
+    size = max(float(np.max(np.abs(expected.inertia_kg_m2))), float(np.max(np.abs(held.inertia_kg_m2))))
+    for what, tensor in _faults_of(members):
+        other = float(np.max(np.abs(tensor - expected.inertia_kg_m2)))
+        if other > SINGLE * size and float(np.max(np.abs(tensor - held.inertia_kg_m2))) <= SINGLE * size:
+            return what
+    if discarded:
+        return f"{DISCARDED}: {discarded}"
+    moment = float(np.max(np.abs(held.inertia_kg_m2)))
+    for margin, tensors in boxes.items():
+        if any(float(np.max(np.abs(box - held.inertia_kg_m2))) <= _NEARLY_A_BOX * moment for box in tensors):
+            wider = f", capsules {margin:g} m wider on each side" if margin else ""
+            return f"{DISCARDED}: recomputed from a box around the collision shapes{wider}"
+    return _by_moments(expected, held)
+
+
+def _faults_of(members: Sequence[Member]) -> Iterator[tuple[str, Array]]:
+    """Yield each known fault, and the tensor in link axes if it is made with every member."""
+    stated = [(link, frame) for link, frame in members if link.stated is not None]
+    bodies = [Body.of(link.stated.in_link) for link, _ in stated if link.stated is not None]
+    for faults in zip(
+        *(_faults(link, body) for (link, _), body in zip(stated, bodies, strict=True)), strict=True
+    ):
+        parts = (
+            ExactInertia(mp.mpf(body.mass_kg), exact(body.centre_m), exact(tensor)).placed(frame)
+            for (_, frame), body, (_, tensor) in zip(stated, bodies, faults, strict=True)
+        )
+        yield faults[0][0], doubles(composite(parts).tensor)
+    if len(stated) > 1:
+        unturned = [
+            ExactInertia(mp.mpf(body.mass_kg), body_at.centre, exact(body.inertia_kg_m2))
+            for (_, frame), body in zip(stated, bodies, strict=True)
+            for body_at in [
+                ExactInertia(mp.mpf(body.mass_kg), exact(body.centre_m), exact(body.inertia_kg_m2)).placed(
+                    frame
+                )
+            ]
+        ]
+        yield "rotation of the merged links ignored", doubles(composite(unturned).tensor)
+
+
+def _faults(link: ModelLink, expected: Body) -> Iterator[tuple[str, Array]]:
+    """Yield each known fault, and the tensor in link axes that it would make of the file."""
+    stated = link.stated
+    if stated is None:
+        return
+    J, R = doubles(stated.inertia.tensor), doubles(stated.frame.rotation)
+    c, m = expected.centre_m, expected.mass_kg
+    diagonal = np.diag(np.diagonal(J))
+    yield "off-diagonals dropped", R @ diagonal @ R.T
+    yield "off-diagonals of the wrong sign", R @ (2.0 * diagonal - J) @ R.T
+    yield "rotation of the inertial frame ignored", J
+    yield "rotated by the inverse of the inertial frame", R.T @ J @ R
+    yield "rotation of the inertial frame applied twice", R @ R @ J @ R.T @ R.T
+    yield "off-diagonals dropped and rotation of the inertial frame ignored", diagonal
+    steiner = m * (c @ c * np.eye(3) - np.outer(c, c))
+    yield "taken about the link's origin, not the centre of mass", expected.inertia_kg_m2 - steiner
+    yield "held about the link's origin, not the centre of mass", expected.inertia_kg_m2 + steiner
+    yield "replaced by the identity", np.eye(3)
+    moments, V = np.linalg.eigh(J)
+    yield "made isotropic: each moment is the mean", np.eye(3) * moments.mean()
+    for order in permutations(range(3)):
+        ordered = np.diag(moments[list(order)])
+        yield "principal axes lost: the moments lie along the inertial frame", R @ ordered @ R.T
+        yield "principal axes and rotation of the inertial frame lost", ordered
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=2)):
+        A = V[:, list(order)] * np.array([*signs, 1.0])
+        A[:, 2] *= np.linalg.det(A)
+        ordered = np.diag(moments[list(order)])
+        yield "rotated by the inverse of the principal axes", R @ A.T @ ordered @ A @ R.T
+        yield "rotations composed in the wrong order", A @ R @ ordered @ R.T @ A.T
+        yield "rotated by the inverse of inertial frame and principal axes", A.T @ R.T @ ordered @ R @ A
+
+
+def _by_moments(expected: Body, held: Body) -> str:
+    """Return what the principal moments and axes alone tell."""
+    given, got = expected.principal[0], held.principal[0]
+    if not got.any():
+        return "tensor discarded: all moments are zero"
+    if given[2] > 0.0 and np.max(np.abs(got - given)) <= SINGLE * given[2]:
+        return f"principal axes rotated by {number(math.degrees(_angle(expected, held)), 4)} degrees"
+    if given[0] > 0.0:
+        ratio = held.inertia_kg_m2 / given[2]
+        factor = float(np.sum(ratio * expected.inertia_kg_m2) / np.sum(expected.inertia_kg_m2**2 / given[2]))
+        if (
+            np.max(np.abs(held.inertia_kg_m2 - factor * expected.inertia_kg_m2))
+            <= SINGLE * abs(factor) * given[2]
+        ):
+            return f"tensor times {number(factor, 6)}"
+    raised = [k for k in range(3) if got[k] > given[k] * (1.0 + SINGLE)]
+    kept = all(k in raised or abs(got[k] - given[k]) <= SINGLE * given[2] for k in range(3))
+    if raised and kept and float(np.ptp(got[raised])) <= SINGLE * float(got[raised[0]]):
+        return f"moments clamped to {number(float(got[raised[0]]), 4)} kg m^2"
+    return "tensor changed; no known fault makes these numbers of the file"
+
+
+def _angle(expected: Body, held: Body) -> float:
+    """Return the smallest angle in rad between two sets of principal axes, which have no signs."""
+    Q = expected.principal[1].T @ held.principal[1]
+    signed = (Q * np.array([a, b, 1.0]) for a, b in product((1.0, -1.0), repeat=2))
+    angles = []
+    for turn in signed:
+        turn[:, 2] *= np.sign(np.linalg.det(turn)) or 1.0
+        angles.append(math.acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1.0) / 2.0))))
+    return min(angles)
+
+
+def joint_causes(joint: Joint | None, held: HeldLink) -> tuple[str, ...]:
+    """Return what the import added to a joint, or left out."""
+    if joint is None or joint.fixed or joint.kind in ("free", "floating", "mocap"):
+        return ()
+    found = []
+    if joint.damping is not None and held.damping is not None and not _near(joint.damping, held.damping):
+        change = "added" if joint.damping == 0.0 else "dropped" if held.damping == 0.0 else "changed"
+        found.append(
+            f"damping {change}: {number(joint.damping, 6)} in the file, {number(held.damping, 6)} held"
+        )
+    if joint.limits is None and held.limits is not None and not _endless(held.limits, joint.kind):
+        found.append(f"limits added: {_interval(held.limits)}")
+    if joint.limits is not None and held.limits is not None:
+        if not all(_near(a, b) for a, b in zip(joint.limits, held.limits, strict=True)):
+            found.append(
+                f"limits changed: {_interval(joint.limits)} in the file, {_interval(held.limits)} held"
+            )
+    elif joint.limits is not None and held.damping is not None and joint.limits[0] < joint.limits[1]:
+        found.append(f"limits dropped: {_interval(joint.limits)} in the file")
+    return tuple(found)
+
+
+def _near(a: float, b: float) -> bool:
+    return abs(a - b) <= SINGLE * max(abs(a), abs(b))
+
+
+def _endless(limits: tuple[float, float], kind: str) -> bool:
+    """Return whether limits do not limit: beyond 1e10, or a continuous joint's placeholder."""
+    return limits[1] - limits[0] > 1e10 or (kind in ("continuous", "spherical") and limits[0] >= limits[1])
+
+
+def _interval(limits: tuple[float, float]) -> str:
+    return f"[{number(limits[0], 6)}, {number(limits[1], 6)}]"

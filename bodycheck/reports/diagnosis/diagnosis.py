@@ -1,0 +1,393 @@
+"""Name the fault that explains a wrong motion, or say that none does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations, product
+
+import numpy as np
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.scene import GravityGradient, Scene
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.diagnosis.faults import FAULTS, Circumstances, Fault
+from bodycheck.reports.diagnosis.fit import Fit, Start, cost_of, fitted
+from bodycheck.reports.diagnosis.flow import BASES, EXACT, Base
+from bodycheck.reports.diagnosis.model import Grid
+from bodycheck.reports.diagnosis.transitions import Transitions
+from bodycheck.reports.measurement.scales import Scales
+
+ALL_QUANTITIES = frozenset({"position", "velocity", "attitude", "omega"})
+
+_FIRST_LOOK, _SCREENED, _FITTED = 6, 20, 120  # transitions: to choose a map, to screen faults, for the result
+_FIRST_SWEEPS = 3
+_AT_ROUND_OFF = 30.0  # multiples of the round-off that count as it
+_EXPLAINED = 0.95  # share of the differences: less is no explanation
+_TIE = 3.0  # a rival is as good if its cost is at most so many times that of the best
+_SAME_EFFECT = 0.02  # relative difference of what two faults leave, below which one stands for both
+_PARAMETER_COST = 0.1  # decades of the cost that a further parameter must gain
+_BETTER = 10.0  # a pair must reduce the cost of a single that explains the motion by this factor
+_PAIRED = 8
+_COARSEST_TURN = 0.02  # rad, of a step of the exact flow
+_MOST_STEPS = 400  # between two samples
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """A number of a fault with its 95 % interval."""
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class FittedFault:
+    """A fault with its parameters, in words."""
+
+    name: str
+    kind: str
+    sentence: str
+    parameters: tuple[FittedParameter, ...]
+    confirm: str
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What explains a motion.
+
+    verdict: explained, healthy (the motion is that of the map, without a fault), or unexplained. base: the
+    map that the faults change. faults: one or two. share: of the differences from the map, over one sample
+    interval, that the faults explain. alike: other faults that this scene cannot tell apart from them.
+    nearly: the best single fault of an unexplained motion. before, after: root mean square of the
+    differences, over their scales; round_off: their round-off.
+    """
+
+    verdict: str
+    base: str
+    base_words: str
+    faults: tuple[FittedFault, ...] = ()
+    share: float = 0.0
+    alike: tuple[str, ...] = ()
+    alike_names: tuple[tuple[str, ...], ...] = ()
+    nearly: tuple[FittedFault, ...] = ()
+    before: float = 0.0
+    after: float = 0.0
+    round_off: float = 0.0
+    fit: Fit | None = field(default=None, repr=False, compare=False)
+    circumstances: Circumstances | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def sentence(self) -> str:
+        """The faults in one sentence; "unexplained" where there are none."""
+        if self.verdict == "healthy":
+            return f"no fault: the motion is that of {self.base_words}"
+        if self.verdict != "explained":
+            return "unexplained: no known fault, and no pair of them, makes this motion"
+        named = "; and ".join(fault.sentence for fault in self.faults)
+        return f"{named} (explains {_percent(self.share)} of the error)"
+
+
+def _percent(share: float) -> str:
+    return "all" if share > 0.9999 else f"{100.0 * share:.3g} %"
+
+
+def bases_for(order: int | None) -> tuple[Base, ...]:
+    """Return the maps that a method of this order may be."""
+    if order is None:
+        return tuple(BASES.values())
+    if order == 1:
+        return tuple(base for base in BASES.values() if base.order == 1)
+    return tuple(base for base in BASES.values() if base.order > 1)
+
+
+def diagnosed(
+    scene: Scene,
+    trajectory: Trajectory,
+    scales: Scales,
+    dt_s: float | None,
+    *,
+    order: int | None = None,
+    known: frozenset[str] = ALL_QUANTITIES,
+    known_faults: Sequence[tuple[str, ...]] = (),
+) -> Diagnosis | None:
+    """Return what explains a trajectory; None where it cannot be examined.
+
+    dt_s: the step of the method; None if it has none or is unknown. order: of the method. known: the
+    quantities that the trajectory has. known_faults: names of faults that are tried first. Not examined are
+    callback loads, gravity gradients about a pivot, and motions with too many steps between two samples.
+    """
+    if not _can_be_examined(scene, trajectory, known):
+        return None
+    with np.errstate(all="ignore"):
+        search = _Search.of(scene, trajectory, scales, dt_s, known)
+        if search is None:
+            return None
+        bases = bases_for(order) if dt_s is not None else (EXACT,)
+        return search.diagnosis(bases, known_faults)
+
+
+def _can_be_examined(scene: Scene, trajectory: Trajectory, known: frozenset[str]) -> bool:
+    about_pivot = scene.pivot is not None and any(isinstance(load, GravityGradient) for load in scene.loads)
+    if scene.has_callback_load or about_pivot or len(trajectory.t_s) < 2:
+        return False
+    return {"attitude", "omega"} <= known
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The transitions of a case on the grid of its own steps, if any, and on one for the exact flow."""
+
+    own: Transitions | None
+    fine: Transitions | None
+
+    @classmethod
+    def of(
+        cls, scene: Scene, trajectory: Trajectory, scales: Scales, dt_s: float | None, known: frozenset[str]
+    ) -> _Search | None:
+        own = fine = None
+        if dt_s is not None:
+            grid = Grid.of(scene, dt_s)
+            own = Transitions.of(scene, trajectory, grid, scales, known)
+        speed = float(np.max(np.linalg.norm(trajectory.omega_body, axis=-1)))
+        finest = _COARSEST_TURN / speed if speed > 0.0 else math.inf
+        if math.isfinite(speed):
+            largest = min(finest, float(np.max(np.diff(trajectory.t_s))) / 4.0)
+            fine_grid = Grid.between(scene, trajectory.t_s, largest)
+            fine = Transitions.of(scene, trajectory, fine_grid, scales, known)
+        own = own if own is not None and own.grid.stride <= _MOST_STEPS else None
+        fine = fine if fine is not None and fine.grid.stride <= _MOST_STEPS else None
+        return None if own is None and fine is None else cls(own, fine)
+
+    def on(self, base: Base) -> Transitions | None:
+        """Return the transitions on which a map is run."""
+        return self.fine if base is EXACT else self.own
+
+    def circumstances(self, transitions: Transitions) -> Circumstances:
+        return Circumstances(transitions, transitions is not self.fine)
+
+    def diagnosis(self, bases: Sequence[Base], known_faults: Sequence[tuple[str, ...]]) -> Diagnosis:
+        """Choose the map, then the faults."""
+        usable = [base for base in bases if self.on(base) is not None]
+        if not usable:
+            usable = [EXACT] if self.fine is not None else [BASES["rk4"]]
+        looks = [(self._healthy_cost(base), base) for base in usable]
+        best, base = min(looks, key=lambda pair: pair[0])
+        transitions = self._some(base, _FITTED)
+        unchanged = _healthy(transitions, base)
+        if cost_of(unchanged, transitions) <= _AT_ROUND_OFF * transitions.round_off:
+            return Diagnosis(
+                "healthy", base.name, base.words, before=best, after=best, round_off=transitions.round_off
+            )
+        for one in usable:
+            if (known := self._known(one, known_faults)) is not None:
+                return known
+        if len(usable) > 1:
+            base = self._best_base(usable)
+        return self._with_base(base)
+
+    def _known(self, base: Base, known_faults: Sequence[tuple[str, ...]]) -> Diagnosis | None:
+        """Return the diagnosis with faults that are already known, if they leave nothing but round-off."""
+        few, whole = self._some(base, _SCREENED), self._some(base, _FITTED)
+        at = self._circumstances(base, few)
+        by_name = {fault.name: fault for fault in FAULTS if fault.applies(at)}
+        for names in known_faults:
+            if not by_name.keys() >= set(names):
+                continue
+            faults = tuple(by_name[name] for name in names)
+            fits = fitted(few, base, at, _combined(faults, at))
+            if fits[0].cost <= _AT_ROUND_OFF * few.round_off:
+                singles = (
+                    fits if len(names) == 1 else fitted(few, base, at, [((faults[0],), fits[0].parts[0][1])])
+                )
+                return self._conclusion(base, few, whole, singles, fits if len(names) > 1 else [])
+        return None
+
+    def _best_base(self, bases: Sequence[Base]) -> Base:
+        """Return the first map with which a single fault leaves round-off, else the map that it fits best."""
+        costs: list[float] = []
+        for general in (False, True):
+            for base in bases:
+                costs.append(self._first_cost(base, general=general))
+                if costs[-1] <= _AT_ROUND_OFF * self._some(base, _FIRST_LOOK).round_off:
+                    return base
+            if min(costs) <= (1.0 - _EXPLAINED) * self._healthy_cost(
+                bases[int(np.argmin(costs)) % len(bases)]
+            ):
+                break
+        least = min(costs)
+        return next(base for cost, base in zip(costs, (*bases, *bases), strict=False) if cost <= 1.2 * least)
+
+    def _some(self, base: Base, most: int) -> Transitions:
+        transitions = self.on(base)
+        assert transitions is not None
+        return transitions.some(most)
+
+    def _first_cost(self, base: Base, *, general: bool) -> float:
+        """Return the least cost of a map with a single fault, specific or general, on a few transitions."""
+        few = self._some(base, _FIRST_LOOK)
+        at = self._circumstances(base, few)
+        starts = [start for start in _starts(at) if start[0][0].is_general == general]
+        return min(fit.cost for fit in fitted(few, base, at, starts, sweeps=_FIRST_SWEEPS))
+
+    def _healthy_cost(self, base: Base) -> float:
+        few = self._some(base, _FIRST_LOOK)
+        return cost_of(_healthy(few, base), few)
+
+    def _circumstances(self, base: Base, transitions: Transitions) -> Circumstances:
+        return Circumstances(transitions, base is not EXACT)
+
+    def _with_base(self, base: Base) -> Diagnosis:
+        few, whole = self._some(base, _SCREENED), self._some(base, _FITTED)
+        at = self._circumstances(base, few)
+        singles = sorted(fitted(few, base, at, _starts(at)), key=lambda fit: _score(fit, few))
+        best = singles[0]
+        pairs: list[Fit] = []
+        if best.cost > _AT_ROUND_OFF * few.round_off:
+            pairs = sorted(fitted(few, base, at, _pair_starts(singles, at)), key=lambda fit: _score(fit, few))
+            if substitutes := _substitutes(pairs[0], singles):
+                pairs += fitted(few, base, at, substitutes)
+        return self._conclusion(base, few, whole, singles, pairs)
+
+    def _conclusion(
+        self, base: Base, few: Transitions, whole: Transitions, singles: Sequence[Fit], pairs: Sequence[Fit]
+    ) -> Diagnosis:
+        before, round_off = cost_of(_healthy(few, base), few), few.round_off
+        best, rivals = singles[0], singles
+        if pairs:
+            pair = pairs[0]
+            if _share(pair, before) >= _EXPLAINED and _BETTER * pair.cost < best.cost:
+                best, rivals = pair, pairs
+        described = Diagnosis(
+            "unexplained", base.name, base.words, before=before, after=before, round_off=round_off,
+            nearly=_described(singles[0]), circumstances=self._circumstances(base, whole),
+        )  # fmt: skip
+        if _share(best, before) < _EXPLAINED:
+            return described
+        alike = _alike(best, rivals, few)
+        if len(best.faults) > 1 and len({one.faults for one in alike}) > len(_PAIR_LIMIT):
+            return described
+        fine = self._refitted(base, whole, best)
+        return Diagnosis(
+            "explained", base.name, base.words, _described(fine), _share(best, before),
+            tuple("; and ".join(fault.words(values) for fault, values in one.parts) for one in alike),
+            tuple(tuple(fault.name for fault in one.faults) for one in alike),
+            before=before, after=best.cost, round_off=round_off, fit=fine,
+            circumstances=self._circumstances(base, whole),
+        )  # fmt: skip
+
+    def _refitted(self, base: Base, whole: Transitions, best: Fit) -> Fit:
+        """Return the fit on more transitions."""
+        at = self._circumstances(base, whole)
+        return fitted(whole, base, at, [(best.faults, tuple(best.values))], sweeps=3)[0]
+
+
+_PAIR_LIMIT = range(6)  # more pairs that fit equally well are no explanation
+
+
+def _healthy(transitions: Transitions, base: Base) -> Array:
+    return transitions.differences([transitions.grid.model(transitions.scene)], base)[0]
+
+
+def _share(fit: Fit, before: float) -> float:
+    return 1.0 - fit.cost / before if before > 0.0 else 0.0
+
+
+def _score(fit: Fit, transitions: Transitions) -> float:
+    """Return the decades of the cost, above round-off, with a charge for parameters."""
+    least = 3.0 * transitions.round_off
+    return math.log10(max(fit.cost, least)) + _PARAMETER_COST * fit.complexity
+
+
+def _starts(at: Circumstances) -> list[Start]:
+    possible = (fault for fault in FAULTS if fault.applies(at))
+    return [((fault,), start) for fault in possible for start in fault.starts(at)]
+
+
+def _combined(faults: tuple[Fault, ...], at: Circumstances) -> list[Start]:
+    """Return every combination of the starts of some faults."""
+    starts = product(*(fault.starts(at) for fault in faults))
+    return [(faults, [value for start in each for value in start]) for each in starts]
+
+
+def _pair_starts(singles: Sequence[Fit], at: Circumstances) -> list[Start]:
+    """Return the pairs of the eight best single faults, and those of the best one with all others."""
+    leaders = _distinct(singles)[:_PAIRED]
+    found = {}
+    for one, other in combinations(leaders, 2):
+        found[one.faults[0].name, other.faults[0].name] = (one, other)
+    for one in leaders[:1]:
+        for other in singles:
+            if other is not one and not other.faults[0].is_general:
+                names = one.faults[0].name, other.faults[0].name
+                if names[::-1] not in found:
+                    found[names] = (one, other)
+    starts: list[Start] = []
+    for one, other in found.values():
+        both = (*one.faults, *other.faults)
+        starts += [(both, (*one.values, *second)) for second in other.faults[0].starts(at)]
+    return starts
+
+
+def _substitutes(pair: Fit, singles: Sequence[Fit]) -> list[Start]:
+    """Return the pairs in which a fault stands for one that makes the same motion alone."""
+    by_name = {fit.faults[0].name: fit for fit in singles}
+    found: list[Start] = []
+    for place, (fault, _) in enumerate(pair.parts):
+        alone = by_name[fault.name]
+        rest, values = pair.parts[1 - place]
+        same = (fit for fit in singles if fit is not alone and _is_same(fit, alone))
+        found += [((*fit.faults, rest), (*fit.values, *values)) for fit in same if fit.faults[0] is not rest]
+    return found
+
+
+def _is_same(one: Fit, other: Fit) -> bool:
+    """Whether two fits leave the same differences."""
+    return _gap(one, other) <= _SAME_EFFECT * other.cost
+
+
+def _distinct(fits: Sequence[Fit]) -> list[Fit]:
+    """Return the fits without those that make the same motion as a better one."""
+    found: list[Fit] = []
+    for fit in fits:
+        if not any(_is_same(fit, other) for other in found):
+            found.append(fit)
+    return found
+
+
+def _gap(one: Fit, other: Fit) -> float:
+    return float(np.sqrt(np.mean((one.remaining - other.remaining) ** 2)))
+
+
+def _alike(best: Fit, rivals: Iterable[Fit], transitions: Transitions) -> list[Fit]:
+    """Return the other fits that explain the trajectory as well.
+
+    Where the best one leaves round-off, these make the same motion: the scene cannot tell them apart. Fits
+    with more parameters contain the best one.
+    """
+    limit = _TIE * max(best.cost, _AT_ROUND_OFF * transitions.round_off)
+    return [
+        fit
+        for fit in rivals
+        if fit is not best and fit.cost <= limit and fit.complexity <= best.complexity + 1
+    ]
+
+
+def _described(fit: Fit) -> tuple[FittedFault, ...]:
+    widths, found, first = fit.half_widths, [], 0
+    for fault, values in fit.parts:
+        parameters = []
+        for parameter, value in zip(fault.parameters, values, strict=True):
+            width = float(widths[first])
+            first += 1
+            parameters.append(
+                FittedParameter(parameter.name, parameter.unit, float(value), value - width, value + width)
+            )
+        found.append(
+            FittedFault(fault.name, fault.kind, fault.words(values), tuple(parameters), fault.confirm)
+        )
+    return tuple(found)

@@ -1,0 +1,261 @@
+"""The explanation of a case as a document: cause, evidence, parameters, experiment, similar issues."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from functools import cache
+from importlib.resources import files
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from bodycheck._util.formatting import number
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.diagnosis.diagnosis import Diagnosis, FittedParameter
+from bodycheck.reports.diagnosis.explain import ExplainedCase
+from bodycheck.reports.diagnosis.fit import planted
+from bodycheck.reports.diagnosis.flow import BASES
+from bodycheck.reports.diagnosis.transitions import QUANTITIES
+from bodycheck.reports.document import Cell, Column, Command, Document, Part, Sentence, Span, Table, page
+
+_HOLDS = 30.0  # multiples of the round-off
+_LEAST_SHOWN = 1e-18  # below round-off: exact agreement on a logarithmic axis
+_PANEL_IN = 2.2
+_WORDS = {
+    "position": "position",
+    "velocity": "velocity",
+    "attitude": "attitude",
+    "omega": "omega in its axes",
+}
+
+
+@dataclass(frozen=True)
+class Issue:
+    """An issue of another project, of the same kind as some faults."""
+
+    faults: tuple[str, ...]
+    url: str
+    what: str
+
+
+@cache
+def upstream_issues() -> tuple[Issue, ...]:
+    """Return the issues of upstream_issues.toml."""
+    text = files("bodycheck.reports.diagnosis").joinpath("upstream_issues.toml").read_text(encoding="utf-8")
+    return tuple(
+        Issue(tuple(entry["faults"]), entry["url"], entry["what"]) for entry in tomllib.loads(text)["issue"]
+    )
+
+
+def similar_issues(names: Sequence[str]) -> list[Issue]:
+    """Return the upstream issues of the same kind as faults with these names."""
+    return [
+        issue
+        for issue in upstream_issues()
+        if any(fnmatchcase(name, pattern) for name in names for pattern in issue.faults)
+    ]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The change of a quantity over one sample interval: its largest difference from the map, over its scale.
+
+    after: with the faults in the map. round_off: the difference that round-off makes.
+    """
+
+    quantity: str
+    before: float
+    after: float | None
+    round_off: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the quantity is that of the map without faults."""
+        return self.before <= _HOLDS * self.round_off
+
+
+def errors_over_time(found: Diagnosis) -> tuple[Array, Array, Array | None] | None:
+    """Return times (n,), and the largest difference of any quantity from the map there, before and after."""
+    parts = _differences(found)
+    if parts is None:
+        return None
+    times, before, after = parts
+    return times, np.max(np.abs(before), axis=0), None if after is None else np.max(np.abs(after), axis=0)
+
+
+def _differences(found: Diagnosis) -> tuple[Array, Array, Array | None] | None:
+    """Return times (s,) and the differences (12, s) from the map without and with the faults."""
+    at = found.circumstances
+    if at is None:
+        return None
+    transitions, base = at.transitions, BASES[found.base]
+    healthy = transitions.grid.model(transitions.scene)
+    models = [healthy]
+    if found.fit is not None:
+        models.append(planted(at, healthy, found.fit.faults, found.fit.values))
+    with np.errstate(all="ignore"):
+        gaps = transitions.differences(models, base)
+    times = transitions.trajectory.t_s[transitions.places + 1]
+    return times, gaps[0], gaps[1] if len(gaps) > 1 else None
+
+
+def evidence_of(found: Diagnosis) -> list[Evidence]:
+    """Return what holds and what does not, by quantity."""
+    parts = _differences(found)
+    if parts is None or found.circumstances is None:
+        return []
+    _, before, after = parts
+    transitions = found.circumstances.transitions
+    evidence = []
+    for name, place in QUANTITIES.items():
+        if name in transitions.known and transitions.weights[place.start] > 0.0:
+            weight = transitions.weights[place.start]
+            largest = float(np.max(np.abs(before[place]))) / weight
+            rest = None if after is None else float(np.max(np.abs(after[place]))) / weight
+            evidence.append(Evidence(name, largest, rest, float(transitions.noise[place.start])))
+    return evidence
+
+
+def explanation_document(cases: Sequence[ExplainedCase]) -> Document:
+    """Return the explanations of cases, one after the other."""
+    parts: list[Part] = [part for one in cases for part in _parts(one)]
+    if not cases:
+        parts.append(Sentence("Nothing to explain: no verdict counts against a method.", "good"))
+    return Document("bodycheck explain", tuple(parts))
+
+
+def _parts(one: ExplainedCase) -> Iterator[Part]:
+    found = one.diagnosis
+    yield Table((Column("", "fixed"), Column("")), tuple(_facts(one)), title=one.title)
+    if found is not None:
+        yield _parameter_table(found, one.title)
+        yield _evidence_table(evidence_of(found), one.title)
+        yield _issue_table([fault.name for fault in found.faults], one.title)
+    if reproduce := one.case.columns.get("reproduce"):
+        yield Command(str(reproduce), "reproduce", only=("console", "markdown"))
+
+
+def _facts(one: ExplainedCase) -> Iterator[tuple[Cell, Cell]]:
+    """Yield what is wrong, the diagnosis, and what would confirm it."""
+    found = one.diagnosis
+    if one.wrong:
+        more = len(one.wrong) - 1
+        others = f"; other quantities that are wrong: {more}" if more else ""
+        yield "wrong", one.wrong[0].text + others
+    if found is None:
+        not_examined = "not examined: no attitude or omega, a callback load, or too many steps per sample"
+        yield "diagnosis", Span(not_examined, "open")
+        return
+    tint = {"explained": "bad", "healthy": "good"}.get(found.verdict, "open")
+    yield "diagnosis", Span(found.sentence, tint)
+    if found.verdict == "unexplained" and found.nearly:
+        yield "nearest fault", found.nearly[0].sentence
+    if found.alike:
+        yield "same in this scene", "; or ".join(found.alike)
+    yield "map", f"{found.base}: {found.base_words}"
+    for fault in found.faults:
+        if fault.confirm:
+            yield "to confirm", fault.confirm
+
+
+def _parameter_table(found: Diagnosis, title: str) -> Table:
+    columns = (
+        Column("fault", "name"),
+        Column("parameter"),
+        Column("value", "number"),
+        Column("95 % interval"),
+    )
+    rows = tuple(
+        (fault.name, " ".join(filter(None, (p.name, p.unit))), number(p.value, 6), _interval(p))
+        for fault in found.faults
+        for p in fault.parameters
+    )
+    return Table(columns, rows, title=f"Fitted parameters: {title}")
+
+
+def _interval(parameter: FittedParameter) -> str:
+    return f"{number(parameter.low, 6)} to {number(parameter.high, 6)}"
+
+
+def _evidence_table(evidence: Sequence[Evidence], title: str) -> Table:
+    columns = (
+        Column("quantity"),
+        Column("holds"),
+        Column("difference", "number"),
+        Column("explained", "number"),
+        Column("round-off", "number"),
+    )
+    rows = tuple(
+        (
+            _WORDS[one.quantity],
+            Span("yes", "good") if one.holds else Span("no", "bad"),
+            number(one.before, 3),
+            number(one.after, 3),
+            number(one.round_off, 2),
+        )
+        for one in evidence
+    )
+    heading = "Evidence, as largest difference from the map over one sample interval"
+    return Table(columns, rows, title=f"{heading}: {title}")
+
+
+def _issue_table(names: Sequence[str], title: str) -> Table:
+    rows = tuple((issue.what, issue.url) for issue in similar_issues(names))
+    columns = (Column("issue"), Column("address", "fixed"))
+    return Table(columns, rows, title=f"Issues of the same kind in other projects: {title}")
+
+
+def explanation_data(cases: Sequence[ExplainedCase]) -> list[dict[str, Any]]:
+    """Return the explanations as plain data."""
+    found = []
+    for one in cases:
+        told = one.diagnosis
+        found.append(
+            {
+                "scenario": one.problem.scenario.name,
+                "method": ":".join(one.key),
+                "dt_s": one.case.dt_s,
+                "wrong": [verdict.text for verdict in one.wrong],
+                "diagnosis": None if told is None else replace(told, fit=None, circumstances=None),
+                "evidence": [] if told is None else evidence_of(told),
+                "issues": [] if told is None else similar_issues([fault.name for fault in told.faults]),
+            }
+        )
+    return found
+
+
+def explanation_page(cases: Sequence[ExplainedCase]) -> str:
+    """Return the explanations as one self-contained HTML page, with the figure if matplotlib is installed."""
+    drawn = ""
+    if find_spec("matplotlib") is not None and any(one.diagnosis is not None for one in cases):
+        drawn = explanation_figure(cases, ".svg").decode()
+        drawn = drawn[drawn.index("<svg") :]
+    return page(explanation_document(cases), "explain.html", figure=Markup(drawn))
+
+
+def explanation_figure(cases: Sequence[ExplainedCase], suffix: str) -> bytes:
+    """Return a figure of the differences from the map over time, without and with the explanation.
+
+    suffix: .png, .svg or .pdf. One panel per case.
+    """
+    from matplotlib.figure import Figure
+
+    from bodycheck.reports.render.figures import WIDTHS_IN, figure_bytes, rendering
+
+    shown = [(one, errors) for one in cases if one.diagnosis and (errors := errors_over_time(one.diagnosis))]
+    with rendering():
+        drawn = Figure(figsize=(WIDTHS_IN[2], _PANEL_IN * max(len(shown), 1)), layout="constrained")
+        for place, (one, (times, before, after)) in enumerate(shown, 1):
+            axes = drawn.add_subplot(len(shown), 1, place, title=one.title, yscale="log")
+            axes.plot(times, np.maximum(before, _LEAST_SHOWN), ".-", label="difference from the map")
+            if after is not None:
+                axes.plot(times, np.maximum(after, _LEAST_SHOWN), ".-", label="with the fault in the map")
+            axes.set_ylabel("per interval, of scale")
+            axes.legend(fontsize=6)
+            axes.set_xlabel("t, s")
+        return figure_bytes(drawn, suffix)

@@ -1,0 +1,145 @@
+"""Which cases of a run are diagnosed, and the rows of diagnoses.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bodycheck._util.formatting import setting
+from bodycheck.reports.diagnosis.diagnosis import Diagnosis, diagnosed
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measures import WHO
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.verdicts import QuantityVerdict, most_severe
+from bodycheck.reports.run_files.run_tables import MethodKey, key_of
+
+_FINEST_STRIDE = 40
+"""Steps between two samples of the finest case that is diagnosed: few enough for a quick answer."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExplainedCase:
+    """A case with the verdicts that count against its method, and its diagnosis."""
+
+    problem: Problem
+    key: tuple[str, ...]
+    case: CaseResult
+    wrong: tuple[QuantityVerdict, ...]
+    diagnosis: Diagnosis | None
+
+    @property
+    def title(self) -> str:
+        """Scenario, method and step."""
+        at = setting(self.case.columns["control"], self.case.setting.fineness)
+        fineness = "" if self.case.setting.fineness is None else f", {at}"
+        return f"{self.problem.scenario.name}, {':'.join(self.key)}{fineness}"
+
+
+def wrong_verdicts(
+    rows: Iterable[Mapping[str, Any]],
+) -> dict[tuple[str, MethodKey], tuple[QuantityVerdict, ...]]:
+    """Return the verdicts that count against each method, by scenario and method; rows: of methods.csv."""
+    by_pair: dict[tuple[str, MethodKey], list[QuantityVerdict]] = {}
+    for row in rows:
+        by_pair.setdefault((row["scenario"], key_of(row)), []).append(QuantityVerdict.of(row))
+    found = {pair: tuple(most_severe(verdicts)) for pair, verdicts in by_pair.items()}
+    return {pair: verdicts for pair, verdicts in found.items() if verdicts}
+
+
+def diagnosed_case(cases: Iterable[CaseResult], interval_s: float) -> CaseResult | None:
+    """Return the case of a method that is diagnosed: the finest with at most 40 steps between samples.
+
+    interval_s: between two samples. None where no case ended well.
+    """
+    ended = [case for case in cases if case.ok and case.trajectory is not None]
+    by_step = sorted(ended, key=lambda case: case.setting.fineness or 0.0)
+    quick = (case for case in by_step if case.dt_s is None or interval_s / case.dt_s <= _FINEST_STRIDE)
+    return next(quick, by_step[-1] if by_step else None)
+
+
+def explained(
+    problem: Problem,
+    case: CaseResult,
+    *,
+    order: int | None,
+    wrong: Sequence[QuantityVerdict] = (),
+    known_faults: Sequence[tuple[str, ...]] = (),
+) -> ExplainedCase:
+    """Return a case with its diagnosis, as far as its truth reaches.
+
+    order: of the method. known_faults: names of faults that explained other motions of the method, tried
+    first.
+    """
+    assert case.trajectory is not None
+    found = diagnosed(
+        problem.scenario.scene,
+        case.trajectory,
+        problem.scales,
+        case.dt_s,
+        order=order,
+        known_faults=known_faults,
+    )
+    return ExplainedCase(problem, key_of(case.columns), case, tuple(wrong), found)
+
+
+def explained_cases(
+    problems: Sequence[Problem],
+    cases: Iterable[CaseResult],
+    method_rows: Iterable[Mapping[str, Any]],
+    orders: Mapping[MethodKey, int | None],
+) -> list[ExplainedCase]:
+    """Return one case of each method on each scenario where verdicts count against it, with its diagnosis.
+
+    orders: the theoretical orders of the methods.
+    """
+    wrong = wrong_verdicts(method_rows)
+    by_pair: dict[tuple[str, MethodKey], list[CaseResult]] = {}
+    for case in cases:
+        by_pair.setdefault((case.columns["scenario"], key_of(case.columns)), []).append(case)
+    known: dict[MethodKey, list[tuple[str, ...]]] = {}
+    found = []
+    for problem in problems:
+        scene = problem.scenario.scene
+        for (scenario, key), verdicts in wrong.items():
+            if scenario != problem.scenario.name:
+                continue
+            chosen = diagnosed_case(by_pair.get((scenario, key), ()), scene.sample_interval_s)
+            if chosen is None:
+                continue
+            names = known.setdefault(key, [])
+            one = explained(problem, chosen, order=orders.get(key), wrong=verdicts, known_faults=names)
+            found.append(one)
+            if one.diagnosis is not None and one.diagnosis.verdict == "explained":
+                name = tuple(fault.name for fault in one.diagnosis.faults)
+                known[key] = [name, *(other for other in names if other != name)]
+    return found
+
+
+def diagnosis_row(one: ExplainedCase) -> dict[str, Any]:
+    """Return the row of diagnoses.csv of a diagnosed case; the parameter is that of the first fault."""
+    columns, found = one.case.columns, one.diagnosis
+    row: dict[str, Any] = {name: columns[name] for name in WHO}
+    row |= {name: columns[name] for name in ("dt_s", "tolerance") if columns.get(name) is not None}
+    row |= {"quantity": one.wrong[0].quantity if one.wrong else "", "reproduce": columns["reproduce"]}
+    if found is None:
+        return {**row, "verdict": "not examined", "diagnosis": "not examined"}
+    row |= {"verdict": found.verdict, "diagnosis": found.sentence, "map": found.base}
+    row |= {"before": found.before, "after": found.after, "round_off": found.round_off}
+    if found.faults:
+        row |= {
+            "faults": " + ".join(fault.name for fault in found.faults),
+            "share": found.share,
+            "alike": "; ".join(found.alike),
+        }
+        if parameters := found.faults[0].parameters:
+            first = parameters[0]
+            row |= {"parameter": first.name, "unit": first.unit, "value": first.value}
+            row |= {"value_low": first.low, "value_high": first.high}
+    return {name: value for name, value in row.items() if not _is_missing(value)}
+
+
+def _is_missing(value: Any) -> bool:
+    return isinstance(value, float) and not np.isfinite(value)

@@ -1,0 +1,52 @@
+"""The Atom feed of a history: one entry per nightly run with a regression (RFC 4287)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from bodycheck._util.files import write_whole
+from bodycheck._util.formatting import count
+from bodycheck.reports.history.archive import started_at
+
+FILE = "feed.xml"
+"""The name of the feed in the folder of a history."""
+
+_ATOM = "http://www.w3.org/2005/Atom"
+_ENTRIES = 50
+_NEVER = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+def write_feed(folder: Path, nights: Iterable[Mapping[str, Any]]) -> None:
+    """Write the feed of the newest regressions atomically; raises InputError if it cannot be written.
+
+    nights: the content of each night.json, the oldest first.
+    """
+    write_whole(folder / FILE, feed(nights))
+
+
+def feed(nights: Iterable[Mapping[str, Any]]) -> bytes:
+    """Return the feed of the newest regressions; its links are relative to the folder of the history."""
+    regressions = [night for night in nights if night["status"] == "regression"][::-1][:_ENTRIES]
+    updated = started_at(regressions[0]["run_id"]) if regressions else _NEVER
+    root = ET.Element("feed", xmlns=_ATOM)
+    _describe(root, "urn:bodycheck:history", "bodycheck: regressions", updated)
+    ET.SubElement(ET.SubElement(root, "author"), "name").text = "bodycheck"
+    ET.SubElement(root, "link", rel="self", href=FILE)
+    for night in regressions:
+        entry = ET.SubElement(root, "entry")
+        found = f"{night['worse']} worse, {night['missing']} no longer measured"
+        _describe(entry, f"urn:bodycheck:{night['run_id']}", found, started_at(night["run_id"]))
+        ET.SubElement(entry, "link", rel="alternate", href=f"{night['run_id']}/night.html")
+        summary = f"{count(night['cases'], 'case')} of {night['engines']} on {night['machine']}"
+        ET.SubElement(entry, "summary").text = summary
+    ET.indent(root)
+    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def _describe(parent: ET.Element, identity: str, title: str, updated: datetime) -> None:
+    for name, text in (("id", identity), ("title", title), ("updated", updated.isoformat())):
+        ET.SubElement(parent, name).text = text

@@ -1,0 +1,536 @@
+"""The conformance suite of an adapter: one list of checks, each of which says in words what is wrong.
+
+The checks use the requests of the worker protocol only, so that they apply to engines of every kind. They
+need no truth: a scene at several steps has a limit, and the limit must obey the formula of each load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from bodycheck.adapters.contract import Engine, Method, Setting, read_back_mismatch
+from bodycheck.adapters.execution import Answer, Case
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
+from bodycheck.reference_impl.loads import load_kinds
+from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants, KeyForm
+from bodycheck.reference_impl.rotations import geodesic_angle, rotate
+from bodycheck.reference_impl.scene import CallbackLoad, Link, Load, PointForce, Scene, Torque
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.probes.causes import Mistake, part_of, read_back_mistake, reading_mistake
+from bodycheck.reports.probes.finding import Finding, Limit, Sampled, limit, noise
+from bodycheck.reports.probes.probe import Probe, built_in_probes, motions_of
+from bodycheck.reports.probes.readings import reading_findings
+from bodycheck.reports.probes.responses import response_findings
+
+Asking: TypeAlias = Callable[[Engine, Case], Answer]
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """One method under test; record, replay: requests of the worker protocol."""
+
+    engine: Engine
+    method: Method
+    record: Asking
+    replay: Asking
+
+    @cached_property
+    def tolerance(self) -> float | None:
+        """The finest default tolerance of a method that is controlled by one."""
+        return min(self.method.tolerances, default=None) if self.method.control == "tolerance" else None
+
+    def case(self, scene: Scene, dt_s: float) -> Case:
+        """Return the case of a scene at a step."""
+        steps = dt_s if self.method.control == "dt" else None
+        return Case(scene, self.method.name, Setting(steps, self.tolerance))
+
+    def motions(self, scene: Scene, steps_s: Sequence[float]) -> Motions:
+        """Return the motions at these steps, with the identified mistake of the readings undone."""
+        made = self._made(scene, steps_s)
+        mistake = self._free[2]
+        if mistake is None:
+            return made
+        undone = tuple(replace(one, trajectory=mistake.undone(one.trajectory, scene)) for one in made.motions)
+        return replace(made, motions=undone)
+
+    def _made(self, scene: Scene, steps_s: Sequence[float]) -> Motions:
+        probe = Probe("", scene, tuple(steps_s))
+        found = motions_of(probe, self.engine, self.method, self.tolerance, self.record)
+        return Motions(found.motions, found.resolution(self.tolerance), found.reason)
+
+    @cached_property
+    def _free(self) -> tuple[Motions, tuple[Finding, ...], Mistake | None]:
+        """The motions of the free probe, its findings, and the mistake that explains them."""
+        probe = built_in_probes()[1]
+        made = self._made(probe.scene, probe.steps_s)
+        if not made.motions:
+            return made, (), None
+        with np.errstate(all="ignore"):
+            findings = tuple(reading_findings(made.motions, made.resolution))
+            return made, findings, reading_mistake(made.motions, made.resolution, findings)
+
+    @cached_property
+    def readings(self) -> tuple[Finding, ...]:
+        """The findings of the free probe; those that one mistake explains are its first alone."""
+        made, findings, mistake = self._free
+        if not made.motions:
+            return (_without_motion("readings", made.reason),)
+        return findings if mistake is None else tuple(_explained(findings, mistake))
+
+    @cached_property
+    def loads(self) -> tuple[Finding, ...]:
+        """The findings of the probe under loads."""
+        return tuple(_load_findings(self, built_in_probes()[0].scene))
+
+    @cached_property
+    def failed(self) -> frozenset[str]:
+        """The failed checks of readings and loads."""
+        both = (*self.readings, *self.loads)
+        return frozenset(finding.check for finding in both if finding.verdict == "inconsistent")
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Motions of a scene, coarsest step first, and their relative round-off; or why there are none."""
+
+    motions: tuple[Sampled, ...]
+    resolution: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Check:
+    """One requirement of the contract: what must hold, and the findings that show whether it does."""
+
+    name: str
+    requirement: str
+    findings: Callable[[Bench], Iterator[Finding]]
+
+
+_LINK = Link(np.array([0.2, -0.15, 0.1]), np.array([0.8, 0.2, -0.4, 0.4]))
+_PIVOT = np.array([0.1, -0.2, 0.15])
+_DURATION_S, _STEPS_S = 0.32, (1e-2, 5e-3, 2.5e-3, 1.25e-3)
+_ORDER_STEPS_S = (4e-2, 2e-2, 1e-2)
+_MISSING_ORDER = 0.5
+_ABOVE_ROUND_OFF = 1e3
+_LEAST_SHARE = 1e-3
+_REPEAT = 16.0  # multiples of the round-off of the motion
+
+
+def _slow_scene(*loads: Load) -> Scene:
+    """Return a body that turns by about 0.8 rad, with loads and without gravity."""
+    free = built_in_probes()[1].scene
+    start = replace(free.initial, omega_body=np.array([1.2, -2.0, 0.9]))
+    return Scene(free.body, start, loads, np.zeros(3), _DURATION_S, 2)
+
+
+def _turned(path: Trajectory) -> list[Array]:
+    return [path.position_m, path.velocity_m_s, path.omega_body]
+
+
+# ------------------------------------------------------------------------------------------- the model held
+
+
+def _model(bench: Bench) -> Iterator[Finding]:
+    """Compare what the adapter reads back with the scene, for the probes and for a link frame."""
+    scene = built_in_probes()[1].scene
+    for name, variant in (("read_back", scene), ("read_back_of_link", replace(scene, link=_LINK))):
+        case = bench.case(variant, variant.sample_interval_s)
+        answer = bench.record(bench.engine, case)
+        if answer.read_back is None:
+            yield _unanswered(name, answer)
+            continue
+        dt_s = case.setting.dt_s
+        mismatch = read_back_mismatch(variant, dt_s, answer.read_back, bench.method.precision) or ""
+        words = mismatch and read_back_mistake(variant, dt_s, answer.read_back)
+        wrong = float(bool(mismatch))
+        yield Finding(name, wrong, 0.0, wrong, 0.0, f"{words}: {mismatch}" if words else mismatch)
+
+
+def _read_back_reads(bench: Bench) -> Iterator[Finding]:
+    """Compare the read-back after the last step with the last sample."""
+    name = "read_back_after_steps"
+    if bench.method.control != "dt":
+        yield Finding(name, message="a method without steps has no state between samples")
+        return
+    case = _repeated(bench)
+    first, again = bench.record(bench.engine, case), bench.replay(bench.engine, case)
+    if first.trajectory is None or first.read_back is None or again.read_back is None:
+        yield _unanswered(name, again)
+        return
+    before, after = first.read_back, again.read_back
+    stale = [what for what, held in _state_of(after).items() if _echoes(first.trajectory, what, held)]
+    changed = [
+        what for what in ("mass", "inertia", "dt_s", "gravity")
+        if not np.array_equal(getattr(before, what), getattr(after, what))
+    ]  # fmt: skip
+    words = [f"{what} {_ECHOED}" for what in stale[:1]]
+    words += [f"{what} read back changes while the engine steps" for what in changed]
+    wrong = float(bool(words))
+    yield Finding(name, wrong, 0.0, wrong, 0.0, "; ".join(words))
+
+
+_ECHOED = (
+    "read back after the last step is not that of read(): "
+    "read_back returns what the adapter was given, not what the engine holds"
+)
+_COLUMNS = {
+    "position": "position_m",
+    "velocity": "velocity_m_s",
+    "quaternion": "quaternion",
+    "rotation": "rotation",
+    "omega_world": "omega_world_rad_s",
+    "omega_body": "omega_body_rad_s",
+}
+
+
+def _state_of(held: Any) -> Mapping[str, Array]:
+    return {what: value for what, value in vars(held.state).items() if value is not None}
+
+
+def _echoes(path: Trajectory, what: str, held: Array) -> bool:
+    """Whether a quantity that was read back after the last step differs from the last sample."""
+    read = getattr(path, _COLUMNS[what])
+    if read is None:
+        return False
+    moved = float(np.max(np.abs(read[-1] - read[0])))
+    return moved > 0.0 and float(np.max(np.abs(held - read[-1]))) > 1e-3 * moved
+
+
+# --------------------------------------------------------------------------------------- readings and loads
+
+
+def _readings(bench: Bench) -> Iterator[Finding]:
+    yield from bench.readings
+
+
+def _explained(findings: Sequence[Finding], mistake: Mistake) -> Iterator[Finding]:
+    """Yield the findings, with one failure in words in place of all that the mistake explains."""
+    words: str = mistake.words
+    for finding in findings:
+        if finding.verdict != "inconsistent":
+            yield finding
+        elif words and finding.check in mistake.checks:
+            yield replace(finding, message=words)
+            words = ""
+
+
+def _loads(bench: Bench) -> Iterator[Finding]:
+    yield from bench.loads
+
+
+def _load_findings(bench: Bench, scene: Scene) -> Iterator[Finding]:
+    made = bench.motions(scene, built_in_probes()[0].steps_s)
+    if not made.motions:
+        yield _without_motion("loads", made.reason)
+        return
+    with np.errstate(all="ignore"):
+        yield from response_findings(made.motions, made.resolution)
+
+
+def _link(bench: Bench) -> Iterator[Finding]:
+    """Yield readings and loads for a link frame off the centre of mass, without what failed before."""
+    loaded, free = (replace(probe.scene, link=_LINK) for probe in built_in_probes())
+    made = bench.motions(free, built_in_probes()[1].steps_s)
+    findings = [*_link_readings(made), *_load_findings(bench, loaded)]
+    for finding in findings:
+        if finding.check not in bench.failed:
+            yield replace(finding, check=f"link_{finding.check}")
+
+
+def _link_readings(made: Motions) -> Iterator[Finding]:
+    if not made.motions:
+        yield _without_motion("readings", made.reason)
+        return
+    with np.errstate(all="ignore"):
+        findings = list(reading_findings(made.motions, made.resolution))
+        mistake = reading_mistake(made.motions, made.resolution, findings)
+    yield from findings if mistake is None else _explained(findings, mistake)
+
+
+_CONSTANTS: Mapping[KeyForm, Any] = {
+    "number": 3.0,
+    "positive": 30.0,
+    "not negative": 0.5,
+    "vector": np.array([1.4, -0.8, 1.8]),
+    "damping matrix": np.diag([0.5, 0.8, 0.3]),
+    "axes": "body",
+}
+
+
+def _continuous_loads() -> Iterator[ContinuousLoad]:
+    """Yield one load of each kind that acts throughout, except users' functions."""
+    for kind in load_kinds().values():
+        if issubclass(kind, ContinuousLoad) and kind is not CallbackLoad:
+            yield kind(**{name: _CONSTANTS[key.form] for name, key in kind.keys().items()})
+
+
+def _continuous(bench: Bench) -> Iterator[Finding]:
+    """Yield the momentum gained under each continuous load alone against the integral of its formula."""
+    for load in _continuous_loads():
+        name = f"{load.kind}_impulse"
+        made = bench.motions(_slow_scene(load), _STEPS_S)
+        if not made.motions:
+            yield _without_motion(name, made.reason)
+            continue
+        yield _impulse_finding(name, f"the {load.kind}", made.motions, made.resolution)
+
+
+def _impulse_finding(name: str, what: str, motions: Sequence[Sampled], resolution: float) -> Finding:
+    """Return P and L gained against the integral of force and torque, relative to that integral."""
+    gained, impulse = (
+        np.array(values) for values in zip(*(_balance(motion) for motion in motions), strict=True)
+    )
+    size = np.linalg.norm(impulse[-1], axis=-1, keepdims=True)  # of force and of torque
+    size = np.where(size > 0.0, size, np.max(size))
+    path = motions[-1].trajectory
+    body = motions[-1].scene.body
+    states = [body.mass * path.velocity_m_s, body.inertia.max() * path.omega_body]
+    scatter = max(len(values) * noise(values) + resolution * np.max(np.abs(values)) for values in states)
+    found = limit([m.dt_s for m in motions], (gained - impulse) / size, float(scatter / np.min(size)))
+    message = "" if found.size <= found.tolerance else _impulse_words(what, found, impulse[-1] / size)
+    return Finding(name, found.size, 0.0, found.size, found.tolerance, message)
+
+
+def _balance(motion: Sampled) -> tuple[Array, Array]:
+    """Return the gained momenta and the integrals of the wrench, (2, 3): linear, then angular."""
+    scene, path = motion.scene, motion.trajectory
+    at = Instants(path.t_s, path.position_m, path.rotation_matrices, path.velocity_m_s, path.omega_world)
+    wrenches = [load.wrench(scene, at) for load in scene.lasting_loads]
+    rates = [sum(part) for part in zip(*wrenches, strict=True)]
+    momenta = (
+        linear_momentum(scene.body.mass, path.velocity_m_s),
+        angular_momentum(path.rotation_matrices, scene.body.inertia, path.omega_body),
+    )
+    integrals = [motion.dt_s * (np.sum(rate, axis=0) - 0.5 * (rate[0] + rate[-1])) for rate in rates]
+    return np.array([momentum[-1] - momentum[0] for momentum in momenta]), np.array(integrals)
+
+
+def _impulse_words(what: str, found: Limit, along: Array) -> str:
+    shares = [
+        (name, 1.0 + float(excess @ unit))
+        for name, excess, unit in zip(("linear", "angular"), found.value, along, strict=True)
+        if np.any(unit)
+    ]
+    if all(abs(share) <= max(found.tolerance, _LEAST_SHARE) for _, share in shares):
+        return f"{what} has no effect: apply it, or refuse it in `unsupported`"
+    return f"{what} acts wrongly: " + " and ".join(
+        f"the {name} momentum gained is {share:.6g} times its impulse" for name, share in shares
+    )
+
+
+def _pivot(bench: Bench) -> Iterator[Finding]:
+    """Yield how far the pivot moves, relative to its distance from the centre of mass."""
+    free = _slow_scene()
+    start = free.initial
+    velocity = rotate(start.quaternion, np.cross(start.omega_body, -_PIVOT))
+    gravity = built_in_probes()[0].scene.gravity
+    scene = replace(free, initial=replace(start, velocity=velocity), gravity=gravity, pivot=_PIVOT)
+    made = bench.motions(scene, _STEPS_S)
+    if not made.motions:
+        yield _without_motion("pivot", made.reason)
+        return
+    motions = made.motions
+    arm, moved = float(np.linalg.norm(_PIVOT)), []
+    for motion in motions:
+        path = motion.trajectory
+        place = path.position_m + path.rotation_matrices @ _PIVOT
+        moved.append((place[-1] - place[0])[np.newaxis] / arm)
+    size = float(np.max(np.abs(motions[-1].trajectory.position_m)))
+    found = limit([m.dt_s for m in motions], moved, made.resolution * size / arm)
+    message = "" if found.size <= found.tolerance else (
+        f"the pivot moves by {found.size:.3g} times its distance from the centre of mass: "
+        "hold it, or refuse it in `unsupported`"
+    )  # fmt: skip
+    yield Finding("pivot", found.size, 0.0, found.size, found.tolerance, message)
+
+
+# --------------------------------------------------------------------------------------------------- stages
+
+
+def _stages(bench: Bench) -> Iterator[Finding]:
+    """Yield the orders without loads and under each, against the method's statements."""
+    method = bench.method
+    if method.control != "dt" or method.order is None:
+        yield Finding("order", message="the method states no order")
+        return
+    yield _order_finding(bench, "order", (), method.order, "")
+    at_stages = {"torque and force": method.torque, "continuous loads": method.lasting}
+    for name, loads, kind in _STAGED:
+        stated = at_stages[kind]
+        if stated == "every stage":
+            words = (
+                f"; the method states that {kind} are evaluated at every stage, but they are held constant"
+            )
+            yield _order_finding(bench, f"{name}_order", loads, method.order, f"{words} over the step")
+
+
+_BODY_TORQUE = Torque("body", np.array([6.0, -8.0, 5.0]), 0.0, np.inf)
+_WORLD_TORQUE = Torque("world", np.array([-4.0, 7.0, 9.0]), 0.0, np.inf)
+_BODY_FORCE = PointForce("body", np.array([25.0, 10.0, -20.0]), np.array([0.2, -0.3, 0.1]), 0.0, np.inf)
+_WORLD_FORCE = PointForce("world", np.array([-15.0, 20.0, 30.0]), np.array([-0.1, 0.25, 0.2]), 0.0, np.inf)
+_SMOOTH = tuple(load for load in _continuous_loads() if load.kind in ("sine-torque", "drag"))
+_STAGED: tuple[tuple[str, tuple[Load, ...], str], ...] = (
+    ("body_torque", (_BODY_TORQUE,), "torque and force"),
+    ("world_torque", (_WORLD_TORQUE,), "torque and force"),
+    ("body_force", (_BODY_FORCE,), "torque and force"),
+    ("world_force", (_WORLD_FORCE,), "torque and force"),
+    *((load.kind, (load,), "continuous loads") for load in _SMOOTH),
+)
+"""(name, loads, which statement of the method applies)"""
+
+
+def _order_finding(bench: Bench, name: str, loads: tuple[Load, ...], stated: int, cause: str) -> Finding:
+    """log2 |y_4h - y_2h| / |y_2h - y_h| of the last states, which must not be below the stated order."""
+    scene = _slow_scene(*loads)
+    ends, resolution = [], 0.0
+    for dt_s in _ORDER_STEPS_S:
+        answer = bench.record(bench.engine, bench.case(scene, dt_s))
+        if answer.trajectory is None:
+            return _unanswered(name, answer)
+        ends.append(answer.trajectory)
+    eps = np.finfo(np.float64 if bench.method.precision == "float64" else np.float32).eps
+    resolution = _DURATION_S / _ORDER_STEPS_S[-1] * float(eps)
+    coarse, fine = (_distance(one, other) for one, other in pairwise(ends))
+    if fine <= _ABOVE_ROUND_OFF * resolution:
+        return Finding(name, message="the differences between steps are round-off")
+    order = float(np.log2(coarse / fine))
+    short = max(stated - order, 0.0)
+    message = "" if short <= _MISSING_ORDER else f"the order is {order:.2f}, not {stated}{cause}"
+    return Finding(name, order, float(stated), short, _MISSING_ORDER, message)
+
+
+def _distance(one: Trajectory, other: Trajectory) -> float:
+    """Return the distance of the last states: the angle, and the relative distances of the vectors."""
+    angle = float(np.max(geodesic_angle(one.attitude[-1:], other.attitude[-1:])))
+    pairs = zip(_turned(one), _turned(other), strict=True)
+    return max(angle, *(_relative(a[-1], b[-1], np.linalg.norm(b[-1])) for a, b in pairs))
+
+
+def _relative(a: Array, b: Array, size: Any) -> float:
+    return float(np.max(np.abs(a - b)) / size) if size > 0.0 else 0.0
+
+
+# ------------------------------------------------------------------------------------- reset, advance, input
+
+
+def _repeated(bench: Bench) -> Case:
+    """Return a case with every kind of constant load; where the engine takes one, also with a clock."""
+    loaded = built_in_probes()[0]
+    return bench.case(loaded.scene, loaded.steps_s[0])
+
+
+def _reset(bench: Bench) -> Iterator[Finding]:
+    """Yield the distance between a motion and the same motion after `reset`."""
+    timed = _slow_scene(*(load for load in _SMOOTH if load.kind == "sine-torque"))
+    timed = replace(timed, samples=33)
+    for name, case in (("reset", _repeated(bench)), ("reset_of_time", bench.case(timed, 1e-2))):
+        first, again = bench.record(bench.engine, case), bench.replay(bench.engine, case)
+        if first.trajectory is None or again.trajectory is None:
+            yield _unanswered(name, again if again.trajectory is None else first)
+            continue
+        yield _repeat_finding(name, first.trajectory, again.trajectory, _after_reset)
+
+
+def _after_reset(what: str, sample: int) -> str:
+    if sample == 0:
+        return f"reset does not restore the {what}"
+    return f"after reset the {what} differs from sample {sample} on: reset keeps a time, a load or a cache"
+
+
+def _advance(bench: Bench) -> Iterator[Finding]:
+    """Yield the distance between advance(n) and n times advance(1)."""
+    if bench.method.control != "dt":
+        yield Finding("advance", message="a method without steps")
+        return
+    for name, loads in (("advance", (_BODY_TORQUE, _WORLD_FORCE)), ("advance_under_sine", _SMOOTH[-1:])):
+        scene = _slow_scene(*loads)
+        paths = []
+        for samples in (33, 17, 2):
+            answer = bench.record(bench.engine, bench.case(replace(scene, samples=samples), 1e-2))
+            if answer.trajectory is None:
+                yield _unanswered(name, answer)
+                break
+            paths.append(answer.trajectory)
+        else:
+            single = part_of(paths[0], slice(None, None, 2))
+            found = _repeat_finding(name, single, paths[1], _in_one_call(2))
+            if found.verdict == "consistent":
+                found = _repeat_finding(
+                    name, part_of(paths[0], slice(None, None, 32)), paths[2], _in_one_call(32)
+                )
+            yield found
+
+
+def _in_one_call(steps: int) -> Callable[[str, int], str]:
+    return lambda what, _: f"advance({steps}) differs from {steps} times advance(1) in the {what}"
+
+
+def _repeat_finding(
+    name: str, one: Trajectory, other: Trajectory, words: Callable[[str, int], str]
+) -> Finding:
+    """Return the largest relative difference of the engine's own numbers; words: of (quantity, sample)."""
+    worst, message = 0.0, ""
+    tolerance = _REPEAT * 33.0 * float(np.finfo(np.float32 if _single(one) else np.float64).eps)
+    earliest = len(one.t_s)
+    for what, column in _COLUMNS.items():
+        a, b = getattr(one, column), getattr(other, column)
+        if a is None or b is None:
+            continue
+        apart = np.abs(a - b).reshape(len(a), -1).max(axis=1) / np.max(np.abs(a))
+        worst = max(worst, float(np.max(apart)))
+        first = int(np.argmax(apart > tolerance))
+        if apart[first] > tolerance and first < earliest:
+            earliest, message = first, words(what, first)
+    return Finding(name, worst, 0.0, worst, tolerance, message)
+
+
+def _single(path: Trajectory) -> bool:
+    return bool(np.all(path.velocity_m_s[1:] == path.velocity_m_s[1:].astype(np.float32)))
+
+
+def _bad_input(bench: Bench) -> Iterator[Finding]:
+    """Yield whether a method that the engine does not have is refused, and whether the next case works."""
+    scene = built_in_probes()[1].scene
+    case = bench.case(scene, scene.sample_interval_s)
+    unknown = bench.record(bench.engine, replace(case, method="no-such-method"))
+    accepted = float(unknown.trajectory is not None)
+    message = "a method that the engine does not have is run" if accepted else ""
+    yield Finding("unknown_method", accepted, 0.0, accepted, 0.0, message)
+    after = bench.record(bench.engine, case)
+    lost = float(after.trajectory is None)
+    message = f"after a refused case the next one is {after.outcome}: {after.message}" if lost else ""
+    yield Finding("after_refusal", lost, 0.0, lost, 0.0, message)
+
+
+def _unanswered(name: str, answer: Answer) -> Finding:
+    return _without_motion(name, f"{answer.outcome}: {answer.message}")
+
+
+def _without_motion(name: str, reason: str) -> Finding:
+    """Return a refusal as not measured, and any other reason as a failure."""
+    wrong = None if reason.startswith("unsupported") else 1.0
+    return Finding(name, wrong, 0.0, wrong, 0.0, reason)
+
+
+CHECKS: Sequence[Check] = (
+    Check("model", "the engine holds the mass, inertia, step, gravity and state that it was given", _model),
+    Check("read-back", "read_back returns what the engine holds, also after steps", _read_back_reads),
+    Check("readings", "omega and velocity are the derivatives of attitude and position", _readings),
+    Check("loads", "each constant load alone gives its impulse", _loads),
+    Check("link", "readings and loads are those of the centre of mass in body axes", _link),
+    Check("continuous loads", "each continuous load alone gives its impulse, or is refused", _continuous),
+    Check("pivot", "the pivot stays in place, or is refused", _pivot),
+    Check("stages", "loads are evaluated at the stages, where the method states it", _stages),
+    Check("reset", "the same motion after reset", _reset),
+    Check("advance", "advance(2) equals twice advance(1)", _advance),
+    Check("bad input", "wrong requests are refused, and the next case works", _bad_input),
+)
+"""All checks, in the order of the report: the causes before their consequences."""

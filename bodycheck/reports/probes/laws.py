@@ -1,0 +1,514 @@
+"""Laws that a method must obey whatever its error: the same motion from another description of the scene.
+
+Each law gives a variant of a scene and the way back. A method that obeys it gives the same motion to
+round-off, without a truth. To add a law, add it to LAWS; laws.csv, the report, `bodycheck laws` and the gates
+`law.<name>` derive from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.programs import with_method
+from bodycheck.adapters.stability_check import invalid_state
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import (
+    conjugate,
+    exp_quaternion,
+    geodesic_angle,
+    matrix_to_quaternion,
+    normalised,
+    quaternion_product,
+    quaternion_to_matrix,
+)
+from bodycheck.reference_impl.scene import Link, Load, PointForce, RigidBody, Scene, State, Torque
+from bodycheck.reference_impl.trajectory import Trajectory
+
+Asking: TypeAlias = Callable[[Engine, Case], Answer]
+Verdict: TypeAlias = Literal["holds", "broken", "property", "not-measured"]
+LAW_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+
+_EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
+_SAFETY = 50.0
+_STEPS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """n states: t (n,), position, velocity and omega in body axes (n, 3), quaternion (n, 4)."""
+
+    t: Array
+    position: Array
+    velocity: Array
+    quaternion: Array
+    omega: Array
+
+    @classmethod
+    def of(cls, path: Trajectory) -> Path:
+        """Return the states of a trajectory."""
+        return cls(path.t_s, path.position_m, path.velocity_m_s, path.attitude, path.omega_body)
+
+
+Undo: TypeAlias = Callable[[Path], Path]
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """Another description of a scene, with its step in s, and the way back from its motion."""
+
+    scene: Scene
+    dt_s: float
+    undo: Undo = lambda path: path
+
+
+def _must(method: Method, reversible: bool) -> str:  # noqa: ARG001 - the signature of a property
+    """Return "": every method must obey."""
+    return ""
+
+
+def _may_step_the_origin(method: Method, reversible: bool) -> str:  # noqa: ARG001 - as above
+    return "engines may step the link's origin, with an error of order 1"
+
+
+@dataclass(frozen=True)
+class Law:
+    """One law. variants: of a scene and its step; () for the laws about how a case is run.
+
+    statement: what must hold. compared: the quantities that the law is about. property_of: why it is only a
+    property of a method, given whether its known map is reversible; "" where the method must obey.
+    """
+
+    name: str
+    statement: str
+    variants: Callable[[Scene, float], Sequence[Variant]] | None = None
+    compared: tuple[str, ...] = ("attitude", "omega", "position", "velocity")
+    property_of: Callable[[Method, bool], str] = _must
+
+
+# --------------------------------------------------------------------------------------------- the variants
+
+
+def _mapped(
+    scene: Scene,
+    *,
+    to_world: Callable[[Array], Array] = lambda v: v,
+    to_body: Callable[[Array], Array] = lambda v: v,
+    load: float = 1.0,
+) -> tuple[Load, ...]:
+    """Return the loads with vectors in world and in body axes mapped, and all values times a factor."""
+    found: list[Load] = []
+    for one in scene.piecewise_constant_loads:
+        value = load * (to_body(one.value) if one.axes == "body" else to_world(one.value))
+        moved = replace(one, value=value)
+        found.append(replace(moved, at=to_body(moved.at)) if isinstance(moved, PointForce) else moved)
+    return tuple(found)
+
+
+_TURN = normalised(np.array([0.3, -0.7, 0.5, 0.4]))
+
+
+def _rotated(scene: Scene, dt_s: float) -> Sequence[Variant]:
+    turn, start = quaternion_to_matrix(_TURN), scene.initial
+    initial = State(
+        turn @ start.position,
+        quaternion_product(_TURN, start.quaternion),
+        turn @ start.velocity,
+        start.omega_body,
+    )
+    loads = _mapped(scene, to_world=lambda v: turn @ v)
+
+    def undo(path: Path) -> Path:
+        return replace(
+            path,
+            position=path.position @ turn,
+            velocity=path.velocity @ turn,
+            quaternion=quaternion_product(conjugate(_TURN), path.quaternion),
+        )
+
+    return (Variant(replace(scene, initial=initial, loads=loads, gravity=turn @ scene.gravity), dt_s, undo),)
+
+
+_CYCLE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+_SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def _permuted(scene: Scene, dt_s: float) -> Sequence[Variant]:
+    return [_in_body_axes(scene, dt_s, axes) for axes in (_CYCLE, _SWAP)]
+
+
+def _in_body_axes(scene: Scene, dt_s: float, axes: Array) -> Variant:
+    """Return the scene in other body axes: b' = axes b."""
+    start, q = scene.initial, matrix_to_quaternion(axes)
+    initial = State(
+        start.position,
+        quaternion_product(start.quaternion, conjugate(q)),
+        start.velocity,
+        axes @ start.omega_body,
+    )
+    body = RigidBody(scene.body.mass, axes @ scene.body.inertia @ axes.T)
+    loads = _mapped(scene, to_body=lambda v: axes @ v)
+
+    def undo(path: Path) -> Path:
+        return replace(path, quaternion=quaternion_product(path.quaternion, q), omega=path.omega @ axes)
+
+    return Variant(replace(scene, body=body, initial=initial, loads=loads), dt_s, undo)
+
+
+_OFFSET = np.array([0.2, -0.15, 0.1])
+
+
+def _linked(scene: Scene, dt_s: float) -> Sequence[Variant]:
+    axes = normalised(np.array([0.8, 0.2, -0.4, 0.4]))
+    return (Variant(replace(scene, link=Link(_OFFSET, axes)), dt_s),)
+
+
+def _boosted(scene: Scene, dt_s: float) -> Sequence[Variant]:
+    boost = np.array([2.0, -1.0, 1.5])
+    initial = replace(scene.initial, velocity=scene.initial.velocity + boost)
+
+    def undo(path: Path) -> Path:
+        moved = path.t[:, None] * boost
+        return replace(path, position=path.position - moved, velocity=path.velocity - boost)
+
+    return (Variant(replace(scene, initial=initial), dt_s, undo),)
+
+
+def _shifted(scene: Scene, dt_s: float) -> Sequence[Variant]:
+    shift = np.array([8.0, -16.0, 4.0])
+    initial = replace(scene.initial, position=scene.initial.position + shift)
+    undo: Undo = lambda path: replace(path, position=path.position - shift)  # noqa: E731 - as the others
+    return (Variant(replace(scene, initial=initial), dt_s, undo),)
+
+
+def _scaled_mass(scene: Scene, dt_s: float) -> Sequence[Variant]:
+    return [
+        Variant(
+            replace(
+                scene,
+                body=RigidBody(scale * scene.body.mass, scale * scene.body.inertia),
+                loads=_mapped(scene, load=scale),
+            ),
+            dt_s,
+        )
+        for scale in (128.0, 1.0 / 32.0)
+    ]
+
+
+def _scaled_time(scene: Scene, dt_s: float) -> Sequence[Variant]:
+    return [_faster(scene, dt_s, factor) for factor in (8.0, 1.0 / 32.0)]
+
+
+def _faster(scene: Scene, dt_s: float, factor: float) -> Variant:
+    start = scene.initial
+    initial = State(start.position, start.quaternion, factor * start.velocity, factor * start.omega_body)
+    faster = replace(
+        scene,
+        initial=initial,
+        loads=_mapped(scene, load=factor * factor),
+        gravity=factor * factor * scene.gravity,
+        duration_s=scene.duration_s / factor,
+    )
+
+    def undo(path: Path) -> Path:
+        return replace(path, t=path.t * factor, velocity=path.velocity / factor, omega=path.omega / factor)
+
+    return Variant(faster, dt_s / factor, undo)
+
+
+def _unreversible(method: Method, reversible: bool) -> str:
+    if reversible or method.control != "dt":
+        return ""
+    return "the map is not time-reversible"
+
+
+_ROTATION = ("attitude", "omega")
+
+REVERSE, SPLIT, REPEAT = "reverse", "split", "repeat"
+LAWS = (
+    Law("rotate", "a scene that is rotated in the world gives the rotated motion", _rotated),
+    Law("permute", "the body's axes in another order give the same motion", _permuted),
+    Law("link", "the engine's link frame does not change the rotation", _linked, _ROTATION),
+    Law(
+        "link-origin",
+        "the engine's link frame does not change the motion of the centre of mass",
+        _linked,
+        ("position", "velocity"),
+        _may_step_the_origin,
+    ),
+    Law("boost", "a constant velocity is added to the motion", _boosted),
+    Law("shift", "another origin of the world shifts the motion", _shifted),
+    Law("scale-mass", "mass, inertia and loads times one factor give the same motion", _scaled_mass),
+    Law(
+        "scale-time", "omega and v times s, loads and gravity times s^2: the motion in time / s", _scaled_time
+    ),
+    Law(REVERSE, "from the reversed end the motion returns to the start", property_of=_unreversible),
+    Law(SPLIT, "samples do not change the motion: one advance or many"),
+    Law(REPEAT, "after reset, the same motion again"),
+)
+"""Every law. reverse, split and repeat are about how a case is run, and have no variant."""
+
+
+LAW_NAMES = tuple(law.name for law in LAWS)
+
+
+# --------------------------------------------------------------------------------------------- the states
+
+_BODY = RigidBody(3.0, np.array([[0.8, 0.1, -0.15], [0.1, 1.0, 0.05], [-0.15, 0.05, 1.2]]))
+_FREE = State(
+    np.array([0.3, -0.2, 0.5]),
+    normalised(np.array([0.5, -0.1, 0.7, 0.5])),
+    np.array([0.4, -0.6, 0.3]),
+    np.array([1.1, -1.6, 0.7]),
+)
+_LOADS: tuple[Load, ...] = (
+    Torque("body", np.array([0.9, -0.7, 0.5])),
+    Torque("world", np.array([-0.6, 0.8, 0.7])),
+    PointForce("body", np.array([2.5, 1.0, -2.0]), np.array([0.2, -0.3, 0.1])),
+    PointForce("world", np.array([-1.5, 2.0, 3.0]), np.array([-0.1, 0.25, 0.2])),
+)
+_GRAVITY = np.array([1.2, -2.3, -9.4])
+
+
+def _state(start: State, loads: tuple[Load, ...], gravity: Array, dt_s: float) -> tuple[Scene, float]:
+    return Scene(_BODY, start, loads, gravity, _STEPS * dt_s, _STEPS + 1), dt_s
+
+
+STATES: Mapping[str, tuple[Scene, float]] = {
+    "free, |omega| dt = 0.06": _state(_FREE, (), np.zeros(3), 2.0**-5),
+    "free, |omega| dt = 0.3": _state(
+        replace(_FREE, omega_body=np.array([0.4, 4.5, -0.3])), (), np.zeros(3), 2.0**-4
+    ),
+    "forces and torques, |omega| dt = 0.13": _state(_FREE, _LOADS, _GRAVITY, 2.0**-4),
+}
+"""The scenes in which the laws are checked, with their steps in s."""
+
+
+@cache
+def _sensitivity(name: str) -> float:
+    """Return the growth of a relative error over a scene, at least 1, by RK4 from perturbed states."""
+    # imported here: gates need the names of the laws only
+    from bodycheck.reference_impl.one_step_maps import MAPS
+    from bodycheck.reference_impl.one_step_maps.motion import Motion, Solid, scene_loads
+
+    scene, dt_s = STATES[name]
+    start, tiny = scene.initial, 1e-6
+    speed = float(np.linalg.norm(start.omega_body))
+    count = 7
+    omega = np.repeat(start.omega_body[None], count, axis=0)
+    omega[1:4] += tiny * speed * np.eye(3)
+    turn = np.zeros((count, 3))
+    turn[4:] = tiny * np.eye(3)
+    motion = Motion(
+        np.zeros(count),
+        np.repeat(start.position[None], count, axis=0),
+        np.repeat(start.velocity[None], count, axis=0),
+        quaternion_product(np.repeat(start.quaternion[None], count, axis=0), exp_quaternion(turn)),
+        omega,
+    )
+    solid, loads, step, largest = Solid.of(scene.body), scene_loads(scene), MAPS["RK4 Munthe-Kaas"].step, 1.0
+    for _ in range(_STEPS):
+        motion = step(solid, motion, np.full(count, dt_s), loads)
+        angle = geodesic_angle(motion.quaternion[1:], motion.quaternion[:1])
+        spin = np.linalg.norm(motion.omega[1:] - motion.omega[0], axis=-1) / speed
+        largest = max(largest, float(np.max(np.maximum(angle, spin))) / tiny)
+    return largest
+
+
+# --------------------------------------------------------------------------------------------- checking
+
+
+@dataclass(frozen=True)
+class Break:
+    """The largest difference of a quantity over its scale, its tolerance, and where it is."""
+
+    size: float
+    tolerance: float
+    quantity: str
+    state: str
+    dt_s: float | None
+    t_s: float
+
+    @property
+    def ratio(self) -> float:
+        """The size over the tolerance."""
+        return self.size / self.tolerance
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A law, whether a method obeys it, and the state that shows the largest break."""
+
+    law: Law
+    verdict: Verdict
+    worst: Break | None = None
+    message: str = ""
+
+
+class _NotRunError(Exception):
+    """A case gave no valid motion; the text says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Bench:
+    """One method under test."""
+
+    engine: Engine
+    method: Method
+    ask: Asking
+    replay: Asking
+    eps: float
+    tolerance: float | None
+    bases: dict[str, Path] = field(default_factory=dict)
+
+    def base(self, name: str) -> Path:
+        """Return the motion of a state, which every law compares with."""
+        if name not in self.bases:
+            self.bases[name] = self.run(*STATES[name])
+        return self.bases[name]
+
+    def case(self, scene: Scene, dt_s: float) -> Case:
+        dt = dt_s if self.method.control == "dt" else None
+        return Case(scene, self.method.name, Setting(dt, self.tolerance))
+
+    def run(self, scene: Scene, dt_s: float, asking: Asking | None = None) -> Path:
+        answer = (asking or self.ask)(self.engine, self.case(scene, dt_s))
+        if answer.trajectory is None:
+            raise _NotRunError(f"{answer.outcome}: {answer.message}")
+        if reason := invalid_state(answer.trajectory):
+            raise _NotRunError(f"unstable: {reason}")
+        return Path.of(answer.trajectory)
+
+
+def check_laws(
+    engine: Engine, method: Method, ask: Asking, replay: Asking | None = None, *, reversible: bool = False
+) -> list[Checked]:
+    """Check every law on one method.
+
+    replay: runs a case, resets and runs it again; without it, `repeat` is not measured. reversible: whether
+    the known map of the method is.
+    """
+    single = method.precision != "float64"
+    tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
+    eps = max(_SINGLE_EPS if single else _EPS, tolerance or 0.0)
+    bench = _Bench(engine, method, ask, replay or ask, eps, tolerance)
+    found = []
+    for law in LAWS:
+        if law.name == REPEAT and replay is None:
+            continue
+        try:
+            breaks = [one for name in STATES for one in _breaks(bench, law, name)]
+        except _NotRunError as error:
+            found.append(Checked(law, "not-measured", message=str(error)))
+            continue
+        worst = max(breaks, key=lambda one: one.ratio)
+        reason = law.property_of(method, reversible)
+        broken = not worst.ratio <= 1.0
+        verdict: Verdict = ("property" if reason else "broken") if broken else "holds"
+        found.append(Checked(law, verdict, worst, _message(worst, reason, broken=broken)))
+    return found
+
+
+def _message(worst: Break, reason: str, *, broken: bool) -> str:
+    if not broken:
+        return ""
+    text = f"{worst.quantity} differs by {worst.size:.3g} at t = {worst.t_s:.4g} s; {worst.state}"
+    return f"{text}; {reason}" if reason else text
+
+
+def _breaks(bench: _Bench, law: Law, name: str) -> Iterator[Break]:
+    scene, dt_s = STATES[name]
+    base = bench.base(name)
+    if law.variants is not None:
+        for variant in law.variants(scene, dt_s):
+            path = bench.run(variant.scene, variant.dt_s)
+            yield _compared(bench, law, name, base, variant.undo(path), raw=path)
+    elif law.name == REPEAT:
+        yield _compared(bench, law, name, base, bench.run(scene, dt_s, bench.replay))
+    elif law.name == SPLIT:
+        ends = bench.run(replace(scene, samples=2), dt_s)
+        yield _compared(bench, law, name, _rows(base, [0, -1]), ends)
+    else:
+        yield _compared(bench, law, name, base, _returned(bench, scene, dt_s, base))
+
+
+def _rows(path: Path, rows: list[int]) -> Path:
+    return Path(*(getattr(path, name)[rows] for name in path.__dataclass_fields__))
+
+
+def _returned(bench: _Bench, scene: Scene, dt_s: float, base: Path) -> Path:
+    """Return the motion from the reversed end, reversed, with its samples in the order of the base."""
+    end = State(base.position[-1], normalised(base.quaternion[-1]), -base.velocity[-1], -base.omega[-1])
+    back = bench.run(replace(scene, initial=end), dt_s)
+    turned = _rows(back, list(range(len(back.t) - 1, -1, -1)))
+    return replace(turned, t=base.t, velocity=-turned.velocity, omega=-turned.omega)
+
+
+def _compared(bench: _Bench, law: Law, name: str, base: Path, other: Path, raw: Path | None = None) -> Break:
+    """Return the largest difference over its tolerance. raw: the motion before it is mapped back."""
+    scene, dt_s = STATES[name]
+    gyration = float(np.sqrt(np.trace(scene.body.inertia) / (2.0 * scene.body.mass)))
+    speed = max(_largest(base.velocity), _largest(base.omega) * gyration)
+    length = max(_largest(base.position - base.position[0]), gyration)
+    noise = _SAFETY * bench.eps * _STEPS * _sensitivity(name)
+    seen = base if raw is None else raw
+    # a link's origin moves with omega x offset, and a far origin rounds positions
+    reach = float(np.linalg.norm(_OFFSET)) if law.variants is _linked else 0.0
+    differences = {
+        "attitude": (geodesic_angle(base.quaternion, other.quaternion), 1.0),
+        "omega": (_norms(base.omega - other.omega) / _largest(base.omega), 1.0),
+        "position": (
+            _norms(base.position - other.position) / length,
+            1.0 + (_largest(seen.position) + _largest(base.position) + reach) / length,
+        ),
+        "velocity": (
+            _norms(base.velocity - other.velocity) / speed,
+            1.0 + (_largest(other.velocity) + reach * _largest(base.omega)) / speed,
+        ),
+    }
+    found = []
+    for quantity in law.compared:
+        series, amplified = differences[quantity]
+        at = int(np.argmax(series))
+        found.append(
+            Break(
+                float(series[at]),
+                noise * amplified,
+                quantity,
+                name,
+                dt_s if bench.method.control == "dt" else None,
+                float(base.t[at]),
+            )
+        )
+    return max(found, key=lambda one: one.ratio)
+
+
+def _norms(vectors: Array) -> Array:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def _largest(vectors: Array) -> float:
+    return float(np.max(_norms(vectors)))
+
+
+def law_rows(engine: Engine, method: Method, checked: Sequence[Checked]) -> list[dict[str, Any]]:
+    """Return the rows of laws.csv of one method without run_id."""
+    shared = {"engine": engine.name, "engine_version": engine.version, "method": method.name}
+    command = f"bodycheck laws {with_method(engine.name, method.name)}"
+    return [
+        {
+            **shared,
+            "law": one.law.name,
+            "verdict": one.verdict,
+            "message": one.message,
+            "reproduce": command,
+            **({} if one.worst is None else vars(one.worst)),
+        }
+        for one in checked
+    ]

@@ -1,0 +1,1 @@
+"""Trajectories that other programs recorded: their files, the map of their columns, their frames."""

@@ -1,0 +1,222 @@
+"""The trajectory in a recording: its columns by a map, as arrays in the units and axes of the scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import names
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.rotations import (
+    conjugate,
+    exp_quaternion,
+    matrix_to_quaternion,
+    quaternion_product,
+    quaternion_to_matrix,
+)
+from bodycheck.reports.recordings.column_map import BODY_VELOCITY, EULER, KINDS, PLACE, ColumnMap
+from bodycheck.reports.recordings.nearest_map import ACCEPTED, nearest_map
+from bodycheck.reports.recordings.tables import Recording, read_recording
+from bodycheck.reports.run_files.trajectory_files import COLUMNS, checked_arrays, read_npz
+
+_MOST_NAMED = 4
+_IGNORED = ("bound_rad",)  # the last column of `bodycheck truth`
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_VECTORS = {**COLUMNS, "euler": EULER, "place": PLACE, "velocity_body_m_s": BODY_VELOCITY}
+_ATTITUDES = ("quaternion", "rotation", "euler")
+
+
+def recorded_arrays(path: Path, column_map: ColumnMap) -> dict[str, Array]:
+    """Return t_s (n,) and the quantities of a recording, as an npz of bodycheck has them.
+
+    Raises InputError with one line that names the file and the fault.
+    """
+    if path.suffix == ".npz" and column_map.is_empty:
+        try:
+            arrays = read_npz(path, ("t_s", *COLUMNS))
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        if "t_s" in arrays and len(arrays) > 1:
+            return checked_arrays(path, arrays)
+    recording = read_recording(path, column_map.topic)
+    found = _vectors(recording, _targets(recording, column_map))
+    if column_map.time_origin == "first-sample" and "t_s" in found:
+        found["t_s"] = found["t_s"] - found["t_s"][0]
+    if "t_s" not in found:
+        raise InputError(f"{path}: has no t_s{nearest_map(recording.names)}")
+    with np.errstate(invalid="ignore", over="ignore"):  # a diverged motion is an outcome, not an error
+        try:
+            return checked_arrays(path, _in_scenario_axes(found, column_map))
+        except _ConventionError as error:
+            raise InputError(f"{path}: {error}") from None
+
+
+class _ConventionError(ValueError):
+    """Quantities that cannot be combined; the message says which."""
+
+
+def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, Array]:
+    """Return target -> values (n,) in SI units.
+
+    Raises InputError where a column is neither used nor ignored.
+    """
+    path = recording.path
+    found: dict[str, Array] = {}
+    used: set[str] = set()
+    try:
+        for target, product in column_map.products.items():
+            scale, columns = product.settled(target, recording.names)
+            used.update(columns)
+            values = np.ones(recording.rows)
+            for column in columns:
+                values = values * recording.values(column)
+            found[target] = values if columns and scale == 1.0 else values * scale
+    except InputError as error:
+        where = "" if str(error).startswith(str(path)) else f"{path}: "
+        raise InputError(f"{where}{error}") from None
+    alike = [name for name in recording.names if name in KINDS and name not in column_map.ignore]
+    found |= {name: recording.values(name) for name in alike if name not in found}
+    unknown = [
+        name
+        for name in recording.names
+        if name not in used
+        and name not in KINDS
+        and name not in _IGNORED
+        and name.partition("[")[0] not in COLUMNS
+        and not column_map.ignores(name)
+    ]
+    if unknown:
+        raise InputError(
+            f"{path}: unknown trajectory column {_some(unknown)} (accepted: {ACCEPTED})"
+            f"{nearest_map(recording.names, column_map)}"
+        )
+    return found
+
+
+def _some(columns: Sequence[str]) -> str:
+    """Return a few columns, which leave room for the map that is proposed."""
+    rest = len(columns) - _MOST_NAMED
+    return names(columns) if rest <= 0 else f"{', '.join(columns[:_MOST_NAMED])} and {rest} more"
+
+
+def _vectors(recording: Recording, targets: Mapping[str, Array]) -> dict[str, Array]:
+    """Return t_s and the whole vectors and matrices; raises InputError where a component is missing."""
+    found = {"t_s": targets["t_s"]} if "t_s" in targets else {}
+    for array, columns in _VECTORS.items():
+        there = [column for column in columns if column in targets]
+        if there and len(there) < len(columns):
+            missing = ", ".join(column for column in columns if column not in targets)
+            raise InputError(f"{recording.path}: has {there[0]} but not {missing}")
+        if there:
+            together = np.stack([targets[column] for column in columns], axis=-1)
+            found[array] = together.reshape(-1, 3, 3) if array == "rotation" else together
+    return found
+
+
+def _in_scenario_axes(found: dict[str, Array], column_map: ColumnMap) -> dict[str, Array]:
+    """Return the quantities with rotations from the scenario's body axes to its world axes."""
+    attitudes = [name for name in _ATTITUDES if name in found]
+    if "euler" in found and len(attitudes) > 1:
+        raise _ConventionError(f"has both Euler angles and a {attitudes[0]}; ignore one of them")
+    _check_combinations(found, column_map, has_attitude=bool(attitudes))
+    arrays = {name: value for name, value in found.items() if name in ("t_s", *COLUMNS)}
+    if "euler" in found:
+        arrays["quaternion"] = _euler_quaternions(found["euler"], column_map.euler)
+    if column_map.attitude == "world-to-body":
+        arrays |= _reversed(arrays)
+    if "place" in found:
+        local = _from_local_axes(found["t_s"], found["place"], column_map.earth_rate_rad_s)
+        arrays = _rotated(arrays, local, quaternion_to_matrix(local), np.eye(3))
+    if "velocity_body_m_s" in found:
+        arrays["velocity_m_s"] = np.einsum("nij,nj->ni", _matrices(arrays), found["velocity_body_m_s"])
+    if column_map.world is not None or column_map.body is not None:
+        world = np.eye(3) if column_map.world is None else column_map.world
+        body = np.eye(3) if column_map.body is None else column_map.body
+        arrays = _rotated(arrays, matrix_to_quaternion(world), world, body)
+    return arrays
+
+
+def _check_combinations(found: Mapping[str, Array], column_map: ColumnMap, *, has_attitude: bool) -> None:
+    """Raise _ConventionError for quantities that need another one, or that no frame gives a meaning."""
+    if column_map.euler and "euler" not in found:
+        raise _ConventionError(f"has no Euler angles: {', '.join(EULER)}")
+    if "euler" in found and not column_map.euler:
+        raise _ConventionError("Euler angles need the order of their axes, like euler=ZYX")
+    if "velocity_body_m_s" in found and (not has_attitude or "velocity_m_s" in found):
+        wrong = "have no attitude" if not has_attitude else "and velocities in world axes are both there"
+        raise _ConventionError(f"velocities in body axes {wrong}")
+    if "place" not in found:
+        return
+    if other := set(found) & {"position_m", "velocity_m_s", "velocity_body_m_s", "omega_world_rad_s"}:
+        raise _ConventionError(
+            f"{names(sorted(other))} cannot be combined with longitude_rad and latitude_rad, relative to "
+            "which only the attitude is read"
+        )
+    if found["t_s"][0] != 0.0:
+        raise _ConventionError(
+            "longitude_rad and latitude_rad need a sample at t_s = 0, where the axes of the world are north, "
+            "east and down; time_origin=first-sample subtracts the first time"
+        )
+
+
+def _euler_quaternions(angles: Array, sequence: str) -> Array:
+    """q = q1(a1) q2(a2) q3(a3) about body axes (ZYX), in reverse about world axes (zyx).
+
+    Shapes: (n, 3) in rad -> (n, 4).
+    """
+    turns = [
+        exp_quaternion(angles[:, place, None] * np.array(_AXES[axis]))
+        for place, axis in enumerate(sequence.lower())
+    ]
+    first, second, third = turns if sequence.isupper() else turns[::-1]
+    return quaternion_product(quaternion_product(first, second), third)
+
+
+def _reversed(arrays: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the attitude as its inverse, without normalising it."""
+    found = {}
+    if "quaternion" in arrays:
+        found["quaternion"] = conjugate(arrays["quaternion"])
+    if "rotation" in arrays:
+        found["rotation"] = np.swapaxes(arrays["rotation"], -1, -2)
+    return found
+
+
+def _from_local_axes(t_s: Array, place: Array, earth_rate_rad_s: float) -> Array:
+    """Return the rotation from local north, east, down to those axes at the first sample, kept inertial.
+
+    place: longitude and geodetic latitude (n, 2) in rad. Shapes: (n,), (n, 2) -> quaternions (n, 4).
+    """
+    longitude, latitude = place[:, 0] + earth_rate_rad_s * t_s, place[:, 1]
+    inertial = quaternion_product(
+        exp_quaternion(longitude[:, None] * np.array(_AXES["z"])),
+        exp_quaternion(-(latitude[:, None] + 0.5 * np.pi) * np.array(_AXES["y"])),
+    )
+    return quaternion_product(conjugate(inertial[:1]), inertial)
+
+
+def _rotated(arrays: Mapping[str, Array], turn: Array, world: Array, body: Array) -> dict[str, Array]:
+    """Return vectors and attitudes in other axes of the world and of the body.
+
+    turn: quaternions (4,) or (n, 4) of world, the matrices (3, 3) or (n, 3, 3) from the old axes to the new
+    ones. body: (3, 3), likewise.
+    """
+    found = dict(arrays)
+    for name in ("position_m", "velocity_m_s", "omega_world_rad_s"):
+        if name in arrays:
+            found[name] = np.einsum("...ij,...j->...i", world, arrays[name])
+    if "omega_body_rad_s" in arrays:
+        found["omega_body_rad_s"] = arrays["omega_body_rad_s"] @ body.T
+    if "rotation" in arrays:
+        found["rotation"] = world @ arrays["rotation"] @ body.T
+    if "quaternion" in arrays:
+        old = conjugate(matrix_to_quaternion(body))
+        found["quaternion"] = quaternion_product(quaternion_product(turn, arrays["quaternion"]), old)
+    return found
+
+
+def _matrices(arrays: Mapping[str, Array]) -> Array:
+    return quaternion_to_matrix(arrays["quaternion"]) if "quaternion" in arrays else arrays["rotation"]

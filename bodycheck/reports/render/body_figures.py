@@ -1,0 +1,127 @@
+"""Figures of the body itself for papers: the polhode, and the body at several times next to the truth's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import number, step
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.pivot import turning_inertia
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.render.body_surface import BodySurface, principal_frame, surface_of
+from bodycheck.reports.render.page.motion import coarsest_shared_step, shown_cases
+from bodycheck.reports.render.styles import COLOURS, engine_colour
+from bodycheck.reports.run_files.run_tables import Run
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FRAMES = 6
+"""The number of times at which the body is drawn."""
+
+GHOST = "#8c8c8c"
+"""The colour of the truth."""
+
+_ROW_IN = 1.1
+_FEW_FACES = 30  # beyond that the edges of all faces would hide them
+
+
+def draw(page: Figure, run: Run, figure: str, scenario: str, cases: Sequence[CaseResult]) -> None:
+    """Draw "polhode" or "motion" of the truth and, for each engine, the method farthest from it.
+
+    cases: those of the scenario that are drawn, at the coarsest step that most methods share. Raises
+    InputError if none of them has a motion.
+    """
+    problem = next((one for one in run.problems if one.scenario.name == scenario), None)
+    at_s = coarsest_shared_step(cases)
+    shown = shown_cases(cases, at_s)
+    if problem is None or not shown:
+        raise InputError(f"--figure {figure}: nothing to draw for {scenario}")
+    page.suptitle(f"{scenario}, dt {step(at_s)} s", fontsize=8)
+    (_polhodes if figure == "polhode" else draw_frames)(page, problem, shown)
+
+
+def polhode(trajectory: Trajectory, truth: Trajectory, inertia: Array) -> Array:
+    """omega / sqrt(2 K*) in principal axes (n, 3): for the truth it lies on the ellipsoid of inertia.
+
+    K* is the truth's rotational energy, so a motion that loses energy leaves the ellipsoid.
+    """
+    moments, axes = principal_frame(inertia)
+    twice = np.sum(moments * (truth.omega_body @ axes) ** 2, axis=1)
+    moving = twice > 1e-6 * twice.max()
+    return np.asarray((trajectory.omega_body @ axes)[moving] / np.sqrt(twice[moving])[:, None])
+
+
+def _polhodes(page: Figure, problem: Problem, shown: Sequence[CaseResult]) -> None:
+    inertia = turning_inertia(problem.scenario.scene)
+    moments, _ = principal_frame(inertia)
+    semiaxes = 1.0 / np.sqrt(moments)
+    truth = problem.truth.trajectory
+    u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, np.pi, 13))
+    sphere = np.array([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
+    for place, case in enumerate(shown):
+        axes: Any = page.add_subplot(1, len(shown), place + 1, projection="3d")
+        x, y, z = semiaxes[:, None, None] * sphere
+        axes.plot_wireframe(x, y, z, color="#d0d0d0", linewidth=0.3)
+        axes.plot(*polhode(truth, truth, inertia).T, color=GHOST, linewidth=2.0)
+        if case.trajectory is not None:
+            colour = COLOURS[engine_colour(case.columns["engine"])]
+            axes.plot(*polhode(case.trajectory, truth, inertia).T, color=colour, linewidth=0.8)
+        bare_axes(axes, semiaxes.max(), method_name(case))
+
+
+def draw_frames(page: Figure, problem: Problem, shown: Sequence[CaseResult]) -> None:
+    """Draw each case at FRAMES times, one row per case, the truth as an outline."""
+    truth = problem.truth.trajectory
+    frames = np.linspace(0, problem.compared - 1, FRAMES).round().astype(np.intp)
+    surface = surface_of(problem.scenario.body)
+    page.set_figheight(_ROW_IN * len(shown) + 0.4)
+    for row, case in enumerate(shown):
+        if case.trajectory is None:
+            continue
+        for column, k in enumerate(frames):
+            axes: Any = page.add_subplot(len(shown), FRAMES, row * FRAMES + column + 1, projection="3d")
+            colour = COLOURS[engine_colour(case.columns["engine"])]
+            draw_body(axes, surface, truth.rotation_matrices[k], GHOST, 0.0, 0.0)
+            draw_body(axes, surface, case.trajectory.rotation_matrices[k], colour, 0.3, 0.7)
+            time = f"{number(float(truth.t_s[k]), 3)} s"
+            bare_axes(axes, 0.75, time)
+            if column == 0:
+                axes.set_title(method_name(case), fontsize=6, loc="left")
+
+
+def draw_body(
+    axes: Any, surface: BodySurface, rotation: Array, colour: str, opacity: float, marked: float
+) -> Any:
+    """Draw a body at a rotation (3, 3) and return it; its marked faces have the opacity `marked`."""
+    from matplotlib.colors import to_rgba
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+    opacities = (marked if k in surface.marked else opacity for k in range(len(surface.faces)))
+    body = Poly3DCollection(
+        surface.polygons(rotation),
+        facecolors=[to_rgba(colour, own) for own in opacities],
+        edgecolors=colour,
+        linewidths=0.6 if len(surface.faces) <= _FEW_FACES else 0.1,
+    )
+    axes.add_collection3d(body)
+    return body
+
+
+def method_name(case: CaseResult) -> str:
+    """Return engine:method."""
+    return f"{case.columns['engine']}:{case.columns['method']}"
+
+
+def bare_axes(axes: Any, reach: float, title: str, fontsize: float = 6.0) -> None:
+    """Show a cube of [-reach, reach] at equal scales, without axes."""
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(-reach, reach))
+    axes.set_box_aspect((1, 1, 1), zoom=1.3)
+    axes.set_axis_off()
+    axes.text2D(0.5, 1.0, title, fontsize=fontsize, ha="center", transform=axes.transAxes)

@@ -1,0 +1,157 @@
+"""Draw the motions of a run as a film: each engine's body, and the truth as a ghost over it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck._util.formatting import number, step
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.render.body_figures import (
+    GHOST,
+    bare_axes,
+    draw_body,
+    draw_frames,
+    method_name,
+)
+from bodycheck.reports.render.body_surface import surface_of
+from bodycheck.reports.render.figures import WIDTHS_IN, figure_bytes, rendering
+from bodycheck.reports.render.page.motion import coarsest_shared_step, shown_cases
+from bodycheck.reports.render.styles import COLOURS, engine_colour
+from bodycheck.reports.run_files.run_tables import Run
+
+if TYPE_CHECKING:
+    from matplotlib.animation import AbstractMovieWriter
+    from matplotlib.figure import Figure
+
+FRAMES = 200
+"""The largest number of frames of a film."""
+
+SUFFIXES = (".gif", ".mp4", ".svg")
+"""The formats of a film."""
+
+_PLAY_S = 10.0
+_SLOWEST, _FASTEST = 2, 25  # frames per second
+_PANEL_IN = 2.4
+_MOST_IN_ROW = 4
+_DOTS_PER_INCH = 100
+
+
+def check_movie(out: Path) -> None:
+    """Raise InputError for an unsupported suffix, UnavailableError without matplotlib, or ffmpeg for .mp4."""
+    if out.suffix not in SUFFIXES:
+        raise InputError(f"--out {out}: must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+    try:
+        from matplotlib.animation import FFMpegWriter
+    except ImportError:
+        raise UnavailableError("films need matplotlib: pip install 'bodycheck[plot]'") from None
+    if out.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+        raise UnavailableError(f"--out {out}: needs ffmpeg on the path; a .gif does not")
+
+
+def movie(
+    run: Run, scenario: str, suffix: str, engines: Sequence[str] = (), dt_s: float | None = None
+) -> bytes:
+    """Return a film of one scenario as the bytes of a file; an SVG is a strip of frames.
+
+    engines: the bodies, as ENGINE (its method farthest from the truth) or ENGINE:METHOD; all engines if
+    empty. dt_s: their step; if None, the coarsest that most of them share. Raises InputError if the run has
+    no such motion.
+    """
+    problem = next((one for one in run.problems if one.scenario.name == scenario), None)
+    cases = [case for case in run.cases if case.columns["scenario"] == scenario]
+    filmed = filmed_cases(cases, engines, dt_s)
+    if problem is None or not filmed:
+        raise InputError(f"--scenario {scenario}: no motion with a step ended well")
+    with rendering():
+        from matplotlib.figure import Figure
+
+        if suffix == ".svg":
+            page = Figure(figsize=(WIDTHS_IN[2], 1.0), layout="constrained")
+            draw_frames(page, problem, filmed)
+            return figure_bytes(page, suffix)
+        with tempfile.TemporaryDirectory() as folder:  # a writer of matplotlib needs a path
+            film = Path(folder) / f"film{suffix}"
+            _write_film(film, Figure(), problem, filmed)
+            return film.read_bytes()
+
+
+def filmed_cases(
+    cases: Sequence[CaseResult], engines: Sequence[str] = (), dt_s: float | None = None
+) -> list[CaseResult]:
+    """Return the cases of one scenario that a film shows; parameters and errors as in movie."""
+    chosen = [
+        case for case in cases if not engines or {case.columns["engine"], method_name(case)} & {*engines}
+    ]
+    moved = [case for case in chosen if case.ok and case.dt_s is not None and case.trajectory is not None]
+    steps = sorted({case.dt_s for case in moved if case.dt_s is not None})
+    if dt_s is not None and dt_s not in steps:
+        known = ", ".join(map(step, steps)) or "none"
+        raise InputError(f"--dt {step(dt_s)}: no motion has this step (available: {known})")
+    at_s = coarsest_shared_step(moved) if dt_s is None else dt_s
+    whole = [case for case in moved if not engines or case.columns["engine"] in engines]
+    named = (
+        [case for case in moved if case.columns["engine"] not in engines and case.dt_s == at_s]
+        if engines
+        else []
+    )
+    filmed = [*shown_cases(whole, at_s), *named]
+    there = {name for case in filmed for name in (case.columns["engine"], method_name(case))}
+    if missing := [name for name in engines if name not in there]:
+        raise InputError(f"--engine {', '.join(missing)}: no motion at dt {step(at_s)} s ended well")
+    return filmed
+
+
+def _write_film(film: Path, page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> None:
+    """Write the frames to a file; its suffix is the format."""
+    from matplotlib.animation import FFMpegWriter, PillowWriter
+
+    frames = film_frames(problem.compared)
+    per_second = min(max(round(len(frames) / _PLAY_S), _SLOWEST), _FASTEST)
+    writer: AbstractMovieWriter
+    writer = PillowWriter(fps=per_second) if film.suffix == ".gif" else FFMpegWriter(fps=per_second)
+    show = _panels(page, problem, cases)
+    with writer.saving(page, film, _DOTS_PER_INCH):
+        for k in frames:
+            show(k)
+            writer.grab_frame()
+
+
+def film_frames(samples: int) -> range:
+    """Return the indices of at most FRAMES samples at equal intervals, from the first on."""
+    return range(0, samples, -(-samples // FRAMES))
+
+
+def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Callable[[int], None]:
+    """Draw one panel per case, and return the function that shows sample k in all of them."""
+    rows, columns = -(-len(cases) // _MOST_IN_ROW), min(len(cases), _MOST_IN_ROW)
+    page.set_size_inches(_PANEL_IN * columns, (_PANEL_IN + 0.2) * rows + 0.4)
+    page.subplots_adjust(left=0.0, right=1.0, bottom=0.05, top=0.84, wspace=0.0)
+    surface, truth = surface_of(problem.scenario.body), problem.truth.trajectory
+    title = page.suptitle("", fontsize=9)
+    bodies: list[tuple[Any, Any]] = []
+    told: list[Any] = []
+    for place, case in enumerate(cases):
+        axes: Any = page.add_subplot(rows, columns, place + 1, projection="3d")
+        ghost = draw_body(axes, surface, np.eye(3), GHOST, 0.05, 0.3)
+        body = draw_body(axes, surface, np.eye(3), COLOURS[engine_colour(case.columns["engine"])], 0.25, 0.85)
+        bare_axes(axes, 0.75, method_name(case), fontsize=8)
+        assert case.trajectory is not None
+        bodies += [(ghost, truth.rotation_matrices), (body, case.trajectory.rotation_matrices)]
+        told.append(axes.text2D(0.5, 0.0, "", fontsize=8, ha="center", transform=axes.transAxes))
+
+    def show(k: int) -> None:
+        title.set_text(f"{problem.scenario.name}, dt {step(cases[0].dt_s)} s: t = {truth.t_s[k]:.2f} s")
+        for body, rotations in bodies:
+            body.set_verts(surface.polygons(rotations[k]))
+        for text, case in zip(told, cases, strict=True):
+            text.set_text(f"{number(float(case.series[ORIENTATION][k]), 2)} rad from the truth (grey)")
+
+    return show

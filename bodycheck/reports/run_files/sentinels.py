@@ -1,0 +1,179 @@
+"""Sentinels: the cases that every shard of a run repeats, which show whether the machines agree."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import setting
+from bodycheck._util.untrusted import escaped
+from bodycheck.adapters.contract import Build, Engine, Method, Setting
+from bodycheck.adapters.execution import Answer
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.run_files.trajectory_files import npz, read_arrays, stored_arrays
+
+_COLUMNS = (
+    "scenario",
+    "engine",
+    "engine_version",
+    "method",
+    "setting",
+    "outcome",
+    "message",
+    "build",
+    "file",
+)
+_TABLE, _FOLDER = "sentinels.csv", "sentinels"
+
+
+@dataclass(frozen=True, eq=False)
+class Sentinel:
+    """The answer of one machine to a case that every shard runs; setting: its step or tolerance as text."""
+
+    scenario: str
+    engine: str
+    engine_version: str
+    method: str
+    setting: str
+    outcome: str
+    message: str
+    build: str
+    trajectory: Trajectory | None
+
+    @classmethod
+    def of(cls, scenario: str, engine: Engine, method: Method, at: Setting, answer: Answer) -> Sentinel:
+        """Return the sentinel of an engine's answer."""
+        where = setting(method.control, at.fineness)
+        build, motion = Build(answer.build).short, answer.trajectory
+        who = scenario, engine.name, engine.version, method.name
+        return cls(*who, where, answer.outcome, answer.message, build, motion)
+
+    @property
+    def case(self) -> tuple[str, str, str, str]:
+        """What was run: scenario, engine, method, setting."""
+        return self.scenario, self.engine, self.method, self.setting
+
+    @property
+    def name(self) -> str:
+        """The case as text."""
+        return f"{self.engine}:{self.method} on {self.scenario}, {self.setting}"
+
+
+def write_sentinels(sentinels: Sequence[Sentinel], folder: Path) -> None:
+    """Write sentinels.csv, and each motion into sentinels/; nothing where there is none."""
+    if not sentinels:
+        return
+    (folder / _FOLDER).mkdir()
+    with (folder / _TABLE).open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(_COLUMNS)
+        for place, one in enumerate(sentinels):
+            name = "" if one.trajectory is None else f"{place:04d}.npz"
+            rows.writerow([*(getattr(one, column) for column in _COLUMNS[:-1]), name])
+            if one.trajectory is not None:
+                (folder / _FOLDER / name).write_bytes(npz(stored_arrays(one.trajectory)))
+
+
+def read_sentinels(folder: Path) -> tuple[Sentinel, ...]:
+    """Read the sentinels of a run; none where it has no sentinels.csv. Raises InputError if damaged."""
+    path = folder / _TABLE
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            head, *rows = csv.reader(file, strict=True)
+    except FileNotFoundError:
+        return ()
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from None
+    if tuple(head) != _COLUMNS or any(len(row) != len(_COLUMNS) for row in rows):
+        raise InputError(f"{path}: not a table of sentinels (expected the columns {', '.join(_COLUMNS)})")
+    return tuple(_sentinel(folder, row) for row in rows)
+
+
+def _sentinel(folder: Path, row: Sequence[str]) -> Sentinel:
+    cells = dict(zip(_COLUMNS, map(escaped, row), strict=True))
+    file = cells.pop("file")
+    if not file:
+        return Sentinel(**cells, trajectory=None)
+    path = folder / _FOLDER / Path(file).name
+    arrays = read_arrays(path)
+    try:
+        return Sentinel(**cells, trajectory=Trajectory(**arrays))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: not the trajectory of a sentinel: {error}") from None
+
+
+def disagreements(sentinels: Mapping[str, Sequence[Sentinel]]) -> list[str]:
+    """Return a sentence for each sentinel whose answers are not the same bits on all machines.
+
+    sentinels: those of each shard by the shard's name. A shard without a sentinel lacks the engine.
+    """
+    by_case: dict[tuple[str, ...], dict[str, Sentinel]] = {}
+    for shard, answers in sentinels.items():
+        for answer in answers:
+            by_case.setdefault(answer.case, {})[shard] = answer
+    return [found for answers in by_case.values() if (found := _disagreement(answers))]
+
+
+def _disagreement(answers: Mapping[str, Sentinel]) -> str:
+    """Return how the answers to one case differ, grouped by equal answers; empty where they do not."""
+    groups: list[dict[str, Sentinel]] = []
+    for shard, answer in answers.items():
+        same = (group for group in groups if _is_same(next(iter(group.values())), answer))
+        group = next(same, None)
+        if group is None:
+            groups.append(group := {})
+        group[shard] = answer
+    if len(groups) < 2:
+        return ""
+    first, *others = groups
+    shown = next(iter(first.values()))
+    told = (f"{_shards(group)} {_against(shown, next(iter(group.values())))}" for group in others)
+    return f"{shown.name}: compared with {_shards(first)}, {'; '.join(told)}"
+
+
+def _shards(group: Mapping[str, Sentinel]) -> str:
+    return f"shard{'s' * (len(group) > 1)} {', '.join(group)}"
+
+
+def _is_same(a: Sentinel, b: Sentinel) -> bool:
+    if a.outcome != b.outcome or (a.trajectory is None) != (b.trajectory is None):
+        return False
+    return a.trajectory is None or b.trajectory is None or not _differences(a.trajectory, b.trajectory)
+
+
+def _against(a: Sentinel, b: Sentinel) -> str:
+    version = (
+        ""
+        if a.engine_version == b.engine_version
+        else f" (version {b.engine_version}, not {a.engine_version})"
+    )
+    if a.outcome != b.outcome or a.trajectory is None or b.trajectory is None:
+        return f"ended {b.outcome}, not {a.outcome}{version}"
+    digits = _differences(a.trajectory, b.trajectory)
+    worst = min(digits, key=lambda name: digits[name])
+    return f"agrees to {max(digits[worst], 0.0):.1f} digits, the least in {worst}{version}"
+
+
+def _differences(a: Trajectory, b: Trajectory) -> dict[str, float]:
+    """Return -log10(max |a - b| / max |a|) of each quantity that has not the same bits in both."""
+    one, other = stored_arrays(a), stored_arrays(b)
+    return {
+        name: _digits(one.get(name), other.get(name))
+        for name in {**one, **other}
+        if name not in one or name not in other or not np.array_equal(one[name], other[name], equal_nan=True)
+    }
+
+
+def _digits(a: Array | None, b: Array | None) -> float:
+    if a is None or b is None or a.shape != b.shape:
+        return 0.0
+    with np.errstate(all="ignore"):
+        gap, size = float(np.max(np.abs(a - b))), float(np.max(np.abs(a)))
+        return -math.log10(gap / size) if 0.0 < gap < math.inf and 0.0 < size < math.inf else 0.0

@@ -1,0 +1,279 @@
+"""The error of one method against its step: measured, or predicted between and beyond the measured steps.
+
+A prediction follows from the order and the constant of the steps that settle the order
+(`order.predicted_error`). It is unsure where these do not determine it: without a settled order, above the
+largest stable step, near the floor, and where its interval is wide.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from bodycheck._util.formatting import step
+from bodycheck.reports.measurement.case import SWITCH_NOTE, CaseResult
+from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR
+from bodycheck.reports.measurement.measure_bounds import bound_of
+from bodycheck.reports.measurement.order import Order, predicted_error, settled_order
+from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, key_of
+from bodycheck.reports.summary.cases_within import RefinementSequence, keeping, ladders_of, largest_error
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Basis: TypeAlias = Literal["measured", "predicted", "unsure"]
+
+MOST_STEPS = 10**9
+"""The most steps of a setting that is recommended."""
+
+_LEAST_POINTS = 3  # from which a guess is possible
+_WIDEST = 1.5  # ratio of the upper end of the interval to the error, above which a prediction is unsure
+_MOST_SCATTER = 1.3  # the noise of the model of orders is at most 10 %
+_FINER = 8  # steps tried below the coarsest one that meets an error, where that is unsure
+_LARGEST_LOG = 700.0  # exp of it is finite
+_LARGEST_ORDER = 1000.0
+_REFINED = 2.0  # ratio of the finest measured step to the next one of a search
+_SAME = 1e-9  # relative difference of two steps that count as equal
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The error of a method at a setting: its upper end, where it comes from, and why it is unsure.
+
+    setting: the step in s or the tolerance; None for a method that has neither. error: measured error plus
+    the truth's bound, or the upper end of the 95 % interval of the prediction.
+    """
+
+    setting: float | None
+    error: float
+    basis: Basis
+    why: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorCurve:
+    """The cases of one method on one scenario, finest first, and what limits predictions from them.
+
+    duration_s: of the scenario. interval_s: the sampling interval, a multiple of a step. verdict, floor: of
+    the quantity, as in methods.csv; None and 0 where it has no row. order: in theory, if known. stable_s: the
+    largest stable step, if known. switches_s: the times at which loads switch. snippet: the statements with
+    which a program selects the method; {dt_s} stands for the step.
+    """
+
+    cases: RefinementSequence
+    quantity: str
+    duration_s: float
+    interval_s: float
+    verdict: str | None = None
+    floor: float = 0.0
+    order: int | None = None
+    stable_s: float | None = None
+    switches_s: tuple[float, ...] = ()
+    snippet: str = ""
+
+    @property
+    def control(self) -> str:
+        """What controls the method: dt, tolerance or none."""
+        return str(self.cases[0].columns["control"])
+
+    @cached_property
+    def measured(self) -> tuple[CaseResult, ...]:
+        """The cases that ended well and have the quantity, finest first."""
+        return tuple(case for case in self.cases if largest_error(case, self.quantity) < math.inf)
+
+    def at(self, dt_s: float) -> Estimate | None:
+        """Return the error at a step; None where neither measured nor predictable."""
+        for case in self.cases:
+            if case.dt_s is not None and math.isclose(case.dt_s, dt_s, rel_tol=_SAME):
+                largest = largest_error(case, self.quantity)
+                return Estimate(dt_s, largest, "measured") if largest < math.inf else None
+        return self._predicted(dt_s)
+
+    def coarsest_within(self, error: float) -> Estimate | None:
+        """Return the coarsest step predicted to meet an error, if coarser than each measured one that does.
+
+        A sure prediction takes precedence over a coarser, unsure one. Without a measured step that meets the
+        error, an unsure one is better than none.
+        """
+        if self.control != "dt" or not self.cases:
+            return None
+        kept = [case.dt_s or 0.0 for case in keeping(self.cases, error, self.quantity)]
+        failing = [case.dt_s or 0.0 for case in self.cases if not largest_error(case, self.quantity) <= error]
+        above = max(kept, default=0.0)
+        below = min((dt_s for dt_s in failing if dt_s > above), default=math.inf)
+        limit = self._largest_stable_s * (1.0 + _SAME)
+        steps = [
+            dt_s
+            for dt_s in self.steps
+            if above * (1.0 + _SAME) < dt_s < below * (1.0 - _SAME) and dt_s <= limit
+        ]
+        # errors fall with the step
+        first = bisect_left(steps, True, key=lambda dt_s: self._meets(dt_s, error))
+        found = [one for dt_s in steps[first : first + _FINER] if (one := self._predicted(dt_s)) is not None]
+        sure = next((one for one in found if one.basis == "predicted"), None)
+        return sure or (found[0] if found and not kept else None)
+
+    def finer_step(self, error: float) -> float | None:
+        """Return the step to measure next where none is known to meet an error; None where none helps."""
+        outcomes = {case.columns["outcome"] for case in self.cases}
+        hopeless = self.verdict == "does-not-converge" or not outcomes & {"ok", "unstable"}
+        if self.control != "dt" or hopeless or error <= self.floor:
+            return None
+        finest = min(case.dt_s or math.inf for case in self.cases)
+        return next((dt_s for dt_s in self.steps if dt_s <= finest / _REFINED), None)
+
+    def divides_interval(self, dt_s: float | None) -> bool:
+        """Whether a run of the scenario can use this step."""
+        return self.control == "dt" and dt_s is not None and _divides(dt_s, self.interval_s)
+
+    @property
+    def is_predictable(self) -> bool:
+        """Whether there are enough measured steps for a prediction."""
+        return len(self._fitted) >= _LEAST_POINTS
+
+    def _meets(self, dt_s: float, error: float) -> bool:
+        found = self._predicted(dt_s)
+        return found is not None and found.error <= error
+
+    @cached_property
+    def steps(self) -> tuple[float, ...]:
+        """The steps 2^-a 5^-b of the sampling interval, coarsest first.
+
+        Steps inside which a load switches are left out, unless such steps were measured.
+        """
+        most = MOST_STEPS * self.interval_s / self.duration_s
+        powers = [5**b for b in range(int(math.log(most, 5)) + 1)] if most >= 1.0 else []
+        strides = sorted(five << a for five in powers for a in range(int(math.log2(most / five)) + 1))
+        # 12 digits divide the interval as well, and are shorter to write
+        steps = [float(f"{self.interval_s / n:.12g}") for n in strides]
+        if any(SWITCH_NOTE in case.columns["message"] for case in self.cases):
+            return tuple(steps)
+        return tuple(dt_s for dt_s in steps if all(_divides(dt_s, at) for at in self.switches_s))
+
+    @cached_property
+    def _usable(self) -> list[tuple[float, float]]:
+        """The steps and errors that are usable for an order, coarsest first."""
+        errors = {case.dt_s: float(case.columns[self.quantity]) for case in self.measured if case.dt_s}
+        return sorted(
+            ((dt_s, e) for dt_s, e in errors.items() if ABOVE_FLOOR * self.floor < e < LARGEST_ERROR),
+            reverse=True,
+        )
+
+    @cached_property
+    def _settled(self) -> Order | None:
+        steps, errors = zip(*self._usable, strict=True) if self._usable else ((), ())
+        return settled_order(steps, errors, self.floor)
+
+    @cached_property
+    def _fitted(self) -> list[tuple[float, float]]:
+        """The points that settle the order, or else all usable ones, coarsest first."""
+        order = self._settled
+        return self._usable if order is None else self._usable[order.first : order.first + order.points]
+
+    @cached_property
+    def _scatter(self) -> float:
+        """The largest factor between a fitted error and the power law through all of them."""
+        logarithms = np.log(self._fitted)
+        line = np.polynomial.Polynomial.fit(logarithms[:, 0], logarithms[:, 1], 1)
+        return math.exp(float(np.max(np.abs(logarithms[:, 1] - line(logarithms[:, 0])))))
+
+    @property
+    def _largest_stable_s(self) -> float:
+        if self.stable_s is not None:
+            return self.stable_s
+        unstable = [case.dt_s for case in self.cases if not case.ok and case.dt_s is not None]
+        stable = [case.dt_s for case in self.cases if case.ok and case.dt_s is not None]
+        return max((dt_s for dt_s in stable if dt_s < min(unstable, default=math.inf)), default=0.0)
+
+    def _predicted(self, dt_s: float) -> Estimate | None:
+        if self.control != "dt" or self.verdict == "does-not-converge":
+            return None
+        if not self.is_predictable:
+            return self._guessed(dt_s)
+        steps, errors = zip(*self._fitted, strict=True)
+        found = predicted_error(steps, errors, self.floor, dt_s)
+        bound = bound_of(self.cases[0].columns, self.quantity)
+        why = self._why_unsure(dt_s, found.error, found.high)
+        return Estimate(dt_s, found.high + bound, "unsure" if why else "predicted", why)
+
+    def _guessed(self, dt_s: float) -> Estimate | None:
+        """e (h / h_f)^p with the order p in theory and the finest usable step h_f; None without either."""
+        if self.order is None or not self._usable:
+            return None
+        finest, error = self._usable[-1]
+        why = f"guessed from dt {step(finest)} s and the order {self.order} in theory"
+        factor = math.exp(min(self.order * math.log(dt_s / finest), _LARGEST_LOG))
+        return Estimate(dt_s, error * factor, "unsure", why)
+
+    def _why_unsure(self, dt_s: float, error: float, high: float) -> str:
+        """Return why a prediction is unsure; "" where it is not."""
+        if self._settled is None:
+            return f"the measured steps do not settle the order ({self.verdict or 'too-few-points'})"
+        if dt_s > self._largest_stable_s * (1.0 + _SAME):
+            return f"above the largest stable step, {self._largest_stable_s:.3g} s"
+        if self._scatter > _MOST_SCATTER:
+            return f"the errors scatter around the order by a factor of {self._scatter:.2g}"
+        coarsest = self._fitted[0][0]
+        if dt_s > coarsest and any((case.dt_s or 0.0) > coarsest for case in self.cases):
+            return f"above {coarsest:g} s, up to which errors follow the order"
+        if high > LARGEST_ERROR:
+            return f"errors above {LARGEST_ERROR:g} do not follow the order"
+        finest = min(case.dt_s or math.inf for case in self.cases)
+        if error < ABOVE_FLOOR * self.floor * max(1.0, math.sqrt(finest / dt_s)):
+            return "near the floor of round-off and of the truth"
+        if high > _WIDEST * error:
+            return f"far from the measured steps: uncertain by a factor of {high / error:.2g}"
+        return ""
+
+
+def _divides(dt_s: float, at_s: float) -> bool:
+    return math.isclose(at_s / dt_s, round(at_s / dt_s), rel_tol=_SAME)
+
+
+def rows_of(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a table as dictionaries."""
+    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
+
+
+def curves_of(
+    run: RunTables, quantity: str, more: tuple[CaseResult, ...] = ()
+) -> Mapping[tuple[str, MethodKey], ErrorCurve]:
+    """Return the curve of each scenario and method of a run; more: cases that were measured in addition."""
+    judged = {
+        (row["scenario"], key_of(row)): row for row in rows_of(run.methods) if row["quantity"] == quantity
+    }
+    stable = {
+        (row["scenario"], key_of(row)): row["dt_stable_s"]
+        for row in rows_of(run.stability)
+        if row["dt_stable_s"] == row["dt_stable_s"]
+    }
+    curves = {}
+    for place, cases in ladders_of((*run.cases, *more)).items():
+        scenario, (engine, method) = place
+        told, row = run.manifest["scenarios"][scenario], judged.get(place, {})
+        expected = row.get("expected_order", math.nan)
+        facts = run.manifest["engines"][engine]["methods"][method]
+        curves[place] = ErrorCurve(
+            cases=cases,
+            quantity=quantity,
+            duration_s=told["duration_s"],
+            interval_s=told["duration_s"] / (told["samples"] - 1),
+            verdict=row.get("verdict"),
+            floor=max(0.0, row.get("floor", 0.0)),
+            order=int(expected) if 0.0 <= expected <= _LARGEST_ORDER else facts["order"],
+            stable_s=stable.get(place),
+            switches_s=tuple(
+                load[end]
+                for load in told.get("forcing", ())
+                for end in ("from_s", "until_s")
+                if load.get(end)
+            ),
+            snippet=facts.get("snippet", ""),
+        )
+    return curves

@@ -1,0 +1,99 @@
+"""What a method is and which laws it obeys: its known one-step map and its laws, as text and documents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from bodycheck._util.formatting import names, number
+from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.run_files.run_tables import MethodKey, key_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def _of(table: pd.DataFrame, key: MethodKey) -> list[Mapping[str, Any]]:
+    rows: list[Any] = table.to_dict("records")
+    return [row for row in rows if key_of(row) == key]
+
+
+def known_map_text(table: pd.DataFrame, key: MethodKey) -> str:
+    """Return the known map of a method with its agreement, or the order and leading error."""
+    return "; ".join(map_text(row) for row in _of(table, key)) or "not compared"
+
+
+def map_text(row: Mapping[str, Any]) -> str:
+    """Return a row of fingerprints.csv as text."""
+    if row["fingerprint"].startswith("no"):
+        return f"{row['fingerprint']}: {row['message']}"
+    note = f"; {row['message']}" if _is_text(row["message"]) else ""
+    return f"{row['fingerprint']}, to {number(row['digits'], 3)} digits{note}"
+
+
+def laws_text(table: pd.DataFrame, key: MethodKey) -> str:
+    """Return which laws a method breaks, or that it breaks none."""
+    rows = _of(table, key)
+    if not rows:
+        return "not checked"
+    broken = [f"{row['law']} ({number(row['size'], 2)})" for row in rows if row["verdict"] == "broken"]
+    open_ones = [row["law"] for row in rows if row["verdict"] == "not-measured"]
+    words = f"broken: {', '.join(broken)}" if broken else "none broken"
+    return words + (f"; not measured: {names(open_ones)}" if open_ones else "")
+
+
+def _is_text(cell: Any) -> bool:
+    return isinstance(cell, str) and bool(cell)
+
+
+_TINTS = {"holds": "good", "broken": "bad", "property": "none", "not-measured": "open"}
+
+
+def fingerprint_document(rows: Sequence[Mapping[str, Any]]) -> Document:
+    """Return one row per method: its map, the agreement and the runner-up; then what needs words."""
+    heads = (Column("method", "fixed"), Column("one-step map"), Column("agreement"), Column("runner-up"))
+    cells = []
+    for row in rows:
+        known = row["agreement"] is not None
+        unknown = row["fingerprint"].startswith("no")
+        runner = f"{row['runner_up']} {number(row['runner_up_distance'], 2)}" if known else ""
+        tint = "open" if unknown else "good"
+        agreement = number(row["agreement"], 2) if known else ""
+        cells.append((":".join(key_of(row)), Span(row["fingerprint"], tint), agreement, runner))
+    notes = [
+        Sentence(f"{':'.join(key_of(row))}: {row['message']}") for row in rows if _is_text(row["message"])
+    ]
+    formulas = dict.fromkeys(
+        f"{row['fingerprint']}: {row['description']}" for row in rows if _is_text(row["description"])
+    )
+    return Document(
+        "bodycheck fingerprint", (Table(heads, tuple(cells)), *notes, *(Sentence(one) for one in formulas))
+    )
+
+
+def laws_document(rows: Sequence[Mapping[str, Any]]) -> Document:
+    """Return one row per method and law, with the size of the break and the state that shows it most."""
+    heads = (
+        Column("method", "fixed"),
+        Column("law", "fixed"),
+        Column("", "fixed"),
+        Column("break", "fixed"),
+        Column("tolerance", "fixed"),
+        Column(""),
+    )
+    cells = tuple(
+        (
+            ":".join(key_of(row)),
+            row["law"],
+            Span(row["verdict"], _TINTS[row["verdict"]]),
+            number(row["size"], 2) if row.get("size") is not None else "",
+            number(row["tolerance"], 2) if row.get("tolerance") is not None else "",
+            row["message"],
+        )
+        for row in rows
+    )
+    broken = sum(row["verdict"] == "broken" for row in rows)
+    summary = f"{broken} broken" if broken else "no law is broken"
+    return Document(
+        "bodycheck laws", (Table(heads, cells), Sentence(summary, "bad" if broken else "good", strong=True))
+    )

@@ -1,0 +1,302 @@
+"""Audit a model file: read it exactly, import it in each engine's worker, compare, lint and spin."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from bodycheck._util.errors import InputError, UnavailableError, WorkerLostError
+from bodycheck._util.formatting import meant
+from bodycheck.adapters.importers import (
+    HeldLink,
+    ImportRequest,
+    engines_with_importers,
+    held_link,
+    importer,
+)
+from bodycheck.adapters.versions.pins import engine_fault, pin_of
+from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.reports.audit.audit import (
+    SAME,
+    SINGLE,
+    Audit,
+    Body,
+    Column,
+    Comparison,
+    Difference,
+    LinkAudit,
+    State,
+)
+from bodycheck.reports.audit.causes import MARGINS_M, body_causes, joint_causes, with_issue
+from bodycheck.reports.audit.lint import lint
+from bodycheck.scenarios.model_files.model import ModelFile, ModelLink
+from bodycheck.scenarios.model_files.reader import read_model
+from bodycheck.scenarios.model_files.rewriting import Change, bare_text, changed_text
+from bodycheck.scenarios.model_files.shape_sizes import bounding_boxes
+
+TIMEOUT_S = 60.0
+_IMPORT_S = 1.0  # time limit per link, beyond a start
+
+
+@dataclass(frozen=True)
+class AuditOptions:
+    """engines: names or NAME==VERSION, none for the linter alone. timeout_s: of one import."""
+
+    engines: Sequence[str] | None = None
+    spins: bool = True
+    timeout_s: float = TIMEOUT_S
+
+
+@dataclass
+class _Imported:
+    """One importer's links by name, or how its import ended."""
+
+    column: Column
+    links: Mapping[str, HeldLink] = field(default_factory=dict)
+    discarded: Mapping[str, str] = field(default_factory=dict)
+
+
+def audit(path: Path, options: AuditOptions) -> Audit:
+    """Return the audit of a file.
+
+    Raises InputError if the file or the engines cannot be used. An importer that crashes, hangs or refuses
+    the file gives a column that says so.
+    """
+    engines = checked_engines(options.engines)
+    model = read_model(path)
+    with closing(EnginePool()) as pool:
+        return imported_audit(pool, model, engines, options)
+
+
+def imported_audit(
+    pool: EnginePool, model: ModelFile, engines: Sequence[str], options: AuditOptions
+) -> Audit:
+    """Return the audit of a model that was read, by the engines of a pool."""
+    imported = [one for engine in engines for one in _imports(pool, engine, model, options)]
+    links = [_link_audit(model, link, imported) for link in model.links]
+    if options.spins and imported:
+        from bodycheck.runs.audit_spins import with_spins
+
+        links = with_spins(pool, model, links, [one.column for one in imported], options.timeout_s)
+    return Audit(
+        str(model.path),
+        model.format,
+        sha256(model.path.read_bytes()).hexdigest(),
+        tuple(one.column for one in imported),
+        tuple(links),
+        tuple(lint(model)),
+        tuple(str(other) for other in model.outside()),
+        model.notes,
+        {one.column.name: extra for one in imported if (extra := _extra(model, one))},
+    )
+
+
+def checked_engines(asked: Sequence[str] | None) -> list[str]:
+    """Return the engines to audit: by default all installed ones with an importer.
+
+    Raises InputError for a name that is unknown or has no importer.
+    """
+    known = engines_with_importers()
+    if asked is None:
+        return [name for name in known if _installed(name)]
+    for name in asked:
+        if (fault := engine_fault(name)) is not None:
+            raise InputError(f"--engine {fault}")
+        if base_engine(name) not in known:
+            raise InputError(f"--engine {name}: has no importer of model files{meant(name, known)}")
+    return list(dict.fromkeys(asked))
+
+
+def _installed(name: str) -> bool:
+    from importlib.metadata import PackageNotFoundError, version
+
+    from bodycheck.adapters.registry import distribution_of
+
+    try:
+        version(distribution_of(name) or name)
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+def base_engine(engine: str) -> str:
+    """Return the engine of NAME or NAME==VERSION."""
+    pin = pin_of(engine)
+    return engine if pin is None else pin.engine
+
+
+def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOptions) -> Iterable[_Imported]:
+    reads = importer(base_engine(engine))
+    assert reads is not None
+    variants = reads.FLAGS.get(model.format)
+    if variants is None:
+        yield _Imported(Column(engine, "", "default", "", "unsupported", f"does not read {model.format}"))
+        return
+    timeout_s = max(options.timeout_s, _IMPORT_S * len(model.links))
+    for flags, settings in variants.items():
+        request = ImportRequest(str(model.path.absolute()), model.format, flags, bare_text(model))
+        found, outcome, message = import_once(pool, engine, request, timeout_s)
+        version = _version(pool, engine)
+        column = Column(engine, version, flags, settings, outcome, message)
+        if outcome != "ok":
+            yield _Imported(column)
+            continue
+        named = _named(model, found)
+        discarded = _discarded(pool, engine, model, flags, named, timeout_s)
+        yield _Imported(column, named, discarded)
+
+
+def _version(pool: EnginePool, engine: str) -> str:
+    try:
+        return pool.announced(engine).version
+    except (UnavailableError, WorkerLostError):
+        return ""
+
+
+def import_once(
+    pool: EnginePool, engine: str, request: ImportRequest, timeout_s: float
+) -> tuple[list[HeldLink], str, str]:
+    """Return the links of an import, its outcome and its message; a lost worker is an outcome too."""
+    answer = pool.ask(engine, {"do": "import", "import": request.__dict__}, timeout_s)
+    if answer.get("outcome") != "ok":
+        return [], str(answer.get("outcome")), str(answer.get("message", ""))
+    try:
+        return _links_of(answer), "ok", ""
+    except (KeyError, TypeError, ValueError) as error:
+        return [], "failed", f"an answer that is not a list of links: {error}"
+
+
+def _links_of(answer: Message) -> list[HeldLink]:
+    return [held_link(plain) for plain in answer["links"]]
+
+
+def _named(model: ModelFile, found: Sequence[HeldLink]) -> dict[str, HeldLink]:
+    """Return name -> link; engines leave the names of MJCF's nameless bodies empty, but not their order."""
+    if model.format == "mjcf" and len(found) == len(model.links):
+        pairs = list(zip(model.links, found, strict=True))
+        if all(held.name == link.name or not held.name for link, held in pairs):
+            return {link.name: held for link, held in pairs}
+    named: dict[str, HeldLink] = {}
+    for held in found:
+        named.setdefault(held.name, held)
+    return named
+
+
+def _discarded(
+    pool: EnginePool,
+    engine: str,
+    model: ModelFile,
+    flags: str,
+    before: Mapping[str, HeldLink],
+    timeout_s: float,
+) -> dict[str, str]:
+    """Return link -> where a tensor comes from that does not follow the file's, found by two more imports."""
+    suspects = []
+    for link in model.links:
+        if model.format == "urdf" and link.name in before and link.stated is not None:
+            difference = Difference.between(Body.of(link.stated.in_link), _body(before[link.name]))
+            if difference.inertia > SINGLE:
+                suspects.append(link.name)
+    if not suspects:
+        return {}
+
+    def after(change: Change) -> Mapping[str, HeldLink]:
+        with tempfile.TemporaryDirectory(prefix="bodycheck-audit-") as folder:
+            place = Path(folder) / model.path.name
+            place.write_text(changed_text(model, change), encoding="utf-8")
+            request = ImportRequest(str(place), model.format, flags, place.read_text(encoding="utf-8"))
+            found, _, _ = import_once(pool, engine, request, timeout_s)
+        return {held.name: held for held in found}
+
+    altered = after("tensors changed")
+    unmoved = [name for name in suspects if name in altered and _same_tensor(before[name], altered[name])]
+    if not unmoved:
+        return {}
+    shapeless = after("no collision shapes")
+    return {
+        name: "not that of the file, whatever the file says"
+        if name not in shapeless
+        else "a placeholder in its place"
+        if _same_tensor(before[name], shapeless[name])
+        else "recomputed from the collision shape"
+        for name in unmoved
+    }
+
+
+def _same_tensor(a: HeldLink, b: HeldLink) -> bool:
+    first, second = np.array(a.inertia_kg_m2), np.array(b.inertia_kg_m2)
+    return bool(np.max(np.abs(first - second)) <= SAME * np.max(np.abs(first)))
+
+
+def _body(held: HeldLink) -> Body:
+    return Body(held.mass, np.array(held.centre_m), np.array(held.inertia_kg_m2))
+
+
+def _link_audit(model: ModelFile, link: ModelLink, imported: Sequence[_Imported]) -> LinkAudit:
+    stated = None if link.stated is None else Body.of(link.stated.in_link)
+    held = {one.column.name: _compared(model, link, one) for one in imported if one.column.outcome == "ok"}
+    derived = "" if link.stated is None else link.stated.derived
+    return LinkAudit(link.name, link.line, stated, derived, link.unread, held)
+
+
+def _compared(model: ModelFile, link: ModelLink, imported: _Imported) -> Comparison:
+    held = imported.links.get(link.name)
+    absent = frozenset(one.name for one in model.links if one.name not in imported.links)
+    if held is None:
+        into = _merged_into(model, link, absent)
+        if not into:
+            return Comparison("absent", causes=("the import has no link of this name",))
+        told = f"links merged: part of {into}"
+        if into == "the world":
+            told = "links merged into the world: the base is fixed and its mass is not held"
+        return Comparison("merged", causes=(told,), into=into)
+    members = model.members(link.name, absent)
+    merged = tuple(one.name for one, _ in members[1:])
+    whole = model.merged(link.name, absent)
+    body = _body(held)
+    if whole is None:
+        return Comparison("not computed", held=body, merged=merged)
+    has_inertia = link.stated is not None or any(model.by_name[name].stated for name in merged)
+    expected = Body.of(whole) if has_inertia else None
+    nothing = Body(0.0, np.zeros(3), np.zeros((3, 3)))
+    difference = Difference.between(expected or nothing, body)
+    if expected is None and body.mass_kg == 0.0:
+        difference = Difference(0.0, 0.0, 0.0)  # where the centre of nothing is does not matter
+    causes: tuple[str, ...] = ()
+    if difference.largest > SAME:
+        boxes = {margin: bounding_boxes(link, model, body.mass_kg, margin) for margin in MARGINS_M}
+        causes = body_causes(
+            members, expected, body, difference, imported.discarded.get(link.name, ""), boxes
+        )
+    causes = tuple(with_issue(imported.column.engine, cause) for cause in causes)
+    joint = joint_causes(link.joint, held)
+    return Comparison(_state(difference, joint), expected, body, difference, (*causes, *joint), merged)
+
+
+def _state(difference: Difference, joint: tuple[str, ...]) -> State:
+    if difference.largest > SINGLE or joint:
+        return "differs"
+    return "agrees" if difference.largest <= SAME else "rounded"
+
+
+def _merged_into(model: ModelFile, link: ModelLink, absent: frozenset[str]) -> str:
+    """Return the link that a link with fixed joints became part of; "" if it just is not there."""
+    at = link
+    while at.name in absent:
+        if at.parent is None:
+            return "the world" if model.format == "urdf" or at.joint is None or at.joint.fixed else ""
+        if at.joint is not None and not at.joint.fixed:
+            return ""
+        at = model.by_name[at.parent]
+    return at.name
+
+
+def _extra(model: ModelFile, imported: _Imported) -> tuple[str, ...]:
+    return tuple(name for name in imported.links if name not in model.by_name)

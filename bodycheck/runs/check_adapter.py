@@ -1,0 +1,120 @@
+"""Check an adapter of any engine against the contract, method by method."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.contract import Method
+from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.probes.conformance import CHECKS, Bench, Check
+from bodycheck.reports.probes.finding import Finding
+from bodycheck.runs.selection import select
+from bodycheck.scenarios.library import PROBES
+
+
+@dataclass(frozen=True)
+class Result:
+    """One finding of one check of one method."""
+
+    method: str
+    check: str
+    requirement: str
+    finding: str
+    verdict: str
+    message: str
+
+    @property
+    def failed(self) -> bool:
+        """Whether the adapter breaks the contract here."""
+        return self.verdict == "inconsistent"
+
+
+@dataclass(frozen=True)
+class Conformance:
+    """The results of all checks of an adapter."""
+
+    engine: str
+    version: str
+    results: tuple[Result, ...]
+
+    @property
+    def failures(self) -> tuple[Result, ...]:
+        """The results of failed checks."""
+        return tuple(result for result in self.results if result.failed)
+
+
+def check_adapter(name: str, *, timeout_s: float, allow_code: bool = False) -> Conformance:
+    """Run every check on one engine, NAME[:METHOD], cmd:COMMAND[::METHOD] or MODULE:FUNCTION.
+
+    Raises InputError for an unknown or unavailable engine.
+    """
+    selection = select(PROBES[:1], [name], allow_code=allow_code)
+    if not selection.methods:
+        raise InputError(f"{name}: no method to check")
+    engine = selection.methods[0][0]
+    answers, pool = Answers(None, None, timeout_s), EnginePool()
+    try:
+        results = [
+            result
+            for engine, method in selection.methods
+            for check in CHECKS
+            for result in _results(
+                Bench(engine, method, partial(answers.ask, pool), partial(answers.replay, pool)), check
+            )
+        ]
+    finally:
+        pool.close()
+    return Conformance(engine.name, engine.version, tuple(results))
+
+
+def _results(bench: Bench, check: Check) -> Iterator[Result]:
+    for finding in check.findings(bench):
+        yield _result(bench.method, check, finding)
+
+
+def _result(method: Method, check: Check, found: Finding) -> Result:
+    return Result(method.name, check.name, check.requirement, found.check, found.verdict, found.message)
+
+
+_WORDS = {
+    "inconsistent": Span("fails", "bad"),
+    "consistent": Span("passes", "good"),
+    "not-measured": Span("not checked", "open"),
+}
+_HEADS = (Column("method", "fixed"), Column("check", "fixed"), Column("", "fixed"), Column(""))
+
+
+def conformance_document(found: Conformance) -> Document:
+    """Return one row per method and check: what holds, or each failure in words."""
+    rows: list[tuple[str | Span, ...]] = []
+    for (method, check), results in groupby(found.results, key=lambda result: (result.method, result.check)):
+        rows += _rows(method, check, list(results))
+    failed = len({(result.method, result.check) for result in found.failures})
+    total = len({(result.method, result.check) for result in found.results})
+    summary = f"{found.engine} {found.version}: " + (
+        f"{failed} of {total} checks fail" if failed else f"all {total} checks pass or do not apply"
+    )
+    table = Table(_HEADS, tuple(rows))
+    tint = "bad" if failed else "good"
+    return Document("bodycheck check-adapter", (table, Sentence(summary, tint, strong=True)))
+
+
+def _rows(method: str, check: str, results: list[Result]) -> Iterator[tuple[str | Span, ...]]:
+    """Yield a row per failure; without one, a row with the requirement, or why nothing was checked."""
+    failures = [result for result in results if result.failed]
+    for result in failures:
+        yield method, check, _WORDS["inconsistent"], f"{result.finding}: {result.message}"
+    if failures:
+        return
+    skipped = dict.fromkeys(result.message for result in results if result.verdict == "not-measured")
+    if all(result.verdict == "not-measured" for result in results):
+        yield method, check, _WORDS["not-measured"], "; ".join(skipped)
+        return
+    remark = f" ({'; '.join(skipped)})" if skipped else ""
+    yield method, check, _WORDS["consistent"], f"{results[0].requirement}{remark}"

@@ -1,0 +1,380 @@
+"""Run cases on a Dask cluster: batches of at least half a second, and no case lost or counted twice."""
+
+from __future__ import annotations
+
+import math
+import secrets
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.metadata import version
+from typing import Any, ParamSpec, TypeVar
+
+from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck._util.formatting import count, names
+from bodycheck.adapters.workers.executors import run_batch
+from bodycheck.reports.history.baseline import machine_class
+from bodycheck.runs.manifest import machine
+from bodycheck.runs.run_options import Timing
+
+TIMING = "timing"
+"""The resource that a worker declares if nothing else runs on its machine while it times cases."""
+
+_BATCH_S = 0.5
+_LINGER_S = 0.02  # a batch that is not full waits this long for another case
+_QUEUED = 2  # batches per thread of the cluster, so that none is idle while an answer is under way
+_FIRST_CASE_S = 0.005
+_CONNECTION_S = 30.0
+_COUNTED_AGAIN_S = 2.0
+_LATE, _LATE_S = 5.0, 10.0  # a batch is late after this many times its expected time, and at least so long
+_MOST_COPIES = 3
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class TlsFiles:
+    """PEM files: the certificate of the authority, and the certificate and key of this client."""
+
+    ca_file: str
+    cert: str
+    key: str
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """The executors of a cluster: for cases, and for timing them if that was requested."""
+
+    executor: Executor
+    timing: Timing | None
+
+
+@contextmanager
+def connected(address: str, tls: TlsFiles | None, *, speed: bool) -> Iterator[Cluster]:
+    """Connect to the Dask scheduler at an address like tls://host:8786.
+
+    Raises InputError where it cannot be reached, has no workers, they have another version of bodycheck, or
+    speeds are requested and no worker declares the resource `timing`; UnavailableError without Dask.
+    """
+    client = _client(address, tls)
+    try:
+        where = f"--cluster {address}"
+        _check_workers(client, where)
+        timed_by = _timing_workers(client, where) if speed else None
+        with DaskExecutor(client, where) as executor:
+            if timed_by is None:
+                yield Cluster(executor, None)
+            else:
+                resources, facts = {TIMING: 1.0}, timed_by[next(iter(timed_by))]
+                with DaskExecutor(client, where, resources=resources, workers=timed_by) as timing:
+                    yield Cluster(executor, Timing(timing, facts))
+    finally:
+        client.close(timeout=_CONNECTION_S)
+
+
+def _client(address: str, tls: TlsFiles | None) -> Any:
+    try:
+        distributed: Any = import_module("distributed")
+    except ImportError as error:
+        raise UnavailableError(f"--cluster: {error} (pip install 'bodycheck[cluster]')") from None
+    try:
+        security = None
+        if tls is not None:
+            security = distributed.Security(
+                tls_ca_file=tls.ca_file,
+                tls_client_cert=tls.cert,
+                tls_client_key=tls.key,
+                require_encryption=True,
+            )
+        return distributed.Client(
+            address, security=security, timeout=_CONNECTION_S, set_as_default=False, name="bodycheck"
+        )
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"--cluster {address}: cannot be reached: {' '.join(str(error).split())}") from None
+
+
+def _check_workers(client: Any, where: str) -> None:
+    """Raise InputError unless there are workers, all of which have this version of bodycheck."""
+    try:
+        client.wait_for_workers(1, timeout=_CONNECTION_S)
+    except TimeoutError:
+        raise InputError(f"{where}: has no workers") from None
+    found = client.run(version, "bodycheck", on_error="return")
+    wrong = {address: one for address, one in found.items() if one != version("bodycheck")}
+    if wrong:
+        told = (
+            f"{address} has {one if isinstance(one, str) else repr(one)}" for address, one in wrong.items()
+        )
+        raise InputError(f"{where}: workers need bodycheck {version('bodycheck')}: {names(list(told))}")
+
+
+def _timing_workers(client: Any, where: str) -> dict[str, Mapping[str, Any]]:
+    """Return address -> machine of the workers that time cases: of the most frequent class."""
+    told = client.scheduler_info(n_workers=-1)["workers"]
+    declared = [address for address, facts in told.items() if facts["resources"].get(TIMING)]
+    if not declared:
+        raise InputError(
+            f"{where}: no worker declares the resource {TIMING}; start one on a machine of its own with "
+            f"--resources '{TIMING}=1', or add --no-speed"
+        )
+    machines: dict[str, dict[str, Any]] = client.run(machine, workers=declared)
+    classes = Counter(machine_class(facts) for facts in machines.values())
+    chosen = max(sorted(classes), key=lambda name: classes[name])
+    return {address: facts for address, facts in machines.items() if machine_class(facts) == chosen}
+
+
+@dataclass(eq=False)
+class _Item:
+    """One call, and the future of its result."""
+
+    argument: Any
+    future: Future[Any]
+    expected_s: float
+
+
+@dataclass(eq=False)
+class _Batch:
+    """Calls that are sent together; copies: the tasks that do them, by key, of which the first counts."""
+
+    function: Callable[[Any], Any]
+    items: list[_Item]
+    sent_s: float = 0.0
+    copies: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def expected_s(self) -> float:
+        return sum(item.expected_s for item in self.items)
+
+
+class DaskExecutor(Executor):
+    """Calls of functions with one argument, on a Dask cluster, in batches.
+
+    The result of each call is set once, by the first task that returns it. Dask runs the tasks of a lost
+    worker again; a task of which nothing is heard for long is sent to another worker too. An argument may
+    have `kind` and `steps`: calls of one kind are expected to take a time proportional to the steps.
+    resources, workers: required of, or the only ones for, every task.
+    """
+
+    def __init__(
+        self,
+        client: Any,
+        where: str,
+        *,
+        resources: Mapping[str, float] | None = None,
+        workers: Collection[str] | None = None,
+    ) -> None:
+        self._client, self._where = client, where
+        self._resources, self._workers = resources, workers
+        self._pending: dict[Callable[[Any], Any], deque[_Item]] = {}
+        self._batches: set[_Batch] = set()
+        self._step_s: dict[Any, float] = {}
+        self._changed = threading.Condition()
+        self._arrived_s, self._closed = 0.0, False
+        self._counted_s, self._threads = -math.inf, {"": 1}
+        self._thread = threading.Thread(target=self._serve, name="bodycheck-cluster", daemon=True)
+        self._thread.start()
+
+    def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
+        """Return the future of fn(argument)."""
+        (argument,) = args
+        future: Future[_T] = Future()
+        with self._changed:
+            if self._closed or kwargs:
+                raise RuntimeError(
+                    "the executor was closed" if self._closed else "takes one positional argument"
+                )
+            steps = self._step_s.get(getattr(argument, "kind", None))
+            expected_s = _FIRST_CASE_S if steps is None else steps * getattr(argument, "steps", 1.0)
+            call: Any = fn
+            self._pending.setdefault(call, deque()).append(_Item(argument, future, expected_s))
+            self._arrived_s = time.monotonic()
+            self._changed.notify_all()
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:  # noqa: ARG002 - never waits
+        """Cancel what is under way."""
+        with self._changed:
+            if self._closed:
+                return
+            self._closed = True
+            copies = [task for batch in self._batches for task in batch.copies.values()]
+            self._changed.notify_all()
+        self._thread.join()
+        if copies and self._client.status == "running":
+            self._client.cancel(copies, force=True)
+
+    def _serve(self) -> None:
+        """Send batches until the executor is closed."""
+        while True:
+            with self._changed:
+                if self._closed:
+                    return
+                self._changed.wait(self._pause_s())
+                batches = [] if self._closed else self._full_batches()
+            try:
+                self._count_threads()
+                for batch in batches:
+                    self._send(batch, None)
+                self._rescue()
+            except Exception as error:  # noqa: BLE001 - whatever fails here, nobody may wait for ever
+                self._break(f"{type(error).__name__}: {error}")
+                return
+
+    def _pause_s(self) -> float:
+        if any(self._pending.values()):
+            return max(0.0, self._arrived_s + _LINGER_S - time.monotonic()) + 1e-3
+        return 1.0
+
+    @property
+    def _slots(self) -> int:
+        return max(1, sum(self._threads.values()))
+
+    def _full_batches(self) -> list[_Batch]:
+        """Take calls for as many batches as the cluster has room for, each of half a second or more.
+
+        A smaller batch is sent once no further call has arrived for a moment.
+        """
+        batches: list[_Batch] = []
+        complete = time.monotonic() - self._arrived_s >= _LINGER_S
+        for function, items in self._pending.items():
+            while items and len(self._batches) < _QUEUED * self._slots:
+                left_s = sum(item.expected_s for item in items)
+                if left_s < _BATCH_S and not complete:
+                    break
+                target_s, size_s = max(_BATCH_S, left_s / (_QUEUED * self._slots)), 0.0
+                batch = _Batch(function, [])
+                while items and size_s < target_s:
+                    item = items.popleft()
+                    if item.future.set_running_or_notify_cancel():
+                        batch.items.append(item)
+                        size_s += item.expected_s
+                if batch.items:
+                    self._batches.add(batch)
+                    batches.append(batch)
+        return batches
+
+    def _send(self, batch: _Batch, workers: Collection[str] | None) -> None:
+        """Submit a batch; workers: the only ones for it [default: those of the executor]."""
+        key = f"bodycheck-{secrets.token_hex(8)}"
+        task = self._client.submit(
+            run_batch,
+            batch.function,
+            [item.argument for item in batch.items if not item.future.done()],
+            key=key,
+            pure=False,
+            resources=self._resources,
+            workers=None if (only := workers or self._workers) is None else list(only),
+        )
+        batch.sent_s = time.monotonic()
+        batch.copies[key] = task
+        items = [item for item in batch.items if not item.future.done()]
+        task.add_done_callback(lambda done: self._ended(batch, key, items, done))
+
+    def _ended(self, batch: _Batch, key: str, items: list[_Item], task: Any) -> None:
+        """Set the results of a task, or run its calls again one by one; called by Dask's threads."""
+        try:
+            if task.status == "finished":
+                for item, (seconds, result, error) in zip(items, task.result(), strict=True):
+                    self._learn(item, seconds)
+                    self._set(item, result, error)
+                return self._forget(batch)
+            told: Exception = RuntimeError(f"task {task.status}")
+            if task.status == "error":
+                told = task.exception()
+        except Exception as error:  # noqa: BLE001 - the connection may be lost while the result is fetched
+            told = error
+        with self._changed:
+            batch.copies.pop(key, None)
+            others = bool(batch.copies)
+        if self._closed or others:
+            return None
+        if self._client.status != "running":
+            return self._break(f"the connection was lost: {told}")
+        self._forget(batch)
+        if len(items) == 1:
+            self._set(items[0], None, told)
+            return None
+        for item in items:
+            alone = _Batch(batch.function, [item])
+            with self._changed:
+                self._batches.add(alone)
+            self._send(alone, None)
+        return None
+
+    def _learn(self, item: _Item, seconds: float) -> None:
+        """Remember how long a step takes; a case that was slowed down, as the first one is, counts little."""
+        kind = getattr(item.argument, "kind", None)
+        step_s = seconds / getattr(item.argument, "steps", 1.0)
+        self._step_s[kind] = min(step_s, 1.5 * self._step_s.get(kind, math.inf))
+
+    def _set(self, item: _Item, result: Any, error: Exception | None) -> None:
+        with self._changed:
+            if item.future.done():
+                return
+            if error is None:
+                item.future.set_result(result)
+            else:
+                item.future.set_exception(error)
+
+    def _forget(self, batch: _Batch) -> None:
+        """Remove a batch whose results are known, and cancel its other copies."""
+        with self._changed:
+            self._batches.discard(batch)
+            late = [task for task in batch.copies.values() if task.status == "pending"]
+            batch.copies.clear()
+            self._changed.notify_all()
+        if late:
+            self._client.cancel(late, force=True)
+
+    def _rescue(self) -> None:
+        """Send batches of which nothing was heard for long to other workers too, if nothing else waits."""
+        now = time.monotonic()
+        with self._changed:
+            if any(self._pending.values()):
+                return
+            late = [
+                batch
+                for batch in self._batches
+                if now - batch.sent_s > max(_LATE_S, _LATE * batch.expected_s)
+                and len(batch.copies) < _MOST_COPIES
+            ]
+        if not late:
+            return
+        processing = self._client.processing()
+        for batch in late:
+            busy = {address for address, keys in processing.items() if batch.copies.keys() & set(keys)}
+            if others := set(self._workers or self._threads) - busy:
+                self._send(batch, others)
+            else:
+                batch.sent_s = now
+
+    def _count_threads(self) -> None:
+        now = time.monotonic()
+        if now - self._counted_s > _COUNTED_AGAIN_S:
+            self._counted_s = now
+            if self._client.status in ("closed", "closing"):
+                raise ConnectionError("the connection was lost")
+            found = self._client.nthreads()
+            self._threads = {
+                address: 1 if self._resources else threads
+                for address, threads in found.items()
+                if self._workers is None or address in self._workers
+            }
+
+    def _break(self, why: str) -> None:
+        """Fail all calls: the cluster does not answer any more."""
+        with self._changed:
+            self._closed = True
+            items = [item for batch in self._batches for item in batch.items]
+            items += [item for waiting in self._pending.values() for item in waiting]
+            self._changed.notify_all()
+        for item in items:
+            self._set(
+                item, None, BrokenExecutor(f"{self._where}: {why}; {count(len(items), 'case')} under way")
+            )

@@ -1,0 +1,127 @@
+"""What works in this installation, what does not, and why."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+
+from bodycheck._util.cache_dir import cache_home
+from bodycheck._util.compiled_cache import cache_directory
+from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck._util.file_digests import files_below
+from bodycheck._util.files import check_folder
+from bodycheck.adapters.contract import Engine
+from bodycheck.adapters.registry import default_engines, distribution_of
+from bodycheck.adapters.versions.uv import uv_program
+from bodycheck.adapters.workers.engine_pool import announced
+from bodycheck.reference_impl.precompile import closed_forms_compiled
+from bodycheck.reports.document import Column, Document, Span, Table
+from bodycheck.runs.manifest import cpu_model
+
+_LIBRARIES = ("numpy", "numba", "scipy", "pandas", "pydantic", "duckdb", "typer", "rich")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One capability: whether it works, and with what, or why not."""
+
+    name: str
+    works: bool
+    detail: str
+
+
+@dataclass(frozen=True)
+class CacheFolder:
+    """A folder of the cache: its content, its path and its size."""
+
+    name: str
+    folder: Path
+    bytes: int
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The state of an installation: versions by name, folders of the cache, capabilities."""
+
+    versions: dict[str, str]
+    caches: tuple[CacheFolder, ...]
+    checks: tuple[Check, ...]
+
+
+def diagnosis() -> Diagnosis:
+    """Start every engine and look at the cache and at the optional programs."""
+    versions = {"bodycheck": version("bodycheck"), "Python": platform.python_version()}
+    versions |= {name: version(name) for name in _LIBRARIES}
+    versions |= {
+        "system": platform.platform(),
+        "processor": f"{cpu_model()}, {len(os.sched_getaffinity(0))} of {os.cpu_count()} cores",
+    }
+    return Diagnosis(versions, tuple(_caches()), (*_engines(), *_cache_checks(), *_optional()))
+
+
+def _caches() -> Iterator[CacheFolder]:
+    for name in ("kernels", "results", "environments"):
+        folder = cache_home() / name
+        yield CacheFolder(
+            name, folder, sum(status.st_size for _, status in files_below(str(folder)).values())
+        )
+
+
+def _engines() -> Iterator[Check]:
+    for name, engine in announced(default_engines()).items():
+        if isinstance(engine, Engine):
+            yield Check(name, True, f"{engine.version}, {len(engine.methods)} methods")
+        else:
+            package = distribution_of(name)
+            remedy = f"; pip install {package}" if package and "No module" in engine else ""
+            yield Check(name, False, engine + remedy)
+
+
+def _cache_checks() -> Iterator[Check]:
+    home = cache_home()
+    try:
+        check_folder(str(home), home)
+        free = shutil.disk_usage(next(folder for folder in (home, *home.parents) if folder.exists())).free
+        yield Check("cache", True, f"{home} is writable, {_size(free)} free")
+    except InputError as error:
+        yield Check("cache", False, f"{error}; every command compiles again; set BODYCHECK_CACHE_DIR")
+    state = "compiled" if closed_forms_compiled() else "compiled by the first run, which takes about a minute"
+    yield Check("kernels", True, f"{state}: {cache_directory()}")
+
+
+def _optional() -> Iterator[Check]:
+    plots = find_spec("matplotlib") is not None
+    yield Check(
+        "plot", plots, f"matplotlib {version('matplotlib')}" if plots else "pip install 'bodycheck[plot]'"
+    )
+    try:
+        yield Check("pinned versions", True, uv_program())
+    except UnavailableError as error:
+        yield Check("pinned versions", False, str(error))
+
+
+def _size(amount: int) -> str:
+    return f"{amount / 1e9:.1f} GB" if amount >= 1e9 else f"{amount / 1e6:.0f} MB"
+
+
+def diagnosis_document(found: Diagnosis) -> Document:
+    """Return the versions, the folders of the cache and the capabilities."""
+    checks = tuple(
+        (one.name, Span("works", "good") if one.works else Span("does not work", "bad"), one.detail)
+        for one in found.checks
+    )
+    caches = tuple((one.name, _size(one.bytes), str(one.folder)) for one in found.caches)
+    return Document(
+        "bodycheck doctor",
+        (
+            Table((Column("", "fixed"), Column("")), tuple(found.versions.items()), "Versions"),
+            Table((Column("", "fixed"), Column("", "number"), Column("")), caches, "Caches"),
+            Table((Column("", "fixed"), Column("", "fixed"), Column("")), checks, "Capabilities"),
+        ),
+    )

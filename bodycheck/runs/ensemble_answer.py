@@ -1,0 +1,107 @@
+"""What `bodycheck ensemble` and `bodycheck hunt` answer, as documents and as data."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from bodycheck._util.formatting import count, scientific
+from bodycheck.reports.document import Column, Command, Document, Sentence, Table
+from bodycheck.reports.summary.quantiles import Quantile
+from bodycheck.runs.ensemble_run import EnsembleResult, method_rows, quantile_rows, words_of
+from bodycheck.runs.hunt_run import HuntResult, command_of
+
+_SHOWN = (0.5, 0.95, 0.99)
+_MEASURE = "orientation_error_rad"
+
+
+def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
+    """Return the distribution of the orientation error of each method, and where the rest is."""
+    heads = ("method", "median", "95 %", "99 %", "worst", "unstable", "not measured")
+    columns = (Column(heads[0]), *(Column(head, "number") for head in heads[1:]))
+    rows = []
+    for key, statistics in result.statistics:
+        measured = statistics.bodies
+        cells = [_shown(statistics.quantile(_MEASURE, share)) if measured else "" for share in _SHOWN]
+        worst = _error(statistics.worst[0][0]) if statistics.worst else ""
+        unstable = statistics.endings["unstable"]
+        rows.append((words_of(key), *cells, worst, str(unstable), str(result.request.n - measured)))
+    title = f"orientation error in rad of {count(result.request.n, 'body').replace('bodys', 'bodies')}"
+    parts = (
+        Table(columns, tuple(rows), title=title),
+        Sentence("The range after +- is half of the 95 % error bar of a quantile."),
+        Sentence(str(folder)),
+    )
+    return Document("bodycheck ensemble", parts)
+
+
+def _error(value: float) -> str:
+    return scientific(value) if math.isfinite(value) else "unstable"
+
+
+def _shown(quantile: Quantile) -> str:
+    if not math.isfinite(quantile.value):
+        return "unstable"
+    half = 0.5 * (quantile.high - quantile.low)
+    return f"{scientific(quantile.value)} +- {scientific(half)}"
+
+
+def ensemble_data(result: EnsembleResult, folder: Path) -> dict[str, Any]:
+    """Return quantiles, endings and the worst bodies as data."""
+    worst = [
+        {"method": words_of(key), "row": row, "outcome": ending, **measures}
+        for key, statistics in result.statistics
+        for _, row, measures, ending in statistics.worst
+    ]
+    return {
+        "folder": folder,
+        "quantiles": quantile_rows(result),
+        "methods": method_rows(result),
+        "worst": worst,
+    }
+
+
+def hunt_document(result: HuntResult, folder: Path) -> Document:
+    """Return the worst start next to the typical one, and the command that repeats it."""
+    names, measure = " against ".join(words_of(key) for key in result.keys), result.request.measure
+    outcome = str(result.path.outcomes[result.worst])
+    ratio = result.value / result.typical
+    found = f"{_error(result.value)}, {ratio:.3g} times the median" if math.isfinite(ratio) else outcome
+    body, moments = result.bodies, result.bodies.moments[0]
+    rows = (
+        (f"{measure} of {names}", found),
+        ("median of the uniform starts", f"{scientific(result.typical)} ({result.uniform} starts)"),
+        ("found by evaluation", f"{result.worst + 1} of {len(result.path.scores)}"),
+        ("principal moments (kg m^2)", ", ".join(f"{moment:.4g}" for moment in moments)),
+        ("|2 E I2 / L^2 - 1|, 0 on the separatrix", f"{body.separatrix_distance[0]:.3g}"),
+        ("omega in body axes (rad/s)", ", ".join(f"{rate:.4g}" for rate in body.omega_body[0])),
+    )
+    columns = (Column("", "fixed"), Column(""))
+    return Document(
+        "bodycheck hunt",
+        (Table(columns, rows), Command(command_of(result, folder / "worst.toml")), Sentence(str(folder))),
+    )
+
+
+def hunt_data(result: HuntResult, folder: Path) -> dict[str, Any]:
+    """Return the worst start and the improvements that led to it as data."""
+    body = result.bodies
+    return {
+        "folder": folder,
+        "measure": result.request.measure,
+        "value": result.value,
+        "typical": result.typical,
+        "outcome": str(result.path.outcomes[result.worst]),
+        "evaluation": result.worst + 1,
+        "evaluations": len(result.path.scores),
+        "moments_kg_m2": body.moments[0],
+        "quaternion": body.quaternion[0],
+        "omega_body_rad_s": body.omega_body[0],
+        "separatrix_distance": float(body.separatrix_distance[0]),
+        "path": [
+            {"evaluation": place + 1, "value": float(result.path.values[place])}
+            for place in result.improvements
+        ],
+        "reproduce": command_of(result, folder / "worst.toml"),
+    }

@@ -1,0 +1,184 @@
+"""Many bodies of an ensemble by one method: their truth, their motions and their measures, batch by batch."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bodycheck.adapters.batches import Batch, BatchAnswer, record_batch, scene_of, stacked
+from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.programs import is_program
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.case_messages import batch_message, case_message
+from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.pivot import turning_inertia
+from bodycheck.reference_impl.random_bodies import Bodies
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.reference_impl.truth.free_batch import free_truths
+from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES, rotation_measures
+
+_STEPS_TOGETHER, _STEPS_ALONE = 2_000_000, 200_000  # per request: some 10 s of most engines
+_BATCHING = ("mujoco",)  # engines whose request may hold more, as they step it in one call
+
+
+@dataclass(frozen=True, eq=False)
+class BatchTruth:
+    """The truth of m bodies at n samples, and what an error is compared with.
+
+    quaternion (m, n, 4), omega_body (m, n, 3). bound_rad, round_off_rad (m,): the truth's own error, and the
+    error to expect of any stepper in doubles. trusted (m,): whether the truth holds at all samples.
+    """
+
+    quaternion: Array
+    omega_body: Array
+    bound_rad: Array
+    round_off_rad: Array
+    trusted: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class BatchResult:
+    """Measures of m bodies (m,) by name, infinite where unstable, NaN where not measured; endings (m,)."""
+
+    measures: dict[str, Array]
+    endings: NDArray[np.object_]
+    messages: tuple[str, ...]
+
+
+def truth_of(template: Scene, bodies: Bodies, *, free: bool) -> BatchTruth:
+    """Return the truth of each body; free: whether the rotation is torque-free."""
+    if free and template.pivot is None:
+        found = free_truths(bodies.inertia, bodies.quaternion, bodies.omega_body, template.sample_times)
+        bounds, round_offs = found.bounds[:, 0], found.round_offs[:, 0]
+        trusted = np.ones(len(bodies), dtype=np.bool_)
+        return BatchTruth(found.quaternion, found.omega_body, bounds, round_offs, trusted)
+    truths = [
+        solve_truth(scene_of(template, bodies, row), template.sample_times) for row in range(len(bodies))
+    ]
+    return BatchTruth(
+        np.array([truth.trajectory.attitude for truth in truths]),
+        np.array([truth.trajectory.omega_body for truth in truths]),
+        np.array([truth.bound_rad[-1] for truth in truths]),
+        np.array([truth.round_off_rad[-1] for truth in truths]),
+        np.array([truth.trusted_until_s == np.inf for truth in truths]),
+    )
+
+
+def measured(template: Scene, bodies: Bodies, truth: BatchTruth, answer: BatchAnswer) -> BatchResult:
+    """Measure the motions of an answer against the truth."""
+    endings = np.array(answer.endings, dtype=object)
+    values = {name: np.full(len(bodies), np.nan) for name in ROTATION_MEASURES}
+    there = endings == "ok"
+    endings[there & ~truth.trusted] = "chaotic"
+    there &= truth.trusted
+    if there.any():
+        tensors = bodies.inertia if template.pivot is None else _about_pivot(template, bodies)
+        found = rotation_measures(
+            tensors[there],
+            (truth.quaternion[there], truth.omega_body[there]),
+            (answer.quaternion[there], answer.omega_body[there]),
+        )
+        for name, measure in found.values.items():
+            values[name][there] = measure
+        rows = np.flatnonzero(there)
+        endings[rows[found.unstable]] = "unstable"
+    return BatchResult(values, endings, answer.messages)
+
+
+def _about_pivot(template: Scene, bodies: Bodies) -> Array:
+    return np.array([turning_inertia(scene_of(template, bodies, row)) for row in range(len(bodies))])
+
+
+class Hosts:
+    """The engines of an ensemble: the reference in this process, any other in a worker for each thread."""
+
+    def __init__(self, timeout_s: float) -> None:
+        self._timeout_s = timeout_s
+        self._local, self._lock = threading.local(), threading.Lock()
+        self._pools: list[EnginePool] = []
+
+    def motions(
+        self, template: Scene, bodies: Bodies, engine: Engine, method: Method, setting: Setting
+    ) -> BatchAnswer:
+        """Return the motions of the bodies; a body that ends its worker costs no other body its result."""
+        batch = Batch(template, bodies, method.name, setting)
+        if engine.name == Reference.name:
+            return record_batch(Reference(), batch)
+        rows = _rows_together(batch, engine)
+        parts = [batch[first : first + rows] for first in range(0, len(batch), rows)]
+        ask = self._one_by_one if is_program(engine.name) else self._together
+        return BatchAnswer.joined(*(ask(engine, method, part) for part in parts))
+
+    def _together(self, engine: Engine, method: Method, batch: Batch) -> BatchAnswer:
+        message = self._pool.ask(engine.name, batch_message(batch), self._timeout_s)
+        try:
+            if message.get("outcome") == "ok":
+                return protocol.batch_answer_of(message, len(batch), batch.template.samples)
+            why = protocol.text_of(message, "message")
+        except ValueError as error:
+            why = str(error)
+        if len(batch) > 1:
+            middle = len(batch) // 2
+            halves = batch[:middle], batch[middle:]
+            return BatchAnswer.joined(*(self._together(engine, method, half) for half in halves))
+        timed_out = message.get("outcome") == "timeout"
+        return BatchAnswer.none(batch, "timeout" if timed_out else "failed", why)
+
+    def _one_by_one(self, engine: Engine, method: Method, batch: Batch) -> BatchAnswer:
+        rows = []
+        for scene in batch.scenes():
+            case = Case(scene, method.name, batch.setting)
+            request = {"do": "record", "case": case_message(case)}
+            message = self._pool.ask(engine.name, request, self._timeout_s)
+            try:
+                answer = protocol.answer_of(message, scene.sample_times)
+            except ValueError as error:
+                answer = Answer("failed", protocol.shown(str(error)))
+            rows.append((scene, answer))
+        return stacked(batch, rows, method.precision)
+
+    @property
+    def _pool(self) -> EnginePool:
+        """The workers of this thread."""
+        if not hasattr(self._local, "pool"):
+            self._local.pool = pool = EnginePool()
+            with self._lock:
+                self._pools.append(pool)
+        found: EnginePool = self._local.pool
+        return found
+
+    def stop(self) -> None:
+        """Kill the workers, from any thread."""
+        with self._lock:
+            for pool in self._pools:
+                pool.stop()
+
+    def close(self) -> None:
+        """End the workers, once no thread uses them."""
+        for pool in self._pools:
+            pool.close()
+
+
+def _rows_together(batch: Batch, engine: Engine) -> int:
+    steps = 1000 if batch.setting.dt_s is None else batch.steps_per_sample * (batch.template.samples - 1)
+    most = _STEPS_TOGETHER if engine.name.partition("==")[0] in _BATCHING else _STEPS_ALONE
+    return max(most // steps, 1)
+
+
+def settings_of(method: Method, dt_s: Sequence[float], tolerances: Sequence[float]) -> list[Setting]:
+    """Return the settings of a method."""
+    match method.control:
+        case "dt":
+            return [Setting(dt_s=step) for step in dt_s]
+        case "tolerance":
+            return [Setting(tolerance=tolerance) for tolerance in tolerances or method.tolerances]
+        case _:
+            return [Setting()]

@@ -1,0 +1,314 @@
+"""Search the start at which a method does worst, two methods differ most, or a method breaks down."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bodycheck._util.errors import InputError, StoppedError, UnavailableError
+from bodycheck._util.files import unfinished_name
+from bodycheck._util.formatting import count
+from bodycheck._util.untrusted import joined
+from bodycheck.adapters.programs import with_method
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, bodies_at
+from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES
+from bodycheck.reports.run_files.ensemble_dataset import SCHEMA_VERSION
+from bodycheck.reports.run_files.writer import check_output
+from bodycheck.runs.ensemble_cases import BatchTruth, Hosts, measured, truth_of
+from bodycheck.runs.ensemble_run import EnsembleRequest, Key, is_free_rotation
+from bodycheck.runs.run_options import Progress, ProgressFactory, RunOptions
+from bodycheck.scenarios.ensemble import Ensemble, default_distribution, scenario_text
+
+EVALUATIONS = 2000
+_UNIFORM_SHARE = 0.25  # of the evaluations: uniform starts, which give the typical error
+_POPULATION, _STARTS = 12, 2
+_SPREAD = 0.15  # of the first population, in widths of the cube
+_INSIDE = 1e-12  # from the faces of the cube, where moments vanish
+_BROKEN = 1e3
+"""Score of a breakdown, above that of any error."""
+
+_UNKNOWN = -1e3  # of a body that the method does not support, or whose truth is chaotic
+_BREAKDOWNS = ("unstable", "failed", "timeout", "invalid")
+_LEAST = 1e-300
+
+
+@dataclass(frozen=True, kw_only=True)
+class HuntRequest:
+    """What to search. The ensemble names the method, and if `against` is given, that is the other one.
+
+    The spin is that of the scenario unless the ensemble has a range. measure: one of ROTATION_MEASURES.
+    """
+
+    ensemble: EnsembleRequest
+    against: str | None = None
+    measure: str = ROTATION_MEASURES[0]
+    evaluations: int = EVALUATIONS
+
+    def checked(self) -> tuple[Ensemble, list[Key]]:
+        """Return the space of starts and the method, then the other one if there is one."""
+        faults = []
+        if self.measure not in ROTATION_MEASURES:
+            faults.append(f"--measure {self.measure}: unknown (available: {', '.join(ROTATION_MEASURES)})")
+        if not 20 * _POPULATION <= self.evaluations <= 10**7:
+            faults.append(f"--evaluations {self.evaluations}: must be from {20 * _POPULATION} to {10**7}")
+        if faults:
+            raise InputError("\n".join(faults))
+        asked = self.ensemble
+        ensemble = asked.ensemble()
+        ranges = default_distribution(
+            ensemble.scenario, asked.trace_kg_m2, asked.spin_rad_s, asked.torque_n_m, spread=1.0
+        )
+        ensemble = replace(ensemble, distribution=ranges)
+        names = [*asked.engines, *([] if self.against is None else [self.against])]
+        keys = [key for name in names for key in replace(asked, engines=[name]).keys(ensemble)]
+        if len(keys) != len(names):
+            raise InputError(
+                f"--engine {','.join(names)}: is {count(len(keys), 'method')} with their settings; "
+                "name one method like mujoco:rk4, and one step or tolerance"
+            )
+        return ensemble, keys
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluations:
+    """All evaluated starts: points (k, 12), the measure (k,), outcomes (k,) and scores (k,)."""
+
+    points: Array
+    values: Array
+    outcomes: NDArray[np.object_]
+    scores: Array
+
+
+@dataclass(frozen=True, eq=False)
+class HuntResult:
+    """The worst start, and how it was found.
+
+    typical: the median of the measure over the uniform starts. path: every evaluation in order.
+    """
+
+    request: HuntRequest
+    ensemble: Ensemble
+    keys: list[Key]
+    typical: float
+    uniform: int
+    path: Evaluations
+
+    @property
+    def worst(self) -> int:
+        """The number of the worst evaluation, from 0."""
+        return int(np.argmax(self.path.scores))
+
+    @property
+    def bodies(self) -> Bodies:
+        """The body of the worst start, alone."""
+        place = self.worst
+        return bodies_at(self.ensemble.distribution, self.path.points[place : place + 1])
+
+    @property
+    def value(self) -> float:
+        """The measure at the worst start; infinite or NaN where the method broke down."""
+        return float(self.path.values[self.worst])
+
+    @property
+    def improvements(self) -> list[int]:
+        """The evaluations that were worse than all before them."""
+        best = np.maximum.accumulate(self.path.scores)
+        return [0, *(np.flatnonzero(best[1:] > best[:-1]) + 1).tolist()]
+
+
+class _Search:
+    """Evaluates starts in batches, and keeps all of them; the threads of `pool` keep their workers."""
+
+    def __init__(
+        self,
+        request: HuntRequest,
+        ensemble: Ensemble,
+        keys: list[Key],
+        hosts: Hosts,
+        pool: ThreadPoolExecutor,
+    ) -> None:
+        self._pool = pool
+        self._request, self._ensemble, self._keys, self._hosts = request, ensemble, keys, hosts
+        self._free = is_free_rotation(ensemble)
+        self._workers = RunOptions(jobs=request.ensemble.jobs).workers
+        self._parts: list[tuple[Array, Array, NDArray[np.object_], Array]] = []
+        self._known: dict[bytes, float] = {}
+
+    @property
+    def path(self) -> Evaluations:
+        """All evaluations so far."""
+        return Evaluations(*(np.concatenate(column) for column in zip(*self._parts, strict=True)))
+
+    @property
+    def left(self) -> int:
+        """The number of evaluations that the budget still has."""
+        return self._request.evaluations - sum(len(part[0]) for part in self._parts)
+
+    def scores(self, points: Array) -> Array:
+        """Return the scores (k,) of points (k, 12); a point known before costs no evaluation."""
+        new = [point for point in points if point.tobytes() not in self._known][: self.left]
+        if new:
+            values, outcomes = self._evaluated(np.array(new))
+            with np.errstate(divide="ignore"):
+                found = np.log10(np.maximum(values, _LEAST))
+            found = np.where(np.isin(outcomes, _BREAKDOWNS), _BROKEN, found)
+            found = np.where(np.isnan(found), _UNKNOWN, found)
+            self._parts.append((np.array(new), values, outcomes, found))
+            self._known |= {point.tobytes(): float(score) for point, score in zip(new, found, strict=True)}
+        return np.array([self._known.get(point.tobytes(), _UNKNOWN) for point in points])
+
+    def _evaluated(self, points: Array) -> tuple[Array, NDArray[np.object_]]:
+        parts = np.array_split(points, min(self._workers, len(points)))
+        done = list(self._pool.map(self._measured, parts))
+        return tuple(np.concatenate(column) for column in zip(*done, strict=True))  # type: ignore[return-value]
+
+    def _measured(self, points: Array) -> tuple[Array, NDArray[np.object_]]:
+        template, bodies = self._ensemble.template, bodies_at(self._ensemble.distribution, points)
+        answer = self._hosts.motions(template, bodies, *self._keys[0])
+        if len(self._keys) == 1:
+            truth = truth_of(template, bodies, free=self._free)
+        else:
+            other = self._hosts.motions(template, bodies, *self._keys[1])
+            there, nothing = np.array(other.endings) == "ok", np.zeros(len(bodies))
+            truth = BatchTruth(other.quaternion, other.omega_body, nothing, nothing, there)
+        found = measured(template, bodies, truth, answer)
+        return np.asarray(found.measures[self._request.measure]), found.endings
+
+
+def hunt(request: HuntRequest, watching: ProgressFactory) -> HuntResult:
+    """Search by CMA-ES from the worst of many uniform starts; Hansen (2016), The CMA evolution strategy.
+
+    Raises InputError for wrong input, UnavailableError without cma.
+    """
+    try:
+        import cma  # noqa: F401 - an extra, checked before anything is run
+    except ImportError:
+        raise UnavailableError("hunt needs cma: pip install 'bodycheck[hunt]'") from None
+    ensemble, keys = request.checked()
+    hosts = Hosts(request.ensemble.timeout_s)
+    pool = ThreadPoolExecutor(RunOptions(jobs=request.ensemble.jobs).workers)
+    try:
+        search = _Search(request, ensemble, keys, hosts, pool)
+        uniform = int(_UNIFORM_SHARE * request.evaluations)
+        with watching((request.evaluations - uniform) // _POPULATION) as progress:
+            progress.phase("trying uniform starts")
+            points = ensemble.points(0, uniform)
+            ranked = points[np.argsort(-search.scores(points), kind="stable")]
+            progress.motions_begun()
+            for start in range(_STARTS):
+                most = search.left // (_STARTS - start)
+                _evolve(search, ensemble, ranked[start], most, request.ensemble.seed + start, progress)
+        known = search.path.values[:uniform]
+        finite = known[np.isfinite(known)]
+        typical = float(np.median(finite)) if len(finite) else math.nan
+        return HuntResult(request, ensemble, keys, typical, uniform, search.path)
+    except KeyboardInterrupt:
+        hosts.stop()
+        raise StoppedError("stopped; nothing was written") from None
+    finally:
+        pool.shutdown()
+        hosts.close()
+
+
+def _evolve(
+    search: _Search, ensemble: Ensemble, begin: Array, most: int, seed: int, progress: Progress
+) -> None:
+    """Search around a start, along the axes of the cube that change it, with so many evaluations at most."""
+    import cma
+
+    active = _active(ensemble)
+    strategy = cma.CMAEvolutionStrategy(
+        begin[active],
+        _SPREAD,
+        {"bounds": [0.0, 1.0], "popsize": _POPULATION, "seed": seed + 1, "verbose": -9},  # seed 0: the clock
+    )
+    end = search.left - most
+    while search.left - _POPULATION >= end and not strategy.stop():
+        asked = strategy.ask()
+        points = np.tile(begin, (len(asked), 1))
+        points[:, active] = np.clip(asked, _INSIDE, 1.0 - _INSIDE)
+        strategy.tell(asked, (-search.scores(points)).tolist())
+        progress.case_done()
+
+
+def _active(ensemble: Ensemble) -> list[int]:
+    """Return the axes of the cube that have an effect."""
+    ranges = ensemble.distribution
+    fixed = {
+        "trace": ranges.trace_kg_m2[0] == ranges.trace_kg_m2[1],
+        "spin": ranges.spin_rad_s[0] == ranges.spin_rad_s[1],
+        **dict.fromkeys(("torque", "torque_1", "torque_2"), ranges.torque_n_m[1] == 0.0),
+    }
+    return [axis for axis, name in enumerate(COORDINATES) if not fixed.get(name, False)]
+
+
+# --------------------------------------------------------------------------------------------------- files
+
+
+def command_of(result: HuntResult, scenario: Path) -> str:
+    """Return the command that runs the worst start by the method, and by the other one if there is one."""
+    names = ",".join(with_method(engine.name, method.name) for engine, method, _ in result.keys)
+    setting = result.keys[0][2]
+    words = ["bodycheck", "run", str(scenario), "--engine", names]
+    words += [] if setting.dt_s is None else ["--dt", repr(setting.dt_s)]
+    words += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
+    return joined(words)
+
+
+def write_hunt(result: HuntResult, out: Path) -> None:
+    """Write worst.toml, path.csv and manifest.json to a new or empty folder."""
+    import pandas as pd
+
+    check_output(out)
+    name = f"{result.ensemble.scenario.name}-worst-of-{'-'.join(key[1].name for key in result.keys)}"
+    summary = (
+        f"evaluation {result.worst + 1} of {len(result.path.scores)} by bodycheck hunt: "
+        f"{result.request.measure} {result.value:.6g}, {result.value / result.typical:.3g} times the median"
+    )
+    scenario = result.ensemble.scenario_of(result.bodies, name, summary)
+    path, bodies = result.path, bodies_at(result.ensemble.distribution, result.path.points)
+    columns: dict[str, Any] = {
+        "schema_version": SCHEMA_VERSION,
+        "evaluation": np.arange(1, len(path.scores) + 1),
+        "phase": np.where(np.arange(len(path.scores)) < result.uniform, "uniform", "search"),
+        "outcome": path.outcomes,
+        result.request.measure: path.values,
+        "worst_so_far": np.isin(np.arange(len(path.scores)), result.improvements),
+        "separatrix_distance": bodies.separatrix_distance,
+        **{f"i{k + 1}_kg_m2": bodies.moments[:, k] for k in range(3)},
+        **{f"q{letter}": bodies.quaternion[:, k] for k, letter in enumerate("wxyz")},
+        **{f"w{letter}_body_rad_s": bodies.omega_body[:, k] for k, letter in enumerate("xyz")},
+        **{f"t{letter}_body_n_m": bodies.torque_body[:, k] for k, letter in enumerate("xyz")},
+    }
+    manifest = {
+        "schema_version": SCHEMA_VERSION,
+        "bodycheck": version("bodycheck"),
+        "request": asdict(result.request),
+        "distribution": asdict(result.ensemble.distribution),
+        "typical": result.typical,
+        "reproduce": command_of(result, out / "worst.toml"),
+    }
+    try:
+        out.absolute().parent.mkdir(parents=True, exist_ok=True)
+        unfinished = unfinished_name(out.absolute())
+        try:
+            unfinished.mkdir()
+            (unfinished / "worst.toml").write_text(scenario_text(scenario), encoding="utf-8")
+            pd.DataFrame(columns).to_csv(unfinished / "path.csv", index=False)
+            told = json.dumps(manifest, indent=2) + "\n"
+            (unfinished / "manifest.json").write_text(told, encoding="utf-8")
+            unfinished.replace(out)
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None

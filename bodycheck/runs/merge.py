@@ -1,0 +1,386 @@
+"""Merge the shards of a run: the union of their tables and motions, and how their machines differ."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import count
+from bodycheck._util.shard import Shard
+from bodycheck._util.untrusted import quoted
+from bodycheck.adapters.contract import Build, Engine, Method
+from bodycheck.adapters.execution import Answer
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.comparison.environment_diff import redefined
+from bodycheck.reports.history.baseline import machine_class
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.study import Study, study
+from bodycheck.reports.run_files.run_reader import read_manifest, read_run
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.sentinels import Sentinel, disagreements, read_sentinels
+from bodycheck.reports.run_files.tables import (
+    DIAGNOSIS_COLUMNS,
+    FINGERPRINT_COLUMNS,
+    LAW_COLUMNS,
+    METHOD_COLUMNS,
+    PROBE_COLUMNS,
+    RESULT_COLUMNS,
+    STABILITY_COLUMNS,
+    as_table,
+)
+from bodycheck.reports.summary.error_curve import rows_of
+from bodycheck.runs.directory import partial_of
+from bodycheck.runs.manifest import Identity
+from bodycheck.runs.selection import Selection
+
+_REQUESTED = ("dt_s", "tolerances", "speed")
+_MACHINE = ("cpu", "cores", "system", "platform", "python", "bodycheck", "libraries", "jobs", "speed_core")
+_SPEEDS = ("cpu_s", "cpu_s_low", "cpu_s_high", "ns_per_step", "relative_cpu")
+_SECONDS = ("compile_s", "truths_s", "motions_s", "speeds_s", "run_s")
+
+
+class _ShardFacts(BaseModel):
+    """The entry `shard` of a manifest."""
+
+    shard: str
+    scenarios: dict[str, str]
+    methods: list[tuple[str, str]]
+    off_centre_only: list[tuple[str, str]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A shard as stored: which one it is, its run, and its sentinels."""
+
+    shard: Shard
+    run: Run
+    sentinels: tuple[Sentinel, ...]
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        return self.run.manifest
+
+    @property
+    def machine(self) -> str:
+        return machine_class(self.manifest)
+
+
+def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
+    """Return the run that these shards are parts of; `manifest["merged"]` has the shards and the findings.
+
+    Each shard's rows are taken as they are. A case whose shard lacks its engine is `failed`. Speeds are those
+    of one class of machines, the one that timed the most cases. allow_code: scenarios may name functions.
+
+    Raises InputError where a folder is not a complete shard, a shard is missing or given twice, or the
+    shards are not of one request.
+    """
+    parts = _parts(folders, allow_code=allow_code)
+    try:
+        selection = _selection(parts)
+    except (KeyError, TypeError) as error:
+        raise InputError(f"the manifests of the shards do not agree with themselves: {error!r}") from None
+    identity = Identity.new()
+    timed_on = _timed_on(parts)
+    problems, cases, methods, stability, diagnoses = [], [], [], [], []
+    missing: list[str] = []
+    for _, scenario in selection.scenarios:
+        solved = [p for part in parts for p in part.run.problems if p.scenario.name == scenario.name]
+        problems.append(solved[0])
+        for engine, method in selection.methods:
+            if not selection.runs_on(scenario, engine, method):
+                continue
+            who = scenario.name, engine.name, method.name
+            owner = _owner(parts, "study", *who)
+            if _has(owner, engine.name, method.name):
+                found = [case for case in owner.run.cases if _who(case.columns) == who]
+                cases += [case if owner.machine == timed_on else _untimed(case) for case in found]
+                methods += [row for row in rows_of(owner.run.methods) if _who(row) == who]
+                stability += [row for row in rows_of(owner.run.stability) if _who(row) == who]
+                diagnoses += [row for row in rows_of(owner.run.diagnoses) if _who(row) == who]
+            else:
+                missing.append(f"{engine.name}:{method.name}")
+                lost = _lost(selection, problems[-1], engine, method, owner)
+                cases += lost.cases
+                methods += lost.method_rows
+
+    def of_methods(table: str) -> Iterator[dict[str, Any]]:
+        for engine, method in selection.methods:
+            owner = _owner(parts, "probes", engine.name, method.name)
+            for row in rows_of(getattr(owner.run, table)):
+                if (row["engine"], row["method"]) == (engine.name, method.name):
+                    yield row
+
+    # a shard names the maps of the methods that it probes only
+    names = {(row["engine"], row["method"]): row["fingerprint"] for row in of_methods("fingerprints")}
+    methods = [{**row, "fingerprint": names.get((row["engine"], row["method"]))} for row in methods]
+    told = {"run_id": identity.run_id}
+    return Run(
+        run_id=identity.run_id,
+        results=as_table(({**case.columns, **told} for case in cases), RESULT_COLUMNS),
+        methods=as_table(({**row, **told} for row in methods), METHOD_COLUMNS),
+        stability=as_table(({**row, **told} for row in stability), STABILITY_COLUMNS),
+        manifest=_manifest(identity, parts, selection, cases, timed_on, missing),
+        problems=tuple(problems),
+        cases=tuple(cases),
+        probes=as_table(({**row, **told} for row in of_methods("probes")), PROBE_COLUMNS),
+        fingerprints=as_table(({**row, **told} for row in of_methods("fingerprints")), FINGERPRINT_COLUMNS),
+        laws=as_table(({**row, **told} for row in of_methods("laws")), LAW_COLUMNS),
+        diagnoses=as_table(({**row, **told} for row in diagnoses), DIAGNOSIS_COLUMNS),
+    )
+
+
+def _parts(folders: Sequence[Path], *, allow_code: bool) -> list[_Part]:
+    """Read the shards, in order; raises InputError unless they are all shards of one request."""
+    if twice := [folder for folder, times in Counter(map(Path.resolve, folders)).items() if times > 1]:
+        raise InputError(f"{twice[0]}: is given twice")
+    shards = {folder: _shard(folder) for folder in folders}
+    faults = [*_counting_faults(shards), *_request_faults({f: m for f, (_, m) in shards.items()})]
+    if faults:
+        raise InputError("\n".join(faults))
+    cache = Cache.default()
+    return [
+        _Part(shard, read_run(folder, allow_code=allow_code, cache=cache), read_sentinels(folder))
+        for folder, (shard, _) in sorted(shards.items(), key=lambda one: one[1][0].index)
+    ]
+
+
+def _shard(folder: Path) -> tuple[Shard, dict[str, Any]]:
+    """Return which shard a folder holds, and its manifest."""
+    unfinished = partial_of(folder)
+    if unfinished.exists() and not folder.exists():
+        resume = f"bodycheck run --resume {quoted(str(folder))}"
+        raise InputError(f"{folder}: an interrupted shard; continue with: {resume}")
+    manifest = read_manifest(folder)
+    try:
+        told = _ShardFacts.model_validate(manifest.get("shard"))
+    except ValidationError:
+        raise InputError(
+            f"{folder}: not a shard (expected a folder written by `bodycheck run --shard`)"
+        ) from None
+    return Shard.parse(told.shard), manifest
+
+
+def _counting_faults(shards: Mapping[Path, tuple[Shard, dict[str, Any]]]) -> Iterator[str]:
+    """Yield what is missing, given twice, or of another division."""
+    folders: dict[Shard, list[Path]] = {}
+    for folder, (shard, _) in shards.items():
+        folders.setdefault(shard, []).append(folder)
+    counts = Counter(shard.count for shard, _ in shards.values())
+    if len(counts) > 1:
+        told = ", ".join(f"{folder} is {shard}" for folder, (shard, _) in shards.items())
+        yield f"shards of different divisions: {told}"
+        return
+    (total,) = counts
+    for shard, given in folders.items():
+        if len(given) > 1:
+            yield f"{', '.join(map(str, given))}: all are shard {shard}"
+    absent = [str(Shard(k, total)) for k in range(1, total + 1) if Shard(k, total) not in folders]
+    if absent:
+        yield f"missing shard{'s' * (len(absent) > 1)}: {', '.join(absent)}"
+
+
+def _request_faults(manifests: Mapping[Path, dict[str, Any]]) -> Iterator[str]:
+    """Yield how the requests of shards differ: scenarios, steps, tolerances, speeds."""
+    (first, expected), *others = manifests.items()
+    for folder, manifest in others:
+        for key in _REQUESTED:
+            if manifest[key] != expected[key]:
+                yield f"{folder}: {key} is {manifest[key]}, but {expected[key]} in {first}"
+        if list(manifest["shard"]["scenarios"]) != list(expected["shard"]["scenarios"]):
+            yield f"{folder}: has other scenarios than {first}"
+        for name in redefined(expected, manifest):
+            yield f"{folder}: the scenario {name} differs from that of {first}"
+
+
+def _selection(parts: Sequence[_Part]) -> Selection:
+    """Return what the shards have run together: scenarios and methods in their order."""
+    known = {problem.scenario.name: problem for part in parts for problem in part.run.problems}
+    names = list(parts[0].manifest["shard"]["scenarios"])
+    engines: dict[str, Engine] = {}
+    methods: dict[tuple[str, str], tuple[Engine, Method]] = {}
+    for part in parts:
+        told = part.manifest["engines"]
+        for name, method in part.manifest["shard"]["methods"]:
+            engine = engines.setdefault(name, _engine(name, told[name]))
+            methods.setdefault((name, method), (engine, Method.of(told[name]["methods"][method])))
+    unavailable = {
+        name: entry["unavailable"]
+        for part in parts
+        for name, entry in part.manifest["engines"].items()
+        if "unavailable" in entry and name not in engines
+    }
+    first = parts[0].manifest
+    only = {tuple(pair) for part in parts for pair in part.manifest["shard"]["off_centre_only"]}
+    return Selection(
+        scenarios=tuple((known[name].scenario_spec, known[name].scenario) for name in names if name in known),
+        methods=tuple(methods.values()),
+        unavailable=unavailable,
+        dt_s=first["dt_s"],
+        tolerances=first["tolerances"],
+        off_centre_only=frozenset(only),
+    )
+
+
+def _engine(name: str, entry: Mapping[str, Any]) -> Engine:
+    methods = {method: Method.of(facts) for method, facts in entry["methods"].items()}
+    return Engine(name, entry["version"], methods, Build(**entry.get("build", {})))
+
+
+def _owner(parts: Sequence[_Part], *unit: str) -> _Part:
+    return parts[Shard(1, len(parts)).owner(*unit) - 1]
+
+
+def _has(part: _Part, engine: str, method: str) -> bool:
+    return [engine, method] in part.manifest["shard"]["methods"]
+
+
+def _who(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    return row["scenario"], row["engine"], row["method"]
+
+
+def _untimed(case: CaseResult) -> CaseResult:
+    return replace(case, columns={k: v for k, v in case.columns.items() if k not in _SPEEDS})
+
+
+def _timed_on(parts: Sequence[_Part]) -> str:
+    """Return the class of machines that timed the most cases."""
+    timed = Counter({part.machine: 0 for part in parts})
+    for part in parts:
+        timed[part.machine] += sum("cpu_s" in case.columns for case in part.run.cases)
+    return max(timed, key=lambda machine: timed[machine])
+
+
+def _lost(selection: Selection, problem: Problem, engine: Engine, method: Method, owner: _Part) -> Study:
+    """Return the cases of a method that its shard did not have, as failed ones."""
+    entry = owner.manifest["engines"].get(engine.name, {})
+    why = entry.get(
+        "unavailable", f"{engine.name} {entry.get('version', '')} has no such method".replace("  ", " ")
+    )
+    failed = Answer("failed", f"not run in shard {owner.shard}: {why}")
+    settings = selection.settings(problem.scenario, engine, method)
+    return study(
+        problem,
+        engine,
+        method,
+        settings,
+        adaptive=False,
+        ask=lambda engine, case: failed,  # noqa: ARG005 - the signature of Asking
+        search=None,
+        case_done=lambda: None,
+    )
+
+
+def _manifest(
+    identity: Identity,
+    parts: Sequence[_Part],
+    selection: Selection,
+    cases: Sequence[CaseResult],
+    timed_on: str,
+    missing: Sequence[str],
+) -> dict[str, Any]:
+    """Return the manifest: machine and software of the first shard that speeds are from, engines of all."""
+    source = next(part for part in parts if part.machine == timed_on).manifest
+    noises = [p.manifest["speed_noise"] for p in parts if p.machine == timed_on and p.manifest["speed_noise"]]
+    findings = [
+        *_differences(parts),
+        *_rebuilt(parts),
+        *disagreements({str(part.shard): part.sentinels for part in parts}),
+    ]
+    findings += [
+        f"{name}: {count(amount, 'scenario')} not run, because the shard had no such method"
+        for name, amount in Counter(missing).items()
+    ]
+    findings += _speed_finding(parts, timed_on)
+    scenarios: dict[str, Any] = {}
+    for part in parts:
+        scenarios |= part.manifest["scenarios"]
+    return {
+        "run_id": identity.run_id,
+        "created": identity.created.isoformat(timespec="seconds"),
+        **{key: source[key] for key in _MACHINE},
+        **{key: source[key] for key in (*_REQUESTED, "timeout_s")},
+        "engines": _engines(parts),
+        "speed_noise": max(noises, default=None),
+        "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),
+        "scenarios": {scenario.name: scenarios[scenario.name] for _, scenario in selection.scenarios},
+        **{key: sum(part.manifest[key] or 0.0 for part in parts) for key in _SECONDS},
+        "merged": {
+            "shards": [
+                {
+                    "shard": str(part.shard),
+                    "machine": part.machine,
+                    **{
+                        key: part.manifest[key]
+                        for key in ("run_id", "created", "python", "platform", "bodycheck")
+                    },
+                }
+                for part in parts
+            ],
+            "findings": findings,
+        },
+    }
+
+
+def _engines(parts: Sequence[_Part]) -> dict[str, Any]:
+    """Return the engines of all shards; an engine in several versions has all of them as its version."""
+    found: dict[str, Any] = {}
+    for part in parts:
+        for name, entry in part.manifest["engines"].items():
+            known = found.get(name)
+            if known is None or ("unavailable" in known and "version" in entry):
+                found[name] = dict(entry)
+            elif "version" in entry and "version" in known:
+                versions = dict.fromkeys([*known["version"].split(" and "), entry["version"]])
+                known["version"] = " and ".join(versions)
+                known["builds"] = sorted({*known.get("builds", ()), *entry.get("builds", ())})
+                known["methods"] = {**entry["methods"], **known["methods"]}
+    return found
+
+
+def _speed_finding(parts: Sequence[_Part], timed_on: str) -> Iterator[str]:
+    others = [part for part in parts if part.machine != timed_on]
+    if others and parts[0].manifest["speed"]:
+        left_out = ", ".join(str(part.shard) for part in others)
+        yield f"speeds are those of {timed_on}; those of shards {left_out}, on other machines, are left out"
+
+
+def _differences(parts: Sequence[_Part]) -> Iterator[str]:
+    """Yield each fact in which shards differ, with its values and the shards that have them."""
+    facts = [_facts(part.manifest) for part in parts]
+    for name in dict.fromkeys(name for each in facts for name in each):
+        shards: dict[str, list[str]] = {}
+        for part, each in zip(parts, facts, strict=True):
+            shards.setdefault(each.get(name, "none"), []).append(str(part.shard))
+        if len(shards) > 1:
+            values = (
+                f"{value} in shard{'s' * (len(those) > 1)} {', '.join(those)}"
+                for value, those in shards.items()
+            )
+            yield f"shards differ in {name}: {'; '.join(values)}"
+
+
+def _facts(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return what may affect the results of a shard, by name."""
+    facts = {name: str(manifest[name]) for name in ("python", "bodycheck", "cpu", "cores", "platform")}
+    facts |= manifest["libraries"]
+    return facts | {name: entry.get("version", "unavailable") for name, entry in manifest["engines"].items()}
+
+
+def _rebuilt(parts: Sequence[_Part]) -> Iterator[str]:
+    """Yield the engines of which shards have different builds, and the parts of the builds that differ."""
+    names = dict.fromkeys(name for part in parts for name in part.manifest["engines"])
+    for name in names:
+        entries = [part.manifest["engines"].get(name, {}) for part in parts]
+        builds = [entry["build"]["parts"] for entry in entries if "build" in entry]
+        differing = sorted(
+            {p for build in builds for p in build if any(build[p] != b.get(p) for b in builds)}
+        )
+        if differing:
+            yield f"shards have different builds of {name}: {', '.join(differing)}"

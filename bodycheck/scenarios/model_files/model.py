@@ -1,0 +1,141 @@
+"""What a model file states: its links, their inertias, and the joints between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite
+
+Format: TypeAlias = Literal["urdf", "mjcf"]
+
+
+@dataclass(frozen=True, eq=False)
+class Stated:
+    """An inertia as written: about the centre of mass, in the axes of an inertial frame of the link.
+
+    derived: how it follows from the file if it is not written, such as "from 2 geoms", with its parts.
+    """
+
+    line: int
+    inertia: ExactInertia
+    frame: Frame
+    derived: str = ""
+    parts: tuple[ExactInertia, ...] = ()
+
+    @cached_property
+    def in_link(self) -> ExactInertia:
+        """The inertia in link axes, with the centre relative to the link's origin."""
+        return self.inertia.placed(self.frame)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """The connection of a link to its parent; damping None where the format has no such number."""
+
+    name: str
+    kind: str
+    line: int
+    axis: tuple[float, ...] | None = None
+    damping: float | None = None
+    limits: tuple[float, float] | None = None
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the joint allows no motion."""
+        return self.kind == "fixed"
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A collision shape in link axes: its kind, sizes as in its format, pose, and mesh file if it has one."""
+
+    kind: str
+    size: tuple[float, ...]
+    frame: Frame
+    mesh: str = ""
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelLink:
+    """A link (URDF) or body (MJCF). stated None: without inertia; unread: why it cannot be computed here."""
+
+    name: str
+    line: int
+    file: Path
+    parent: str | None
+    pose: Frame
+    joint: Joint | None
+    stated: Stated | None
+    collisions: tuple[Shape, ...] = ()
+    unread: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """The links of a file in document order, parents first where the format nests them.
+
+    reads: the other files that it names; notes: sentences about what was read.
+    """
+
+    path: Path
+    format: Format
+    links: tuple[ModelLink, ...]
+    reads: tuple[Path, ...] = ()
+    notes: tuple[str, ...] = ()
+    settings: dict[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def by_name(self) -> dict[str, ModelLink]:
+        """Name -> link."""
+        return {link.name: link for link in self.links}
+
+    @cached_property
+    def _children(self) -> dict[str, list[ModelLink]]:
+        found: dict[str, list[ModelLink]] = {}
+        for link in self.links:
+            if link.parent is not None:
+                found.setdefault(link.parent, []).append(link)
+        return found
+
+    def outside(self) -> tuple[Path, ...]:
+        """The files that it names outside of its own folder."""
+        home = self.path.resolve().parent
+        return tuple(path for path in self.reads if not path.resolve().is_relative_to(home))
+
+    def fixed_below(self, name: str) -> Iterator[tuple[ModelLink, Frame]]:
+        """Yield the links that fixed joints connect to a link, with their poses in it."""
+        waiting = [(child, child.pose) for child in self._children.get(name, ())]
+        while waiting:
+            link, pose = waiting.pop()
+            if link.joint is not None and link.joint.fixed:
+                yield link, pose
+                waiting += [(child, pose @ child.pose) for child in self._children.get(link.name, ())]
+
+    def members(self, name: str, absent: frozenset[str]) -> list[tuple[ModelLink, Frame]]:
+        """Return a link and the absent links fixed to it, with their poses in it."""
+        return [
+            (self.by_name[name], Frame.of()),
+            *((link, pose) for link, pose in self.fixed_below(name) if link.name in absent),
+        ]
+
+    def merged(self, name: str, absent: frozenset[str]) -> ExactInertia | None:
+        """Return the composite, in the link's axes, of a link and the absent links fixed to it.
+
+        None if one of them has an inertia that cannot be computed here.
+        """
+        members = self.members(name, absent)
+        if any(link.unread for link, _ in members):
+            return None
+        stated = [link.stated.in_link.placed(pose) for link, pose in members if link.stated]
+        return stated[0] if len(stated) == 1 else composite(stated)
+
+
+def triangle_excess(moments: Array) -> float:
+    """(J3 - J1 - J2) / J3 of ascending moments: positive where no body can have them."""
+    return float((moments[2] - moments[0] - moments[1]) / moments[2]) if moments[2] > 0.0 else 0.0

@@ -1,0 +1,28 @@
+"""Open a model file of any format that is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bodycheck._util.errors import InputError
+from bodycheck.scenarios.model_files.mjcf import read_mjcf
+from bodycheck.scenarios.model_files.model import ModelFile
+from bodycheck.scenarios.model_files.urdf import read_urdf
+from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
+
+
+def read_model(path: Path) -> ModelFile:
+    """Return what a URDF or MJCF file states; its root element selects the format.
+
+    Raises InputError with one line: the file, the line in it, what is wrong and what would be right.
+    """
+    root = parse_xml(path)
+    match Node(root, path).tag:
+        case "robot":
+            return read_urdf(root, path)
+        case "mujoco":
+            return read_mjcf(root, path)
+        case tag:
+            raise InputError(
+                f"{path}:{root.sourceline}: <{tag}>: is not a model (expected <robot> or <mujoco>)"
+            )

@@ -1,0 +1,126 @@
+"""Extents and uniform-density tensors of collision shapes, as estimates to compare stated inertias with."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
+from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
+from bodycheck.scenarios.model_files.exact import doubles
+from bodycheck.scenarios.model_files.model import ModelFile, ModelLink, Shape
+from bodycheck.scenarios.model_files.urdf import resolved
+
+_LARGEST_MESH = 30_000_000  # bytes
+
+
+def half_extents(shape: Shape, model: ModelFile) -> tuple[Array, Array] | None:
+    """Return middle and half edges (3,) of the box around a shape, in its axes; None if unknown."""
+    size = np.array(shape.size)
+    half = model.format == "mjcf"
+    match shape.kind:
+        case "box" | "ellipsoid" if len(size) == 3:
+            return np.zeros(3), size if half else size / 2.0
+        case "sphere" if len(size) >= 1:
+            return np.zeros(3), np.full(3, size[0])
+        case "cylinder" | "capsule" if len(size) >= 2:
+            reach = (size[1] if half else size[1] / 2.0) + (size[0] if shape.kind == "capsule" else 0.0)
+            return np.zeros(3), np.array([size[0], size[0], reach])
+        case "mesh" if model.format == "urdf" and len(shape.scale) == 3:
+            box = _mesh_box(resolved(shape.mesh, model.path))
+            if box is not None:
+                low, high = np.array(box) * np.array(shape.scale)
+                return 0.5 * (low + high), 0.5 * np.abs(high - low)
+    return None
+
+
+@cache
+def _mesh_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    try:
+        if not path.is_file() or path.stat().st_size > _LARGEST_MESH:
+            return None
+        with open_mesh(path) as file:
+            vertices, _ = parse_mesh(path, file)
+    except (InputError, OSError, ValueError):
+        return None  # its size is then unknown; importers report what they make of it
+    return tuple(vertices.min(axis=0).tolist()), tuple(vertices.max(axis=0).tolist())
+
+
+def corners(link: ModelLink, model: ModelFile) -> Array:
+    """Return the corners (8 n, 3) in link axes of the boxes around a link's shapes."""
+    found = []
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+    for shape in link.collisions:
+        box = half_extents(shape, model)
+        if box is not None:
+            R, p = doubles(shape.frame.rotation), doubles(shape.frame.position)
+            found.append((box[0] + signs * box[1]) @ R.T + p)
+    return np.concatenate(found) if found else np.empty((0, 3))
+
+
+def uniform(link: ModelLink, model: ModelFile) -> MassProperties | None:
+    """Return a link's only shape at the link's mass and uniform density, in link axes; None if it is not one.
+
+    A mesh counts as the box around it.
+    """
+    if len(link.collisions) != 1 or link.stated is None:
+        return None
+    (shape,) = link.collisions
+    box = half_extents(shape, model)
+    if box is None or not np.all(box[1] > 0.0):
+        return None
+    middle, half = box
+    match shape.kind:
+        case "sphere":
+            solid = primitive("sphere", [half[0]])
+        case "ellipsoid":
+            solid = primitive("ellipsoid", half.tolist())
+        case "cylinder":
+            solid = primitive("cylinder", [half[0], 2.0 * half[2]])
+        case "capsule":
+            solid = primitive("capsule", [half[0], 2.0 * (half[2] - half[0])])
+        case _:
+            solid = primitive("box", (2.0 * half).tolist())
+    mass = float(link.stated.inertia.mass)
+    solid = solid.moved(middle).rotated(doubles(shape.frame.rotation)).moved(doubles(shape.frame.position))
+    return solid.at_density(mass / solid.mass) if mass > 0.0 else None
+
+
+def bounding_boxes(link: ModelLink, model: ModelFile, mass: float, margin_m: float) -> list[Array]:
+    """Return tensors (3, 3) in link axes of uniform boxes around all shapes, along the axes of each frame.
+
+    margin_m: added to each capsule, as Bullet does for those that a file gives by two points.
+    """
+    found = []
+    for R in [np.eye(3), *(doubles(shape.frame.rotation) for shape in link.collisions)]:
+        spans = [span for shape in link.collisions if (span := _span(shape, model, R, margin_m)) is not None]
+        if spans:
+            low, high = np.min([one[0] for one in spans], axis=0), np.max([one[1] for one in spans], axis=0)
+            edges = high - low
+            found.append(R @ np.diag(mass / 12.0 * (edges @ edges - edges**2)) @ R.T)
+    return found
+
+
+def _span(shape: Shape, model: ModelFile, R: Array, margin_m: float) -> tuple[Array, Array] | None:
+    """Return the least and the greatest coordinates (3,) of a shape along the columns of R."""
+    box = half_extents(shape, model)
+    if box is None:
+        return None
+    middle, half = box
+    turned = R.T @ doubles(shape.frame.rotation)
+    at = turned @ middle + R.T @ doubles(shape.frame.position)
+    along = np.abs(turned[:, 2])
+    match shape.kind:
+        case "sphere":
+            reach = half
+        case "capsule":
+            reach = along * (half[2] - half[0]) + half[0] + margin_m
+        case "cylinder":
+            reach = along * half[2] + np.sqrt(np.maximum(0.0, 1.0 - along**2)) * half[0]
+        case _:
+            reach = np.abs(turned) @ half
+    return at - reach, at + reach

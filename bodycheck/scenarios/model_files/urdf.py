@@ -1,0 +1,167 @@
+"""Read URDF: links, their inertials, and the tree of joints.
+
+Source: http://wiki.ros.org/urdf/XML/link and /joint: the origin of <inertial> is the pose of the inertial
+frame in the link frame, in m and fixed-axis roll, pitch, yaw; the tensor is in its axes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp, rotation_of_rpy
+from bodycheck.scenarios.model_files.model import Joint, ModelFile, ModelLink, Shape, Stated
+from bodycheck.scenarios.model_files.xml_file import Node
+
+_MOVING = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")
+_SIZES = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+}
+
+
+def read_urdf(root: Any, path: Path) -> ModelFile:
+    """Return the model of a <robot> element; raises InputError with one line if it is not a tree of links."""
+    robot = Node(root, path)
+    nodes = list(robot.children("link"))
+    if not nodes:
+        raise InputError(f"{robot.where}: has no <link>")
+    names = [node.text("name") for node in nodes]
+    for node, name in zip(nodes, names, strict=True):
+        if names.count(name) > 1:
+            raise InputError(f"{node.where}: another link has the name {name!r}")
+    parents = _parents(robot, set(names))
+    _check_tree(parents, robot)
+    links = []
+    for node, name in zip(nodes, names, strict=True):
+        parent, pose, joint = parents.get(name, (None, Frame.of(), None))
+        shapes = tuple(_shapes(node))
+        links.append(ModelLink(name, node.line, path, parent, pose, joint, _stated(node), shapes))
+    meshes = {mesh.text("filename") for mesh in _meshes(robot)}
+    reads = tuple(sorted(resolved(name, path) for name in meshes))
+    return ModelFile(path, "urdf", tuple(links), reads)
+
+
+def resolved(name: str, model: Path) -> Path:
+    """Return the file that a mesh name means: relative to the model, or package://PACKAGE/FILE.
+
+    A package is the nearest folder of that name at or above the model; without one, the model's own folder.
+    """
+    for scheme in ("file://", "model://"):
+        name = name.removeprefix(scheme)
+    if not name.startswith("package://"):
+        return model.parent / name
+    package, _, rest = name.removeprefix("package://").partition("/")
+    for folder in model.absolute().parents:
+        if folder.name == package:
+            return folder / rest
+        if (folder / package).is_dir():
+            return folder / package / rest
+    return model.parent / rest
+
+
+def _meshes(robot: Node) -> list[Node]:
+    found = []
+    for link in robot.children("link"):
+        for shape in link.children("visual", "collision"):
+            geometry = shape.child("geometry")
+            mesh = geometry.child("mesh") if geometry else None
+            if mesh is not None and "filename" in mesh:
+                found.append(mesh)
+    return found
+
+
+def _parents(robot: Node, names: set[str]) -> dict[str, tuple[str, Frame, Joint]]:
+    """Return child -> (parent, its pose in the parent, the joint)."""
+    found: dict[str, tuple[str, Frame, Joint]] = {}
+    for node in robot.children("joint"):
+        ends = []
+        for tag in ("parent", "child"):
+            end = node.child(tag)
+            if end is None:
+                raise InputError(f"{node.where}: has no <{tag}>")
+            if end.text("link") not in names:
+                raise InputError(f"{end.where}: there is no link {end.text('link')!r}")
+            ends.append(end.text("link"))
+        parent, child = ends
+        if child in found:
+            raise InputError(f"{node.where}: link {child!r} has two parents")
+        found[child] = (parent, _origin(node), _joint(node))
+    return found
+
+
+def _check_tree(parents: dict[str, tuple[str, Frame, Joint]], robot: Node) -> None:
+    for start in parents:
+        name, seen = start, {start}
+        while name in parents:
+            name = parents[name][0]
+            if name in seen:
+                raise InputError(f"{robot.where}: link {name!r} is its own ancestor")
+            seen.add(name)
+
+
+def _joint(node: Node) -> Joint:
+    kind = node.text("type")
+    if kind != "fixed" and kind not in _MOVING:
+        known = ", ".join(("fixed", *_MOVING))
+        raise InputError(f"{node.where}: unknown joint type {kind!r:.60} (available: {known})")
+    axis, dynamics, limit = node.child("axis"), node.child("dynamics"), node.child("limit")
+    return Joint(
+        node.text("name", ""),
+        kind,
+        node.line,
+        tuple(axis.leading("xyz", 3, "1 0 0")) if axis is not None else (1.0, 0.0, 0.0),
+        None if kind == "fixed" else dynamics.number("damping", 0.0) if dynamics is not None else 0.0,
+        (limit.number("lower", 0.0), limit.number("upper", 0.0))
+        if limit is not None and kind in ("revolute", "prismatic")
+        else None,
+    )
+
+
+def _origin(node: Node) -> Frame:
+    origin = node.child("origin")
+    if origin is None:
+        return Frame.of()
+    if "quat_xyzw" in origin and "rpy" not in origin:
+        raise InputError(f"{origin.where}: quat_xyzw is not read here; write rpy")
+    return Frame.of(origin.leading("xyz", 3, "0 0 0"), rotation_of_rpy(origin.leading("rpy", 3, "0 0 0")))
+
+
+def _stated(link: Node) -> Stated | None:
+    inertial = link.child("inertial")
+    if inertial is None:
+        return None
+    mass, inertia = inertial.child("mass"), inertial.child("inertia")
+    m = mp.mpf(mass.number("value")) if mass is not None else mp.mpf(0)
+    tensor = np.zeros((3, 3))
+    if inertia is not None:
+        for i, j, name in (
+            (0, 0, "ixx"),
+            (1, 1, "iyy"),
+            (2, 2, "izz"),
+            (0, 1, "ixy"),
+            (0, 2, "ixz"),
+            (1, 2, "iyz"),
+        ):
+            tensor[i, j] = tensor[j, i] = inertia.number(name, 0.0)
+    body = ExactInertia(m, exact(np.zeros(3)), exact(tensor))
+    return Stated(inertial.line, body, _origin(inertial))
+
+
+def _shapes(link: Node) -> list[Shape]:
+    found = []
+    for node in link.children("collision"):
+        geometry = node.child("geometry")
+        for shape in geometry.children() if geometry is not None else ():
+            if shape.tag in _SIZES:
+                size = tuple(value for name in _SIZES[shape.tag] for value in shape.numbers(name))
+                found.append(Shape(shape.tag, size, _origin(node)))
+            elif shape.tag == "mesh" and "filename" in shape:
+                scale = tuple(shape.numbers("scale", None, "1 1 1"))
+                found.append(Shape("mesh", (), _origin(node), shape.text("filename"), scale))
+    return found

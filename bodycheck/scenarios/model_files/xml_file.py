@@ -1,0 +1,147 @@
+"""Parse XML without entities, without a network and without any other file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from lxml import etree
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.untrusted import printable
+from bodycheck.scenarios.model_files.exact import finite
+
+_MOST_BYTES = 1 << 26
+_DECLARATION = re.compile(rb"\s*<\?xml\b[^>]*\?>")
+_DEEPEST = 200  # engines recurse, and so do readers
+
+
+def parse_xml(path: Path) -> Any:
+    """Return the root element of a file; raises InputError with one line: file, line, what is wrong."""
+    return parse_text(read_bytes(path), str(path))
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a model file; raises InputError with one line if it cannot be read."""
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is not a regular file")
+        with path.open("rb") as file:
+            content = file.read(_MOST_BYTES + 1)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if len(content) > _MOST_BYTES:
+        raise InputError(f"{path}: is too large (limit: {_MOST_BYTES} bytes)")
+    return content
+
+
+def repaired(content: bytes) -> bytes:
+    """Return a document as engines accept it: without declaration, surrounding blanks and final NUL bytes.
+
+    All lines keep their numbers. Files with version="0.0" or a blank before the declaration are common.
+    """
+    content = content.removeprefix(b"\xef\xbb\xbf").rstrip(b" \t\r\n\0")
+    found = _DECLARATION.match(content)
+    if found is None or re.search(rb"encoding\s*=\s*[\"'](?!utf-8|us-ascii)", found[0], re.IGNORECASE):
+        return content
+    return b"\n" * found[0].count(b"\n") + content[found.end() :]
+
+
+def parse_text(content: bytes, where: str) -> Any:
+    """Return the root element of a file's content; `where` names it in messages."""
+    parser = etree.XMLParser(
+        resolve_entities=False,
+        load_dtd=False,
+        no_network=True,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
+    try:
+        root = etree.fromstring(repaired(content), parser)
+    except etree.XMLSyntaxError as error:
+        line = f":{error.lineno}" if error.lineno else ""
+        raise InputError(f"{where}{line}: is not XML: {printable(str(error.msg), 200)}") from None
+    except ValueError as error:
+        raise InputError(f"{where}: is not XML: {printable(str(error), 200)}") from None
+    declared = root.getroottree().docinfo.internalDTD
+    if declared is not None and any(True for _ in declared.iterentities()):
+        raise InputError(f"{where}: declares entities, which are not expanded; write their text instead")
+    _check_depth(root, where)
+    return root
+
+
+def _check_depth(root: Any, where: str) -> None:
+    level, depth = [root], 0
+    while level:
+        depth += 1
+        if depth > _DEEPEST:
+            raise InputError(f"{where}:{level[0].sourceline}: is nested deeper than {_DEEPEST} elements")
+        level = [child for element in level for child in element]
+
+
+class Node:
+    """An element of a file, whose attributes are read with messages that name file and line."""
+
+    def __init__(self, element: Any, file: Path) -> None:
+        self.element, self.file = element, file
+
+    @property
+    def tag(self) -> str:
+        """The name of the element without a namespace."""
+        return etree.QName(self.element).localname
+
+    @property
+    def line(self) -> int:
+        """The line of the element in its file."""
+        return int(self.element.sourceline or 0)
+
+    @property
+    def where(self) -> str:
+        """FILE:LINE: <TAG>."""
+        return f"{self.file}:{self.line}: <{self.tag}>"
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.element.attrib
+
+    def children(self, *tags: str) -> Iterator[Node]:
+        """Yield the children with one of these tags; all children if none is given."""
+        for child in self.element:
+            if isinstance(child.tag, str):
+                node = Node(child, self.file)
+                if not tags or node.tag in tags:
+                    yield node
+
+    def child(self, tag: str) -> Node | None:
+        """Return the first child with this tag."""
+        return next(self.children(tag), None)
+
+    def text(self, name: str, default: str | None = None) -> str:
+        """Return an attribute; raises InputError if it is missing and has no default."""
+        found = self.element.get(name, default)
+        if found is None:
+            raise InputError(f"{self.where}: has no attribute {name!r}")
+        return str(found)
+
+    def numbers(self, name: str, count: int | None = None, default: str | None = None) -> list[float]:
+        """Return the numbers of an attribute; raises InputError if they are not `count` finite numbers."""
+        try:
+            return finite(self.text(name, default), count)
+        except ValueError as error:
+            raise InputError(f"{self.where}: {name} = {error}") from None
+
+    def leading(self, name: str, count: int, default: str) -> list[float]:
+        """Return the first `count` numbers, as engines do where there are more."""
+        given = self.text(name, default).split()
+        try:
+            return finite(" ".join(given[:count]), count)
+        except ValueError as error:
+            raise InputError(f"{self.where}: {name} = {error}") from None
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """Return a number; raises InputError if it is missing without a default, or not finite."""
+        if name not in self and default is not None:
+            return default
+        return self.numbers(name, 1)[0]

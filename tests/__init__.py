@@ -1,0 +1,1 @@
+"""Tests; a package, because an installed `tests` would hide a mere folder."""

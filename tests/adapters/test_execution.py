@@ -1,0 +1,51 @@
+"""Execution of a case: what is built for a case is freed, however the case ends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters.contract import Setting, Simulation, Solver
+from bodycheck.adapters.execution import Case, stopwatch
+from bodycheck.adapters.reference import Reference
+from bodycheck.reference_impl.scene import RigidBody, Scene, State
+
+START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
+SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (), np.zeros(3), 1.0, 3)
+
+
+class FailsWhenTimed(Reference):
+    """Builds soundly, raises as soon as anything moves, and counts what is closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.closed = 0
+
+    def _close(self) -> None:
+        self.closed += 1
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
+        """Make a simulation that raises when it is reset."""
+        simulation = super().build(scene, method, dt_s)
+        simulation.reset = self._fail  # type: ignore[method-assign]
+        simulation.close = self._close  # type: ignore[method-assign]
+        return simulation
+
+    def solver(self, scene: Scene, method: str, tolerance: float | None) -> Solver:
+        """Make a solver that raises when it is to solve."""
+        solver = super().solver(scene, method, tolerance)
+        solver.solve = self._fail  # type: ignore[assignment]
+        solver.close = self._close  # type: ignore[method-assign]
+        return solver
+
+    def _fail(self) -> None:
+        raise RuntimeError("singular")
+
+
+@pytest.mark.parametrize(("method", "dt_s"), [("m1", 0.1), ("exact", None)])
+def test_engine_that_fails_in_the_untimed_pass_is_closed(method: str, dt_s: float | None) -> None:
+    """An engine that fails in the pass that is not timed is closed."""
+    adapter = FailsWhenTimed()
+    with pytest.raises(RuntimeError, match="singular"):
+        stopwatch(adapter, Case(SCENE, method, Setting(dt_s)))
+    assert adapter.closed == 1

@@ -1,0 +1,381 @@
+"""Pinned engine versions: the requests, the calls of uv, and the facts that depend on the version."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from importlib.metadata import version
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import pytest
+
+from bodycheck._util.errors import UnavailableError
+from bodycheck.adapters.mujoco.mj_model import methods_of
+from bodycheck.adapters.versions import environments, uv
+from bodycheck.adapters.versions.pins import Pin, engine_fault, pin_of
+from bodycheck.adapters.versions.uv import UvError, pip_settings
+from tests.helpers.expected_messages import ExpectedMessage
+from tests.helpers.in_process_cli import run_bodycheck
+
+
+def test_pin_is_written_as_for_pip() -> None:
+    """NAME==VERSION is a pin and is printed the same; a name alone is not a pin."""
+    assert pin_of("mujoco==3.6.0") == Pin("mujoco", "3.6.0")
+    assert Pin("mujoco", "3.6.0").name == "mujoco==3.6.0"
+    assert pin_of("mujoco") is None
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            "mujoco==3.*",
+            "mujoco==",
+            "mujoco===3.6.0",
+            "mujoco==3.6.0 --index-url=http://elsewhere",
+            "mujoco==3.x",
+        ),
+        *("havok==1.0", "mujoco>=3.6", "mujoco=3.6.0", "mujoco=", "havok=1.0", "reference==0.1"),
+    ],
+)
+def test_invalid_pin_is_refused(name: str, expected_message: ExpectedMessage) -> None:
+    """A pattern, a range, an unknown engine and one without a package are refused in one line."""
+    fault = engine_fault(name)
+    assert fault is not None
+    expected_message(fault)
+
+
+@pytest.mark.parametrize(
+    "name", ["mujoco", "mujoco==3.6.0", "dart==6.19.5", "pybullet==3.2.7", "mujoco==4.0.0rc1"]
+)
+def test_valid_names_are_accepted(name: str) -> None:
+    """An engine as installed and in one release are both accepted."""
+    assert engine_fault(name) is None
+
+
+@pytest.mark.parametrize(
+    ("release", "rk4", "implicit", "implicitfast"),
+    [
+        ("3.6.0", 2, 1, 1),
+        ("3.7.0", 2, 2, 2),
+        ("3.8.0", 2, 2, 2),
+        ("3.8.1", 2, 1, 2),
+        ("3.10.0", 2, 1, 2),
+        ("3.11.0", 2, 1, 1),
+        ("3.17.0", 2, 1, 1),
+        ("4.0.0", 4, 1, 1),
+        ("4.1.0rc1", 4, 1, 1),
+    ],
+)
+def test_orders_of_mujoco_depend_on_the_version(
+    release: str, rk4: int, implicit: int, implicitfast: int
+) -> None:
+    """The orders are those measured of each release; versions are compared as numbers."""
+    orders = {name: method.order for name, method in methods_of(release).items()}
+    assert orders == {
+        "euler": 1,
+        "rk4": rk4,
+        "implicit": implicit,
+        "implicitfast": implicitfast,
+        "discrete": 1,
+    }
+
+
+LISTED = """\
+:env:.find-links='/opt/wheels /opt/more'
+global.cert='/etc/ssl/own.pem'
+global.extra-index-url='https://a.example/simple https://b.example/simple'
+global.find-links='/old'
+global.index-url='https://c.example/simple'
+global.timeout='60'
+install.index-url='https://d.example/simple'
+"""
+
+
+def test_uv_gets_the_settings_of_pip(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Indexes, links and certificates follow pip's order of precedence; no other setting is passed."""
+    for name in (*uv._UV_INDEXES, *uv._PIP_TO_UV.values()):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(uv, "_pip_config", lambda: LISTED)
+    assert pip_settings() == {
+        "UV_DEFAULT_INDEX": "https://d.example/simple",
+        "UV_INDEX": "https://a.example/simple https://b.example/simple",
+        "UV_INDEX_STRATEGY": "unsafe-best-match",
+        "UV_FIND_LINKS": "/opt/wheels,/opt/more",
+        "SSL_CERT_FILE": "/etc/ssl/own.pem",
+    }
+
+
+@pytest.mark.parametrize("name", uv._UV_INDEXES)
+def test_settings_of_uv_take_precedence(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where uv has an index of its own, pip's settings are ignored."""
+    monkeypatch.setattr(uv, "_pip_config", lambda: LISTED)
+    monkeypatch.setenv(name, "https://e.example/simple")
+    assert pip_settings() == {}
+
+
+def test_missing_uv_is_reported_with_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error is one line with the command that installs uv."""
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr(uv, "import_module", _no_module)
+    with pytest.raises(UnavailableError, match=r"require uv: pip install 'bodycheck\[versions\]'"):
+        uv.uv("--version")
+
+
+def _no_module(name: str) -> None:
+    raise ModuleNotFoundError(name)
+
+
+class FakeUv:
+    """Makes environments without a registry; it refuses a word of a command, or a constraint."""
+
+    def __init__(self) -> None:
+        self.refuses = "nothing"
+        self.commands: list[tuple[str, ...]] = []
+        self.constraints: list[str] = []
+
+    def __call__(self, *words: str, downloads: bool = False) -> str:
+        """Do as uv would; the Python is the current one, which is never downloaded."""
+        assert not downloads
+        self.commands.append(words)
+        if "-c" in words:
+            self.constraints.append(Path(words[words.index("-c") + 1]).read_text())
+        if words[0] == "venv":
+            (Path(words[-1]) / "bin").mkdir(parents=True)
+            (Path(words[-1]) / "bin" / "python").touch()
+        if self.refuses in words or any(self.refuses in text for text in self.constraints[-1:]):
+            raise UvError("no such version", refused=True)
+        return ""
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeUv:
+    """Put a fake in uv's place, and the environments into a folder of the test."""
+    made = FakeUv()
+    monkeypatch.setattr(environments, "uv", made)
+    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path)
+    return made
+
+
+PIN = Pin("mujoco", "3.6.0")
+
+
+def test_environment_is_created_once(fake: FakeUv) -> None:
+    """A second request uses the existing environment; another version gets another one."""
+    python = environments.python_of(PIN)
+    made = len(fake.commands)
+    assert environments.python_of(PIN) == python
+    assert len(fake.commands) == made
+    assert environments.python_of(Pin("mujoco", "3.7.0")) != python
+
+
+def test_uv_installs_wheels_of_the_release_only(fake: FakeUv) -> None:
+    """uv gets this Python, no builds, the worker's imports and no bodycheck from an index."""
+    python = environments.python_of(PIN)
+    venv, install = fake.commands
+    assert venv[:3] == ("venv", "--python", sys.executable)
+    assert install[:3] == ("pip", "install", "--python")
+    assert Path(install[3]).parts[-2:] == ("bin", "python")
+    assert "--no-build" in install
+    assert install[-4:] == ("mujoco==3.6.0", "numpy", "numba", "pydantic")
+    overrides = python.parents[1] / Path(install[install.index("--override") + 1]).name
+    assert overrides.read_text() == "bodycheck ; python_version < '0'\n"
+
+
+@pytest.mark.usefixtures("fake")
+def test_cache_folder_is_created(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cache folder is created with its parents."""
+    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path / "no" / "such")
+    assert environments.python_of(PIN).exists()
+
+
+@pytest.mark.usefixtures("fake")
+def test_environment_is_announced_before_it_is_created(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line on standard error precedes the download; nothing is printed if it exists."""
+    told: list[str] = []
+    monkeypatch.setattr(environments, "_make", lambda _pin, place: _make_now(place, told, capsys))
+    environments.python_of(PIN)
+    environments.python_of(PIN)
+    assert told == ["making an environment for mujoco 3.6.0 ...\n"]
+    assert capsys.readouterr().err == ""
+
+
+def _make_now(place: Path, told: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Create an environment; the announcements before it are kept."""
+    told.append(capsys.readouterr().err)
+    (place / "bin").mkdir(parents=True)
+    (place / "bin" / "python").touch()
+
+
+def test_concurrent_requests_create_one_environment(fake: FakeUv) -> None:
+    """The second request waits for the first and uses its environment."""
+    threads = [threading.Thread(target=environments.python_of, args=(PIN,)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sum(words[0] == "venv" for words in fake.commands) == 1
+
+
+def test_incomplete_environment_is_never_used(fake: FakeUv, tmp_path: Path) -> None:
+    """An environment whose packages failed is removed, and one that was cut off is replaced."""
+    fake.refuses = "mujoco==3.6.0"
+    with pytest.raises(UnavailableError, match=r"^mujoco==3.6.0 cannot be installed: no such version$"):
+        environments.python_of(PIN)
+    assert [path.name for path in (tmp_path / "environments").iterdir() if path.is_dir()] == []
+    fake.refuses = "nothing"
+    place = environments.python_of(PIN).parents[1]
+    place.rename(place.with_name(f"{place.name}.part"))
+    assert environments.python_of(PIN).exists()
+    assert [path for path in (tmp_path / "environments").iterdir() if path.is_dir()] == [place]
+
+
+def test_old_engine_gets_older_libraries(fake: FakeUv) -> None:
+    """An engine that refuses the present numpy and numba gets those that it accepts."""
+    fake.refuses = "numpy=="
+    assert environments.python_of(PIN).exists()
+    as_here, as_it_takes = fake.constraints
+    assert f"numpy=={version('numpy')}" in as_here
+    assert f"numba=={version('numba')}" in as_here
+    assert as_it_takes == ""
+
+
+SOURCES = (
+    "UV_DEFAULT_INDEX",
+    "UV_INDEX_URL",
+    "UV_INDEX",
+    "UV_EXTRA_INDEX_URL",
+    "UV_FIND_LINKS",
+    "UV_NO_INDEX",
+    "UV_INDEX_STRATEGY",
+    "UV_CONSTRAINT",
+    "UV_OVERRIDE",
+)
+
+
+@pytest.mark.usefixtures("fake")
+@pytest.mark.parametrize("name", SOURCES)
+def test_another_index_makes_another_environment(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same version from another index may differ, so it has its own environment."""
+    monkeypatch.setattr(uv, "_pip_config", lambda: "")
+    monkeypatch.delenv(name, raising=False)
+    places = [environments.python_of(PIN)]
+    for value in ("https://one.example/simple", "https://two.example/simple"):
+        monkeypatch.setenv(name, value)
+        places.append(environments.python_of(PIN))
+        assert environments.python_of(PIN) == places[-1]
+    assert len({*places}) == 3
+
+
+@pytest.fixture
+def users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Return where the user's configuration of uv is looked for, and the system's nowhere."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.delenv("UV_CONFIG_FILE", raising=False)
+    monkeypatch.setattr(uv, "_SYSTEM_FILES", (tmp_path / "system.toml",))
+    monkeypatch.setattr(uv, "_pip_config", lambda: "")
+    (tmp_path / "config/uv").mkdir(parents=True)
+    return tmp_path / "config/uv/uv.toml"
+
+
+def test_user_configuration_precedes_the_systems(
+    users: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file named by a variable precedes both; without it uv looks for no other."""
+    assert uv._users_configuration() == {"UV_NO_CONFIG": "1"}
+    for file in (tmp_path / "system.toml", users, tmp_path / "named.toml"):
+        file.write_text("")
+        if file.name == "named.toml":
+            monkeypatch.setenv("UV_CONFIG_FILE", str(file))
+        assert uv._users_configuration() == {"UV_CONFIG_FILE": str(file)}
+
+
+@pytest.mark.usefixtures("fake")
+def test_another_user_configuration_makes_another_environment(users: Path) -> None:
+    """It may name another index in the same file."""
+    places = [environments.python_of(PIN)]
+    for text in ("no-index = true\n", "no-index = false\n"):
+        users.write_text(text)
+        places.append(environments.python_of(PIN))
+    assert len({*places}) == 3
+
+
+@pytest.mark.usefixtures("fake")
+def test_environments_are_listed_and_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is listed with engine, version, size and source without password, incomplete ones too."""
+    monkeypatch.setattr(uv, "_pip_config", lambda: "")
+    monkeypatch.setenv("UV_INDEX_URL", "https://me:secret@one.example/simple")
+    assert environments.environments() == []
+    python = environments.python_of(PIN)
+    python.write_text("12345")
+    (tmp_path / "environments/mujoco-9-x.part").mkdir()
+    half, whole = sorted(environments.environments(), key=lambda found: bool(found.packages_from))
+    assert (half.name, half.packages_from, half.size) == ("mujoco-9-x.part", (), 0)
+    assert whole.name == "mujoco==3.6.0"
+    assert whole.folder == python.parents[1]
+    assert "UV_INDEX_URL=https://one.example/simple" in whole.packages_from
+    assert "secret" not in (whole.folder / "bodycheck.json").read_text()
+    assert whole.size == sum(path.stat().st_size for path in whole.folder.rglob("*") if path.is_file())
+    environments.remove(whole)
+    environments.remove(half)
+    assert list((tmp_path / "environments").iterdir()) == []
+
+
+@pytest.mark.usefixtures("fake")
+def test_environment_commands_list_and_remove(tmp_path: Path) -> None:
+    """There is one line per environment; a name removes all its versions; no argument is refused."""
+    places = [environments.python_of(pin).parents[1] for pin in (PIN, Pin("mujoco", "3.7.0"))]
+    listed = run_bodycheck(tmp_path, "environments", "list").stdout.splitlines()
+    lines = [line for line in listed if not line.startswith(" ")]
+    assert lines == [f"mujoco==3.{6 + k}.0  0 MB  {place}" for k, place in enumerate(places)]
+    for words, told in (
+        ((), "give either names like mujoco==3.17.0 or --all"),
+        (("mujoco==3.6.0", "--all"), "give either names like mujoco==3.17.0 or --all"),
+        (("mujoco==3.8.0",), "no environment for mujoco==3.8.0 (available: mujoco==3.6.0, mujoco==3.7.0)"),
+    ):
+        refused = run_bodycheck(tmp_path, "environments", "remove", *words)
+        assert refused.returncode == 2
+        assert told in refused.stderr
+    assert all(place.exists() for place in places)
+    removed = run_bodycheck(tmp_path, "environments", "remove", "mujoco==3.6.0")
+    assert removed.stdout.split() == [str(places[0])]
+    assert [place.exists() for place in places] == [False, True]
+    run_bodycheck(tmp_path, "environments", "remove", "--all")
+    assert run_bodycheck(tmp_path, "environments", "list").stdout == ""
+
+
+@pytest.mark.parametrize(("status", "said"), [(0, LISTED), (1, "")])
+def test_folder_named_pip_is_not_imported(status: int, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder `pip` in the working directory is ignored; without pip nothing is configured."""
+    asked: list[list[str]] = []
+
+    def run(words: list[str], **_: object) -> CompletedProcess[str]:
+        asked.append(words)
+        return CompletedProcess(words, status, LISTED, "")
+
+    monkeypatch.setattr(uv.subprocess, "run", run)
+    assert uv._pip_config.__wrapped__() == said
+    assert asked == [[sys.executable, "-P", "-m", "pip", "config", "list"]]
+
+
+@pytest.mark.parametrize(("status", "said"), [(0, "global.cert='/own.pem'\n"), (1, "")])
+def test_settings_are_those_that_pip_prints(
+    status: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """pip's output is read as text and not shown; a pip that fails configures nothing."""
+    (tmp_path / "pip.py").write_text(f"import sys\nprint(\"global.cert='/own.pem'\")\nsys.exit({status})\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert uv._pip_config.__wrapped__() == said
+    assert capfd.readouterr().out == ""
+
+
+def test_output_of_uv_is_one_line_of_limited_length() -> None:
+    """The marks of its tree are removed, and a text above 400 characters is cut off."""
+    assert uv.in_one_line("error: no such package\n  ╰─▶ cause: it was withdrawn\n") == (
+        "no such package it was withdrawn"
+    )
+    assert uv.in_one_line("x" * 400) == "x" * 400
+    assert uv.in_one_line("x" * 401) == "x" * 400 + "..."

@@ -1,0 +1,277 @@
+"""Programs in any language take part in a run like the built-in engines."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bodycheck
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.programs import program_of, split_method, with_method
+from bodycheck.adapters.registry import registered
+from bodycheck.adapters.versions.pins import pin_of
+from bodycheck.runs.selection import select
+from tests.helpers.scenario_texts import tumbling
+
+WORKERS = Path(__file__).parents[2] / "docs/workers"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Yield the working directory, which has a scenario; engines registered by the test are removed."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(tumbling())
+    with registered():
+        yield tmp_path
+
+
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("mujoco", ("mujoco", "", "")),
+        ("mujoco:rk4", ("mujoco", ":", "rk4")),
+        ("mujoco == 3.6.0:rk4", ("mujoco==3.6.0", ":", "rk4")),
+        ("cmd:./worker --port=1:2", ("cmd:./worker --port=1:2", "", "")),
+        ("cmd:./worker a==b::rk4", ("cmd:./worker a==b", "::", "rk4")),
+    ],
+)
+def test_engine_and_method_are_split_where_the_method_begins(name: str, parts: tuple[str, str, str]) -> None:
+    """A command may contain colons and equals signs, and its method follows two colons."""
+    assert split_method(name) == parts
+    engine, _, method = parts
+    if method:
+        assert split_method(with_method(engine, method)) == parts
+
+
+def test_command_is_not_a_pin() -> None:
+    """Two equals signs in a command line are not the version of an engine."""
+    assert pin_of("cmd:./worker a==b") is None
+
+
+FILES = {
+    "engines = 1": "engines.toml: engines: ",
+    "[engines.a]": "engines.toml: engines.a.command: is required",
+    "[engines.a]\ncommand = []": "engines.toml: engines.a.command: ",
+    "[engines.a]\ncommand = ['x']\ncolour = 1": "engines.toml: engines.a.colour: ",
+    "[engines.mujoco]\ncommand = ['x']": "engines.toml: engines.mujoco: is the name of another engine",
+    "[engines.'a b']\ncommand = ['x']": "engines.toml: engines.a b",
+    "[engines": "engines.toml: is not TOML",
+}
+
+
+@pytest.mark.parametrize("text", FILES)
+def test_wrong_file_of_engines_is_refused_in_one_line(text: str, folder: Path) -> None:
+    """The line names the file and the key."""
+    (folder / "engines.toml").write_text(text)
+    with pytest.raises(InputError, match=FILES[text].replace("[", r"\[")) as refused:
+        program_of("a")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("cmd:", "cmd:: no command"),
+        ("cmd:'open", "cmd:'open: No closing quotation"),
+        ("cmd:./no-such-program", "no such program: ./no-such-program"),
+        ("nothing", "unknown engine 'nothing'"),
+    ],
+)
+def test_program_that_does_not_exist_is_refused_before_anything_runs(name: str, message: str) -> None:
+    """The line names the program."""
+    with pytest.raises(InputError, match=message):
+        select(["mine.toml"], engines=[name])
+
+
+def _javascript() -> str:
+    if shutil.which("node") is None:
+        pytest.skip("node is not installed")
+    return f"cmd:node {WORKERS / 'm1.mjs'}"
+
+
+def _compiled(folder: Path) -> str:
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler is installed")
+    command = ["cc", "-O2", "-o", str(folder / "euler"), str(WORKERS / "euler.c"), "-lm"]
+    subprocess.run(command, check=True)
+    return "cmd:./euler"
+
+
+@pytest.mark.slow
+def test_worker_in_javascript_makes_the_steps_of_the_reference(folder: Path) -> None:
+    """The map M1 in JavaScript and in the reference agree to round-off, under gravity and a full tensor."""
+    del folder
+    run = bodycheck.run(
+        ["full-tensor", "boxes"], engines=[_javascript(), "reference:m1"], dt_s=[1e-3], speed=False
+    )
+    motions = {(c.columns["scenario"], c.columns["engine"] == "reference"): c.trajectory for c in run.cases}
+    assert {case.columns["outcome"] for case in run.cases} == {"ok"}
+    for scenario in ("full-tensor", "boxes"):
+        one, other = motions[scenario, False], motions[scenario, True]
+        assert one is not None
+        assert other is not None
+        np.testing.assert_allclose(one.attitude, other.attitude, rtol=0.0, atol=1e-11)
+        np.testing.assert_allclose(one.position_m, other.position_m, rtol=0.0, atol=1e-11)
+
+
+@pytest.mark.slow
+def test_programs_and_built_in_engines_share_a_run(folder: Path) -> None:
+    """Workers in C and JavaScript are measured, timed and judged next to the reference, in one table."""
+    run = bodycheck.run(
+        ["full-tensor"],
+        engines=[_compiled(folder), _javascript(), "reference:m1"],
+        dt_s=[4e-3, 2e-3, 1e-3, 5e-4],
+    )
+    assert set(run.results["outcome"]) == {"ok"}
+    assert (run.results["cpu_s"] > 0.0).all()
+    orders = run.methods[run.methods["quantity"] == "orientation_error_rad"]
+    np.testing.assert_allclose(orders["order"], 1.0, atol=0.1)
+    command = run.results["reproduce"][0]
+    assert "--engine cmd:./euler::euler" in command
+
+
+FAULTS = {
+    "prints rubbish": "print('hello')",
+    "ends at once": "raise SystemExit(3)",
+    "speaks another version": "print('{\"bodycheck\": 99}', flush=True); input()",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_program_that_does_not_announce_itself_costs_its_own_cases(fault: str, folder: Path) -> None:
+    """The other engines are measured, and the manifest has the reason; alone it is an error."""
+    (folder / "worker.py").write_text(FAULTS[fault])
+    program = f"cmd:{sys.executable} worker.py"
+    run = bodycheck.run(["mine.toml"], engines=[program, "reference:m1"], dt_s=[0.02], speed=False)
+    assert list(run.results["engine"]) == ["reference"]
+    assert program in run.manifest["engines"][program]["unavailable"]
+    with pytest.raises(InputError, match=r"worker\.py"):
+        select(["mine.toml"], engines=[program])
+
+
+DYING = """
+import json, sys, time
+method = dict(name="m", formula="", order=1, evaluations=1, torque="", keeps="", source="", control="dt",
+              changed_defaults=[], tolerances=[])
+limits = dict(message_bytes=10**6)
+print(json.dumps(dict(bodycheck=1, engine="x", version="1", methods=[method], limits=limits, build="b",
+                      kind="installed")), flush=True)
+input()
+{}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("end", "outcome"),
+    [("sys.exit(1)", "failed"), ("print('x', flush=True)", "failed"), ("time.sleep(99)", "timeout")],
+)
+def test_program_that_ends_in_a_case_costs_that_case(end: str, outcome: str, folder: Path) -> None:
+    """It has an outcome of its own; its claim to be an installed release is not believed."""
+    (folder / "worker.py").write_text(DYING.format(end))
+    (folder / "engines.toml").write_text(f"[engines.x]\ncommand = ['{sys.executable}', 'worker.py']\n")
+    run = bodycheck.run(["mine.toml"], engines=["x", "reference:m1"], dt_s=[0.02], speed=False, timeout_s=5.0)
+    outcomes = dict(zip(run.results["engine"], run.results["outcome"], strict=True))
+    assert outcomes == {"x": outcome, "reference": "ok"}
+    assert run.manifest["engines"]["x"]["build"]["kind"] == "plug-in"
+
+
+def test_program_gets_its_variables(folder: Path) -> None:
+    """engines.toml adds to the environment of the run."""
+    (folder / "engines.toml").write_text(
+        f"[engines.x]\ncommand = ['{sys.executable}', '-c', 'import os; print(os.environ[\"COLOUR\"])']\n"
+        "environment = { COLOUR = 'blue' }\n"
+    )
+    with pytest.raises(InputError, match="blue"):
+        select(["mine.toml"], engines=["x"])
+
+
+STEPS = """
+from dataclasses import replace
+import numpy as np
+from bodycheck.reference_impl.rotations import quaternion_product
+
+
+def _slope(state):
+    force, torque = state.loads()
+    inertia, omega = state.body.inertia, state.omega_body
+    turning = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
+    rate = 0.5 * quaternion_product(state.quaternion, np.array([0.0, *omega]))
+    speeding = force / state.body.mass
+    return {"position": state.velocity, "velocity": speeding, "omega_body": turning, "quaternion": rate}
+
+
+def _moved(state, slope, dt):
+    parts = {name: getattr(state, name) + dt * rate for name, rate in slope.items()}
+    return replace(state, t_s=state.t_s + dt, **parts)
+
+
+def rk4(state, dt):
+    first = _slope(state)
+    second = _slope(_moved(state, first, dt / 2))
+    third = _slope(_moved(state, second, dt / 2))
+    fourth = _slope(_moved(state, third, dt))
+    mean = {name: (first[name] + 2 * second[name] + 2 * third[name] + fourth[name]) / 6 for name in first}
+    return _moved(state, mean, dt)
+
+
+again = rk4
+"""
+LOADED = ["thruster", "sine-torque", "damped-fall", "compass"]
+
+
+@pytest.mark.slow
+def test_step_function_of_a_module_gets_all_that_an_engine_gets(folder: Path) -> None:
+    """RK4 under state.loads() makes the steps of the reference's rk4, for constant and continuous loads."""
+    (folder / "own_steps.py").write_text(STEPS)
+    run = bodycheck.run(
+        LOADED, engines=["own_steps:rk4", "reference:rk4"], dt_s=[1e-2], speed=False, allow_code=True
+    )
+    motions = {(c.columns["scenario"], c.columns["engine"]): c.trajectory for c in run.cases}
+    assert {case.columns["outcome"] for case in run.cases} == {"ok"}
+    for scenario in LOADED:
+        one, other = motions[scenario, "own_steps"], motions[scenario, "reference"]
+        assert one is not None
+        assert other is not None
+        np.testing.assert_allclose(one.attitude, other.attitude, rtol=0.0, atol=1e-10)
+        np.testing.assert_allclose(one.position_m, other.position_m, rtol=1e-10, atol=1e-10)
+    own = run.probes[run.probes["engine"] == "own_steps"]
+    assert len(own) > 0
+    assert "inconsistent" not in set(own["verdict"])
+    assert "--allow-code" in run.results["reproduce"][0]
+
+
+def test_code_of_a_module_runs_only_where_allowed(folder: Path) -> None:
+    """The line names the function and the option; a module that is not there is an unknown engine."""
+    (folder / "own_code.py").write_text("import pathlib\npathlib.Path('ran').touch()\n")
+    with pytest.raises(InputError, match="own_code:step: importing it runs its code; add --allow-code"):
+        select(["mine.toml"], engines=["own_code:step"])
+    assert not (folder / "ran").exists()
+    with pytest.raises(InputError, match="own_code:step: own_code has no function 'step'"):
+        select(["mine.toml"], engines=["own_code:step"], allow_code=True)
+    with pytest.raises(InputError, match="unknown engine 'missing_code'"):
+        select(["mine.toml"], engines=["missing_code:step"], allow_code=True)
+
+
+def test_module_needs_permission_in_each_run(folder: Path) -> None:
+    """A run with --allow-code permits nothing to the next one, which can name another function, too."""
+    (folder / "permitted_steps.py").write_text(STEPS)
+    select(["mine.toml"], engines=["permitted_steps:rk4"], allow_code=True)
+    select(["mine.toml"], engines=["permitted_steps:again"], allow_code=True)
+    with pytest.raises(InputError, match="add --allow-code"):
+        select(["mine.toml"], engines=["permitted_steps:rk4"])
+
+
+def test_file_of_engines_is_read_for_unknown_names_only(folder: Path) -> None:
+    """An invalid engines.toml refuses an engine that it may define, and no built-in one."""
+    (folder / "engines.toml").write_text("[engines")
+    select(["mine.toml"], engines=["reference:m1"])
+    with pytest.raises(InputError, match=r"engines\.toml: is not TOML"):
+        select(["mine.toml"], engines=["other"])

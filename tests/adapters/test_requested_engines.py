@@ -1,0 +1,134 @@
+"""Engines that run only on request: those whose environments are made, against drivers without bodycheck.
+
+`bodycheck environments make --all`, then `pytest -m engines`; engines without an environment are skipped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bodycheck
+from bodycheck.adapters.contract import DEFAULTS, Setting, read_back_mismatch
+from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.registry import optional_engines, stated_by
+from bodycheck.adapters.versions.environments import (
+    NODE_PACKAGES,
+    is_made,
+    needed_environment,
+    program_in,
+    python_of,
+)
+from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.reference_impl.rotations import geodesic_angle, matrix_to_quaternion, quaternion_to_matrix
+from bodycheck.reference_impl.scene import RigidBody, Scene, State
+from bodycheck.reports.cache.answers import Answers
+from bodycheck.runs.check_adapter import check_adapter
+
+pytestmark = [pytest.mark.engines, pytest.mark.slow]
+
+DRIVERS = Path(__file__).parents[1] / "helpers"
+METHODS = [(engine, name) for engine in optional_engines() for name in stated_by(engine).methods]
+FAIR = [(engine, name) for engine, name in METHODS if DEFAULTS not in name]
+START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))
+SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 3.0])), START, (), np.zeros(3), 1.0, 2)
+ROUND_OFF = {"float64": 1e-11, "float32": 2e-5}
+"""Of 100 steps, with a factor of some 100: of eps of the precision times the number of steps."""
+
+
+def made_or_skipped(engine: str) -> None:
+    """Skip the test if the engine would have to be installed."""
+    needed = needed_environment(engine)
+    if needed is not None and not is_made(needed):
+        pytest.skip(f"no environment: bodycheck environments make {engine}")
+
+
+def driven(engine: str, method: str) -> dict[str, list[float]]:
+    """Return the last state of the driver, which runs in the engine's environment."""
+    needed = needed_environment(engine)
+    program = None if needed is None else program_in(needed)
+    if program is not None:
+        command = ["node", str(DRIVERS / "engine_drivers.mjs"), engine, method]
+        variables = {NODE_PACKAGES: program.environment[NODE_PACKAGES], "PATH": _path()}
+    else:
+        python = sys.executable if needed is None else str(python_of(needed))
+        command = [python, "-P", str(DRIVERS / "engine_drivers.py"), engine, method]
+        variables = {"PATH": _path(), "HOME": str(Path.home())}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=variables)
+    found: dict[str, list[float]] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def _path() -> str:
+    return os.environ["PATH"]
+
+
+def recorded(engine: str, method: str) -> Answer:
+    """Return the answer of the adapter in a worker."""
+    facts = stated_by(engine).methods[method]
+    setting = Setting(dt_s=1e-2) if facts.control == "dt" else Setting(tolerance=1e-12)
+    pool = EnginePool()
+    try:
+        announced = pool.announced(engine)
+        return Answers(None, None, 300.0).ask(pool, announced, Case(SCENE, method, setting))
+    finally:
+        pool.close()
+
+
+@pytest.mark.parametrize(("engine", "method"), METHODS)
+def test_adapter_gives_the_state_of_a_driver_without_bodycheck(engine: str, method: str) -> None:
+    """After 100 steps attitude and omega are the driver's, to the round-off of the precision."""
+    made_or_skipped(engine)
+    answer, expected = recorded(engine, method), driven(engine, method)
+    precision = stated_by(engine).methods[method].precision
+    assert answer.outcome == "ok", answer.message
+    assert answer.read_back is not None
+    assert answer.trajectory is not None
+    dt_s = 1e-2 if stated_by(engine).methods[method].control == "dt" else None
+    assert read_back_mismatch(SCENE, dt_s, answer.read_back, precision) is None
+    quaternion = np.array(expected.get("quaternion", [0.0] * 4))
+    if "rotation" in expected:
+        quaternion = matrix_to_quaternion(np.array(expected["rotation"]))
+    turn = quaternion_to_matrix(quaternion)
+    omega = np.array(expected.get("omega_body", 0.0))
+    if "omega_world" in expected:
+        omega = turn.T @ np.array(expected["omega_world"])
+    angle = float(geodesic_angle(answer.trajectory.attitude[-1], quaternion / np.linalg.norm(quaternion)))
+    apart = float(np.max(np.abs(answer.trajectory.omega_body[-1] - omega)))
+    print(f"{engine}:{method} {angle:.1e} rad, {apart:.1e} rad/s from its driver")
+    assert angle <= ROUND_OFF[precision]
+    assert apart <= ROUND_OFF[precision]
+
+
+@pytest.mark.parametrize(("engine", "method"), FAIR)
+def test_adapter_meets_the_contract(engine: str, method: str) -> None:
+    """`bodycheck check-adapter` passes for every method that is set up fairly."""
+    made_or_skipped(engine)
+    found = check_adapter(f"{engine}:{method}", timeout_s=600.0)
+    assert not found.failures
+
+
+WRONG = [
+    ("jolt-js", "semi-implicit@defaults"),
+    ("cannon-es", "leapfrog@defaults"),
+    ("newton", "semi-implicit@defaults"),
+    ("newton", "featherstone@defaults"),
+    ("sapien", "physx@defaults"),
+]
+HEALTHY = [("rapier", "semi-implicit@defaults"), ("rapier-js", "semi-implicit@defaults"), ("newton", "xpbd")]
+
+
+@pytest.mark.parametrize(("engine", "method"), [*WRONG, *HEALTHY])
+def test_defaults_that_change_the_motion_are_reported(engine: str, method: str) -> None:
+    """Without the gyroscopic term, or damped, a method does not converge; with neither it is not accused."""
+    made_or_skipped(engine)
+    run = bodycheck.run(["free-flight"], engines=[f"{engine}:{method}"], speed=False)
+    verdicts = set(run.methods["verdict"])
+    assert ("does-not-converge" in verdicts) == ((engine, method) in WRONG)
+    assert set(run.results["outcome"]) == {"ok"}

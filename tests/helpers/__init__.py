@@ -1,0 +1,1 @@
+"""What several test modules and the scripts in tools/ share."""

@@ -1,0 +1,15 @@
+"""Runs whose scenarios are copies of one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.run_files.run_tables import Run
+
+
+def with_scenarios(run: Run, problems: Iterable[Problem]) -> dict[str, Any]:
+    """Return the manifest of a run with these scenarios, all described as its first one."""
+    first = next(iter(run.manifest["scenarios"].values()))
+    return {**run.manifest, "scenarios": {problem.scenario.name: first for problem in problems}}

@@ -1,0 +1,88 @@
+"""Messages that tests compare word for word, in one file, so that a better sentence changes one line of it.
+
+`pytest --update-messages` writes the messages of the tests that it runs. `...` is any text, such as the words
+of a library: shorten a message by hand where another version may phrase it differently.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import re
+import tomllib
+from functools import lru_cache
+from pathlib import Path
+
+import pytest
+
+FILE = Path(__file__).parents[1] / "expected_messages.toml"
+_HEADER = "# What tests expect of messages; `pytest --update-messages TEST` writes it, `...` is any text.\n"
+Messages = dict[str, dict[str, str | list[str]]]
+"""Test file below tests/ -> test, with its parameters -> its message, or the lines of it."""
+
+
+class ExpectedMessage:
+    """The message that one test expects: call it with the message that it got."""
+
+    def __init__(self, request: pytest.FixtureRequest) -> None:
+        self._file = request.path.relative_to(FILE.parent).as_posix()
+        self._test = request.node.name.removeprefix("test_")
+        self._update = bool(request.config.getoption("--update-messages"))
+
+    def __call__(self, message: str, folder: Path | None = None) -> None:
+        """Compare a message, in which FOLDER replaces the path of a folder; raises AssertionError."""
+        found = message if folder is None else message.replace(str(folder), "FOLDER")
+        if not matches(expected := self._stored(), found):
+            assert self._update, f"expected: {expected}\nfound: {found}\nin {FILE.name}: {self._test}"
+            _store(self._file, self._test, found)
+
+    def _stored(self) -> str:
+        stored = stored_messages().get(self._file, {}).get(self._test, "")
+        return stored if isinstance(stored, str) else "\n".join(stored)
+
+
+def matches(expected: str, found: str) -> bool:
+    """Return whether a message is the expected one, in which `...` is any text on its line."""
+    return re.fullmatch(".*".join(map(re.escape, expected.split("..."))), found) is not None
+
+
+def stored_messages() -> Messages:
+    """Return all expected messages."""
+    with FILE.open(encoding="utf-8") as file:
+        fcntl.flock(file, fcntl.LOCK_SH)
+        return _parsed(file.read())
+
+
+@lru_cache(maxsize=1)
+def _parsed(text: str) -> Messages:
+    return tomllib.loads(text)
+
+
+def _store(name: str, test: str, message: str) -> None:
+    lines = message.splitlines()
+    with FILE.open("r+", encoding="utf-8") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)  # tests run in several processes
+        messages = tomllib.loads(file.read())
+        messages.setdefault(name, {})[test] = lines if len(lines) > 1 else message
+        file.seek(0)
+        file.write(_toml(messages))
+        file.truncate()
+
+
+def _toml(messages: Messages) -> str:
+    tables = (
+        "\n".join([f"[{_quoted(file)}]", *(f"{_quoted(test)} = {_value(of[test])}" for test in sorted(of))])
+        for file, of in sorted(messages.items())
+    )
+    return f"{_HEADER}\n" + "\n\n".join(tables) + "\n"
+
+
+def _value(message: str | list[str]) -> str:
+    if isinstance(message, str):
+        return _quoted(message)
+    return "".join(["[\n", *(f"    {_quoted(line)},\n" for line in message), "]"])
+
+
+def _quoted(text: str) -> str:
+    """Return a string of JSON, which is one of TOML if it has no control characters."""
+    return json.dumps(text, ensure_ascii=False)

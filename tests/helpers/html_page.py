@@ -1,0 +1,88 @@
+"""A parsed HTML page, for tests of its tables and tags."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
+
+
+@dataclass
+class Table:
+    """A table of the page: its class, the id and the error that it stands under, its cells as text."""
+
+    kind: str
+    place: str
+    error: str
+    rows: list[list[str]] = field(default_factory=list)
+    columns: dict[int, str] = field(default_factory=dict)
+
+    def records(self) -> list[dict[str, str]]:
+        """Return the rows under the columns of the first: the tooltip of a heading, or else its text."""
+        names = [self.columns.get(place, text) for place, text in enumerate(self.rows[0])]
+        return [dict(zip(names, row, strict=True)) for row in self.rows[1:]]
+
+
+class Page(HTMLParser):
+    """What a browser would find in the page; unbalanced tags fail."""
+
+    VOID = frozenset({"meta", "input", "wbr", "br", "link", "img"})
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str]]] = []
+        self.tables: list[Table] = []
+        self.text = ""
+        self.data: list[str] = []
+        self._open: list[tuple[str, dict[str, str]]] = []
+        self.feed(html)
+        self.close()
+        assert not self._open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note the tag."""
+        attributes = {name: value or "" for name, value in attrs}
+        self.tags.append((tag, attributes))
+        if tag == "table":
+            self.tables.append(
+                Table(attributes.get("class", ""), self._around("id"), self._around("data-error"))
+            )
+        elif tag == "tr":
+            self.tables[-1].rows.append([])
+        elif tag in ("td", "th"):
+            table = self.tables[-1]
+            if tag == "th" and len(table.rows) == 1 and "title" in attributes:
+                table.columns[len(table.rows[0])] = attributes["title"]
+            table.rows[-1].append("")
+        elif tag == "script" and attributes.get("type") == "application/json":
+            self.data.append("")
+        if tag not in self.VOID:
+            self._open.append((tag, attributes))
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note a tag that closes itself, as those of SVG do."""
+        self.handle_starttag(tag, attrs)
+        self.handle_endtag(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        """Hold each end against its start."""
+        assert self._open.pop()[0] == tag
+
+    def handle_data(self, data: str) -> None:
+        """Give the text to the cell, the data or the page that it stands in."""
+        tags = [tag for tag, _ in self._open]
+        if tags and tags[-1] == "script":
+            if self.data and self.tags[-1][1].get("type"):
+                self.data[-1] += data
+        elif not tags or tags[-1] != "style":
+            self.text += data
+            if {"td", "th"} & set(tags):
+                self.tables[-1].rows[-1][-1] += data
+
+    def with_class(self, name: str) -> list[Table]:
+        """Return the tables with these classes."""
+        return [table for table in self.tables if {*name.split()} <= {*table.kind.split()}]
+
+    def _around(self, attribute: str) -> str:
+        """Return the nearest value of an attribute among the elements that are open, "" if none has it."""
+        values = [attributes[attribute] for _, attributes in self._open if attribute in attributes]
+        return values[-1] if values else ""

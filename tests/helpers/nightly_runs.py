@@ -1,0 +1,64 @@
+"""Nightly runs derived from one measured run: other times and planted changes, nothing measured again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.regression import Judgement
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.nightly_run import store_night
+
+Change = Callable[[pd.DataFrame], pd.DataFrame]
+
+
+def unchanged(results: pd.DataFrame) -> pd.DataFrame:
+    """Return the results unchanged."""
+    return results
+
+
+def as_nightly_run(run: Run, number: int, change: Change = unchanged, **manifest: Any) -> Run:
+    """Return the run as nightly run `number`, with its results changed."""
+    run_id = f"2026{number // 744 + 1:02d}{number // 24 % 31 + 1:02d}T{number % 24:02d}0000Z-{number:06x}"
+    results = change(run.results.copy()).assign(run_id=run_id)
+    outcomes = {str(name): int(count) for name, count in results["outcome"].value_counts().items()}
+    return replace(
+        run,
+        run_id=run_id,
+        results=results,
+        methods=run.methods.assign(run_id=run_id),
+        stability=run.stability.assign(run_id=run_id),
+        probes=run.probes.assign(run_id=run_id),
+        diagnoses=run.diagnoses.assign(run_id=run_id),
+        fingerprints=run.fingerprints.assign(run_id=run_id),
+        laws=run.laws.assign(run_id=run_id),
+        manifest={**run.manifest, "run_id": run_id, "outcomes": outcomes, **manifest},
+    )
+
+
+def store_nightly_runs(
+    run: Run,
+    folder: Path,
+    changes: Iterable[Change],
+    *,
+    first: int = 0,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
+    **manifest: Any,
+) -> list[Judgement]:
+    """Store one nightly run per change, in their order; return the judgement of each."""
+    history = History.at(folder)
+    nights = (as_nightly_run(run, first + k, change, **manifest) for k, change in enumerate(changes))
+    return [store_night(night, history, thresholds)[0] for night in nights]
+
+
+def slower(results: pd.DataFrame, engine: str, factor: float) -> pd.DataFrame:
+    """Return the results with all times of an engine multiplied by a factor."""
+    mine = results["engine"] == engine
+    results.loc[mine, ["relative_cpu", "cpu_s", "cpu_s_low", "cpu_s_high"]] *= factor
+    return results

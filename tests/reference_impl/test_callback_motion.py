@@ -1,0 +1,164 @@
+"""A body under a callback load: the kernels' steps where the torque is known, and order 8."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.integrators.callback_motion import solve_black_box
+from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
+from bodycheck.reference_impl.rotations import (
+    geodesic_angle,
+    matrix_to_quaternion,
+    normalised,
+    project_to_so3,
+)
+from bodycheck.reference_impl.scene import RigidBody, State
+from bodycheck.reference_impl.wrench import Wrench
+
+EPS = float(np.finfo(np.float64).eps)
+
+BODY = RigidBody(1.3, np.array([[1.2, 0.1, -0.2], [0.1, 1.9, 0.3], [-0.2, 0.3, 2.3]]))
+START = State(
+    position=np.array([0.3, -0.2, 0.1]),
+    quaternion=normalised(np.array([0.5, -0.1, 0.7, 0.3])),
+    velocity=np.array([0.3, 0.1, -0.2]),
+    omega_body=np.array([1.9, 2.3, -1.8]),
+)
+AT, PULL = np.array([0.3, -0.2, 0.4]), np.array([0.7, -0.4, 1.1])
+BODY_TORQUE, WORLD_TORQUE, BODY_FORCE = (
+    np.array([0.9, -1.2, 0.7]),
+    np.array([-0.3, 0.8, 0.2]),
+    np.array([0.2, 0.5, -0.6]),
+)
+HELD = Wrench(BODY_TORQUE, WORLD_TORQUE, BODY_FORCE, np.zeros(3), ((AT, PULL),))
+
+
+def held(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Array) -> tuple[Array, Array]:
+    """Return the forces and torques of HELD, in world axes."""
+    force = rotation @ BODY_FORCE + PULL
+    return force, rotation @ BODY_TORQUE + WORLD_TORQUE + np.cross(rotation @ AT, PULL)
+
+
+def of_everything(
+    t: float, position: Array, rotation: Array, velocity: Array, omega: Array
+) -> tuple[Array, Array]:
+    """Return a wrench that depends on all that it is given."""
+    force = -2.0 * position - 0.3 * velocity + math.sin(3.0 * t) * rotation[:, 0]
+    torque = np.array([math.sin(2.0 * t), rotation[1, 2], -0.4]) - 0.2 * omega + np.cross(position, velocity)
+    return force, torque
+
+
+@pytest.mark.slow
+def test_steps_equal_those_of_the_kernel() -> None:
+    """Under constant torques and forces the states are those of the dop853 kernel to round-off."""
+    samples = np.linspace(0.0, 1.25, 6)
+    found = solve_black_box(BODY, START, held, samples, 0.05)
+    state = np.concatenate([START.position, START.velocity, START.omega_body, START.quaternion])
+    load = HELD.packed(BODY, np.zeros(3))
+    assert found.quaternion is not None
+    assert found.omega_body_rad_s is not None
+    for k in range(6):
+        columns = (found.position_m, found.velocity_m_s, found.omega_body_rad_s, found.quaternion)
+        gap = np.concatenate([column[k] for column in columns]) - state
+        assert np.max(np.abs(gap)) <= 32 * (5 * k + 1) * EPS
+        INTEGRATORS["dop853"].advance(state, packed_body(BODY), load, 0.05, 5)
+
+
+@pytest.mark.slow
+def test_compiled_function_gives_the_same_motion() -> None:
+    """numba's function gives the same motion as the Python function that it was compiled from."""
+    compiled = numba.njit(of_everything)
+    samples = np.array([0.0, 0.3, 1.0])
+    plain, fast = (solve_black_box(BODY, START, f, samples, 0.1) for f in (of_everything, compiled))
+    assert np.max(np.abs(plain.position_m - fast.position_m)) <= 64 * EPS
+    assert np.max(np.abs(plain.attitude - fast.attitude)) <= 64 * EPS
+    assert np.max(np.abs(plain.omega_body - fast.omega_body)) <= 64 * EPS
+
+
+def solved(end: float) -> tuple[Array, Array]:
+    """Return x and R at the end, by scipy, with R and L in world axes as the variables."""
+    inverse = np.linalg.inv(BODY.inertia)
+
+    def rates(t: float, y: Array) -> Array:
+        rotation, momentum, position, velocity = y[:9].reshape(3, 3), y[9:12], y[12:15], y[15:18]
+        omega = rotation @ inverse @ rotation.T @ momentum
+        force, torque = of_everything(t, position, rotation, velocity, omega)
+        return np.concatenate([np.cross(omega, rotation.T).T.ravel(), torque, velocity, force / BODY.mass])
+
+    momentum = START.rotation @ BODY.inertia @ START.omega_body
+    y0 = np.concatenate([START.rotation.ravel(), momentum, START.position, START.velocity])
+    y = solve_ivp(rates, (0.0, end), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    return y[12:15], matrix_to_quaternion(project_to_so3(y[:9].reshape(3, 3)))
+
+
+def test_order_is_eight_for_a_wrench_of_everything() -> None:
+    """The function gets time, position, attitude, velocity and omega in world axes of its stage."""
+    position, quaternion = solved(2.0)
+    steps = (10, 14, 20)
+    found = [solve_black_box(BODY, START, of_everything, np.array([0.0, 2.0]), 2.0 / n) for n in steps]
+    for errors in (
+        [float(geodesic_angle(motion.attitude[-1], quaternion)) for motion in found],
+        [float(np.linalg.norm(motion.position_m[-1] - position)) for motion in found],
+    ):
+        assert -np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(8.0, abs=0.5)
+        assert errors[-1] <= 1e-9
+
+
+def test_every_sample_is_the_end_of_a_step() -> None:
+    """Samples at uneven times are met by equal steps that are not longer than requested."""
+    seen: list[float] = []
+
+    def watching(t: float, x: Array, rotation: Array, v: Array, omega: Array) -> tuple[Array, Array]:
+        seen.append(t)
+        return held(t, x, rotation, v, omega)
+
+    samples = np.array([0.5, 0.6, 0.95])
+    motion = solve_black_box(BODY, START, watching, samples, 0.1)
+    assert np.array_equal(motion.t_s, samples)
+    assert np.array_equal(motion.position_m[0], START.position)
+    starts = seen[::12]
+    assert starts == pytest.approx([0.5, 0.6, 0.6 + 0.35 / 4, 0.6 + 0.7 / 4, 0.6 + 1.05 / 4])
+    assert max(seen) <= 0.95 * (1.0 + EPS)
+
+
+def test_no_samples_give_no_motion() -> None:
+    """An empty list of times gives an empty trajectory, and time 0 alone the initial state."""
+    assert solve_black_box(BODY, START, held, np.array([]), 0.1).position_m.shape == (0, 3)
+    single = solve_black_box(BODY, START, held, np.array([3.0]), 0.1)
+    assert np.array_equal(single.attitude[0], START.quaternion)
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.1, math.nan, math.inf])
+def test_impossible_steps_are_refused(dt: float) -> None:
+    """A step that is not a positive number of seconds is named."""
+    with pytest.raises(ValueError, match=rf"dt_s must be .* got {dt!r}"):
+        solve_black_box(BODY, START, held, np.array([0.0, 1.0]), dt)
+
+
+@pytest.mark.parametrize("times", [[0.0, 0.0], [1.0, 0.5], [0.0, math.nan], [[0.0, 1.0]]])
+def test_impossible_times_are_refused(times: list[float]) -> None:
+    """Times that do not ascend are named."""
+    with pytest.raises(ValueError, match=r"t_s must be finite times in ascending order, got \["):
+        solve_black_box(BODY, START, held, np.array(times), 0.1)
+
+
+def test_nan_in_the_initial_state_is_refused() -> None:
+    """NaN in the initial state is named."""
+    bad = State(np.array([0.0, math.nan, 0.0]), START.quaternion, START.velocity, START.omega_body)
+    with pytest.raises(ValueError, match=r"initial state must be 13 finite numbers, got .*nan"):
+        solve_black_box(BODY, bad, held, np.array([0.0, 1.0]), 0.1)
+
+
+@pytest.mark.parametrize("value", [np.array([0.0, math.nan, 0.0]), np.zeros(2), np.array([math.inf, 0, 0])])
+def test_result_of_the_function_is_checked(value: Array) -> None:
+    """A force or a torque that is not three finite numbers is named, with its time."""
+    for name, answer in (("force", (value, np.zeros(3))), ("torque", (np.zeros(3), value))):
+        with pytest.raises(ValueError, match=f"the {name} at t = 0.0 s must be 3 finite numbers"):
+            solve_black_box(BODY, START, lambda *_, answer=answer: answer, np.array([0.0, 1.0]), 0.1)

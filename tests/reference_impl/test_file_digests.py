@@ -1,0 +1,164 @@
+"""Digests of files: by content and name, computed once for each state of the files."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from bodycheck._util import file_digests
+from bodycheck._util.file_digests import content_digest, files_at, files_below
+
+OLD_NS = 10**18
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder of two files, with its own cache next to it and a clock that is much later."""
+    monkeypatch.setattr(file_digests, "cache_home", lambda: tmp_path / "cache")
+    later = time.time_ns() + 3_000_000_000
+    monkeypatch.setattr(file_digests.time, "time_ns", lambda: later)
+    made = tmp_path / "package"
+    (made / "inner").mkdir(parents=True)
+    (made / "a.py").write_text("a = 1\n")
+    (made / "inner" / "b.so").write_bytes(b"\x7fELF")
+    return made
+
+
+@pytest.fixture
+def hashed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list that gets the name of each file that is read."""
+    read: list[str] = []
+    real = file_digests._file_digest
+
+    def counted(path: str) -> str:
+        read.append(Path(path).name)
+        return real(path)
+
+    monkeypatch.setattr(file_digests, "_file_digest", counted)
+    return read
+
+
+def digest(folder: Path) -> str:
+    """Return the hash of a folder."""
+    return content_digest("package", files_below(str(folder)))
+
+
+def test_files_are_read_once(folder: Path, hashed: list[str]) -> None:
+    """The second time nothing is read, and the digest is the same."""
+    assert digest(folder) == digest(folder)
+    assert hashed == ["a.py", "b.so"]
+
+
+def test_changed_files_are_cached_again(folder: Path, hashed: list[str]) -> None:
+    """After a change they are read once more, and then not again."""
+    digest(folder)
+    (folder / "a.py").write_text("a = 22\n")
+    hashed.clear()
+    assert digest(folder) == digest(folder)
+    assert hashed == ["a.py", "b.so"]
+
+
+def test_change_with_equal_size_and_time_is_detected(folder: Path, hashed: list[str]) -> None:
+    """A tool may restore a file's modification time, but not the time of its last change."""
+    file = folder / "a.py"
+    os.utime(file, ns=(OLD_NS, OLD_NS))
+    before = digest(folder)
+    file.write_text("a = 2\n")
+    os.utime(file, ns=(OLD_NS, OLD_NS))
+    assert digest(folder) != before
+    assert hashed == ["a.py", "b.so"] * 2
+
+
+def test_replaced_file_is_read_again(folder: Path) -> None:
+    """A file that was replaced, moved or renamed counts as changed."""
+    found = {digest(folder)}
+    (folder / "new").write_text("a = 3\n")
+    (folder / "new").replace(folder / "a.py")
+    found.add(digest(folder))
+    (folder / "a.py").rename(folder / "c.py")
+    found.add(digest(folder))
+    (folder / "c.py").rename(folder / "inner" / "c.py")
+    found.add(digest(folder))
+    (folder / "inner" / "b.so").unlink()
+    found.add(digest(folder))
+    assert len(found) == 5
+
+
+def test_equal_content_has_an_equal_digest_anywhere(folder: Path, tmp_path: Path) -> None:
+    """Names are relative to the folder."""
+    before = digest(folder)
+    assert digest(folder.rename(tmp_path / "elsewhere")) == before
+
+
+@pytest.mark.parametrize(("age_s", "reads"), [(0.0, 2), (1.9, 2), (2.1, 1), (-5.0, 2)])
+def test_recently_changed_file_is_not_cached(
+    age_s: float, reads: int, folder: Path, hashed: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may change again within the resolution of its times; so may one dated in the future."""
+    newest = max(max(s.st_mtime_ns, s.st_ctime_ns) for _, s in files_below(str(folder)).values())
+    monkeypatch.setattr(file_digests.time, "time_ns", lambda: newest + int(age_s * 1e9))
+    assert digest(folder) == digest(folder)
+    assert hashed == ["a.py", "b.so"] * reads
+
+
+def test_file_changed_during_reading_is_not_cached(
+    folder: Path, hashed: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The content read may be neither the old nor the new one."""
+    real = file_digests._file_digest
+
+    def changing(path: str) -> str:
+        found = real(path)
+        if path.endswith("a.py"):
+            Path(path).write_text(f"a = {len(hashed)}\n")
+        return found
+
+    monkeypatch.setattr(file_digests, "_file_digest", changing)
+    digest(folder)
+    assert not list((folder.parent / "cache").rglob("*"))
+
+
+@pytest.mark.parametrize("damage", [b"", b"no seal\n", b"\xff\xfe", b"{}\n"])
+def test_damaged_cache_is_ignored(damage: bytes, folder: Path, hashed: list[str]) -> None:
+    """The files are read again."""
+    before = digest(folder)
+    (memory,) = (folder.parent / "cache/digests").iterdir()
+    memory.write_bytes(damage)
+    assert digest(folder) == before
+    assert hashed == ["a.py", "b.so"] * 2
+
+
+def test_cache_that_cannot_be_written_is_ignored(folder: Path, hashed: list[str]) -> None:
+    """The digest is the same, and computed each time."""
+    (folder.parent / "cache").write_text("a file")
+    assert digest(folder) == digest(folder)
+    assert len(hashed) == 4
+
+
+def test_bytecode_and_hidden_folders_do_not_count(folder: Path) -> None:
+    """They follow from the rest or belong to other tools; unreadable and deleted files are no error."""
+    before = digest(folder)
+    for name in ("__pycache__", ".git", "inner/__pycache__"):
+        (folder / name).mkdir()
+        (folder / name / "x").touch()
+    (folder / "dangling").symlink_to("nowhere")
+    assert digest(folder) == before
+    assert files_below(str(folder / "no such folder")) == {}
+    assert [path for path, _ in files_at([str(folder / "a.py"), str(folder / "gone")])] == [
+        str(folder / "a.py")
+    ]
+
+
+def test_no_files_have_a_digest_too(folder: Path) -> None:
+    """An engine may have loaded nothing else; it differs from that of any file."""
+    nothing = content_digest("nothing", {})
+    assert len(nothing) == 64
+    assert nothing != digest(folder)
+
+
+def test_only_files_of_wanted_names_count(folder: Path) -> None:
+    """Other files may change."""
+    assert list(files_below(str(folder), lambda name: name.endswith(".so"))) == ["inner/b.so"]

@@ -1,0 +1,65 @@
+"""Kernels that are interpreted give the bits of compiled ones, and are chosen while that takes less time."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodycheck.reference_impl import precompile
+from bodycheck.reference_impl.kernels.jit import exact_kernel, interpreted
+from bodycheck.reference_impl.truth.certification import solve_truth
+from bodycheck.scenarios.library import load_scenarios
+
+FREE = [
+    (name, scenario.scene)
+    for name, scenario in load_scenarios(["standard", "hard", "smoke"])
+    if scenario.scene.is_free_rotation
+]
+
+
+@pytest.mark.parametrize("name", [name for name, _ in FREE])
+def test_interpreted_truth_equals_compiled_truth_bit_for_bit(name: str) -> None:
+    """Motion, bounds and sensitivities of each free body of the suites, at every ninth sample."""
+    scene = dict(FREE)[name]
+    times = scene.sample_times[::9]
+    with interpreted():
+        one = solve_truth(scene, times)
+    other = solve_truth(scene, times)
+    for part in fields(one.trajectory):
+        np.testing.assert_array_equal(
+            getattr(one.trajectory, part.name), getattr(other.trajectory, part.name), strict=True
+        )
+    for field in fields(one):
+        if isinstance(getattr(one, field.name), np.ndarray):
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def test_kernel_is_interpreted_only_within_the_context() -> None:
+    """Arithmetic that compiled code answers by inf raises an error where it is interpreted."""
+    inverse = exact_kernel(_inverse)
+    with interpreted(), pytest.raises(ZeroDivisionError):
+        inverse(0.0)
+    assert inverse(0.0) == np.inf
+
+
+def _inverse(x: float) -> float:
+    return 1.0 / x
+
+
+def test_closed_forms_are_interpreted_until_compiling_takes_less_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Few samples are interpreted; many are not, nor few after much was interpreted, nor what is compiled."""
+    monkeypatch.setattr(precompile, "cache_directory", lambda: tmp_path)
+    monkeypatch.setattr(precompile, "_interpreted_s", 0.0)
+    assert precompile.interprets_closed_forms([101, 201])
+    assert not precompile.interprets_closed_forms([101] * 100)
+    assert not precompile.interprets_closed_forms([1_000_000])
+    monkeypatch.setattr(precompile, "_interpreted_s", 4.9)
+    assert not precompile.interprets_closed_forms([101])
+    monkeypatch.setattr(precompile, "_interpreted_s", 0.0)
+    (tmp_path / "closed-forms.compiled").touch()
+    assert not precompile.interprets_closed_forms([1])

@@ -1,0 +1,310 @@
+"""Answers: each request is sent once, and only repeatable answers are stored for other runs."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters.contract import Build, BuildKind, Engine, Setting
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.stable_step import Search
+from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
+from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.cache.journal import Journal
+from bodycheck.reports.cache.reuse import Reuse
+
+START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
+SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (), np.zeros(3), 1.0, 3)
+CASE = Case(SCENE, "m1", Setting(dt_s=0.1))
+ENGINE = Engine("counted", "1", {}, Build("c0de", "installed"))
+GOOD = protocol.answer_message(record(Reference(), CASE))
+
+
+class Counting(EnginePool):
+    """An EnginePool of an engine that gives the same answer to every request, and counts them."""
+
+    def __init__(self, said: dict[str, Any]) -> None:
+        super().__init__()
+        self.said, self.asked = said, 0
+
+    def ask(self, engine: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:  # noqa: ARG002
+        """Answer."""
+        self.asked += 1
+        return {"id": self.asked, **self.said}
+
+
+def requests_of_two_runs(said: dict[str, Any], cache: Cache | None, engine: Engine = ENGINE) -> int:
+    """Return how many requests an engine gets in two runs of the same case."""
+    engine_pool = Counting(said)
+    first, again = (Answers(None, cache, 1.0).ask(engine_pool, engine, CASE) for _ in range(2))
+    assert (first.outcome, first.message) == (again.outcome, again.message)
+    return engine_pool.asked
+
+
+SHORT = {**GOOD, "trajectory": {**GOOD["trajectory"], "t_s": protocol.packed(np.zeros(2))}}
+LASTING = {"ok": GOOD, "unsupported": {"outcome": "unsupported", "message": "no pivot"}}
+PASSING = {
+    "failed": {"outcome": "failed", "message": "it crashed"},
+    "timeout": {"outcome": "timeout", "message": "it was late"},
+    "no outcome": {},
+    "an outcome that is none": {"outcome": ["ok"]},
+    "without its parts": {"outcome": "ok"},
+    "not at the samples": {**GOOD, "trajectory": {**GOOD["trajectory"], "t_s": protocol.packed(np.ones(3))}},
+    "of wrong shapes": SHORT,
+    "with a wrong stepping": {**GOOD, "stepping": "sideways"},
+    "with wrong steps": {**GOOD, "steps": "many"},
+    "with steps without end": {**GOOD, "steps": 10**400},
+    "with a mass without end": {**GOOD, "read_back": {**GOOD["read_back"], "mass": 10**400}},
+    "with a mass that is a text": {**GOOD, "read_back": {**GOOD["read_back"], "mass": "1"}},
+    "with an inertia of five": {
+        **GOOD,
+        "read_back": {**GOOD["read_back"], "inertia": protocol.packed(np.ones(5))},
+    },
+    "with a state of its own": {
+        **GOOD,
+        "read_back": {**GOOD["read_back"], "state": {"mood": protocol.packed(np.ones(3))}},
+    },
+    "with an array as large as you like": {
+        **GOOD,
+        "trajectory": {**GOOD["trajectory"], "t_s": {"shape": [10**9, 10**9], "base64": ""}},
+    },
+    "with a shape that is none": {
+        **GOOD,
+        "trajectory": {**GOOD["trajectory"], "t_s": {"shape": "3", "base64": ""}},
+    },
+    "with an array that nobody knows": {
+        **GOOD,
+        "trajectory": {**GOOD["trajectory"], "spin": protocol.packed(np.zeros(3))},
+    },
+    "answered when asked again": {**GOOD, "message": "asked twice; first it crashed"},
+}
+
+
+SEARCHES = {
+    "no step": {"stable_s": None, "unstable_s": None},
+    "a step without end": {"stable_s": 10**400, "unstable_s": None},
+    "not a number": {"stable_s": float("nan"), "unstable_s": None},
+    "in the wrong order": {"stable_s": 0.2, "unstable_s": 0.1},
+    "below zero": {"stable_s": -0.1, "unstable_s": None},
+    "a text": {"stable_s": "0.1", "unstable_s": None},
+}
+
+
+@pytest.mark.parametrize("what", SEARCHES)
+def test_invalid_search_is_a_failure_with_a_reason(what: str) -> None:
+    """An invalid step of a worker reaches no table."""
+    said = {"outcome": "ok", "message": "", "reason": "", **SEARCHES[what]}
+    found = Answers(None, None, 1.0).search(Counting(said), ENGINE, Search(CASE, 0.01, 1.0, 1.0))
+    assert (found.outcome, found.stable_s) == ("failed", None)
+    assert found.message
+
+
+@pytest.mark.parametrize("seconds", [10**400, 1e308, -1.0, float("nan"), "1", None, True, []])
+def test_invalid_lap_is_refused(seconds: Any) -> None:
+    """Only a finite time of a plausible length is a lap."""
+    with pytest.raises(protocol.ProtocolError, match="invalid lap: cpu_s"):
+        protocol.lap_of({"outcome": "ok", "cpu_s": seconds})
+
+
+def test_only_what_was_checked_is_stored(tmp_path: Path) -> None:
+    """Other keys of a message are not written to the journal."""
+    nested: Any = []
+    for _ in range(2000):  # more than JSON can be written with
+        nested = [nested]
+    for said in ({**GOOD, "more": nested}, {"outcome": "failed", "message": "x", "more": nested}):
+        with Journal(tmp_path / said["outcome"]) as journal:
+            Answers(journal, None, 1.0).ask(Counting(said), ENGINE, CASE)
+        assert b"more" not in (tmp_path / said["outcome"]).read_bytes()
+
+
+@pytest.mark.parametrize("what", LASTING)
+def test_repeatable_answer_is_requested_once(what: str, tmp_path: Path) -> None:
+    """The second run reads it from the cache."""
+    assert requests_of_two_runs(LASTING[what], Cache(tmp_path)) == 1
+
+
+@pytest.mark.parametrize("what", PASSING)
+def test_failure_is_requested_again(what: str, tmp_path: Path) -> None:
+    """Failures and invalid answers are not stored for other runs; an invalid answer is a failure."""
+    assert requests_of_two_runs(PASSING[what], Cache(tmp_path)) == 2
+    answer = Answers(None, None, 1.0).ask(Counting(PASSING[what]), ENGINE, CASE)
+    assert answer.outcome in ("failed", "timeout") or what == "answered when asked again"
+    assert answer.message
+
+
+def test_engine_without_identity_is_always_run(tmp_path: Path) -> None:
+    """Without an identity of its build, answers cannot be reused."""
+    assert requests_of_two_runs(GOOD, Cache(tmp_path), replace(ENGINE, build=Build("", "installed"))) == 2
+
+
+REUSES = {"nothing": (), "truths": (), "installed": ("installed",)}
+KINDS: tuple[BuildKind, ...] = ("installed", "development", "plug-in", "handed over")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("reuse", ["nothing", "truths", "installed", "everything"])
+def test_answers_are_reused_of_allowed_engines_only(kind: BuildKind, reuse: Reuse, tmp_path: Path) -> None:
+    """By default of installed engines, on request of all, never of an object of the process."""
+    engine_pool, engine = Counting(GOOD), replace(ENGINE, build=Build("c0de", kind))
+    Answers(None, Cache(tmp_path), 1.0).ask(engine_pool, engine, CASE)
+    answer = Answers(None, Cache(tmp_path), 1.0, reuse=reuse).ask(engine_pool, engine, CASE)
+    allowed = kind in REUSES.get(reuse, KINDS[:3])
+    assert answer.reused is allowed
+    assert engine_pool.asked == (1 if allowed else 2)
+
+
+@pytest.mark.parametrize(("said", "asked"), [({}, 1), ({"build": "c0de"}, 1), ({"build": "0dd"}, 2)])
+def test_answer_of_another_build_is_not_stored(said: dict[str, Any], asked: int, tmp_path: Path) -> None:
+    """An engine may be rebuilt, or load more code, while a run continues."""
+    assert requests_of_two_runs({**GOOD, **said}, Cache(tmp_path)) == asked
+    answer = Answers(None, None, 1.0).ask(Counting({**GOOD, **said}), ENGINE, CASE)
+    assert answer.build == said.get("build", "")
+    assert not answer.reused
+
+
+def test_build_that_failed_is_named() -> None:
+    """An invalid answer or search has the build of the worker that gave it."""
+    answers, engine_pool = Answers(None, None, 1.0), Counting({"outcome": "ok", "build": "0dd"})
+    answer, found = answers.ask(engine_pool, ENGINE, CASE), answers.search(engine_pool, ENGINE, SEARCH)
+    assert [(one.outcome, one.build) for one in (answer, found)] == [("failed", "0dd")] * 2
+
+
+@pytest.mark.parametrize("cached", [False, True])
+def test_resumed_run_distinguishes_its_own_answers(cached: bool, tmp_path: Path) -> None:
+    """An answer of its journal is `reused` only if an earlier run gave it."""
+    cache, engine_pool = Cache(tmp_path / "cache"), Counting(GOOD)
+    if cached:
+        Answers(None, cache, 1.0, run_id="earlier").ask(engine_pool, ENGINE, CASE)
+    for _ in range(2):
+        with Journal(tmp_path / "journal") as journal:
+            answer = Answers(journal, cache, 1.0, run_id="this").ask(engine_pool, ENGINE, CASE)
+        assert answer.reused is cached
+    assert engine_pool.asked == 1
+
+
+CHANGES: dict[str, tuple[Engine, Case]] = {
+    "engine": (replace(ENGINE, name="other"), CASE),
+    "version": (replace(ENGINE, version="2"), CASE),
+    "build": (replace(ENGINE, build=Build("c0df", "installed")), CASE),
+    "method": (ENGINE, replace(CASE, method="m2")),
+    "step": (ENGINE, replace(CASE, setting=Setting(dt_s=float(np.nextafter(0.1, 1.0))))),
+    "tolerance": (ENGINE, replace(CASE, setting=Setting(tolerance=0.1))),
+    "samples": (ENGINE, replace(CASE, scene=replace(SCENE, samples=2))),
+    "gravity": (ENGINE, replace(CASE, scene=replace(SCENE, gravity=np.array([0.0, 0.0, -1e-300])))),
+    "body": (
+        ENGINE,
+        replace(CASE, scene=replace(SCENE, body=replace(SCENE.body, mass=np.nextafter(1.0, 2.0)))),
+    ),
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_any_change_is_requested_again(what: str, tmp_path: Path) -> None:
+    """Neither cache nor journal returns the answer of another engine or case."""
+    engine_pool, (engine, case) = Counting(GOOD), CHANGES[what]
+    with Journal(tmp_path / "journal") as journal:
+        Answers(journal, Cache(tmp_path), 1.0).ask(engine_pool, ENGINE, CASE)
+    with Journal(tmp_path / "journal") as journal:
+        Answers(journal, Cache(tmp_path), 1.0).ask(engine_pool, engine, case)
+    assert engine_pool.asked == 2
+
+
+def test_fresh_run_replaces_the_stored_answers(tmp_path: Path) -> None:
+    """The next run reads the new answers."""
+    refused = Counting(LASTING["unsupported"])
+    Answers(None, Cache(tmp_path), 1.0).ask(Counting(GOOD), ENGINE, CASE)
+    Answers(None, Cache(tmp_path).write_only(), 1.0).ask(refused, ENGINE, CASE)
+    assert refused.asked == 1
+    assert Answers(None, Cache(tmp_path), 1.0).ask(Counting(GOOD), ENGINE, CASE).message == "no pivot"
+
+
+@pytest.mark.parametrize("what", [*LASTING, *PASSING])
+def test_resumed_run_requests_nothing_twice(what: str, tmp_path: Path) -> None:
+    """Every answer, failures too, is in the journal and is read as it was."""
+    engine_pool = Counting({**LASTING, **PASSING}[what])
+    endings = []
+    for _ in range(2):
+        with Journal(tmp_path / "journal") as journal:
+            answer = Answers(journal, None, 1.0).ask(engine_pool, ENGINE, CASE)
+            endings.append((answer.outcome, answer.message))
+    assert engine_pool.asked == 1
+    assert endings[0] == endings[1]
+
+
+@pytest.mark.parametrize("fresh", [False, True])
+def test_resumed_run_does_not_need_the_cache(fresh: bool, tmp_path: Path) -> None:
+    """Answers from the cache are in the journal, so the cache may be pruned or removed."""
+    cache, engine_pool = Cache(tmp_path / "cache"), Counting(GOOD)
+    Answers(None, cache, 1.0).ask(engine_pool, ENGINE, CASE)
+    with Journal(tmp_path / "journal") as journal:
+        first = Answers(journal, cache.write_only() if fresh else cache, 1.0).ask(engine_pool, ENGINE, CASE)
+    asked = engine_pool.asked
+    assert asked == (2 if fresh else 1)
+    shutil.rmtree(tmp_path / "cache")
+    with Journal(tmp_path / "journal") as journal:
+        again = Answers(journal, cache, 1.0).ask(engine_pool, ENGINE, CASE)
+    assert engine_pool.asked == asked
+    assert protocol.answer_message(again) == protocol.answer_message(first)
+
+
+def test_laps_are_stored_for_their_run_only(tmp_path: Path) -> None:
+    """A speed is read by the run that measured it, and by no other."""
+    cache, laps = Cache(tmp_path / "cache"), {"own_s": [1.0], "yardstick_s": [2.0]}
+    with Journal(tmp_path / "journal") as journal:
+        Answers(journal, cache, 1.0).keep_laps(ENGINE, CASE, laps)
+    with Journal(tmp_path / "journal") as journal:
+        assert Answers(journal, cache, 1.0).laps(ENGINE, CASE) == laps
+    assert Answers(None, cache, 1.0).laps(ENGINE, CASE) is None
+    assert not list(tmp_path.glob("cache/*"))
+
+
+# ---------------------------------------------------------------------------------------------- searches
+
+SEARCH = Search(CASE, 0.01, 2.0, 100.0)
+FOUND = {"outcome": "ok", "message": "", "stable_s": 0.5, "unstable_s": 0.505, "reason": "K"}
+
+
+@pytest.mark.parametrize("said", [FOUND, {**FOUND, "unstable_s": None}, LASTING["unsupported"]])
+def test_repeatable_search_is_requested_once(said: dict[str, Any], tmp_path: Path) -> None:
+    """The second run reads it from the cache; another limit is another search."""
+    engine_pool, answers = Counting(said), Answers(None, Cache(tmp_path), 1.0)
+    first, again = (answers.search(engine_pool, ENGINE, SEARCH) for _ in range(2))
+    assert first == replace(again, reused=False)
+    assert again.reused
+    assert engine_pool.asked == 1
+    answers.search(engine_pool, ENGINE, replace(SEARCH, highest_s=3.0))
+    answers.ask(engine_pool, ENGINE, CASE)
+    assert engine_pool.asked == 3
+
+
+@pytest.mark.parametrize("said", [{}, {"outcome": "failed", "message": "it crashed"}, {"outcome": "ok"}])
+def test_failed_search_is_requested_again(said: dict[str, Any], tmp_path: Path) -> None:
+    """It is a failure with a reason."""
+    engine_pool = Counting(said)
+    for _ in range(2):
+        found = Answers(None, Cache(tmp_path), 1.0).search(engine_pool, ENGINE, SEARCH)
+        assert found.outcome == "failed"
+        assert found.message
+    assert engine_pool.asked == 2
+
+
+def test_answer_with_a_user_function_is_not_stored(tmp_path: Path) -> None:
+    """Its code may change under the same name."""
+    load = CallbackLoad("loads:f", lambda t, x, r, v, w: (-v, -w))  # noqa: ARG005 - the contract's arguments
+    case, engine_pool = replace(CASE, scene=replace(SCENE, loads=(load,))), Counting(GOOD)
+    for _ in range(2):
+        with Journal(tmp_path / "journal") as journal:
+            answers = Answers(journal, Cache(tmp_path), 1.0)
+            assert answers.ask(engine_pool, ENGINE, case).outcome == "ok"
+            assert answers.laps(ENGINE, case) is None
+            answers.keep_laps(ENGINE, case, {"cpu_s": [0.5]})
+    assert engine_pool.asked == 2

@@ -1,0 +1,253 @@
+"""One measure of one method between runs of a few cells; a comparison on the terminal and as a page."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from io import StringIO
+from typing import Any
+
+import pytest
+from markupsafe import escape
+from rich.console import Console
+
+from bodycheck._util.errors import InputError
+from bodycheck.reports import document
+from bodycheck.reports.comparison.change import FAILING, Change, Status
+from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.comparison.describe import (
+    HEADINGS,
+    change_tables,
+    comparison_document,
+    comparison_page,
+    sentences,
+)
+from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
+from bodycheck.reports.document import Document, print_document
+from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import Run
+from tests.helpers.gate_tables import make_tables
+
+ERROR = "orientation_error_rad"
+
+
+def run(*cases: dict[str, Any], **parts: Any) -> Tables:
+    """Return a run of these cases, of one scenario unless told otherwise."""
+    return make_tables(
+        list(cases), **{"scenarios": {"brick": {}}, "created": "today", "bodycheck": "1", **parts}
+    )
+
+
+def one(name: str = ERROR, **of: Any) -> OneMeasure:
+    """Return the error of the one case, but for what is told."""
+    who = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "control": "dt", "fineness": 0.01}
+    return OneMeasure(name=name, **{**who, **of})
+
+
+def differs(asked: OneMeasure, before: Tables, after: Tables) -> bool:
+    """Whether it is different, which is the same from either side."""
+    a, b = asked.finding(before), asked.finding(after)
+    found = asked.differ(a, b)
+    assert asked.differ(b, a) == found
+    return found
+
+
+# ---------------------------------------------------------------------------------------------- what it finds
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("energy", "--measure energy: unknown measure 'energy'"),
+        ("cpu_s", "--measure cpu_s: cannot search by speed: it varies from run to run"),
+        ("steps", "--measure steps: runs are not compared by it; see bodycheck list measures"),
+    ],
+)
+def test_what_runs_are_not_compared_by_is_refused(name: str, message: str) -> None:
+    """With its name, and why."""
+    with pytest.raises(InputError, match=message):
+        comparable(name)
+
+
+@pytest.mark.parametrize(
+    "name", [ERROR, "energy_drift_abs", "outcome", "verdict", "stability.dt_stable_s", f"order.{ERROR}"]
+)
+def test_what_runs_are_compared_by_is_a_measure_of_a_gate(name: str) -> None:
+    """Errors, outcomes, verdicts, orders and stable steps."""
+    assert comparable(name).column == name.removesuffix(f".{ERROR}").removeprefix("stability.")
+
+
+@pytest.mark.parametrize(
+    ("asked", "value"),
+    [
+        (one(), 1e-9),
+        (one(fineness=0.02), 2e-9),
+        (one(control="tolerance", fineness=1e-6), 3e-9),
+        (one(method="euler"), 4e-9),
+        (one(scenario="plate[1]*"), 5e-9),
+        (one("outcome"), "ok"),
+        (one("verdict"), "converges"),
+        (one(f"order.{ERROR}"), 4.0),
+    ],
+)
+def test_a_finding_is_of_its_own_case(asked: OneMeasure, value: float | str) -> None:
+    """Of its scenario by the very name, its method, its step or tolerance; an order is of all steps."""
+    tables = run(
+        {"engine": "dart", ERROR: 6e-9},
+        {"method": "euler", ERROR: 4e-9},
+        {"scenario": "plate[1]*", ERROR: 5e-9},
+        {"dt_s": 0.02, ERROR: 2e-9},
+        {"control": "tolerance", "dt_s": None, "tolerance": 1e-6, ERROR: 3e-9},
+        {},
+        methods=[{}],
+        scenarios={"brick": {}, "plate[1]*": {}},
+    )
+    found = asked.finding(tables)
+    assert (found.value, found.why) == (value, "")
+    assert found.tables is tables
+
+
+def test_a_case_that_was_not_made_has_the_reason_of_its_methods_first() -> None:
+    """A scene that a method cannot represent is not tried at finer steps."""
+    none = run({"method": "euler"}, {"dt_s": 0.1, "outcome": "unsupported", "message": "no pivot"})
+    found = one().finding(none)
+    assert (found.value, found.why) == (None, "unsupported: no pivot")
+    failed = one().finding(run({"outcome": "failed", "message": "no"}))
+    assert (failed.value, failed.why) == (None, "failed: no")
+
+
+# -------------------------------------------------------------------------------------------- what differs
+
+
+@pytest.mark.parametrize(
+    ("asked", "different"),
+    [
+        (one(), True),
+        (one(fineness=0.02), False),
+        (one("omega_error"), False),
+        (one("energy_drift_abs"), True),
+        (one("energy_drift"), False),  # it has no scale in either
+        (one(method="euler"), False),
+        (one(scenario="plate"), False),
+        (one(f"order.{ERROR}"), True),
+        (one("order.omega_error"), False),
+        (one("stability.dt_stable_s"), True),
+    ],
+)
+def test_a_measure_differs_where_the_comparison_tells_a_change_of_it(
+    asked: OneMeasure, different: bool
+) -> None:
+    """Not where it tells one of another scenario, method, step or measure."""
+    order = {"order_low": 3.9, "order_high": 4.1}
+    stable = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "outcome": "ok"}
+
+    def made(error: float, drift: float, *, shift: float) -> Tables:
+        others = [{"dt_s": 0.02}, {"method": "euler"}, {"scenario": "plate"}]
+        return run(
+            {ERROR: error, "omega_error": 1e-3, "energy_drift_abs": drift},
+            *others,
+            methods=[
+                {**order, "order": 4.0 + shift, "order_low": 3.9 + shift, "order_high": 4.1 + shift},
+                {**order, "quantity": "omega_error"},
+            ],
+            stability=[{**stable, "dt_stable_s": 0.1 + 0.1 * shift, "dt_unstable_s": 0.101 + 0.1 * shift}],
+            scenarios={"brick": {}, "plate": {}},
+        )
+
+    before, after = made(1e-3, 1e-3, shift=0.0), made(1e-2, 2e-3, shift=1.0)
+    assert differs(asked, before, after) == different
+    assert not differs(asked, before, before)
+
+
+def test_words_and_what_is_missing_differ_where_they_are_not_the_same() -> None:
+    """A word from another, a number from none; none from none is no difference."""
+    ok, failed = run({}), run({"outcome": "failed", "message": "no"})
+    assert differs(one("outcome"), ok, failed)
+    assert not differs(one("outcome"), failed, failed)
+    assert differs(one(), ok, failed)
+    assert not differs(one(), failed, failed)
+    assert one().differ(Finding("x", ""), Finding(1.0, ""))
+
+
+def test_two_versions_of_an_engine_are_compared_under_one_name() -> None:
+    """In the cases, and in all three tables; nothing else is another."""
+    stable = {"scenario": "brick", "engine": "mujoco==3", "method": "rk4", "outcome": "ok"}
+    tables = run({"engine": "mujoco==3"}, methods=[{"engine": "mujoco==3"}], stability=[stable])
+    made = Run(**vars(tables), problems=())
+    found = under_one_name(made, "mujoco")
+    assert {table["engine"].item() for table in (found.results, found.methods, found.stability)} == {"mujoco"}
+    assert [case.columns["engine"] for case in found.cases] == ["mujoco"]
+    assert [case.columns["engine"] for case in made.cases] == ["mujoco==3"]
+    assert (found.run_id, found.manifest) == (tables.run_id, tables.manifest)
+    assert found.cases[0].columns[ERROR] == 1e-9
+
+
+# --------------------------------------------------------------------------------------------- how it is told
+
+
+def test_the_terminal_names_both_runs_and_then_what_changed(capsys: pytest.CaptureFixture[str]) -> None:
+    """Identities, sentences, and under its heading each line."""
+    before, after = run({}), replace(run({ERROR: 1e-6}), run_id="other")
+    found = compare(before, after)
+    print_document(comparison_document(found))
+    assert capsys.readouterr().out.splitlines() == [
+        "before  made-up, today, bodycheck 1",
+        "after   other, today, bodycheck 1",
+        *sentences(found),
+        "",
+        "Worse",
+        "scenario  engine:method  change",
+        "brick     mujoco:rk4     orientation_error_rad 1e-9 -> 1e-6 (factor 1e3 up) at dt 0.01 s",
+    ]
+
+
+@pytest.mark.parametrize(("amount", "more"), [(20, []), (22, ["and 2 more lines: there"])])
+def test_of_a_long_list_twenty_lines_are_shown(
+    amount: int, more: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And where the rest is; what is missing has a heading of its own; what does not fail is not listed."""
+    who = ("accuracy", "brick", "mujoco")
+    changes = [
+        Change(*who, f"m{k}", ERROR, 1.0, 2.0, "worse", decades=math.log10(2.0)) for k in range(amount)
+    ]
+    changes += [Change(*who, "b", ERROR, 2.0, 1.0, "improved", decades=-0.3)]
+    changes += [Change(*who, "p", ERROR, 1.0, 1.01, "moved", decades=0.004)]
+    changes += [Change(*who, "n", ERROR, None, 1.0, "new")]
+    changes += [Change(*who, "o", ERROR, 1.0, None, "missing")]
+    print_document(Document("", change_tables(changes, "there")))
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[:2] == ["Worse", "scenario  engine:method  change"]
+    end = 2 + min(amount, 20)
+    assert all("mujoco:m" in line for line in shown[2:end])
+    assert shown[end:] == [
+        *more,
+        *["", "No longer measured", "scenario  engine:method  change"],
+        "brick     mujoco:o       orientation_error_rad 1 -> not measured",
+    ]
+
+
+@pytest.mark.parametrize("status", FAILING)
+def test_on_a_terminal_what_fails_is_red(status: Status, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And bold."""
+    shown = StringIO()
+    console = Console(file=shown, width=100, force_terminal=True, color_system="standard", highlight=False)
+    monkeypatch.setattr(document, "console", lambda: console)
+    changes = [Change("case", "brick", "mujoco", "rk4", "case", "ok", None, status)]
+    print_document(Document("", change_tables(changes, "there")))
+    assert f"\x1b[1;31m{HEADINGS[status]}" in shown.getvalue()
+
+
+def test_the_page_has_all_of_it_under_the_tints_of_a_report() -> None:
+    """Who, the sentences, and each heading once, what fails first."""
+    before = run({ERROR: 1e-3}, {"dt_s": 0.02, ERROR: 1e-3}, {"dt_s": 0.03})
+    after = replace(run({ERROR: 1e-2}, {"dt_s": 0.02, ERROR: 1e-4}, {"dt_s": 0.04}), run_id="other")
+    found = compare(before, after)
+    page = comparison_page(found)
+    for words in ("made-up, today, bodycheck 1", "other, today, bodycheck 1", *sentences(found)):
+        assert str(escape(words)) in page
+    heads = ("Worse</h2>", "No longer measured</h2>", "Improved</h2>", "New</h2>")
+    places = [page.index(head) for head in heads]
+    assert places == sorted(places)
+    assert math.isclose(page.count("orientation_error_rad 0.001 -&gt; 0.01"), 1)
+    assert "new case at dt 0.04 s (ok)" in page
+    assert "--good" in page  # the report's own style

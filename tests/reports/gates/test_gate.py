@@ -1,0 +1,237 @@
+"""The result of a gate: bounds, floors and patterns; a value that was not measured never passes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from bodycheck.reports.gates.gate import Gate, gate_of
+from bodycheck.reports.gates.verdict import GateResult, distance, held
+from tests.helpers.gate_tables import CASE, METHOD, make_tables
+
+NEAR = {"near": 1e-3, "decades": 0.5}
+
+
+def gate(**table: Any) -> Gate:
+    """Return a gate on the orientation error, with the given fields replaced."""
+    return gate_of({"measure": "orientation_error_rad", "reason": "r", **table}, "here")
+
+
+def one(asked: Gate, *cases: dict[str, Any], methods: list[dict[str, Any]] | None = None) -> GateResult:
+    """Return the result of the gate on a run of these cases."""
+    (result,) = held([asked], make_tables(list(cases), methods))
+    return result
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "passes"),
+    [
+        ({"upper": 1e-3}, 1e-3, True),
+        ({"upper": 1e-3}, math.nextafter(1e-3, 1), False),
+        ({"upper": 1e-3}, 0.0, True),
+        ({"upper": 0.0}, 5e-324, False),
+        ({"upper": 0.0}, 0.0, True),
+        ({"lower": 1e-3}, 1e-3, True),
+        ({"lower": 1e-3}, math.nextafter(1e-3, 0), False),
+        ({"lower": 1e-3}, 0.0, False),
+        ({"lower": 1e-4, "upper": 1e-3}, 5e-4, True),
+        ({"lower": 1e-4, "upper": 1e-3}, 5e-5, False),
+        ({"lower": 1e-4, "upper": 1e-3}, 5e-3, False),
+        (NEAR, 3.1e-3, True),
+        (NEAR, 3.3e-4, True),
+        (NEAR, 3.2e-3, False),
+        (NEAR, 3.1e-4, False),
+    ],
+)
+def test_bound_includes_itself(bound: dict[str, Any], value: float, passes: bool) -> None:
+    """A value at the bound passes; one double beyond it fails."""
+    result = one(gate(**bound), {"orientation_error_rad": value})
+    assert result.status == ("passed" if passes else "failed")
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "passes"),
+    [
+        ({"upper": 1e-15}, 9e-15, True),
+        ({"upper": 1e-15}, 1.1e-14, False),
+        ({"upper": 1e-13}, 9e-14, True),
+        ({"lower": 1e-15}, 1e-16, True),
+        ({"lower": 1e-13}, 1e-16, False),
+        ({"near": 1e-15, "decades": 0.1}, 9e-15, True),
+        ({"near": 1e-15, "decades": 0.1}, 1.1e-14, False),
+    ],
+)
+def test_values_below_the_floor_pass(bound: dict[str, Any], value: float, passes: bool) -> None:
+    """Values and bounds below the floor of 1e-14 count as the floor; above it the bound counts."""
+    result = one(gate(**bound, floor=1e-14), {"orientation_error_rad": value})
+    assert result.status == ("passed" if passes else "failed")
+
+
+UNMEASURED = {
+    "not a number": {"orientation_error_rad": math.nan},
+    "infinite": {"orientation_error_rad": math.inf},
+    "minus infinite": {"orientation_error_rad": -math.inf},
+    "empty": {"orientation_error_rad": None},
+    **{
+        outcome: {"outcome": outcome, "orientation_error_rad": 0.0}
+        for outcome in ("unstable", "failed", "timeout", "unsupported", "invalid")
+    },
+}
+
+
+@pytest.mark.parametrize("bound", [{"upper": 1.0}, {"lower": 0.0}, NEAR], ids=["upper", "lower", "near"])
+@pytest.mark.parametrize("what", UNMEASURED)
+def test_unmeasured_case_never_passes(what: str, bound: dict[str, Any]) -> None:
+    """Alone it gives `nothing measured`; next to a passing case the gate fails."""
+    alone = one(gate(**bound), UNMEASURED[what])
+    assert alone.status == "nothing"
+    assert alone.why
+    beside = one(gate(**bound), {"orientation_error_rad": 1e-3}, {**UNMEASURED[what], "dt_s": 0.02})
+    assert beside.status == "failed"
+    assert [check.row.at for check in beside.failed] == ["dt 0.02 s"]
+
+
+@pytest.mark.parametrize("outcome", ["ok", "unstable", "unsupported"])
+def test_outcome_is_compared_with_the_required_one(outcome: str) -> None:
+    """A gate may require an outcome, and then only that one passes."""
+    cases = ({"outcome": found} for found in ("ok", "unstable", "unsupported"))
+    asked = gate(measure="outcome", equals=outcome)
+    assert [one(asked, case).status for case in cases] == [
+        "passed" if found == outcome else "failed" for found in ("ok", "unstable", "unsupported")
+    ]
+
+
+PATTERNS = {
+    "scenario": ({"scenario": "lake"}, "no scenario of the run matches lake (available: brick)"),
+    "engine": ({"engine": "mujoc"}, "no engine of the run matches mujoc (available: mujoco)"),
+    "method": ({"method": "RK4"}, "no method of the run matches RK4 (available: rk4)"),
+    "step": ({"dt_s": 0.001}, "no step of the run matches 0.001 (available: dt 0.01 s)"),
+    "tolerance": ({"tolerance": 1e-6}, "no step of the run matches 1e-6 (available: dt 0.01 s)"),
+}
+
+
+@pytest.mark.parametrize("key", PATTERNS)
+def test_gate_without_cases_names_the_key(key: str) -> None:
+    """The message names the pattern that matches nothing and what the run has."""
+    patterns, message = PATTERNS[key]
+    result = one(gate(upper=1.0, **patterns), {})
+    assert (result.status, result.why) == ("nothing", message)
+
+
+def test_missing_engine_is_reported_with_its_reason() -> None:
+    """The message has the reason why it could not be imported."""
+    run = make_tables([{}], engines={"dart": {"unavailable": "dart cannot be imported: no module"}})
+    (result,) = held([gate(upper=1.0, engine="dart")], run)
+    assert result.status == "nothing"
+    assert result.why.endswith("(available: mujoco); dart cannot be imported: no module")
+
+
+def test_empty_run_passes_no_gate() -> None:
+    """Without a case every gate measured nothing."""
+    for asked in (
+        gate(upper=1.0),
+        gate(measure="verdict", equals="converges"),
+        gate(measure="outcome", equals="ok"),
+    ):
+        assert one(asked).status == "nothing"
+
+
+@pytest.mark.parametrize("pattern", ["brick", "bri*", "*", "b?ick", "[ab]rick"])
+@pytest.mark.parametrize(("name", "matches"), [("brick", True), ("brick/1e-3", True), ("a brick", False)])
+def test_scenario_matches_by_name_or_family(pattern: str, name: str, matches: bool) -> None:
+    """A family's name matches all its children; a pattern matches the whole name."""
+    asked = gate(upper=1.0, scenario=pattern)
+    assert asked.wants_scenario(name) == (matches or pattern == "*")
+
+
+def test_step_matches_to_round_off() -> None:
+    """1e-3 in the file matches the step 0.1 / 100 of the run; its neighbours do not."""
+    asked = gate(upper=1.0, dt_s=1e-3)
+    assert asked.wants_setting(0.1 / 100, None)
+    assert not asked.wants_setting(1.001e-3, None)
+    assert not asked.wants_setting(None, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("bound", "cells", "status"),
+    [
+        ({"lower": 3.9, "upper": 4.1}, {"order": 4.0}, "passed"),
+        ({"lower": 3.9, "upper": 4.1}, {"order": 3.89}, "failed"),
+        ({"upper": 1.0}, {"order": -2.0}, "passed"),
+        ({"lower": 0.0}, {"order": None, "verdict": "at-floor"}, "nothing"),
+        ({"lower": 0.0}, {"quantity": "energy_drift"}, "nothing"),
+    ],
+)
+def test_order_is_compared_with_its_bounds(bound: dict[str, Any], cells: dict[str, Any], status: str) -> None:
+    """Only a measured order of the requested quantity can pass."""
+    asked = gate(measure="order.orientation_error_rad", **bound)
+    assert one(asked, {}, methods=[cells]).status == status
+
+
+def test_method_without_a_row_does_not_pass() -> None:
+    """If one of two methods was unsupported, a gate on the verdict of both fails."""
+    cases = [{}, {"method": "euler", "outcome": "unsupported", "message": "no pivot"}]
+    result = one(gate(measure="verdict", equals="converges"), *cases, methods=[{}])
+    assert result.status == "failed"
+    assert [check.row.why for check in result.failed] == ["no verdict: no pivot"]
+
+
+@pytest.mark.parametrize(
+    ("found", "status"),
+    [({"dt_stable_s": 0.2}, "passed"), ({"dt_stable_s": 0.05}, "failed"), ({"message": "lost"}, "nothing")],
+)
+def test_stable_step_is_compared_with_its_bound(found: dict[str, Any], status: str) -> None:
+    """The largest stable step must be long enough; without a search nothing was measured."""
+    row = {"scenario": "brick", "engine": "mujoco", "method": "rk4", **found}
+    asked = gate(measure="stability.dt_stable_s", lower=0.1)
+    (result,) = held([asked], make_tables([{}], [], [row]))
+    assert result.status == status
+    (none,) = held([asked], make_tables([{}]))
+    assert none.status == "nothing"
+
+
+@pytest.mark.parametrize(
+    ("found", "status"), [("bounded", "passed"), ("linear", "failed"), (None, "nothing")]
+)
+def test_growth_is_compared_with_the_required_one(found: str | None, status: str) -> None:
+    """A growth that was not classified does not pass."""
+    asked = gate(measure="growth.energy_drift", equals="bounded")
+    row = {"quantity": "energy_drift", "growth": found}
+    assert one(asked, {}, methods=[row]).status == status
+
+
+def test_distance_is_in_decades_for_errors_and_plain_for_orders() -> None:
+    """1e-2 is one decade beyond 1e-3; an order of 3.5 is 0.4 beyond 3.9."""
+    error = one(gate(upper=1e-3), {"orientation_error_rad": 1e-2})
+    order = one(gate(measure="order.orientation_error_rad", lower=3.9), {}, methods=[{"order": 3.5}])
+    assert error.worst is not None
+    assert order.worst is not None
+    assert distance(error.worst, error.gate) == "1 decades beyond"
+    assert distance(order.worst, order.gate) == "0.4 beyond"
+
+
+def test_worst_case_is_the_nearest_to_failing() -> None:
+    """Of three passing cases it is the largest error; of words it is one that fails."""
+    errors = [{"orientation_error_rad": error, "dt_s": error} for error in (1e-9, 1e-5, 1e-7)]
+    worst = one(gate(upper=1e-3), *errors).worst
+    assert worst is not None
+    assert worst.row.obtained == 1e-5
+    word = one(gate(measure="outcome", equals="ok"), {}, {"outcome": "failed"}).worst
+    assert word is not None
+    assert word.row.obtained == "failed"
+
+
+@pytest.mark.parametrize(
+    ("asked", "command"),
+    [
+        (None, "bodycheck run brick --engine mujoco:rk4"),
+        ([0.02, 0.01], "bodycheck run brick --engine mujoco:rk4 --dt 0.02,0.01"),
+    ],
+)
+def test_order_is_reproduced_with_the_steps_of_its_run(asked: list[float] | None, command: str) -> None:
+    """The command has the requested steps, and none if the run chose them."""
+    run = make_tables([CASE], [METHOD], dt_s=asked)
+    (result,) = held([gate(measure="order.orientation_error_rad", lower=5.0)], run)
+    assert [check.row.reproduce for check in result.failed] == [command]

@@ -1,0 +1,361 @@
+"""Gates word by word, for readers and for other programs; what each measure stands for; new bounds."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from io import StringIO
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from rich.console import Console
+
+from bodycheck._util.errors import InputError
+from bodycheck.reports import document
+from bodycheck.reports.document import json_text, print_document
+from bodycheck.reports.gates.gate import Gate, gate_of
+from bodycheck.reports.gates.gate_measure import Measure, measure_of
+from bodycheck.reports.gates.gate_output import (
+    as_junit,
+    changes_document,
+    failure_rows,
+    line_of,
+    results_data,
+    results_document,
+)
+from bodycheck.reports.gates.proposal import Change, edited, proposals
+from bodycheck.reports.gates.verdict import GateResult, held
+from tests.helpers.gate_tables import make_tables
+
+ERROR = "orientation_error_rad"
+VERDICTS = (
+    *("converges", "at-floor", "at-precision-floor", "pre-asymptotic", "lower-order", "too-few-points"),
+    "chaotic",
+)
+COMMAND = "bodycheck run brick --engine mujoco:rk4 --dt 0.01"
+
+
+def gate(**table: Any) -> Gate:
+    """Return a gate on the orientation error, but for what is told."""
+    return gate_of({"measure": ERROR, "reason": "because", **table}, "here")
+
+
+def results() -> tuple[GateResult, ...]:
+    """Return one gate that passed, two that failed, and one that measured nothing."""
+    run = make_tables(
+        [{}, {"dt_s": 0.02, ERROR: 1e-2}, {"dt_s": 0.03, "outcome": "failed", "message": "no\x00"}]
+    )
+    gates = [
+        gate(upper=1e-8, dt_s=0.01),
+        gate(upper=1e-3),
+        gate(measure="outcome", equals="ok"),
+        gate(upper=1.0, engine="dart"),
+    ]
+    return held(gates, run)
+
+
+TITLES = (
+    f"* *:* at 0.01 s: {ERROR} <= 1e-8",
+    f"* *:*: {ERROR} <= 0.001",
+    "* *:*: outcome = ok",
+    f"* dart:*: {ERROR} <= 1",
+)
+LINES = (
+    f"{TITLES[0]}: 1 case; worst 1e-9, 1 decades within",
+    f"{TITLES[1]}: 2 of 3 cases failed; worst 0.01, 1 decades beyond",
+    f"{TITLES[2]}: 1 of 3 cases failed; worst failed",
+    f"{TITLES[3]}: measured nothing: no engine of the run matches dart (available: mujoco)",
+)
+
+
+def test_each_gate_is_one_line() -> None:
+    """Its title, how many cases, how many failed, the worst and how far it is, or why there is none."""
+    assert tuple(line_of(result) for result in results()) == LINES
+
+
+@pytest.mark.parametrize(
+    ("table", "bound"),
+    [
+        ({"near": 1.4e-2, "decades": 0.1}, "within 0.1 decades of 0.014"),
+        ({"lower": 1e-9, "upper": 1e-3}, ">= 1e-9 and <= 0.001"),
+        ({"measure": "outcome", "equals": "ok"}, "= ok"),
+    ],
+)
+def test_a_bound_is_told_in_words(table: dict[str, Any], bound: str) -> None:
+    """A reach, two sides, or a word."""
+    assert gate(**table).bound == bound
+
+
+def test_a_case_is_told_by_its_step_its_tolerance_or_neither() -> None:
+    """As in the report."""
+    steps = [("dt", 0.02, None), ("tolerance", None, 1e-6), ("none", None, None)]
+    run = make_tables(
+        [{"control": control, "dt_s": dt_s, "tolerance": told} for control, dt_s, told in steps]
+    )
+    told_as = [check.row.at for check in held([gate(upper=1.0)], run)[0].checks]
+    assert told_as == ["dt 0.02 s", "tolerance 1e-6", "no steps"]
+
+
+def test_a_run_without_cases_has_none() -> None:
+    """Nothing was measured, which never passes."""
+    (result,) = held([gate(upper=1.0)], make_tables([]))
+    assert (result.status, result.why) == ("nothing", "no scenario of the run matches * (available: none)")
+
+
+def test_each_row_that_failed_is_told_with_its_command() -> None:
+    """Gate, scenario, method, step, value or why there is none, bound, distance and command."""
+    assert failure_rows(results()) == [
+        ("1", "brick", "mujoco:rk4", "dt 0.02 s", "0.01", f"{ERROR} <= 0.001", "1 decades beyond", COMMAND),
+        ("1", "brick", "mujoco:rk4", "dt 0.03 s", "failed: no\x00", f"{ERROR} <= 0.001", "", COMMAND),
+        ("2", "brick", "mujoco:rk4", "dt 0.03 s", "failed", "outcome = ok", "", COMMAND),
+    ]
+
+
+def test_the_terminal_has_lines_then_failures_then_reasons_then_the_count(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The reason stands for each gate that did not pass, the numbers of each end in the last line."""
+    print_document(results_document(results()))
+    shown = capsys.readouterr().out.splitlines()
+    places = zip(("passed ", "failed ", "failed ", "nothing"), LINES, strict=True)
+    assert shown[:4] == [f"{status}  [{place}]  {line}" for place, (status, line) in enumerate(places)]
+    assert shown[4:6] == ["", "Failed"]
+    assert shown[6].split() == [
+        "gate",
+        "scenario",
+        "method",
+        "at",
+        "obtained",
+        "bound",
+        "distance",
+        "command",
+    ]
+    assert shown[7].endswith(COMMAND)
+    assert shown[-4:] == [
+        "[1] because",
+        "[2] because",
+        "[3] because",
+        "4 gates: 1 passed, 2 failed, 1 measured nothing",
+    ]
+    print_document(results_document(results()[:1]))
+    assert capsys.readouterr().out.splitlines() == [f"passed  [0]  {LINES[0]}", "1 gate: 1 passed"]
+
+
+def test_on_a_terminal_the_status_alone_is_coloured_and_no_character_is_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Green where it passed, red else; a line that is longer than the terminal is wrapped at its words."""
+    shown = StringIO()
+    narrow = Console(file=shown, width=60, force_terminal=True, color_system="standard", highlight=False)
+    monkeypatch.setattr(document, "console", lambda: narrow)
+    print_document(results_document(results()))
+    words = " ".join(shown.getvalue().split())
+    colours = ("\x1b[32mpassed", "\x1b[31mfailed", "\x1b[31mfailed", "\x1b[31mnothing")
+    for place, colour in enumerate(colours):
+        assert f"{colour}\x1b[0m [{place}] {LINES[place]}" in words
+    reasoned = replace(results()[1], gate=gate(upper=1e-3, reason=20 * "because "))
+    print_document(results_document([reasoned]))
+    assert f"[0] {20 * 'because '}".rstrip() in " ".join(shown.getvalue().split())
+
+
+def test_changes_are_told_with_what_was_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    """And how many gates are left unchanged although they did not pass."""
+    changes = [
+        Change(0, "upper", 1e-8, 2e-9, 1e-9, loosens=False),
+        Change(1, "near", 1e-3, 1e-2, 1e-2, loosens=True),
+    ]
+    print_document(changes_document(changes, results(), 0.3))
+    about = f"* *:* {ERROR}:"
+    assert capsys.readouterr().out.splitlines() == [
+        f"[0] {about} upper 1e-8 -> 2e-9; measured 1e-9, margin 0.3 decades",
+        f"[1] {about} near 0.001 -> 0.01; measured 0.01; loosened",
+        "2 gates that did not pass left unchanged: loosen with --loosen REASON",
+        "2 bounds replaced",
+    ]
+    both = [Change(1, key, 1e-3, 1e-2, 1e-2, loosens=True) for key in ("lower", "upper")]
+    print_document(changes_document(both, results(), 0.3))
+    assert "2 gates that did not pass left unchanged" in capsys.readouterr().out
+    print_document(changes_document(changes[:1], results()[:1], 0.3))
+    assert capsys.readouterr().out.splitlines()[1:] == ["1 bound replaced"]
+
+
+def test_junit_has_a_test_case_a_gate_and_a_failure_for_all_that_did_not_pass() -> None:
+    """With counts on both levels; characters that XML cannot hold are replaced."""
+    written = as_junit(results(), "gates.toml")
+    assert written.startswith(b"<?xml version='1.0' encoding='utf-8'?>\n<testsuites")
+    assert written.endswith(b"</testsuites>\n")
+    root = ElementTree.fromstring(written)
+    (suite,) = root
+    counts = {"tests": "4", "failures": "3", "errors": "0", "skipped": "0"}
+    assert (root.tag, root.attrib) == ("testsuites", counts)
+    assert (suite.tag, suite.attrib) == ("testsuite", {"name": "bodycheck gate", **counts})
+    names = [f"gate[{place}] {title}" for place, title in enumerate(TITLES)]
+    assert [(case.tag, case.attrib) for case in suite] == [
+        ("testcase", {"classname": "gates.toml", "name": name}) for name in names
+    ]
+    assert [[failure.tag for failure in case] for case in suite] == [[], *3 * [["failure"]]]
+    told = [case[0].attrib for case in suite if len(case)]
+    kinds = ("failed", "failed", "nothing")
+    assert told == [{"type": kind, "message": line} for kind, line in zip(kinds, LINES[1:], strict=True)]
+    replaced = f"brick | mujoco:rk4 | dt 0.03 s | failed: no\ufffd | {ERROR} <= 0.001 | {COMMAND}"
+    assert (suite[1][0].text or "").splitlines()[0] == "because"
+    assert (suite[1][0].text or "").splitlines()[2] == replaced
+
+
+def test_json_has_every_number_in_full() -> None:
+    """The file, the run, whether all passed, and each gate with its rows; what is infinite is null."""
+    written = json_text(results_data(results(), "gates.toml", "the-run"))
+    assert written.startswith('{\n "tolerances": "gates.toml",\n')
+    found = json.loads(written)
+    assert {key: found[key] for key in ("tolerances", "run_id", "passed")} == {
+        "tolerances": "gates.toml",
+        "run_id": "the-run",
+        "passed": False,
+    }
+    first, second, third, fourth = found["gates"]
+    assert first["gate"]["upper"] == 1e-8
+    assert "lower" not in first["gate"]
+    assert [one["status"] for one in found["gates"]] == ["passed", "failed", "failed", "nothing"]
+    assert fourth["why"] == "no engine of the run matches dart (available: mujoco)"
+    assert first["rows"] == [
+        {
+            "scenario": "brick",
+            "engine": "mujoco",
+            "method": "rk4",
+            "at": "dt 0.01 s",
+            "obtained": 1e-9,
+            "why": "",
+            "reproduce": COMMAND,
+            "about": "",
+            "errors": [],
+            "passed": True,
+            "beyond_decades": pytest.approx(-1.0),
+        }
+    ]
+    assert second["rows"][2]["beyond_decades"] is None
+    assert third["rows"][2]["passed"] is False
+    assert json.loads(json_text(results_data(results()[:1], "", "")))["passed"] is True
+    order = held([gate(measure=f"order.{ERROR}", lower=3.5)], make_tables([{}], [{}]))
+    assert json.loads(json_text(results_data(order, "", "")))["gates"][0]["rows"][0]["beyond"] == -0.5
+    zero = held([gate(upper=0.0)], make_tables([{}]))
+    assert json.loads(json_text(results_data(zero, "", "")))["gates"][0]["rows"][0]["beyond_decades"] is None
+
+
+@pytest.mark.parametrize(
+    ("name", "measure"),
+    [
+        ("energy_drift", Measure("results", "energy_drift")),
+        ("energy_drift_abs", Measure("results", "energy_drift_abs")),
+        ("successive_difference_rad", Measure("results", "successive_difference_rad")),
+        ("steps", Measure("results", "steps", in_decades=False)),
+        ("rhs_evaluations", Measure("results", "rhs_evaluations", in_decades=False)),
+        ("cpu_s", Measure("results", "cpu_s", is_speed=True)),
+        ("ns_per_step", Measure("results", "ns_per_step", is_speed=True)),
+        ("relative_cpu", Measure("results", "relative_cpu", is_speed=True)),
+        ("stability.dt_stable_s", Measure("stability", "dt_stable_s")),
+        (f"order.{ERROR}", Measure("methods", "order", ERROR, in_decades=False)),
+        (
+            "growth.energy_drift",
+            Measure(
+                *("methods", "growth", "energy_drift"),
+                words=("bounded", "sqrt", "linear", "quadratic", "exponential"),
+            ),
+        ),
+        (
+            "outcome",
+            Measure(
+                *("results", "outcome"),
+                words=("ok", "unstable", "failed", "timeout", "unsupported", "invalid"),
+            ),
+        ),
+    ],
+)
+def test_a_measure_stands_for_one_column(name: str, measure: Measure) -> None:
+    """With its table, its quantity, its words, and how two of its values are compared."""
+    assert measure_of(name) == measure
+
+
+@pytest.mark.parametrize(("name", "quantity"), [("verdict", None), ("verdict.energy_drift", "energy_drift")])
+def test_a_verdict_is_of_all_quantities_unless_one_is_named(name: str, quantity: str | None) -> None:
+    """Its words are the verdicts, and none of the outcomes."""
+    found = measure_of(name)
+    assert (found.source, found.column, found.quantity, found.in_decades) == (
+        "methods",
+        "verdict",
+        quantity,
+        True,
+    )
+    assert set(found.words) == {*VERDICTS, "does-not-converge", "unstable", "exact", "off"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "order",
+        "growth",
+        "outcome.x",
+        "stability",
+        "stability.x",
+        "order.x",
+        "energy_scale_j",
+        "orthogonality_error_abs",
+    ],
+)
+def test_what_is_no_measure_is_refused_with_what_there_is(name: str) -> None:
+    """The message names it and lists the others."""
+    with pytest.raises(ValueError, match=rf"unknown measure '{name}' \(available: the columns"):
+        measure_of(name)
+
+
+def bounds(table: dict[str, Any], *errors: float) -> list[tuple[str, float, float, float, bool]]:
+    """Return key, old and new bound, the worst measured and whether it loosens, where it may."""
+    run = make_tables([{ERROR: error, "dt_s": k + 1.0} for k, error in enumerate(errors)])
+    changes = proposals(held([gate(**table)], run), 0.3, loosen=True)
+    return [(one.key, one.old, one.new, one.measured, one.loosens) for one in changes]
+
+
+@pytest.mark.parametrize(
+    ("table", "errors", "told"),
+    [
+        ({"near": 1e-3, "decades": 0.5}, (4e-3,), [("near", 1e-3, 4e-3, 4e-3, True)]),
+        ({"near": 1e-3, "decades": 0.5}, (1e-3, 9e-3), [("near", 1e-3, 3e-3, 9e-3, True)]),
+        ({"near": 1e-3, "decades": 0.5}, (1e-3, 11e-3), []),  # farther apart than one bound allows
+        ({"near": 1e-3, "decades": 0.5}, (1e-3, 3e-3), []),
+        ({"upper": 1e-3}, (1e-4, 1e-2), [("upper", 1e-3, 2e-2, 1e-2, True)]),
+        ({"lower": 1e-3}, (1e-4, 1e-2), [("lower", 1e-3, 5e-5, 1e-4, True)]),
+        ({"upper": 1e-3, "floor": 1e-2}, (9e-3,), []),  # all that is below the floor is the floor
+        ({"lower": 1e-3, "floor": 1e-2}, (1e-4,), []),
+        ({"lower": 1e-3, "floor": 1e-2}, (1.0,), [("lower", 1e-3, 0.5, 1.0, False)]),
+        (
+            {"lower": 1e-3, "upper": 1e-2},
+            (5e-3,),
+            [("lower", 1e-3, 2.5e-3, 5e-3, False)],
+        ),
+        ({"upper": 1.0}, (0.0,), []),
+    ],
+)
+def test_a_new_bound_is_the_margin_from_the_worst(
+    table: dict[str, Any], errors: tuple[float, ...], told: list[tuple[str, float, float, float, bool]]
+) -> None:
+    """Upward of the largest, downward of the least, to two digits; the middle of both where it is near."""
+    assert bounds(table, *errors) == [
+        (*one[:2], pytest.approx(one[2], rel=1e-12, abs=0.0), *one[3:]) for one in told
+    ]
+
+
+def test_an_edit_after_which_a_file_could_not_be_read_is_refused() -> None:
+    """A new upper bound below the lower one is never written."""
+    told = '[[gate]]\nmeasure = "energy_drift"\nlower = 1e-4\nupper = 1e-3\nreason = "r"\n'
+    with pytest.raises(InputError, match="here: cannot be edited"):
+        edited(told, "here", [Change(0, "upper", 1e-3, 1e-5, 5e-6, loosens=False)], None)
+
+
+def test_an_edit_leaves_texts_alone_and_writes_reasons_as_they_are_spoken() -> None:
+    """What looks like a bound within a later text stays; a reason in another script is no row of escapes."""
+    told = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "r"\n'
+    after = told.replace('"r"', '"""\nupper = 3\n"""')
+    change = Change(0, "upper", 1e-3, 1e-2, 5e-3, loosens=True)
+    assert edited(after, "here", [change], None) == after.replace("1e-3", "0.01")
+    expected = told.replace("1e-3", "0.01").replace('"r"', '"r; loosened: größer"')
+    assert edited(told, "here", [change], "größer") == expected

@@ -1,0 +1,112 @@
+"""A history: each nightly run is stored completely or not at all."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from pathlib import Path
+
+import pytest
+
+from bodycheck._util.errors import InputError
+from bodycheck.reports.history.archive import History
+from tests.helpers.concurrent_storage import name, write, write_and_die, write_some
+from tests.helpers.file_size_limit import file_size_limit
+
+
+def test_nightly_runs_are_sorted_by_their_start(tmp_path: Path) -> None:
+    """In whatever order they were stored; other folders are not listed."""
+    history = History.at(tmp_path / "new" / "history")
+    for number in (3, 1, 2):
+        write(history.folder, number)
+    (history.folder / "notes.txt").write_text("mine")
+    (history.folder / "plots").mkdir()
+    assert [night.name for night in history.nights()] == [name(1), name(2), name(3)]
+    assert sorted(path.name for path in history.nights()[0].iterdir()) == ["manifest.json", "results.csv"]
+
+
+def _begin_and_raise(history: History, error: type[BaseException]) -> None:
+    with history.new_night(name(2)) as folder:
+        (folder / "results.csv").write_text("half")
+        raise error
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_unfinished_nightly_run_is_not_listed(tmp_path: Path, error: type[BaseException]) -> None:
+    """An interruption leaves the history unchanged, and the next run is stored."""
+    history = History.at(tmp_path)
+    write(tmp_path, 1)
+    with pytest.raises(error):
+        _begin_and_raise(history, error)
+    assert [entry.name for entry in tmp_path.iterdir() if entry.is_dir()] == [name(1)]
+    write(tmp_path, 3)
+    assert [night.name for night in history.nights()] == [name(1), name(3)]
+
+
+def test_full_disk_leaves_the_stored_runs(tmp_path: Path) -> None:
+    """One line names the file; the next run, with room, is stored."""
+    history = History.at(tmp_path)
+    write(tmp_path, 1)
+    with (
+        file_size_limit(1000),
+        pytest.raises(InputError, match=f"{name(2)}: cannot be written"),
+        history.new_night(name(2)) as folder,
+    ):
+        (folder / "results.csv").write_text(2000 * "x")
+    write(tmp_path, 3)
+    assert [night.name for night in history.nights()] == [name(1), name(3)]
+
+
+def test_remains_of_a_killed_process_are_removed(tmp_path: Path) -> None:
+    """A kill leaves no run and no lock, and its files are removed by the next run."""
+    history = History.at(tmp_path)
+    write(tmp_path, 1)
+    process = multiprocessing.get_context("spawn").Process(target=write_and_die, args=(tmp_path, 2))
+    process.start()
+    process.join(60.0)
+    assert process.exitcode == -signal.SIGKILL
+    assert [night.name for night in history.nights()] == [name(1)]
+    assert any(entry.name.startswith(".unfinished") for entry in tmp_path.iterdir())
+    write(tmp_path, 3)
+    assert not any(entry.name.startswith(".unfinished") for entry in tmp_path.iterdir())
+    assert [night.name for night in history.nights()] == [name(1), name(3)]
+
+
+def test_concurrent_processes_lose_nothing(tmp_path: Path) -> None:
+    """Four processes store ten runs each: all forty are complete."""
+    context = multiprocessing.get_context("spawn")
+    ranges = [range(10 * k, 10 * k + 10) for k in range(4)]
+    processes = [context.Process(target=write_some, args=(tmp_path, numbers)) for numbers in ranges]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(60.0)
+    assert [process.exitcode for process in processes] == [0] * 4
+    nights = History(tmp_path).nights()
+    assert [(night / "results.csv").read_text() for night in nights] == [f"{k}\n" for k in range(40)]
+
+
+def test_pruning_keeps_the_newest(tmp_path: Path) -> None:
+    """The oldest runs are removed and their names returned; nothing else is changed."""
+    history = History.at(tmp_path)
+    for number in range(5):
+        write(tmp_path, number)
+    (tmp_path / "notes.txt").write_text("mine")
+    assert history.prune(2) == [name(0), name(1), name(2)]
+    assert history.prune(2) == []
+    assert [night.name for night in history.nights()] == [name(3), name(4)]
+    assert (tmp_path / "notes.txt").exists()
+
+
+def test_unwritable_folder_is_refused_before_the_run(tmp_path: Path) -> None:
+    """One line names the folder."""
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"--history .*file: cannot be written"):
+        History.at(tmp_path / "file")
+
+
+def test_empty_history_cannot_be_queried(tmp_path: Path) -> None:
+    """A missing folder is refused too; the line says how a run is stored."""
+    for folder in (tmp_path, tmp_path / "absent"):
+        with pytest.raises(InputError, match="no nightly runs; `bodycheck nightly --history"):
+            History.existing(folder)

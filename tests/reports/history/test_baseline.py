@@ -1,0 +1,141 @@
+"""Baseline runs: of the same machine class, undamaged, not dated in the future."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bodycheck._util.errors import InputError
+from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.baseline import (
+    Night,
+    check_files,
+    machine_class,
+    past_of,
+    read_night_file,
+    seal_night,
+    told_of,
+)
+
+MANIFEST: dict[str, Any] = {
+    "cpu": "a processor",
+    "cores": 4,
+    "system": "Linux x86_64",
+    "platform": "Linux-6.1",
+    "python": "3.12.1",
+    "libraries": {"numpy": "2.4.6"},
+    "engines": {},
+}
+
+
+@pytest.mark.parametrize("changed", [{"cpu": "another"}, {"cores": 8}, {"system": "Linux aarch64"}])
+def test_another_machine_is_of_another_class(changed: dict[str, Any]) -> None:
+    """Each property by itself: a speed on twice the cores is not comparable."""
+    assert machine_class({**MANIFEST, **changed}) != machine_class(MANIFEST)
+
+
+@pytest.mark.parametrize(
+    "changed", [{"platform": "Linux-6.2"}, {"python": "3.13.0"}, {"libraries": {}}, {"engines": {"a": {}}}]
+)
+def test_machine_with_other_software_is_of_the_same_class(changed: dict[str, Any]) -> None:
+    """The effect of an update must be visible."""
+    assert machine_class({**MANIFEST, **changed}) == machine_class(MANIFEST)
+
+
+TOLD: dict[str, Any] = {
+    "run_id": "20260101T000000Z-000001",
+    "status": "no regression",
+    "worse": 0,
+    "missing": 1,
+    "improved": 2,
+    "moved": 3,
+    "new": 4,
+    "cases": 5,
+    "engines": "reference 1",
+    "machine": "a processor, 4 cores, Linux x86_64",
+}
+
+
+@pytest.fixture
+def sealed(tmp_path: Path) -> Path:
+    """Return the folder of a nightly run with a page, sealed."""
+    (tmp_path / "night.json").write_text(json.dumps(TOLD))
+    (tmp_path / "night.html").write_text("a page\n")
+    seal_night(tmp_path)
+    return tmp_path
+
+
+def test_sealed_run_holds_what_sha256sum_prints(sealed: Path) -> None:
+    """Runs stored by other releases are checked by the same keys and the same sums."""
+    told = json.loads((sealed / "night.json").read_text())
+    assert told["sha256"] == {"night.html": hashlib.sha256(b"a page\n").hexdigest()}
+    assert len(told["seal"]) == 64
+    assert {name: told[name] for name in TOLD} == TOLD
+    read = told_of(sealed)
+    assert read == {**TOLD, "sha256": told["sha256"]}
+    check_files(sealed, read)
+
+
+@pytest.mark.parametrize("name", [*TOLD, "sha256", "seal"])
+def test_change_of_a_sealed_report_is_detected(name: str, sealed: Path) -> None:
+    """Each entry by itself, the seal too."""
+    told = json.loads((sealed / "night.json").read_text())
+    (sealed / "night.json").write_text(json.dumps({**told, name: "another"}))
+    with pytest.raises(InputError, match=r"night\.json: is damaged: changed after it was written"):
+        read_night_file(sealed)
+
+
+def test_changed_file_of_a_sealed_run_is_named(sealed: Path) -> None:
+    """A page that was edited or removed is no longer the one that was stored."""
+    told = told_of(sealed)
+    (sealed / "night.html").write_text("a Page\n")
+    with pytest.raises(InputError, match=r"night\.html: is damaged: changed after it was written"):
+        check_files(sealed, told)
+    (sealed / "night.html").unlink()
+    with pytest.raises(InputError, match=r"night\.html: cannot be read"):
+        check_files(sealed, told)
+
+
+@pytest.mark.parametrize("name", ["run_id", "status", "worse", "cases", "engines", "machine"])
+def test_report_without_a_needed_key_is_damaged(name: str, tmp_path: Path) -> None:
+    """The other counts are 0 where they are missing."""
+    (tmp_path / "night.json").write_text(json.dumps({key: TOLD[key] for key in TOLD if key != name}))
+    with pytest.raises(InputError, match=f"missing key {name}$"):
+        told_of(tmp_path)
+
+
+def test_counts_of_former_releases_are_read(tmp_path: Path) -> None:
+    """What is `improved` and `moved` now was `better` and `other`; a missing count is 0."""
+    now = ("improved", "moved", "new")
+    former = {key: value for key, value in TOLD.items() if key not in now}
+    (tmp_path / "night.json").write_text(json.dumps({**former, "better": 6, "other": 7}))
+    told = told_of(tmp_path)
+    assert [told[name] for name in now] == [6, 7, 0]
+
+
+def test_only_unchanged_scenarios_are_the_same() -> None:
+    """A scenario that was redefined, or that one of the runs lacks, is not compared."""
+    mine = {"brick": {"mass": 1.0}, "plate": {"mass": 1.0}, "rod": {"mass": 1.0}}
+    other = {"brick": {"mass": 1.0}, "plate": {"mass": 2.0}, "disk": {"mass": 1.0}, "rod": {"mass": 1.0}}
+    night = Night(Path("night"), {"scenarios": mine}, {})
+    assert night.same_scenarios({"scenarios": other}) == {"brick", "rod"}
+
+
+def test_each_unusable_run_is_left_out_with_its_reason(tmp_path: Path) -> None:
+    """Those of the future first, then the damaged ones, the newest first."""
+    names = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
+    coming = [f"2999010{day}T000000Z-00000{day}" for day in (1, 2)]
+    for name in (*names, *coming):
+        (tmp_path / name).mkdir()
+    for future in (coming, []):
+        past = past_of(History(tmp_path), {"run_id": "20260104T000000Z-000004"})
+        assert past.nights == ()
+        told, expected = [why.split(": ")[:2] for why in past.left_out], [*future, *reversed(names)]
+        assert [Path(file).relative_to(tmp_path).parts[0] for file, _ in told] == expected
+        assert [why == "is dated in the future" for _, why in told] == [name in future for name in expected]
+        for name in future:
+            (tmp_path / name).rmdir()

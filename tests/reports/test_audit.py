@@ -1,0 +1,185 @@
+"""The import audit: named causes, findings of the linter, and its outputs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters.importers import HeldLink
+from bodycheck.reports.audit.audit import Audit, Body, Difference
+from bodycheck.reports.audit.audit_document import audit_data, failures, sarif
+from bodycheck.reports.audit.audit_page import audit_page
+from bodycheck.reports.audit.causes import body_causes, joint_causes, with_issue
+from bodycheck.reports.audit.lint import lint
+from bodycheck.reports.document import json_text
+from bodycheck.runs.audit_run import AuditOptions, audit
+from bodycheck.scenarios.model_files.exact import Frame, doubles
+from bodycheck.scenarios.model_files.model import Joint, ModelLink
+from bodycheck.scenarios.model_files.reader import read_model
+from tests.helpers.in_process_cli import run_bodycheck
+
+_LINK = """<robot name="r">
+<link name="{name}">
+<inertial>
+<origin xyz="0.1 0.2 -0.1" rpy="0.4 -0.9 0.7"/>
+<mass value="{mass}"/>
+<inertia {inertia}/>
+</inertial>
+{more}
+</link>
+</robot>
+"""
+_GOOD = 'ixx="0.03" iyy="0.04" izz="0.05" ixy="0.004" ixz="-0.002" iyz="0.006"'
+_BOX = '<collision><origin xyz="0.1 0.2 -0.1"/><geometry><box size="0.4 0.3 0.3"/></geometry></collision>'
+
+
+def _file(folder: Path, inertia: str = _GOOD, mass: str = "2.0", name: str = "arm", more: str = _BOX) -> Path:
+    path = folder / "robot.urdf"
+    path.write_text(_LINK.format(name=name, mass=mass, inertia=inertia, more=more))
+    return path
+
+
+def _link(folder: Path) -> ModelLink:
+    return read_model(_file(folder)).links[0]
+
+
+def _causes(link: ModelLink, tensor: np.ndarray) -> tuple[str, ...]:
+    assert link.stated is not None
+    expected = Body.of(link.stated.in_link)
+    held = Body(expected.mass_kg, expected.centre_m, tensor)
+    return body_causes([(link, Frame.of())], expected, held, Difference.between(expected, held), "", {})
+
+
+def test_tensor_faults_are_named(tmp_path: Path) -> None:
+    """Each fault made with the numbers of the file is named, and the right tensor has no cause."""
+    link = _link(tmp_path)
+    assert link.stated is not None
+    J, R = doubles(link.stated.inertia.tensor), doubles(link.stated.frame.rotation)
+    diagonal = np.diag(np.diagonal(J))
+    faults = {
+        "off-diagonals dropped": R @ diagonal @ R.T,
+        "off-diagonals of the wrong sign": R @ (2 * diagonal - J) @ R.T,
+        "rotation of the inertial frame ignored": J,
+        "rotated by the inverse of the inertial frame": R.T @ J @ R,
+        "tensor times 1000": 1000.0 * R @ J @ R.T,
+        "replaced by the identity": np.eye(3),
+    }
+    for what, tensor in faults.items():
+        assert _causes(link, tensor) == (what,)
+    assert (
+        Difference.between(
+            Body.of(link.stated.in_link), Body(2.0, np.array([0.1, 0.2, -0.1]), R @ J @ R.T)
+        ).largest
+        < 1e-15
+    )
+
+
+def test_known_fault_names_its_issue() -> None:
+    """A cause that developers of the engine discuss has their issue; other engines have not."""
+    cause = "rotation of the inertial frame ignored"
+    assert with_issue("mujoco==3.12.0", cause).endswith("(google-deepmind/mujoco#3559)")
+    assert with_issue("dart", cause) == cause
+
+
+def test_added_damping_and_limits_are_named() -> None:
+    """Damping and limits that the file does not have are reported."""
+    joint = Joint("j", "revolute", 1, damping=0.0, limits=None)
+    held = HeldLink("a", 1.0, [0, 0, 0], np.eye(3).tolist(), damping=0.04, limits=(-1.0, 1.0))
+    damping, limits = joint_causes(joint, held)
+    assert damping.startswith("damping added")
+    assert limits.startswith("limits added")
+
+
+@pytest.mark.parametrize(
+    ("changes", "rule"),
+    [
+        ({"inertia": 'ixx="1" iyy="1" izz="5" ixy="0" ixz="0" iyz="0"'}, "triangle-inequality"),
+        ({"inertia": 'ixx="-1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"'}, "not-positive"),
+        ({"inertia": 'ixx="30" iyy="40" izz="50" ixy="4" ixz="-2" iyz="6"'}, "unit-slip"),
+        ({"inertia": 'ixx="3e4" iyy="4e4" izz="5e4" ixy="0" ixz="0" iyz="0"'}, "unit-slip"),
+        ({"inertia": 'ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"'}, "placeholder-inertia"),
+        ({"mass": "0"}, "zero-mass"),
+        ({"mass": "-1"}, "negative-mass"),
+    ],
+)
+def test_linter_reports_a_wrong_inertia_with_its_line(
+    changes: dict[str, str], rule: str, tmp_path: Path
+) -> None:
+    """Each wrong inertia is found in line 3 and with what is expected; the right one gives no finding."""
+    assert not list(lint(read_model(_file(tmp_path))))
+    findings = list(lint(read_model(_file(tmp_path, **changes))))
+    assert [one.rule for one in findings] == [rule]
+    assert findings[0].line == 3
+    assert findings[0].expected
+
+
+def test_linter_reports_a_tensor_about_the_origin(tmp_path: Path) -> None:
+    """A tensor that fits the shape only about the link's origin is found."""
+    mass, arm, edges = 2.0, np.array([0.5, 0.0, 0.0]), np.array([0.2, 0.3, 0.4])
+    about_centre = np.diag(mass / 12.0 * (edges @ edges - edges**2))
+    tensor = about_centre + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    xx, yy, zz = np.diagonal(tensor).tolist()
+    path = tmp_path / "robot.urdf"
+    path.write_text(
+        '<robot name="r"><link name="a"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>'
+        f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial>'
+        '<collision><origin xyz="0.5 0 0"/><geometry><box size="0.2 0.3 0.4"/></geometry></collision>'
+        "</link></robot>"
+    )
+    assert [one.rule for one in lint(read_model(path))] == ["about-another-point"]
+
+
+@pytest.fixture(scope="module")
+def audited(tmp_path_factory: pytest.TempPathFactory) -> Audit:
+    """The audit of one link by all built-in importers."""
+    return audit(_file(tmp_path_factory.mktemp("audit")), AuditOptions())
+
+
+@pytest.mark.slow
+def test_importers_hold_the_link_and_default_pybullet_does_not(audited: Audit) -> None:
+    """MuJoCo, DART and PyBullet with its flag agree with the file; PyBullet's default is named."""
+    (link,) = audited.links
+    for name in ("mujoco:recommended", "pybullet:recommended", "dart:default"):
+        assert link.held[name].state in ("agrees", "rounded")
+    wrong = link.held["pybullet:default"]
+    assert wrong.state == "differs"
+    assert wrong.causes[0].startswith("tensor discarded: recomputed from the collision shape")
+
+
+@pytest.mark.slow
+def test_spins_settle_what_the_numbers_claim(audited: Audit) -> None:
+    """Right imports follow the truth as the engine does with the file's numbers; the wrong one leaves it."""
+    (link,) = audited.links
+    for name, spin in link.spins.items():
+        assert spin.control_rad is not None
+        assert spin.excerpt_rad is not None
+        if name == "pybullet:default":
+            assert spin.excerpt_rad > 30.0 * spin.control_rad
+        else:
+            assert spin.excerpt_rad <= 1.5 * spin.control_rad + 1e-9
+
+
+@pytest.mark.slow
+def test_outputs_have_all_digits_and_places(audited: Audit) -> None:
+    """JSON has every digit of the body, SARIF the lines, and the page two ellipsoids per comparison."""
+    data = json.loads(json_text(audit_data(audited)))
+    stated = audited.links[0].stated
+    assert stated is not None
+    assert data["links"][0]["stated"]["inertia_kg_m2"] == stated.inertia_kg_m2.tolist()
+    results = sarif(audited, "1")["runs"][0]["results"]
+    assert {one["ruleId"] for one in results} == {"import-difference"}
+    assert results[0]["locations"][0]["physicalLocation"]["region"]["startLine"] == 2
+    page = audit_page(audited)
+    assert page.count('<path class="held"') == page.count('<path class="true"') >= 4
+    assert failures(audited, ["difference"])
+    assert not failures(audited, ["error"])
+
+
+def test_lint_command_exits_by_fail_on(tmp_path: Path) -> None:
+    """`audit --lint` ends with status 1 only on findings at or above the named severity."""
+    path = _file(tmp_path, inertia='ixx="1" iyy="1" izz="5" ixy="0" ixz="0" iyz="0"')
+    assert run_bodycheck(tmp_path, "audit", path.name, "--lint", "--quiet").returncode == 0
+    assert run_bodycheck(tmp_path, "audit", path.name, "--lint", "--fail-on", "error").returncode == 1

@@ -1,0 +1,134 @@
+"""check-adapter: no healthy adapter fails, and each mistake of an adapter is described in words."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import bodycheck
+from bodycheck.adapters.contract import Adapter, Engine
+from bodycheck.adapters.example import Example, ExampleSimulation
+from bodycheck.adapters.execution import Answer, Case, record, replay
+from bodycheck.adapters.registry import distribution_of
+from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.probes.conformance import CHECKS, Bench, Check
+from bodycheck.reports.probes.finding import Finding
+from bodycheck.runs.check_adapter import check_adapter
+from tests.helpers.faulty_adapters import FAULTS, FaultyExample
+from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.temporary_engines import registered
+
+TIMEOUT_S = 60.0
+
+
+def findings(adapter: Adapter, method: str) -> Iterator[tuple[Check, Finding]]:
+    """Yield the findings of all checks of one method, in this process."""
+    engine = Engine(adapter.name, adapter.version, adapter.methods)
+
+    def recorded(_: Engine, case: Case) -> Answer:
+        return record(adapter, case)
+
+    def replayed(_: Engine, case: Case) -> Answer:
+        return replay(adapter, case)
+
+    bench = Bench(engine, adapter.methods[method], recorded, replayed)
+    return ((check, finding) for check in CHECKS for finding in check.findings(bench))
+
+
+def failures(adapter: Adapter, method: str) -> list[tuple[str, str]]:
+    """Return (check, message) of each failure."""
+    found = findings(adapter, method)
+    return [(check.name, finding.message) for check, finding in found if finding.verdict == "inconsistent"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAULTS)
+def test_mistake_of_an_adapter_is_described(name: str) -> None:
+    """The check that concerns the mistake fails first, or after the read-back, in the right words."""
+    fault = FAULTS[name]
+    found = failures(FaultyExample(fault), "euler")
+    assert any(check == fault.check and fault.words in message for check, message in found), found
+    assert next(check for check, _ in found if check != "model") == fault.check, found
+
+
+def test_example_adapter_passes_every_check() -> None:
+    """The template of `new-adapter` fails nothing, and only its pivot is refused."""
+    found = list(findings(Example(), "euler"))
+    assert failures(Example(), "euler") == []
+    assert {check.name for check, one in found if one.verdict == "not-measured"} == {"pivot"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["reference:m1", "mujoco:rk4", "pybullet:multibody", "dart"])
+def test_built_in_adapters_pass_in_their_workers(name: str) -> None:
+    """No check of a built-in engine fails, continuous loads as the first request of a kernel included."""
+    engine = name.partition(":")[0]
+    pytest.importorskip(distribution_of(engine) or "bodycheck")
+    found = check_adapter(name, timeout_s=TIMEOUT_S)
+    assert [(result.check, result.message) for result in found.failures] == []
+    passed = {result.check for result in found.results if result.verdict == "consistent"}
+    assert passed == {check.name for check in CHECKS}
+
+
+class Crashing(Example):
+    """An engine that raises where a case has a link."""
+
+    def build(self, scene: Scene, method: str, dt_s: float) -> ExampleSimulation:
+        """Raise where there is a link."""
+        if scene.link is not None:
+            raise RuntimeError("links are not written yet")
+        return super().build(scene, method, dt_s)
+
+
+@pytest.mark.slow
+def test_crash_is_a_failure_with_status_1(tmp_path: Path) -> None:
+    """A case that fails is no refusal: its checks fail with the engine's own words, and the status is 1."""
+    with registered(Crashing()):
+        told = run_bodycheck(tmp_path, "check-adapter", "example", "--quiet", "--json")
+    assert told.returncode == 1
+    failed = [one for one in json.loads(told.stdout)["results"] if one["verdict"] == "inconsistent"]
+    assert {one["check"] for one in failed} == {"model", "link"}
+    assert all("links are not written yet" in one["message"] for one in failed)
+
+
+@pytest.mark.slow
+def test_package_of_a_new_adapter_passes_its_own_tests(tmp_path: Path) -> None:
+    """`new-adapter` writes an adapter of under 45 lines of code, whose tests pass as they are."""
+    made = run_bodycheck(tmp_path, "new-adapter", "my-engine", "--json")
+    assert made.returncode == 0, made.stderr
+    folder = tmp_path / json.loads(made.stdout)["folder"]
+    code = (folder / "bodycheck_my_engine" / "__init__.py").read_text()
+    without_docstrings = re.sub(r'""".*?"""', "", code, flags=re.DOTALL)
+    lines = [line for line in without_docstrings.splitlines() if line.strip() and line.strip()[0] != "#"]
+    assert len(lines) < 45
+    facts = tomllib.loads((folder / "pyproject.toml").read_text())
+    assert facts["project"]["entry-points"]["bodycheck.adapters"] == {
+        "my-engine": "bodycheck_my_engine:MyEngine"
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": f"{folder}:{Path(bodycheck.__file__).parents[1]}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("name", ["My Engine", "mujoco", "there"])
+def test_new_adapter_refuses_a_wrong_name(name: str, tmp_path: Path) -> None:
+    """An invalid name, the name of an engine and an existing folder are refused, and nothing is written."""
+    (tmp_path / "bodycheck-there").mkdir()
+    refused = run_bodycheck(tmp_path, "new-adapter", name)
+    assert refused.returncode == 2
+    assert len(refused.stderr.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["bodycheck-there"]

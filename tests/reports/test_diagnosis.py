@@ -1,0 +1,217 @@
+"""The diagnosis names the fault of a wrong motion, its parameter, and what cannot be told from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bodycheck
+from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.pybullet import PyBullet
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.diagnosis.diagnosis import Diagnosis, diagnosed
+from bodycheck.reports.diagnosis.document import similar_issues, upstream_issues
+from bodycheck.reports.diagnosis.faults import FAULTS, Circumstances
+from bodycheck.reports.diagnosis.fit import planted
+from bodycheck.reports.diagnosis.flow import BASES
+from bodycheck.reports.diagnosis.model import Grid
+from bodycheck.reports.diagnosis.transitions import Transitions
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.runs.directory import write_run
+from bodycheck.scenarios.library import load_scenario
+from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.planted_faults import FAULTS as PLANTED
+from tests.helpers.planted_faults import Faulty
+from tests.helpers.planted_maps import FaultyMap
+from tests.helpers.temporary_engines import registered
+
+STEPS = {"full-tensor": 1e-2, "powered-flight": 2e-2, "body-torque": 0.1, "fast-flight": 2e-4}
+KNOWN = frozenset({"position", "velocity", "attitude", "omega"})
+
+
+@cache
+def problem_of(scenario: str) -> Problem:
+    """Return a scenario with its truth."""
+    return Problem.of(load_scenario(scenario), scenario)
+
+
+def motion_of(scenario: str, base: str, faults: Sequence[str] = ()) -> Trajectory:
+    """Return the motion of a map with planted faults."""
+    engine = FaultyMap(base, [fault for fault in PLANTED if fault.name in faults])
+    scene = problem_of(scenario).scenario.scene
+    found = record(engine, Case(scene, "planted", Setting(dt_s=STEPS[scenario]))).trajectory
+    assert found is not None
+    return found
+
+
+def diagnosis_of(scenario: str, motion: Trajectory, order: int) -> Diagnosis:
+    """Return the diagnosis of a motion."""
+    problem = problem_of(scenario)
+    found = diagnosed(problem.scenario.scene, motion, problem.scales, STEPS[scenario], order=order)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("base", ["m1", "m2", "rk4"])
+@pytest.mark.parametrize("scenario", ["full-tensor", "powered-flight"])
+def test_the_motion_of_a_healthy_map_is_no_fault(base: str, scenario: str) -> None:
+    """Its map is named, up to round-off."""
+    found = diagnosis_of(scenario, motion_of(scenario, base), 4 if base == "rk4" else 1)
+    assert (found.verdict, found.base, found.faults) == ("healthy", base, ())
+
+
+@pytest.mark.parametrize(
+    ("scenario", "base", "fault", "name", "value"),
+    [
+        ("full-tensor", "m1", "damping-angular-1e-3", "damping-angular", 1e-3),
+        ("full-tensor", "m2", "no-gyroscopic-term", "gyroscopic-term", 0.0),
+        ("full-tensor", "rk4", "off-diagonals-reversed", "off-diagonals", -1.0),
+        ("full-tensor", "m1", "state-late", "state-late", 1.0),
+        ("full-tensor", "m2", "quaternion-conjugated", "quaternion-conjugated", None),
+        ("body-torque", "m1", "torque-1-percent", "torque", 1.01),
+        ("body-torque", "rk4", "step-1-percent", "step-scaled", 1.01),
+        ("powered-flight", "m1", "gravity-reversed", "gravity", -1.0),
+        ("fast-flight", "m2", "omega-clamped-at-175", "omega-clamped-body-after", 175.0),
+    ],
+)
+def test_a_planted_fault_is_named_with_its_parameter(
+    scenario: str, base: str, fault: str, name: str, value: float | None
+) -> None:
+    """The first name, or one of those that the scene cannot tell from it, is right, and so is the value."""
+    found = diagnosis_of(scenario, motion_of(scenario, base, [fault]), 4 if base == "rk4" else 1)
+    assert found.verdict == "explained"
+    assert found.base == base or fault == "no-gyroscopic-term"  # M1 and M2 are the same without it
+    assert (name,) in ((found.faults[0].name,), *found.alike_names)
+    if value is not None and found.faults[0].name == name:
+        fitted = found.faults[0].parameters[0]
+        assert math.isclose(fitted.value, value, rel_tol=1e-6, abs_tol=1e-9)
+        assert fitted.low <= fitted.value <= fitted.high
+    assert found.share > 0.999
+
+
+def test_faults_that_a_scene_cannot_tell_apart_are_one_class() -> None:
+    """Without a torque, a missing gyroscopic term and a sphere keep omega; with one, they differ."""
+    free = diagnosis_of("full-tensor", motion_of("full-tensor", "m1", ["no-gyroscopic-term"]), 1)
+    assert {"gyroscopic-term", "inertia-sphere"} <= {free.faults[0].name, *(n for (n,) in free.alike_names)}
+    forced = diagnosis_of("body-torque", motion_of("body-torque", "m1", ["no-gyroscopic-term"]), 1)
+    assert (forced.faults[0].name, forced.alike_names) == ("gyroscopic-term", ())
+
+
+@pytest.mark.slow
+def test_pybullet_untouched_is_damped_and_clamped() -> None:
+    """Damping 0.04 on velocity and omega, each component clamped at 100."""
+    scene = problem_of("fast-flight").scenario.scene
+    motion = record(PyBullet(), Case(scene, "multibody@defaults", Setting(dt_s=2e-4))).trajectory
+    assert motion is not None
+    found = diagnosis_of("fast-flight", motion, 1)
+    fitted = {fault.name: fault.parameters[0].value for fault in found.faults}
+    assert fitted == pytest.approx({"velocities-clamped": 100.0, "damping-bullet": 0.04}, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_an_unknown_fault_is_unexplained() -> None:
+    """A motion whose omega is replaced by noise is not made by any fault."""
+    motion = motion_of("full-tensor", "m1")
+    noise = np.random.default_rng(25).normal(size=motion.omega_body.shape)
+    found = diagnosis_of("full-tensor", replace(motion, omega_body_rad_s=motion.omega_body + 0.1 * noise), 1)
+    assert (found.verdict, found.faults) == ("unexplained", ())
+
+
+def test_a_motion_without_omega_or_attitude_is_not_examined() -> None:
+    """The transitions need a whole rotational state."""
+    problem = problem_of("full-tensor")
+    motion = motion_of("full-tensor", "m1")
+    assert diagnosed(problem.scenario.scene, motion, problem.scales, 1e-2, known=frozenset({"omega"})) is None
+
+
+@pytest.mark.parametrize("scenario", ["full-tensor", "powered-flight"])
+def test_faults_with_healthy_parameters_change_nothing(scenario: str) -> None:
+    """For each fault with finite healthy values; all names differ, and every sentence has its numbers."""
+    problem = problem_of(scenario)
+    scene = problem.scenario.scene
+    grid = Grid.of(scene, STEPS[scenario])
+    transitions = Transitions.of(scene, motion_of(scenario, "m1"), grid, problem.scales, KNOWN).some(4)
+    at, healthy = Circumstances(transitions, stepped=True), grid.model(scene)
+    assert len({fault.name for fault in FAULTS}) == len(FAULTS)
+    models = []
+    for fault in FAULTS:
+        values = np.array([parameter.healthy for parameter in fault.parameters])
+        assert fault.words(np.full(len(values), 0.37))
+        if fault.parameters and np.all(np.isfinite(values)) and fault.applies(at) and fault.kind != "limit":
+            models.append(planted(at, healthy, [fault], values))
+    gaps = transitions.differences(models, BASES["m1"])
+    assert len(models) > 20
+    assert np.max(np.abs(gaps)) < 100.0 * transitions.round_off
+
+
+def test_each_upstream_issue_is_of_the_kind_of_a_fault() -> None:
+    """Every pattern fits a name of the registry, and every address is that of an issue or a pull request."""
+    names = [fault.name for fault in FAULTS]
+    for issue in upstream_issues():
+        assert issue.url.startswith("https://github.com/")
+        assert "/issues/" in issue.url or "/pull/" in issue.url
+        assert all(any(fnmatchcase(name, pattern) for name in names) for pattern in issue.faults), issue
+    assert [issue.url for issue in similar_issues(["energy-pulled"])] == [
+        "https://github.com/avianphysics/avian/pull/993"
+    ]
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    """Return a run of a healthy method and of one without gyroscopic term."""
+    engine = Faulty("m1")
+    engine.methods = {name: engine.methods[name] for name in ("sound", "no-gyroscopic-term")}
+    with registered(engine):
+        return bodycheck.run(["full-tensor"], engines=[engine.name], speed=False)
+
+
+@pytest.mark.slow
+def test_a_run_diagnoses_wrong_methods_only(run: Run, tmp_path: Path) -> None:
+    """diagnoses.csv has one row, which is read back; the report and the command name the cause."""
+    assert list(run.diagnoses["method"]) == ["no-gyroscopic-term"]
+    assert list(run.diagnoses["faults"]) == ["gyroscopic-term"]
+    sentence = "the gyroscopic term omega x I omega is missing"
+    report = write_run(run, tmp_path / "run")
+    assert sentence in report.read_text(encoding="utf-8")
+    assert list(read_tables(tmp_path / "run").diagnoses["diagnosis"]) == list(run.diagnoses["diagnosis"])
+    files = ("--out", "why.html", "--out", "why.md", "--out", "why.json", "--out", "why.svg")
+    done = run_bodycheck(tmp_path, "explain", "run", *files)
+    assert (done.returncode, sentence in done.stdout) == (0, True)
+    assert all(sentence in (tmp_path / name).read_text() for name in ("why.html", "why.md", "why.json"))
+    named = run_bodycheck(tmp_path, "explain", "run", "--case", "full-tensor,faulty-m1:sound", "--json")
+    assert '"verdict": "healthy"' in named.stdout
+    for words, told in (
+        (("--case", "nothing"), "--case nothing: no such case that ended well"),
+        (("--case", "a,b,c"), "--case a,b,c: 'c' is not a step in s"),
+        (("--out", "why.xls"), "--out why.xls: must end in"),
+    ):
+        refused = run_bodycheck(tmp_path, "explain", "run", *words)
+        assert (refused.returncode, refused.stdout, told in refused.stderr) == (2, "", True)
+
+
+@pytest.mark.slow
+def test_judge_explains_a_trajectory_of_any_program(tmp_path: Path) -> None:
+    """With the step of the program, the fault is named to round-off; without it, from the exact flow."""
+    motion = motion_of("full-tensor", "rk4", ["damping-angular"])
+    np.savez(
+        tmp_path / "motion.npz",
+        t_s=motion.t_s,
+        quaternion=motion.attitude,
+        omega_body_rad_s=motion.omega_body,
+    )
+    for words in (("--dt", "0.01"), ()):
+        done = run_bodycheck(
+            tmp_path, "judge", "motion.npz", "--scenario", "full-tensor", "--explain", *words
+        )
+        assert done.returncode == 0, done.stderr
+        assert "omega is damped at the rate 0.04 1/s" in " ".join(done.stdout.split())

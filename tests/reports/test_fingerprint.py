@@ -1,0 +1,255 @@
+"""The known map of a method, from its single steps, and the leading error of an unknown one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters.contract import Engine, Method, ReadBack, Reading, Setting
+from bodycheck.adapters.execution import Answer, Case
+from bodycheck.reference_impl.one_step_maps import BY_ALIAS, EXACT, MAPS
+from bodycheck.reference_impl.one_step_maps.motion import Motion, Solid, no_loads, scene_loads
+from bodycheck.reference_impl.one_step_maps.one_step_map import Step
+from bodycheck.reference_impl.rotations import geodesic_angle
+from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.probes.fingerprint import (
+    FARTHER,
+    NO_KNOWN_MAP,
+    Fingerprint,
+    distances,
+    fingerprint_of,
+    steps_along,
+)
+from bodycheck.reports.probes.laws import REVERSE, STATES, Checked, check_laws
+
+METHOD = Method("under-test", "", 1, 1, "held over the step", "", "")
+ENGINE = Engine("numpy", "1", {METHOD.name: METHOD})
+
+
+def stepping(step: Step, *, altered: Callable[[Scene], Scene] = lambda scene: scene) -> Callable[..., Answer]:
+    """Return an engine of numpy that makes these steps, in a scene that it may misunderstand."""
+
+    def ask(engine: Engine, case: Case) -> Answer:
+        del engine
+        scene, dt_s = altered(case.scene), case.setting.dt_s
+        assert dt_s is not None
+        start, stride = scene.initial, round(scene.sample_interval_s / dt_s)
+        state = Motion(
+            np.zeros(1), start.position[None], start.velocity[None], start.quaternion[None],
+            start.omega_body[None],
+        )  # fmt: skip
+        solid, loads, found = Solid.of(scene.body), scene_loads(scene), [state]
+        for _ in range(scene.samples - 1):
+            for _ in range(stride):
+                state = step(solid, state, np.array([dt_s]), loads)
+            found.append(state)
+        path = Trajectory(
+            case.scene.sample_times,
+            np.concatenate([one.position for one in found]),
+            np.concatenate([one.velocity for one in found]),
+            quaternion=np.concatenate([one.quaternion for one in found]),
+            omega_body_rad_s=np.concatenate([one.omega for one in found]),
+        )
+        held = case.scene
+        reading = Reading(
+            held.initial.position, held.initial.velocity, held.initial.quaternion,
+            omega_body=held.initial.omega_body,
+        )  # fmt: skip
+        return Answer(
+            "ok", "", path, ReadBack(held.body.mass, held.body.inertia, dt_s, held.gravity, reading)
+        )
+
+    return ask
+
+
+def found_for(step: Step) -> Fingerprint:
+    """Return the fingerprint of these steps."""
+    return fingerprint_of(ENGINE, METHOD, stepping(step))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        "M1", "M2", "M3", "M4", "explicit Euler", "implicit midpoint", "no gyroscopic term", "Jolt",
+        "RK4, additive quaternion", "RK4 Munthe-Kaas", "RK4 on the rotation group, stages averaged", "CF4",
+        "Buss 2000, order 2 augmented", "Moser-Veselov", "SPIRAL", "splitting6",
+    ],
+)  # fmt: skip
+def test_a_planted_map_is_named_and_the_runner_up_is_a_thousand_times_farther(name: str) -> None:
+    """Each map is named from its own steps, free and under each constant load."""
+    one = BY_ALIAS[name]
+    found = found_for(one.step)
+    assert found.name == one.name
+    assert found.agreement is not None
+    assert found.runner_up_distance is not None
+    assert found.agreement < 1e-12
+    assert found.runner_up_distance > FARTHER * found.agreement
+
+
+@pytest.mark.slow
+def test_no_two_maps_of_the_library_are_the_same() -> None:
+    """At |omega| dt = 1 under torques, any two maps that store the same attitude differ by 1e-10."""
+    solid = Solid(np.asarray(3.0), np.array([[0.8, 0.1, -0.15], [0.1, 1.0, 0.05], [-0.15, 0.05, 1.2]]))
+    start = Motion(
+        np.zeros(1), np.zeros((1, 3)), np.ones((1, 3)), np.array([[0.5, -0.1, 0.7, 0.5]]),
+        np.array([[0.5, -0.7, 0.4]]),
+    )  # fmt: skip
+    loads = scene_loads(
+        Scene(
+            RigidBody(3.0, solid.inertia),
+            State(np.zeros(3), np.array([0.5, -0.1, 0.7, 0.5]), np.ones(3), np.zeros(3)),
+            (Torque("body", np.array([0.3, -0.2, 0.1])), Torque("world", np.array([0.1, 0.4, -0.2]))),
+            np.zeros(3),
+            1.0,
+            2,
+        )
+    )
+    images = {}
+    for name, one in MAPS.items():
+        if one.attitude not in ("matrix", "projected matrix"):
+            with np.errstate(all="ignore"):  # an implicit step may overflow on its way to the solution
+                after = one.step(solid, start, np.array([1.0]), loads)
+            images[name] = np.concatenate([after.quaternion[0], after.omega[0]])
+    same = [
+        (a, b) for a, b in combinations(images, 2) if float(np.max(np.abs(images[a] - images[b]))) < 1e-10
+    ]
+    assert not same
+
+
+@pytest.mark.parametrize(
+    "name", ["M1", "RK3 (Kutta), additive quaternion", "RK4 Munthe-Kaas", "Moser-Veselov"]
+)
+def test_a_free_step_has_the_order_that_the_library_states(name: str) -> None:
+    """The error of one step against the exact flow falls by 2^(order + 1) as the step is halved."""
+    one, solid = BY_ALIAS[name], Solid(np.asarray(1.0), np.diag([1.0, 2.0, 3.0]))
+    start = Motion(
+        np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), np.eye(4)[:1], np.array([[0.6, 0.5, 0.6]])
+    )
+    errors = []
+    for h in (0.1, 0.05):
+        after, exact = (which.step(solid, start, np.array([h]), no_loads) for which in (one, EXACT))
+        angle = geodesic_angle(after.quaternion, exact.quaternion)[0]
+        errors.append(max(float(angle), float(np.max(np.abs(after.omega - exact.omega)))))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(one.order + 1, abs=0.35)
+
+
+def test_an_unknown_map_is_described_by_its_leading_error() -> None:
+    """M1 with a drag torque of -0.04 I omega is unknown, of order 0, with the error -0.04 omega dt."""
+
+    def damped(solid: Solid, motion: Motion, dt: np.ndarray, loads: object) -> Motion:  # type: ignore[type-arg]
+        after = MAPS["M1"].step(solid, motion, dt, loads)  # type: ignore[arg-type]
+        return replace(after, omega=after.omega * (1.0 - 0.04 * dt[:, None]))
+
+    found = found_for(damped)
+    assert found.name == NO_KNOWN_MAP
+    assert found.leading is not None
+    assert round(found.leading.order) == 0
+    assert found.leading.omega["omega"] == pytest.approx(-0.04, rel=0.05)
+
+
+def test_an_unrenormalised_quaternion_is_told_from_a_renormalised_one() -> None:
+    """The norm of the quaternion counts, so that M4 is not M1 with renormalisation."""
+    scene = replace(STATES["free, |omega| dt = 0.3"][0], samples=2)
+    scene = replace(scene, duration_s=scene.duration_s / 16)
+    ask = stepping(MAPS["M1, additive quaternion"].step)
+    answer = ask(ENGINE, Case(scene, METHOD.name, Setting(scene.duration_s)))
+    assert answer.trajectory is not None
+    steps = steps_along(scene, answer.trajectory)
+    for name, near in (("M1, additive quaternion", True), ("M1, additive quaternion renormalised", False)):
+        predicted = MAPS[name].step(steps.solid, steps.before, steps.dt, steps.loads)
+        assert (float(np.max(distances(steps, predicted))) < 1e-14) is near
+
+
+def laws_of(ask: Callable[..., Answer], again: Callable[..., Answer] | None = None) -> dict[str, Checked]:
+    """Return the results of all laws by name."""
+    return {one.law.name: one for one in check_laws(ENGINE, METHOD, ask, again or ask)}
+
+
+@pytest.mark.slow
+def test_a_sound_map_breaks_no_law() -> None:
+    """M1 obeys every law, and its lack of reversibility is a property."""
+    found = laws_of(stepping(MAPS["M1"].step))
+    assert {name for name, one in found.items() if one.verdict != "holds"} == {REVERSE}
+    assert found[REVERSE].verdict == "property"
+
+
+def _world_inertia(scene: Scene) -> Scene:
+    """Misread the inertia as given in world axes at the start."""
+    turn = scene.initial.rotation
+    return replace(scene, body=replace(scene.body, inertia=turn.T @ scene.body.inertia @ turn))
+
+
+def _diagonal(scene: Scene) -> Scene:
+    ordered = np.diag(np.diag(scene.body.inertia)) * np.array([1.0, 1.0, 1.5])
+    return replace(scene, body=replace(scene.body, inertia=ordered))
+
+
+def _pulled_to_the_origin(scene: Scene) -> Scene:
+    return replace(scene, gravity=scene.gravity - 0.1 * scene.initial.position)
+
+
+def _damped_start(scene: Scene) -> Scene:
+    start = scene.initial
+    return replace(scene, initial=replace(start, velocity=start.velocity * 0.9))
+
+
+def _with_armature(scene: Scene) -> Scene:
+    return replace(scene, body=replace(scene.body, inertia=scene.body.inertia + 0.01 * np.eye(3)))
+
+
+def _ignores_offset(scene: Scene) -> Scene:
+    if scene.link is None:
+        return scene
+    return replace(scene, body=replace(scene.body, inertia=1.01 * scene.body.inertia))
+
+
+def _timed_drag(scene: Scene) -> Scene:
+    spun = scene.initial.omega_body * (1.0 - 1e-3 * scene.duration_s)
+    return replace(scene, initial=replace(scene.initial, omega_body=spun))
+
+
+def _shorter_if_sampled_once(scene: Scene) -> Scene:
+    return scene if scene.samples > 2 else replace(scene, gravity=scene.gravity + 0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("law", "fault"),
+    [
+        ("rotate", _world_inertia),
+        ("permute", _diagonal),
+        ("link", _ignores_offset),
+        ("boost", _damped_start),
+        ("shift", _pulled_to_the_origin),
+        ("scale-mass", _with_armature),
+        ("scale-time", _timed_drag),
+        ("split", _shorter_if_sampled_once),
+    ],
+)
+def test_each_law_reports_a_fault_that_breaks_it(law: str, fault: Callable[[Scene], Scene]) -> None:
+    """A planted fault that depends on the description of the scene breaks its law."""
+    found = laws_of(stepping(MAPS["M1"].step, altered=fault))
+    assert found[law].verdict == "broken"
+    assert found[law].message
+
+
+@pytest.mark.slow
+def test_a_second_run_that_differs_breaks_repeat_alone() -> None:
+    """An engine that keeps something after reset breaks `repeat`, and no other law."""
+    again = stepping(MAPS["M1"].step, altered=_damped_start)
+    found = laws_of(stepping(MAPS["M1"].step), again)
+    assert [name for name, one in found.items() if one.verdict == "broken"] == ["repeat"]
+
+
+@pytest.mark.slow
+def test_a_reversible_map_must_reverse() -> None:
+    """M1 breaks `reverse` where its map is said to be reversible; Moser-Veselov obeys."""
+    for name, verdict in (("M1", "broken"), ("Moser-Veselov", "holds")):
+        checked = check_laws(ENGINE, METHOD, stepping(MAPS[name].step), reversible=True)
+        assert {one.law.name: one.verdict for one in checked}[REVERSE] == verdict

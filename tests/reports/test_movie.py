@@ -1,0 +1,125 @@
+"""Films: which motions they show, at which samples, and that the bodies move as the trajectories do."""
+
+from __future__ import annotations
+
+import io
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bodycheck._util.errors import InputError, UnavailableError
+from bodycheck.reports.cache.disk_cache import Cache
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.render.movie import FRAMES, check_movie, film_frames, filmed_cases, movie
+from bodycheck.reports.run_files.run_reader import read_run
+from bodycheck.reports.run_files.run_tables import Run
+from tests.helpers.expected_messages import ExpectedMessage
+
+pytest.importorskip("matplotlib")
+
+TITLE_SHARE = 0.2
+"""The upper part of a frame, which tells the time."""
+
+
+@pytest.fixture(scope="module")
+def run(stored_run: Path) -> Run:
+    """Return a run with its motions."""
+    return read_run(stored_run, cache=Cache.default())
+
+
+def case(engine: str, method: str, dt_s: float, error: float) -> CaseResult:
+    """Return a case that ended well, with as much as the choice looks at."""
+    columns = {
+        "engine": engine,
+        "method": method,
+        "dt_s": dt_s,
+        "outcome": "ok",
+        "orientation_error_rad": error,
+    }
+    return CaseResult(columns, trajectory=object())  # type: ignore[arg-type]
+
+
+CASES = [
+    case("a", "near", 0.1, 1e-6),
+    case("a", "far", 0.1, 1e-2),
+    case("a", "far", 0.01, 1e-4),
+    case("b", "one", 0.1, 1e-3),
+]
+
+
+@pytest.mark.parametrize(
+    ("engines", "dt_s", "shown"),
+    [
+        ((), None, [1, 3]),
+        (("a",), None, [1]),
+        (("a",), 0.01, [2]),
+        (("a:near",), None, [0]),
+        (("b", "a:near", "a:far"), None, [3, 0, 1]),
+    ],
+)
+def test_an_engine_shows_its_farthest_method_and_a_named_method_itself(
+    engines: tuple[str, ...], dt_s: float | None, shown: list[int]
+) -> None:
+    """All bodies have one step: the given one, or the coarsest that most share."""
+    assert filmed_cases(CASES, engines, dt_s) == [CASES[k] for k in shown]
+
+
+@pytest.mark.parametrize(("engines", "dt_s"), [((), 0.2), (("a", "b"), 0.01)])
+def test_a_missing_motion_is_refused(
+    engines: tuple[str, ...], dt_s: float, expected_message: ExpectedMessage
+) -> None:
+    """A step that no motion has, or that a named engine lacks, is refused by name."""
+    with pytest.raises(InputError) as refused:
+        filmed_cases(CASES, engines, dt_s)
+    expected_message(str(refused.value))
+
+
+@pytest.mark.parametrize("samples", [2, FRAMES, FRAMES + 1, 10_007])
+def test_frames_are_evenly_spaced(samples: int) -> None:
+    """At most FRAMES of them, from the first sample to within one interval of the last."""
+    frames = film_frames(samples)
+    assert frames[0] == 0
+    assert len(frames) <= FRAMES
+    assert 0 <= samples - 1 - frames[-1] < frames.step
+
+
+@pytest.mark.parametrize(("out", "error"), [("a.avi", InputError), ("a.mp4", UnavailableError)])
+def test_formats_and_programs_are_checked_first(
+    out: str, error: type[Exception], monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+) -> None:
+    """An unknown suffix is refused; without ffmpeg, .mp4 names what is needed."""
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(error) as refused:
+        check_movie(Path(out))
+    expected_message(str(refused.value))
+
+
+@pytest.mark.slow
+def test_the_bodies_of_a_film_move(run: Run) -> None:
+    """One frame per sample, the same film each time, and below the title each frame differs from the next."""
+    from PIL import Image
+
+    film = movie(run, "free", ".gif", ("reference:rk4",))
+    assert film == movie(run, "free", ".gif", ("reference:rk4",))
+    with Image.open(io.BytesIO(film)) as shown:
+        assert shown.n_frames == run.problems[0].compared
+        height = shown.size[1]
+        frames = []
+        for k in range(shown.n_frames):
+            shown.seek(k)
+            frames.append(
+                np.asarray(shown.convert("L"), dtype=float)[int(TITLE_SHARE * height) : -height // 5]
+            )
+    changed = [np.mean(np.abs(after - before) > 30.0) for before, after in pairwise(frames)]
+    assert min(changed) > 1e-3
+
+
+@pytest.mark.slow
+def test_a_strip_names_its_bodies(run: Run) -> None:
+    """An SVG has the name of each body and the times of its frames."""
+    strip = movie(run, "free", ".svg", ("reference:rk4", "reference:m1")).decode()
+    assert "<!-- reference:rk4 -->" in strip
+    assert "<!-- reference:m1 -->" in strip
+    assert "<!-- 1 s -->" in strip

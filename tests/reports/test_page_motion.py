@@ -1,0 +1,217 @@
+"""The motion in a browser: its time, its cases, its views, and the plots that share its time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Error, Locator, Page, expect
+
+from bodycheck.reports.render.page.motion import coarsest_shared_step, shown_cases
+from bodycheck.reports.run_files.run_tables import Run
+from tests.helpers.markup_run import HOSTILE
+
+pytestmark = pytest.mark.slow
+
+LONG_MS = 120_000
+
+
+@pytest.fixture
+def opened(chromium: Browser, report_file: Path) -> Iterator[Page]:
+    """Return the report with the first motion drawn; a script that failed fails the test."""
+    page = chromium.new_page(viewport={"width": 1200, "height": 6000})
+    page.set_default_timeout(LONG_MS)
+    errors: list[Error] = []
+    page.on("pageerror", lambda error: errors.append(error))
+    page.goto(report_file.as_uri())
+    expect(page.locator("[data-motion]").first).to_have_attribute("data-drawn", "1.00 s")
+    yield page
+    assert errors == []
+    page.close()
+
+
+@pytest.fixture
+def figure(opened: Page) -> Locator:
+    """Return the first motion."""
+    return opened.locator("[data-motion]").first
+
+
+def pictures(figure: Locator) -> list[str]:
+    """Return what each track shows, as the text of a picture."""
+    shown: list[str] = figure.locator("canvas").evaluate_all("all => all.map(one => one.toDataURL())")
+    return shown
+
+
+def angles(figure: Locator) -> list[float]:
+    """Return the distances from the truth that the engines' panels tell, in rad."""
+    told = figure.locator(".tracks small").all_inner_texts()[1:]
+    return [float(text.removesuffix(" rad off")) for text in told]
+
+
+def set_time(figure: Locator, share: float) -> None:
+    """Move the slider to a share of the duration."""
+    figure.get_by_label("Time").fill(str(round(1000 * share)))
+
+
+def test_the_motion_begins_at_the_largest_error(figure: Locator, run: Run) -> None:
+    """No other sample has a larger error of the shown cases, and each panel tells its case's error."""
+    cases = [case for case in run.cases if case.columns["scenario"] == HOSTILE]
+    shown = shown_cases(cases, coarsest_shared_step(cases))
+    series = [case.series["orientation_error_rad"] for case in shown]
+    largest = max(series, key=max)
+    assert largest.argmax() == len(largest) - 1
+    expect(figure.locator("output")).to_have_text("1.00 s")
+    assert max(angles(figure)) > 1e-3
+    for share, k in ((1.0, -1), (0.5, (len(largest) - 1) // 2)):
+        set_time(figure, share)
+        assert angles(figure) == pytest.approx([own[k] for own in series], rel=0.06)
+
+
+def test_the_motion_follows_its_slider_and_its_button(opened: Page, figure: Locator) -> None:
+    """The time moves by keys and by play, stops at pause, and the picture moves with it."""
+    slider, clock = figure.get_by_label("Time"), figure.locator("output")
+    assert figure.locator("canvas").count() == 3  # the truth and one case of each of two engines
+    slider.focus()
+    opened.keyboard.press("Home")
+    expect(clock).to_have_text("0.00 s")
+    at_first = pictures(figure)
+    opened.keyboard.press("End")
+    expect(clock).to_have_text("1.00 s")
+    assert all(now != first for now, first in zip(pictures(figure), at_first, strict=True))
+    opened.keyboard.press("Home")
+    assert pictures(figure) == at_first
+    button = figure.locator("[data-play]")
+    button.press("Enter")
+    expect(button).to_have_text("pause")
+    expect(clock).not_to_have_text("0.00 s")
+    button.press("Enter")
+    expect(button).to_have_text("play")
+    stopped = clock.inner_text()
+    opened.evaluate("() => new Promise(seen => requestAnimationFrame(() => requestAnimationFrame(seen)))")
+    assert clock.inner_text() == stopped
+
+
+@pytest.mark.parametrize("loops", [False, True])
+def test_a_motion_stops_at_its_end_unless_it_loops(loops: bool, figure: Locator) -> None:
+    """At the end it stops, or begins again."""
+    figure.get_by_label("speed").select_option("4")
+    figure.get_by_label("loop").set_checked(loops)
+    set_time(figure, 0.95)
+    button = figure.locator("[data-play]")
+    button.click()
+    if loops:
+        figure.page.wait_for_function(
+            "figure => parseFloat(figure.dataset.drawn) < 0.5", arg=figure.element_handle()
+        )
+        expect(button).to_have_text("pause")
+        button.click()
+    else:
+        expect(button).to_have_text("play")
+        expect(figure.locator("output")).to_have_text("1.00 s")
+
+
+def test_any_case_can_be_chosen(figure: Locator, run: Run) -> None:
+    """A panel tells the error of the chosen method and step, and changes its picture only."""
+    panel = figure.get_by_label("Motion in panel 1")
+    before = pictures(figure)
+    errors = {
+        f"{c.columns['engine']}:{c.columns['method']}, dt {c.dt_s} s": c.columns[
+            "orientation_error_final_rad"
+        ]
+        for c in run.cases
+        if c.columns["scenario"] == HOSTILE and c.ok
+    }
+    labels = panel.locator("option").all_inner_texts()
+    assert len(labels) > 4
+    for label in labels[:: len(labels) // 4]:
+        panel.select_option(label=label)
+        assert angles(figure)[0] == pytest.approx(errors[label], rel=0.06, abs=1e-17)
+    panel.select_option(label=min(labels, key=lambda label: errors[label]))
+    changed = [now != then for now, then in zip(pictures(figure), before, strict=True)]
+    assert changed == [False, True, False]
+
+
+def test_mouse_and_keys_rotate_the_views(opened: Page, figure: Locator) -> None:
+    """All panels are seen from the same side; dragging there and back, the picture is the first again."""
+    before = pictures(figure)
+    canvas = figure.locator("canvas").nth(1)
+    canvas.focus()
+    opened.keyboard.press("ArrowRight")
+    rotated = pictures(figure)
+    assert all(now != then for now, then in zip(rotated, before, strict=True))
+    opened.keyboard.press("ArrowLeft")
+    place = canvas.bounding_box()
+    assert place
+    x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 4
+    opened.mouse.move(x, y)
+    opened.mouse.down()
+    opened.mouse.move(x + 40, y)
+    dragged = pictures(figure)
+    assert all(now != then for now, then in zip(dragged, before, strict=True))
+    opened.mouse.up()
+    opened.mouse.move(x, y)
+    assert pictures(figure) == dragged
+    opened.keyboard.press("Space")
+    expect(figure.locator("[data-play]")).to_have_text("pause")
+
+
+def test_a_link_opens_its_time(opened: Page, figure: Locator) -> None:
+    """The copied address shows the motion at the time at which it stood."""
+    opened.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    set_time(figure, 0.25)
+    figure.get_by_role("button", name="link to this time").click()
+    address = opened.evaluate("() => navigator.clipboard.readText()")
+    opened.goto("about:blank")
+    opened.goto(address)
+    expect(figure.locator("output")).to_have_text("0.25 s")
+    expect(figure.locator("canvas").first).to_be_in_viewport()
+
+
+POINT = """() => {
+  const plot = document.querySelector("[data-plot=drift]");
+  const trace = plot.data.find(({ name, hoverinfo }) => name?.includes("sound") && hoverinfo === "text");
+  const k = Math.round(0.4 * (trace.x.length - 1));
+  const { left, top } = plot.getBoundingClientRect();
+  const { xaxis, yaxis } = plot._fullLayout;
+  const [x, y] = [trace.x[k], trace.y[k]];
+  return [left + xaxis._offset + xaxis.d2p(x), top + yaxis._offset + yaxis.d2p(y), x];
+}"""
+
+
+def test_a_click_at_an_error_shows_the_body_at_that_time(opened: Page, figure: Locator) -> None:
+    """Plot, body and address have one time, and a panel the case of the line; the address opens it again."""
+    expect(opened.locator("[data-plot=drift][data-drawn]").first).to_be_visible()
+    x, y, t = opened.evaluate(POINT)
+    opened.mouse.move(x, y)
+    expect(opened.locator("[data-plot=drift] .hoverlayer .hovertext").first).to_be_visible()
+    opened.mouse.click(x, y)
+    clock = figure.locator("output")
+    expect(clock).to_have_text(f"{t:.2f} s")
+    chosen = figure.locator(".tracks select option:checked").all_inner_texts()
+    assert any(":sound, dt " in label for label in chosen)
+    cursor = opened.locator("[data-plot=drift] > .cursor").first
+    place, x_now = cursor.bounding_box(), opened.evaluate(POINT)[0]
+    assert place
+    assert place["x"] == pytest.approx(x_now, abs=1.5)
+    address = opened.url
+    opened.goto("about:blank")
+    opened.goto(address)
+    expect(clock).to_have_text(f"{t:.2f} s")
+
+
+def test_the_cursor_of_a_plot_follows_the_slider(opened: Page, figure: Locator) -> None:
+    """At half of the time it stands in the middle of the axis, also after the plot is drawn again."""
+    expect(opened.locator("[data-plot=drift][data-drawn]").first).to_be_visible()
+    set_time(figure, 0.5)
+    middle = """() => {
+      const plot = document.querySelector("[data-plot=drift]");
+      const { xaxis } = plot._fullLayout;
+      return plot.getBoundingClientRect().left + xaxis._offset + xaxis.d2p(0.5);
+    }"""
+    cursor = opened.locator("[data-plot=drift] > .cursor").first
+    for quantity in ("energy_drift", "omega_error"):
+        opened.locator("select[data-choice=drift]").first.select_option(quantity)
+        place = cursor.bounding_box()
+        assert place
+        assert place["x"] == pytest.approx(opened.evaluate(middle), abs=1.5)

@@ -1,0 +1,290 @@
+"""float32: the reference's kernels in it, the statement of an engine, the floor, the verdict, the advice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bodycheck.adapters.contract import Engine, Precision, Setting, read_back_mismatch
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.step_function import StepFunction
+from bodycheck.reference_impl.integrators import INTEGRATORS
+from bodycheck.reference_impl.kernels.jit import in_single_precision
+from bodycheck.reference_impl.loads.kinds.drag import Drag
+from bodycheck.reference_impl.single_precision import SINGLE_PRECISION
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.convergence import Judged, Point, convergence_of
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.round_off import RoundOff, fitted
+from bodycheck.reports.measurement.study import Study, study
+from bodycheck.reports.probes.precision import precision_finding
+from bodycheck.reports.probes.probe import built_in_probes
+from bodycheck.reports.summary.advice import settings_within
+from bodycheck.reports.summary.error_curve import ErrorCurve
+from bodycheck.scenarios.library import load_scenario
+from tests.helpers.single_stages import PARTS, STAGES, rk4_with_a_single_stage
+
+NAMES = sorted(SINGLE_PRECISION)
+ERROR = "orientation_error_rad"
+SINGLE = 2.0**-24
+
+
+def kernels_of(function: FunctionType) -> Iterator[FunctionType]:
+    """Yield a function and all functions of bodycheck that it calls."""
+    yield function
+    for name in function.__code__.co_names:
+        called = getattr(function.__globals__.get(name), "py_func", function.__globals__.get(name))
+        if isinstance(called, FunctionType):
+            yield from kernels_of(called)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_constant_of_a_single_precision_kernel_is_a_double(name: str) -> None:
+    """A double among the constants of any kernel would widen the arithmetic, as it does in the original."""
+    double = INTEGRATORS[name.removesuffix("-f32")].advance
+    single = in_single_precision(double)
+    kinds = []
+    for compiled in (double, single):
+        constants: set[Any] = set()
+        for function in kernels_of(getattr(compiled, "py_func", compiled)):
+            used = [function.__globals__.get(name) for name in function.__code__.co_names]
+            constants |= {type(value) for value in (*function.__code__.co_consts, *used)}
+        kinds.append(constants)
+    assert float in kinds[0]
+    assert float not in kinds[1]
+    assert np.float32 in kinds[1]
+
+
+@cache
+def problem_of(name: str) -> Problem:
+    """Return a scenario of the library with its truth."""
+    return Problem.of(load_scenario(name), name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_single_precision_method_is_the_double_one_to_float32(name: str) -> None:
+    """After one step each number is a float32, and within four roundings of the double method's."""
+    scene = replace(load_scenario("tumbling").scene, duration_s=0.01, samples=2)
+    setting, adapter = Setting(dt_s=0.01), Reference()
+    single, double = (
+        record(adapter, Case(scene, method, setting)).trajectory
+        for method in (name, name.removesuffix("-f32"))
+    )
+    assert single is not None
+    assert double is not None
+    assert single.omega_body_rad_s is not None
+    assert single.quaternion is not None
+    for found, expected in (
+        (single.omega_body_rad_s, double.omega_body),
+        (single.quaternion, double.attitude),
+    ):
+        np.testing.assert_array_equal(found, found.astype(np.float32))
+        difference = np.max(np.abs(found[1] - expected[1])) / np.max(np.abs(expected[1]))
+        assert 0.0 < difference < 4.0 * SINGLE
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_single_precision_method_runs_on_request_and_takes_constant_loads(name: str) -> None:
+    """It is not among the methods of a plain run, and refuses by name what its kernels do not take."""
+    method, scene = Reference().methods[name], load_scenario("tumbling").scene
+    assert method.on_request
+    assert method.precision == "float32"
+    dragged = replace(scene, loads=(Drag(0.1, 0.1 * np.eye(3)),))
+    assert Reference().unsupported(scene, name) is None
+    assert Reference().unsupported(dragged, name) == f"{name} takes constant loads only"
+
+
+def test_read_back_is_compared_in_the_precision_of_the_method() -> None:
+    """Rounded numbers are those of a float32 method and not of a float64 one; wrong ones of neither."""
+    scene = load_scenario("boxes").scene
+    held = Reference().build(scene, "rk4-f32", 2e-3).read_back()
+    assert held.mass == scene.body.mass
+    assert read_back_mismatch(scene, 2e-3, held, "float32") is None
+    assert read_back_mismatch(scene, 2e-3, held, "mixed") is None
+    assert "inertia" in str(read_back_mismatch(scene, 2e-3, held, "float64"))
+    wrong = replace(held, inertia=held.inertia * (1.0 + 2e-5))
+    assert "inertia" in str(read_back_mismatch(scene, 2e-3, wrong, "float32"))
+    late = replace(held, dt_s=2e-3 * (1.0 + 5e-6))
+    assert "step" in str(read_back_mismatch(scene, 2e-3, late, "float32"))
+
+
+def free_probe(stage: int | None, part: str, *, of_rate: bool) -> Trajectory:
+    """Return the free probe at its finest step, by a rk4 of which one stage is rounded to float32."""
+    probe = built_in_probes()[1]
+    step = probe.steps_s[-1]
+    scene = replace(probe.scene, samples=round(probe.scene.duration_s / step) + 1)
+    engine = StepFunction(rk4_with_a_single_stage(scene, stage, part, of_rate=of_rate))
+    found = record(engine, Case(scene, "step", Setting(dt_s=step))).trajectory
+    assert found is not None
+    return found
+
+
+# a constant acceleration, and a position that nothing depends on, are not rounded at random
+CASTS = [
+    pytest.param(stage, part, of_rate, id=f"{'rate' if of_rate else 'state'} of {part} in stage {stage + 1}")
+    for stage in STAGES
+    for part in PARTS
+    for of_rate in (True, False)
+    if part != ("velocity" if of_rate else "position")
+]
+
+
+@pytest.mark.parametrize(("stage", "part", "of_rate"), CASTS)
+def test_a_cast_in_one_stage_is_detected(stage: int, part: str, of_rate: bool) -> None:
+    """A float64 rk4 one stage of which is rounded to float32 is inconsistent."""
+    found = precision_finding(free_probe(stage, part, of_rate=of_rate), "float64")
+    assert found.verdict == "inconsistent"
+    assert "not all of the arithmetic is float64" in found.message
+
+
+def test_a_statement_that_the_numbers_contradict_is_inconsistent() -> None:
+    """Doubles are stated as float64 and as nothing else; float32 numbers as float32 or mixed."""
+    doubles = free_probe(None, "position", of_rate=True)
+    names = ("position_m", "velocity_m_s", "quaternion", "omega_body_rad_s")
+    singles = replace(doubles, **{n: getattr(doubles, n).astype(np.float32).astype(float) for n in names})
+    stated: list[tuple[Precision, Trajectory, bool]] = [
+        ("float64", doubles, True),
+        ("float32", doubles, False),
+        ("mixed", doubles, False),
+        ("float64", singles, False),
+        ("float32", singles, True),
+        ("mixed", singles, True),
+    ]
+    for precision, path, right in stated:
+        found = precision_finding(path, precision)
+        assert (found.verdict == "consistent") is right, precision
+        assert bool(found.message) is not right
+
+
+def test_the_floor_grows_with_the_root_of_the_steps_or_with_the_steps() -> None:
+    """A tumbling body rounds at random; one spun up steadily about an axis rounds alike at every step."""
+    for name, exponent in (("tumbling", 0.5), ("torus-spin-up", 1.0)):
+        found = RoundOff.of(problem_of(name), ERROR, "float32")
+        steps = (1e-2, 1e-3)
+        least = found.unit * found.largest  # what is rounded once
+        grown = (found.at(steps[1]) - least) / (found.at(steps[0]) - least)
+        assert math.log10(grown) == pytest.approx(exponent, abs=0.1), name
+
+
+def test_the_floor_is_proportional_to_the_unit_round_off_where_roundings_are_independent() -> None:
+    """At a coarse step the floors of float32 and float64 differ by 2^29."""
+    single, double = (RoundOff.of(problem_of("tumbling"), ERROR, kind) for kind in ("float32", "float64"))
+    assert single.at(1e-2) == pytest.approx(2.0**29 * double.at(1e-2), rel=0.05)
+
+
+@pytest.mark.parametrize("level", [0.2, 1.0, 5.0])
+@pytest.mark.parametrize("order", [1, 4])
+def test_the_fitted_branches_predict_finer_steps(order: int, level: float) -> None:
+    """c h^p + a N^(1/2), scattered by 0.3, is predicted at two finer steps to within a factor of 2."""
+    rng = np.random.default_rng(order)
+    steps = 0.2 / 2.0 ** np.arange(12)
+    floors = 1e-6 * np.sqrt(1.0 / steps)
+    errors = 3.0 * 0.1 ** (4 - order) * steps**order * 1e-2 + level * floors
+    scattered = errors * np.exp(0.3 * rng.standard_normal(len(steps)))
+    branches = fitted(steps[:-2], scattered[:-2], floors[:-2], order)
+    for step, floor, error in zip(steps[-2:], floors[-2:], errors[-2:], strict=True):
+        assert 0.5 < error / branches.error(step, floor) < 2.0
+
+
+def points(errors: dict[float, float], level: float) -> list[Point]:
+    """Return points whose round-off is predicted to be level / sqrt(h)."""
+    return [Point(dt, error, None, level / math.sqrt(dt)) for dt, error in errors.items()]
+
+
+def test_the_verdict_names_the_floor_of_the_arithmetic() -> None:
+    """Errors that finer steps do not reduce are at the floor only where the arithmetic explains them."""
+    how, flat = Judged(floor=1e-14), {0.02: 3e-5, 0.01: 5e-6, 0.005: 7e-6, 0.002: 9e-6, 0.001: 8e-6}
+    assert convergence_of(points(flat, 1e-6), how).verdict == "at-precision-floor"
+    assert convergence_of(points(flat, 1e-10), how).verdict != "at-precision-floor"
+    assert convergence_of(points(flat, 0.0), how).verdict != "at-precision-floor"
+    exact = {0.02: 3e-3, 0.01: 0.0}
+    assert convergence_of(points(exact, 0.0), how).verdict == "too-few-points"
+    falling = {dt: 1e-2 * dt for dt in flat}
+    assert convergence_of(points(falling, 1e-9), how).verdict == "converges"
+
+
+@cache
+def studied(method: str, scenario: str = "tumbling") -> Study:
+    """Return the study of a method of the reference, with the steps that it adds itself."""
+    adapter, problem = Reference(), problem_of(scenario)
+    return study(
+        problem,
+        Engine(adapter.name, adapter.version, adapter.methods),
+        adapter.methods[method],
+        [Setting(dt_s=step) for step in problem.scenario.steps],
+        adaptive=True,
+        ask=lambda _, case: record(adapter, case),
+        search=None,
+        case_done=lambda: None,
+    )
+
+
+@pytest.mark.parametrize("scenario", ["tumbling", "sphere", "torus-spin-up"])
+def test_an_honest_float32_method_reaches_its_floor_and_is_not_accused(scenario: str) -> None:
+    """Best step, least error and both floors are given, and no quantity counts against rk4-f32."""
+    found = studied("rk4-f32", scenario)
+    assert all(case.ok for case in found.cases)
+    verdicts = {row["quantity"]: row["verdict"] for row in found.method_rows}
+    assert not {"does-not-converge", "lower-order", "unstable"} & set(verdicts.values())
+    row = next(row for row in found.method_rows if row["quantity"] == ERROR)
+    assert row["verdict"] == "at-precision-floor"
+    errors = {case.dt_s: case.columns[ERROR] for case in found.cases}
+    assert row["least_error"] == min(errors.values()) == errors[row["best_dt_s"]]
+    assert 0.1 < row["least_error"] / row["predicted_floor"] < 10.0
+    assert 0.1 < row["measured_floor"] / row["predicted_floor"] < 10.0
+
+
+def test_a_method_above_its_floor_has_no_measured_one() -> None:
+    """rk4 in doubles has its best step, the finest, and a predicted floor that it did not reach."""
+    row = next(row for row in studied("rk4").method_rows if row["quantity"] == ERROR)
+    assert row["verdict"] == "converges"
+    assert row["best_dt_s"] == row["finest_dt_s"]
+    assert row["predicted_floor"] < 0.1 * row["least_error"]
+    assert "measured_floor" not in row
+
+
+def test_no_step_finer_than_the_best_one_is_advised() -> None:
+    """Finer steps of a float32 method miss the tolerance by round-off: the best or a coarser is advised."""
+
+    def case(dt_s: float, error: float, precision: str) -> CaseResult:
+        who = {
+            "scenario": "free",
+            "engine": "e",
+            "method": precision,
+            "control": "dt",
+            "precision": precision,
+        }
+        return CaseResult(
+            {
+                **who,
+                "dt_s": dt_s,
+                "outcome": "ok",
+                "message": "",
+                "reproduce": f"bodycheck run free --engine e:{precision} --dt {dt_s}",
+                "truth_bound_rad": 0.0,
+                ERROR: error,
+                "cpu_s": 1.0,
+            }
+        )
+
+    def curve(method: str, cases: list[CaseResult]) -> dict[tuple[str, tuple[str, str]], ErrorCurve]:
+        finest_first = tuple(sorted(cases, key=lambda one: one.columns["dt_s"]))
+        return {("free", ("e", method)): ErrorCurve(finest_first, ERROR, 1.0, 0.1)}
+
+    errors = {0.1: 1e-2, 0.05: 8e-4, 0.02: 3e-5, 0.01: 6e-4, 0.005: 2e-3}
+    for tolerance, step in ((1e-3, 0.05), (1e-4, 0.02)):
+        cases = [case(dt, error, "float32") for dt, error in errors.items()]
+        (answer,) = settings_within(curve("float32", cases), tolerance, ["free"])
+        assert [(option.setting, option.basis) for option in answer.options] == [(step, "measured")]
+    doubles = [case(dt, error, "float64") for dt, error in errors.items()]
+    (answer,) = settings_within(curve("float64", doubles), 1e-3, ["free"])
+    assert [option for option in answer.options if option.basis == "measured"] == []

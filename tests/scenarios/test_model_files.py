@@ -1,0 +1,131 @@
+"""What URDF and MJCF files state, against formulas and arithmetic from outside."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bodycheck._util.errors import InputError
+from bodycheck.scenarios.model_files.exact import composite, doubles
+from bodycheck.scenarios.model_files.model import ModelFile
+from bodycheck.scenarios.model_files.reader import read_model
+from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
+from tests.helpers.model_texts import composite_50_digits, mutated, random_mjcf, random_urdf
+
+
+def _read(text: str, folder: Path) -> ModelFile:
+    path = folder / "model.xml"
+    path.write_text(text)
+    return read_model(path)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_composite_agrees_with_50_digits_by_another_formula(seed: int, tmp_path: Path) -> None:
+    """Masses, centres and tensors of nested fixed links agree with sums of second moments in 50 digits."""
+    model = _read(random_urdf(np.random.default_rng(seed), fixed=True), tmp_path)
+    found = model.merged(model.links[0].name, frozenset(link.name for link in model.links[1:]))
+    assert found is not None
+    mass, centre, tensor = composite_50_digits(model.path)
+    assert float(found.mass) == pytest.approx(mass, rel=1e-15)
+    np.testing.assert_allclose(doubles(found.centre), centre, rtol=0, atol=1e-15 * np.max(np.abs(centre)))
+    np.testing.assert_allclose(doubles(found.tensor), tensor, rtol=0, atol=1e-15 * np.max(np.abs(tensor)))
+
+
+def test_inertial_frame_rotates_the_tensor(tmp_path: Path) -> None:
+    """In link axes the tensor is R J R^T with R from fixed-axis roll, pitch and yaw."""
+    text = (
+        '<robot name="r"><link name="a"><inertial><origin xyz="1 2 3" rpy="0.3 -0.8 2.1"/><mass value="2"/>'
+        '<inertia ixx="1" iyy="2" izz="2.5" ixy="0.1" ixz="0" iyz="-0.2"/></inertial></link></robot>'
+    )
+    stated = _read(text, tmp_path).links[0].stated
+    assert stated is not None
+    R = Rotation.from_euler("xyz", [0.3, -0.8, 2.1]).as_matrix()
+    J = np.array([[1.0, 0.1, 0.0], [0.1, 2.0, -0.2], [0.0, -0.2, 2.5]])
+    np.testing.assert_allclose(doubles(stated.in_link.tensor), R @ J @ R.T, atol=1e-15)
+    assert doubles(stated.in_link.centre).tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("spelling", spellings(), ids=lambda one: f"{one.format} {one.name}")
+def test_spellings_state_one_body(spelling: Spelling, tmp_path: Path) -> None:
+    """All links of a spelling together are the body, to the rounding of the numbers in the file."""
+    model = _read(spelling.text, tmp_path)
+    root = model.links[0]
+    parts = [root.stated.in_link] if root.stated else []
+    parts += [link.stated.in_link.placed(pose) for link, pose in model.fixed_below(root.name) if link.stated]
+    found, expected = composite(parts), body()
+    scale = 1000.0 if spelling.name == "g and mm" else 1.0
+    np.testing.assert_allclose(float(found.mass), scale * float(expected.mass), rtol=1e-15)
+    np.testing.assert_allclose(doubles(found.centre), scale * doubles(expected.centre), rtol=1e-14)
+    tensor = scale**3 * doubles(expected.tensor)
+    np.testing.assert_allclose(doubles(found.tensor), tensor, rtol=0, atol=1e-15 * np.max(tensor))
+
+
+def test_mjcf_classes_orientations_and_compiler_agree_with_mujoco(tmp_path: Path) -> None:
+    """Bodies with inertials, geoms, defaults, frames and compiler settings are those that MuJoCo compiles."""
+    import mujoco
+
+    for seed in range(12):
+        model = _read(random_mjcf(np.random.default_rng(seed)), tmp_path)
+        compiled = mujoco.MjModel.from_xml_path(str(model.path))
+        for link in model.links:
+            index = compiled.body(link.name).id
+            assert link.stated is not None
+            assert compiled.body_mass[index] == pytest.approx(float(link.stated.inertia.mass), rel=1e-13)
+            moments = link.stated.inertia.moments
+            np.testing.assert_allclose(
+                np.sort(compiled.body_inertia[index]), moments, rtol=0, atol=1e-12 * moments[2]
+            )
+            centre = doubles(link.stated.in_link.centre)
+            np.testing.assert_allclose(compiled.body_ipos[index], centre, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("<robot><link name='a'/><link name='a'/></robot>", "model.xml:1: <link>: another link"),
+        ("<robot><link/></robot>", "<link>: has no attribute 'name'"),
+        ("<world/>", "is not a model"),
+        ("<robot", "is not XML"),
+        ('<!DOCTYPE r [<!ENTITY a "aa">]><robot name="&a;"><link name="b"/></robot>', "declares entities"),
+        ("<mujoco><worldbody><include file='none.xml'/></worldbody></mujoco>", "none.xml: cannot be read"),
+        ("<mujoco><worldbody><body><geom size='x'/></body></worldbody></mujoco>", "<geom>: size = 'x'"),
+    ],
+)
+def test_wrong_file_gives_one_line_that_names_the_place(text: str, part: str, tmp_path: Path) -> None:
+    """A file that cannot be read gives one line with the file, the line and what is wrong."""
+    with pytest.raises(InputError) as caught:
+        _read(text, tmp_path)
+    assert part in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
+    """Damaged files raise nothing but InputError with one line."""
+    rng = random.Random(3)
+    texts = [random_urdf(np.random.default_rng(1)), random_mjcf(np.random.default_rng(1))]
+    path = tmp_path / "model.xml"
+    messages = []
+    for _ in range(150):
+        path.write_bytes(mutated(rng.choice(texts).encode(), rng))
+        try:
+            read_model(path)
+        except InputError as error:
+            messages.append(str(error))
+    assert messages
+    assert not [message for message in messages if "\n" in message]
+
+
+def test_file_outside_of_the_folder_is_named(tmp_path: Path) -> None:
+    """An included file outside of the model's folder is reported."""
+    (tmp_path / "other.xml").write_text(
+        "<mujoco><worldbody><body name='b'><geom size='1'/></body></worldbody></mujoco>"
+    )
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    model = _read("<mujoco><include file='../other.xml'/></mujoco>", inner)
+    assert [path.name for path in model.outside()] == ["other.xml"]
+    assert [link.name for link in model.links] == ["b"]

@@ -1,0 +1,312 @@
+"""Commands on a real terminal: every line is complete at any width, and its cells are all there."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import pty
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import termios
+from pathlib import Path
+
+import pytest
+
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.summary.cells import overviews, summary_cells
+from tests.helpers.in_process_cli import run_bodycheck
+
+WIDTHS = (60, 80, 120)
+
+
+def on_terminal(folder: Path, columns: int, code: str) -> str:
+    """Return what Python code shows on a pseudo-terminal of so many columns."""
+    reader, writer = pty.openpty()
+    fcntl.ioctl(writer, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
+    unwanted = ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR")
+    environment = {name: value for name, value in os.environ.items() if name not in unwanted}
+    with subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=folder,
+        env={**environment, "TERM": "xterm-256color"},
+        stdin=writer,
+        stdout=writer,
+        stderr=subprocess.DEVNULL,
+    ) as process:
+        os.close(writer)
+        shown = b""
+        while part := _read(reader):
+            shown += part
+    os.close(reader)
+    assert process.returncode == 0
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.decode()).replace("\r\n", "\n")
+
+
+def _read(reader: int) -> bytes:
+    try:
+        return os.read(reader, 65536)
+    except OSError:  # the other end is closed
+        return b""
+
+
+def command(*words: str) -> str:
+    """Return Python code that runs a command."""
+    return f"app({list(words)!r}, standalone_mode=False)"
+
+
+RELEASES = """
+from bodycheck.reports.comparison.measure_track import Finding
+from bodycheck.reports.comparison.release_results import Found, Track, found_document
+from bodycheck.reports.document import print_document
+
+versions = tuple(f"3.{k}.0" for k in range(4))
+findings = {v: Finding(2.0 if v < "3.2" else 4.0, "") for v in versions}
+methods = ("euler", "implicitfast", "implicit", "rk4", "discrete@defaults", "implicitfast@defaults")
+tracks = tuple(Track(name, findings, (("3.1.0", "3.2.0"),)) for name in methods)
+failed = {"3.4.0": "toy==3.4.0 cannot be installed: no wheel for this system"}
+print_document(found_document(Found("toy", "free", "order.energy_drift", versions, tracks, failed)))
+"""
+"""What `versions` prints, without a search: it needs a package index."""
+
+
+@pytest.fixture(scope="module")
+def folder(stored_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with `run` and `other`, in which many cells are worse."""
+    folder = tmp_path_factory.mktemp("console")
+    for name in ("run", "other"):
+        shutil.copytree(stored_run, folder / name)
+    table = folder / "other/results.csv"
+    table.write_text(re.sub(r"(,m1,dt,0\.01,.*),ok,", r"\1,failed,", table.read_text()))
+    manifest = json.loads((folder / "other/manifest.json").read_text())
+    moved = table.read_text().count(",failed,") - manifest["outcomes"]["failed"]
+    manifest["outcomes"] |= {
+        "ok": manifest["outcomes"]["ok"] - moved,
+        "failed": manifest["outcomes"]["failed"] + moved,
+    }
+    (folder / "other/manifest.json").write_text(json.dumps(manifest))
+    return folder
+
+
+SUMMARY = """
+from pathlib import Path
+from bodycheck.reports.document import print_document
+from bodycheck.reports.measurement.verdicts import STATES
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.summary.sentences import run_document
+print_document(run_document(read_tables(Path("run"))))
+"""
+"""What `run` prints at its end."""
+
+SHOWN = {
+    "run": SUMMARY,
+    "advise": command("advise", "--error", "1e-3", "--run", "run"),
+    "compare": command("compare", "run", "other"),
+    "versions": RELEASES,
+    "list scenarios": command("list", "scenarios"),
+    "list measures": command("list", "measures"),
+}
+
+
+MARK = "=== "
+ALL = "from bodycheck.cli.commands import app\n" + "\n".join(
+    f"print({MARK + name!r}, flush=True)\n{code}" for name, code in SHOWN.items()
+)
+
+
+def parted(shown: str) -> dict[str, str]:
+    """Return what each command shows."""
+    return {name: text for name, _, text in (part.partition("\n") for part in shown.split(MARK)[1:])}
+
+
+@pytest.fixture(scope="module")
+def piped(folder: Path) -> dict[str, str]:
+    """Return what a pipe gets."""
+    words = [sys.executable, "-c", ALL]
+    return parted(subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True).stdout)
+
+
+@pytest.fixture(scope="module", params=WIDTHS)
+def terminal(folder: Path, request: pytest.FixtureRequest) -> tuple[int, dict[str, str]]:
+    """Return a width, and what a terminal of that width shows."""
+    return request.param, parted(on_terminal(folder, request.param, ALL))
+
+
+HEADS = {"engine:method", "scenario", "reproduce", "toy"}
+"""A row that is shown as text has no head for its first cell, nor a command below its row."""
+
+
+COPIED = ("    bodycheck ", "measured by: bodycheck ", "confirm with: bodycheck ", "use ")
+"""The beginnings of lines to copy, which are never wrapped."""
+
+
+def words(text: str) -> set[str]:
+    """Return the words of a text without the punctuation that a layout adds."""
+    return {word.rstrip(";,") for word in text.split()} - HEADS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", SHOWN)
+def test_every_line_is_complete_at_every_width(
+    what: str, piped: dict[str, str], terminal: tuple[int, dict[str, str]]
+) -> None:
+    """What a pipe gets, a terminal shows: no word is missing, commands are whole, no line is too long."""
+    columns, shown = terminal
+    lines = shown[what].splitlines()
+    assert all(len(line) <= columns for line in lines if not line.startswith(COPIED))
+    reproducing = r"bodycheck run \S+ --engine \S+(?: --dt \S+)?"
+    assert set(re.findall(reproducing, piped[what])) <= set(re.findall(reproducing, shown[what]))
+    found = words(shown[what])
+    shortened = [word.split("...") for word in found if "..." in word]
+    for word in words(piped[what]) - found:
+        assert any(word.startswith(head) and word.endswith(tail) for head, tail in shortened), word
+
+
+@pytest.mark.slow
+def test_the_verdict_of_each_method_is_second_and_whole(
+    folder: Path, terminal: tuple[int, dict[str, str]]
+) -> None:
+    """Next to its name, or directly below it; and each error has its step."""
+    lines = terminal[1]["run"].splitlines()
+    lines = lines[: lines.index("Worst result of each method")]
+    for one in overviews(summary_cells(read_tables(folder / "run"))):
+        head, tail = re.escape(one.method[:5]), re.escape(one.method[-5:])
+        (place,) = [k for k, line in enumerate(lines) if re.match(rf"{head}\S*{tail}( |$)", line)]
+        rest = " ".join([lines[place].partition(" ")[2], *lines[place + 1 : place + 4]]).split()
+        first = rest[1] if rest[0] == "verdict" else rest[0]
+        assert first.rstrip(",;") == STATES[next(iter(one.states))].word.split()[0]
+        if one.largest_error[0]:
+            error, step = one.largest_error[0], one.largest_error[1].split()[1].rstrip(",")
+            assert error in [word.rstrip(";") for word in rest]
+            assert any(word.rstrip(",") == step for word in rest)
+
+
+@pytest.mark.slow
+def test_colour_is_off_where_no_color_is_set(folder: Path) -> None:
+    """On a terminal with NO_COLOR no colour code is sent."""
+    coloured = subprocess.run(
+        [sys.executable, "-c", SUMMARY],
+        cwd=folder,
+        env={**os.environ, "FORCE_COLOR": "1", "TERM": "xterm"},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert re.search(r"\x1b\[[0-9;]*3[0-7]m", coloured)
+    plain = subprocess.run(
+        [sys.executable, "-c", SUMMARY],
+        cwd=folder,
+        env={**os.environ, "FORCE_COLOR": "1", "TERM": "xterm", "NO_COLOR": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert not re.search(r"\x1b\[[0-9;]*3[0-7]m", plain)
+
+
+ANSWERS = {
+    "compare": (("compare", "run", "other"), {"before", "after", "sentences", "changes"}),
+    "advise": (("advise", "--error", "1e-3", "--run", "run"), {"error", "quantity", "run", "answers"}),
+    "doctor": (("doctor",), {"versions", "caches", "checks"}),
+    "truth": (("truth", "free-flight", "--at", "0,1"), None),
+    "list": (("list", "suites"), None),
+    "environments": (("environments", "list"), None),
+    "body": (("body", "sphere", "--size-m", "1", "--density-kg-m3", "1"), {"body", "solid"}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ANSWERS)
+def test_an_answer_as_json_is_json_alone(name: str, folder: Path) -> None:
+    """Standard output parses, and has what the command answers."""
+    asked, keys = ANSWERS[name]
+    done = run_bodycheck(folder, *asked, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert isinstance(found, list) if keys is None else keys <= found.keys()
+
+
+@pytest.mark.slow
+def test_a_quiet_run_has_nothing_on_standard_error(folder: Path) -> None:
+    """And with --json, standard output has verdicts, errors and the path of the report."""
+    asked = ("run", "free-flight", "--engine", "reference:m1", "--dt", "0.01", "--no-speed", "--out", "new")
+    done = run_bodycheck(folder, *asked, "--quiet", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    found = json.loads(done.stdout)
+    assert found["report"] == "new/report.html"
+    assert found["methods"]["reference:m1"]["free-flight"]["at"] == "dt 0.01 s"
+
+
+SUGGESTED = {
+    "engine": (("run", "free-flight", "--engine", "mujco"), "unknown engine 'mujco'; did you mean mujoco?"),
+    "method": (
+        ("run", "free-flight", "--engine", "reference:splitting"),
+        "reference has no method 'splitting'; did you mean splitting6?",
+    ),
+    "suite": (("run", "standrad"), "did you mean standard?"),
+    "figure": (
+        ("plot", "run", "--figure", "work-precison", "--out", "a.svg"),
+        "Did you mean 'work-precision'?",
+    ),
+    "measure": (
+        ("advise", "--error", "1", "--quantity", "energy-drfit", "--run", "run"),
+        "did you mean energy_drift?",
+    ),
+    "column": (("table", "run", "--columns", "scenrio"), "results has no scenrio; did you mean scenario?"),
+    "command": (("comapre", "run", "other"), "Did you mean 'compare'?"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", SUGGESTED)
+def test_a_misspelt_name_is_suggested(what: str, folder: Path) -> None:
+    """Status 2, and the name that was meant."""
+    asked, suggestion = SUGGESTED[what]
+    done = run_bodycheck(folder, *asked)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert suggestion in done.stderr
+
+
+COMPLETED = {
+    "run inter": "intermediate-axis",
+    "run free-flight --engine muj": "mujoco",
+    "run free-flight --engine dart,reference:splitting": "dart,reference:splitting6",
+    "truth free-fl": "free-flight",
+    "list meth": "methods",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("typed", COMPLETED)
+def test_names_are_completed(typed: str, folder: Path) -> None:
+    """As bash asks for it: scenarios, engines, the methods of an engine."""
+    line = f"bodycheck {typed}"
+    done = subprocess.run(
+        [sys.executable, "-m", "bodycheck"],
+        cwd=folder,
+        env={
+            **os.environ,
+            "_BODYCHECK_COMPLETE": "complete_bash",
+            "COMP_WORDS": line,
+            "COMP_CWORD": str(len(line.split()) - 1),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert COMPLETED[typed] in done.stdout.split()
+
+
+def test_help_has_groups_and_examples(folder: Path) -> None:
+    """Commands and options in groups; the examples one per line."""
+    commands = run_bodycheck(folder, "--help").stdout
+    for group in ("Measure:", "Questions on stored runs:", "Detect changes:"):
+        assert group in commands.splitlines()
+    options = run_bodycheck(folder, "run", "--help").stdout.splitlines()
+    for group in ("Arguments:", "What to run:", "How to run:", "Output:", "Examples:"):
+        assert group in options
+    assert "  bodycheck run --resume first" in options

@@ -1,0 +1,280 @@
+"""Ensembles: the distribution, rows made again alone, batches, quantiles, and the files of a run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import duckdb
+import numpy as np
+import pandas as pd
+import pytest
+
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.batches import Batch, BatchAnswer, record_batch, stacked
+from bodycheck.adapters.contract import Adapter, Engine, Setting
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.mujoco import MuJoCo
+from bodycheck.adapters.mujoco import rollouts as mujoco_rollouts
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.case_messages import batch_message, batch_of
+from bodycheck.reports.measurement.case import run_case
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
+from bodycheck.runs.ensemble_cases import measured, truth_of
+from bodycheck.runs.ensemble_run import EnsembleRequest, run_ensemble
+from bodycheck.runs.hunt_run import HuntRequest, hunt
+from bodycheck.runs.run_options import no_progress
+from bodycheck.scenarios.ensemble import Ensemble, default_distribution
+from bodycheck.scenarios.library import load_scenario
+
+
+def ensemble(seed: int = 1) -> Ensemble:
+    """Return the ensemble of a free body."""
+    scenario = load_scenario("intermediate-axis")
+    return Ensemble(scenario, default_distribution(scenario), seed, 5)
+
+
+def batch(method: str, m: int = 12) -> Batch:
+    """Return free bodies with a step."""
+    return Batch(ensemble().template, ensemble().bodies(0, m), method, Setting(dt_s=0.05))
+
+
+def one_by_one(adapter: Adapter, asked: Batch) -> BatchAnswer:
+    """Record the bodies of a batch as single cases."""
+    cases = ((scene, Case(scene, asked.method, asked.setting)) for scene in asked.scenes())
+    return stacked(asked, [(scene, record(adapter, case)) for scene, case in cases], "float64")
+
+
+# ------------------------------------------------------------------------------------- the distribution
+
+
+def test_any_row_can_be_made_alone() -> None:
+    """A row has the same numbers, to the last bit, alone and in any range of rows."""
+    together = ensemble().bodies(0, 50)
+    for row in (0, 7, 49):
+        alone = ensemble().bodies(row, row + 1)
+        for name in ("moments", "quaternion", "omega_body", "torque_body"):
+            assert np.array_equal(getattr(alone, name)[0], getattr(together, name)[row])
+
+
+def test_row_scenario_has_the_numbers_of_the_row() -> None:
+    """The scenario file of a row gives engines the very numbers that the batch has."""
+    bodies, scene = ensemble().bodies(3, 4), ensemble().row_scenario(3).scene
+    assert np.array_equal(np.diag(scene.body.inertia), bodies.moments[0])
+    assert np.array_equal(scene.initial.quaternion, bodies.quaternion[0])
+    assert np.array_equal(scene.initial.omega_body, bodies.omega_body[0])
+
+
+def test_distribution_is_as_documented() -> None:
+    """Shares of second moments, heights of directions, attitudes and log sizes have their uniform means."""
+    n = 20_000
+    bodies, ranges = ensemble().bodies(0, n), ensemble().distribution
+    trace = bodies.moments.sum(axis=1)
+    shares = 1.0 - 2.0 * bodies.moments / trace[:, None]
+    assert np.all(shares >= -1e-12)
+    spin = np.linalg.norm(bodies.omega_body, axis=1)
+    for values, mean, variance in (
+        *((shares[:, k], 1 / 3, 1 / 18) for k in range(3)),
+        *((bodies.omega_body[:, k] / spin, 0.0, 1 / 3) for k in range(3)),
+        *((bodies.quaternion[:, k], 0.0, 1 / 4) for k in range(4)),
+        *((bodies.quaternion[:, k] ** 2, 1 / 4, 1 / 16) for k in range(4)),
+        (_share(spin, *ranges.spin_rad_s), 1 / 2, 1 / 12),
+        (_share(trace, *ranges.trace_kg_m2), 1 / 2, 1 / 12),
+    ):
+        assert abs(np.mean(values) - mean) <= 5.0 * math.sqrt(variance / n)
+    assert np.max(np.abs(np.linalg.norm(bodies.quaternion, axis=1) - 1.0)) <= 1e-15
+
+
+def _share(values: np.ndarray, low: float, high: float) -> np.ndarray:
+    return np.log(values / low) / math.log(high / low)
+
+
+# ---------------------------------------------------------------------------------------------- batches
+
+
+@pytest.mark.parametrize("method", ["rk4", "euler", "implicit@unaligned"])
+def test_mujoco_rollouts_equal_single_cases(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rollout has the bits of single simulations, also in several calls and in parts."""
+    monkeypatch.setattr(mujoco_rollouts, "MODELS", 5)
+    monkeypatch.setattr(mujoco_rollouts, "STATES", 5 * 14 * 60)
+    asked = batch(method)
+    together, alone = record_batch(MuJoCo(), asked), one_by_one(MuJoCo(), asked)
+    assert together.endings == alone.endings
+    assert "ok" in alone.endings
+    assert np.array_equal(together.quaternion, alone.quaternion, equal_nan=True)
+    assert np.array_equal(together.omega_body, alone.omega_body, equal_nan=True)
+
+
+@pytest.mark.parametrize("method", ["m1", "rk4", "dop853"])
+def test_reference_batches_equal_single_cases(method: str) -> None:
+    """The batch kernels agree with the single-body kernels to round-off."""
+    asked = batch(method)
+    together, alone = Reference().record_batch(asked), one_by_one(Reference(), asked)
+    assert together is not None
+    stable = np.abs(alone.omega_body).max(axis=(1, 2)) < 100.0
+    assert stable.sum() > 6
+    np.testing.assert_allclose(together.quaternion[stable], alone.quaternion[stable], atol=1e-10)
+
+
+def test_batch_survives_the_protocol() -> None:
+    """A request and an answer come back from their messages with all bits; a short answer is refused."""
+    asked = batch("rk4", 3)
+    again = batch_of(batch_message(asked))
+    assert np.array_equal(again.bodies.omega_body, asked.bodies.omega_body)
+    answer = record_batch(Reference(), asked)
+    message = protocol.message_of(protocol.line_of(protocol.batch_answer_message(answer)))
+    back = protocol.batch_answer_of(message, 3, 5)
+    assert np.array_equal(back.quaternion, answer.quaternion)
+    with pytest.raises(protocol.ProtocolError):
+        protocol.batch_answer_of(message, 4, 5)
+
+
+def test_measures_equal_those_of_a_run() -> None:
+    """Each measure of a row is that of results.csv for the row's scenario."""
+    template, bodies = ensemble().template, ensemble().bodies(0, 4)
+    asked = Batch(template, bodies, "rk4", Setting(dt_s=0.01))
+    answer = one_by_one(Reference(), asked)
+    found = measured(template, bodies, truth_of(template, bodies, free=True), answer)
+    reference = Reference()
+    engine = Engine(reference.name, reference.version, reference.methods)
+    for row in range(4):
+        problem = Problem.of(ensemble().row_scenario(row), "row")
+        case = run_case(
+            problem, engine, engine.methods["rk4"], asked.setting, lambda _, case: record(reference, case)
+        )
+        for name, values in found.measures.items():
+            assert values[row] == pytest.approx(case.columns[name], rel=1e-6, abs=1e-15)
+
+
+def test_diverged_and_missing_motions_are_told_apart() -> None:
+    """A motion that is not finite is unstable with infinite error; a failed one is not measured."""
+    asked = batch("rk4", 3)
+    answer = record_batch(Reference(), asked)
+    answer.omega_body[0, 2] = np.nan
+    answer.omega_body[1] *= 20.0
+    answer = replace(answer, endings=("ok", "ok", "failed"))
+    truth = truth_of(asked.template, asked.bodies, free=True)
+    found = measured(asked.template, asked.bodies, truth, answer)
+    assert list(found.endings) == ["unstable", "unstable", "failed"]
+    errors = found.measures["orientation_error_rad"]
+    assert np.isinf(errors[:2]).all()
+    assert np.isnan(errors[2])
+
+
+# -------------------------------------------------------------------------------------------- quantiles
+
+
+def test_quantiles_are_those_of_the_sorted_numbers() -> None:
+    """A quantile is the number of its rank to 2^-11, and the order and the merging do not matter."""
+    values = np.random.default_rng(1).lognormal(-20.0, 6.0, 10_001)
+    whole, parts = QuantileSketch(), QuantileSketch()
+    whole.add(values)
+    for part in np.split(values[::-1], [10, 500, 9000]):
+        one = QuantileSketch()
+        one.add(part)
+        parts.merge(one)
+    assert np.array_equal(whole.keys, parts.keys)
+    assert np.array_equal(whole.counts, parts.counts)
+    for share in SHARES:
+        exact = np.sort(values)[math.ceil(share * len(values)) - 1]
+        assert whole.quantile(share).value == pytest.approx(exact, rel=2.0**-11)
+
+
+def test_error_bars_cover_as_they_state() -> None:
+    """Quantiles of two samples agree within their 95 % error bars in 90 to 99 of 100 trials on average."""
+    rng, agreed, covered, trials = np.random.default_rng(2), 0, 0, 600
+    for _ in range(trials):
+        one, other = QuantileSketch(), QuantileSketch()
+        one.add(rng.lognormal(0.0, 3.0, 2000))
+        other.add(rng.lognormal(0.0, 3.0, 2000))
+        agreed += one.quantile(0.75).agrees(other.quantile(0.75))
+        found = one.quantile(0.5)
+        covered += found.low <= 1.0 <= found.high
+    assert 0.92 <= agreed / trials <= 0.985
+    assert 0.92 <= covered / trials <= 0.985
+
+
+@pytest.mark.parametrize("values", [[0.0, np.inf, 1.0, 1.0], [0.0, 0.0, 0.0]])
+def test_zeros_and_infinities_are_counted(values: list[float]) -> None:
+    """An error of zero and an unstable body have their place in the order."""
+    sketch = QuantileSketch()
+    sketch.add(np.array(values))
+    assert sketch.quantile(1e-9).value == 0.0
+    assert sketch.quantile(1.0).value == max(values)
+    with pytest.raises(ValueError, match="not nan"):
+        sketch.add(np.array([np.nan]))
+
+
+# ------------------------------------------------------------------------------------------------- runs
+
+
+@pytest.mark.slow
+def test_run_writes_a_dataset_whose_worst_rows_can_be_repeated(tmp_path: Path) -> None:
+    """DuckDB reads every table, with its schema_version; results do not depend on the number of threads."""
+    request = EnsembleRequest(
+        scenario="intermediate-axis", engines=["reference:rk4", "reference:m1"], n=100, worst=3, jobs=2
+    )
+    run_ensemble(request, tmp_path / "two", no_progress)
+    run_ensemble(replace(request, jobs=1), tmp_path / "one", no_progress)
+    for name in ("quantiles.csv", "methods.csv"):
+        assert (tmp_path / "two" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
+    with duckdb.connect() as database:
+
+        def table(name: str) -> pd.DataFrame:
+            files = f"{tmp_path}/two/{name}/**/*.parquet"
+            return database.sql(f"select * from read_parquet('{files}', hive_partitioning = true)").df()
+
+        cases, bodies = table("cases"), table("bodies")
+        assert set(cases["method"]) == {"rk4", "m1"}
+        assert len(cases) == 200
+        assert list(bodies["row"]) == list(range(100))
+        assert {
+            *cases["schema_version"],
+            *bodies["schema_version"],
+            *table("sketches")["schema_version"],
+        } == {1}
+    worst = pd.read_csv(tmp_path / "two" / "worst.csv")
+    errors = cases[cases["method"] == "rk4"]["orientation_error_rad"]
+    assert worst[worst["method"] == "rk4"]["orientation_error_rad"].tolist() == sorted(errors)[::-1][:3]
+    for row in worst["row"]:
+        scene = load_scenario(tmp_path / "two" / "worst" / f"row-{row}.toml").scene
+        assert (
+            np.diag(scene.body.inertia).tolist()
+            == bodies.loc[row, ["i1_kg_m2", "i2_kg_m2", "i3_kg_m2"]].tolist()
+        )
+
+
+@pytest.mark.parametrize(
+    ("changed", "key"),
+    [
+        ({"n": 0}, "--n"),
+        ({"seed": -1}, "--seed"),
+        ({"samples": 1}, "--samples"),
+        ({"spin_rad_s": (2.0, 1.0)}, "--spin-rad-s"),
+        ({"trace_kg_m2": (0.0, 1.0)}, "--trace-kg-m2"),
+        ({"dt_s": [0.3]}, "--dt"),
+        ({"scenario": "body-torque", "n": 10_001}, "--n"),
+    ],
+)
+def test_wrong_requests_are_refused(changed: dict[str, object], key: str, tmp_path: Path) -> None:
+    """One line names the option, and nothing is written; many bodies need loads with a closed form."""
+    request = EnsembleRequest(scenario="intermediate-axis", engines=["reference:rk4"], n=10)
+    with pytest.raises(InputError) as caught:
+        run_ensemble(replace(request, **changed), tmp_path / "out", no_progress)  # type: ignore[arg-type]
+    assert str(caught.value).startswith(key)
+    assert "\n" not in str(caught.value)
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_hunt_finds_the_separatrix_for_m1() -> None:
+    """From uniform starts the search ends where M1 is worst, far from the median and near the separatrix."""
+    asked = EnsembleRequest(scenario="intermediate-axis", engines=["reference:m1"], n=1)
+    found = hunt(HuntRequest(ensemble=asked, evaluations=1000), no_progress)
+    assert len(found.path.scores) <= 1000
+    assert found.value > 8.0 * found.typical
+    assert found.bodies.separatrix_distance[0] < 0.01
+    assert found.worst >= found.uniform

@@ -1,0 +1,300 @@
+"""Runs whose cases are done by an executor: of threads, of processes, or of a Dask cluster."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.execution import Case
+from bodycheck.adapters.workers import case_messages
+from bodycheck.adapters.workers.executors import CaseRequest, answer_case
+from bodycheck.reports.cache.entries import Entry
+from bodycheck.reports.cache.journal import Journal
+from bodycheck.runs import cluster as dask_cluster
+from bodycheck.runs.directory import RunRequest, run_to_folder
+from bodycheck.runs.run_options import no_progress
+from bodycheck.runs.runner import run
+from bodycheck.scenarios.library import load_scenario
+from tests.helpers.dask_cluster import Loopback, loopback_cluster
+from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, tumbling
+
+ENGINES = ["reference:m1", "reference:rk4", "reference:exact", "mujoco:euler"]
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of a small scenario."""
+    path = tmp_path_factory.mktemp("executors") / "mine.toml"
+    path.write_text(tumbling())
+    return path
+
+
+@pytest.fixture(scope="module")
+def here(scenario: Path) -> list[pd.DataFrame]:
+    """Return the tables of a run without an executor."""
+    return tables(run([scenario], engines=ENGINES, speed=False, fresh=True))
+
+
+def tables(measured: Any) -> list[pd.DataFrame]:
+    """Return the tables of a run, without the columns in which equal runs differ."""
+    found = [measured.results, measured.methods, measured.stability, measured.probes]
+    return [table.drop(columns=RUN_SPECIFIC_COLUMNS, errors="ignore") for table in found]
+
+
+def assert_same(measured: Any, here: list[pd.DataFrame]) -> None:
+    """Assert that all tables are equal."""
+    for table, expected in zip(tables(measured), here, strict=True):
+        pd.testing.assert_frame_equal(table, expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["threads", "processes"])
+def test_any_executor_gives_the_tables_of_a_run(kind: str, scenario: Path, here: list[pd.DataFrame]) -> None:
+    """A case is one picklable task: threads and spawned processes give what a run gives."""
+    executor: Executor = (
+        ThreadPoolExecutor(2)
+        if kind == "threads"
+        else ProcessPoolExecutor(2, mp_context=get_context("spawn"))
+    )
+    with executor:
+        assert_same(run([scenario], engines=ENGINES, speed=False, fresh=True, executor=executor), here)
+
+
+class Failing(Executor):
+    """An executor whose tasks all raise."""
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Return the future of a task that raised."""
+        del fn, args, kwargs
+        future: Future[Any] = Future()
+        future.set_exception(ValueError("out of reach"))
+        return future
+
+
+@pytest.mark.slow
+def test_case_that_the_executor_fails_is_failed(scenario: Path) -> None:
+    """The words of the executor are the message of the case."""
+    found = run([scenario], engines=["reference:m1"], dt_s=[0.1], speed=False, fresh=True, executor=Failing())
+    assert found.results["outcome"].tolist() == ["failed"]
+    assert found.results["message"].tolist() == ["executor: ValueError: out of reach"]
+
+
+@pytest.mark.slow
+def test_other_version_of_an_engine_on_a_worker_fails_its_cases() -> None:
+    """A worker never answers for another release than the one that the run announces."""
+    case = Case(load_scenario("free-flight").scene, "m1", Setting(dt_s=0.1))
+    request = {"do": "record", "case": case_messages.case_message(case)}
+    with ThreadPoolExecutor(1) as thread:  # the engine ends with the thread
+        answer = thread.submit(answer_case, CaseRequest("reference", "0.0.1", request, 60.0)).result()
+    assert answer["outcome"] == "failed"
+    assert ", but 0.0.1 in the run" in answer["message"]
+
+
+class FakeTask:
+    """A task of a cluster that ends when it is told."""
+
+    def __init__(self, function: Any, arguments: tuple[Any, ...]) -> None:
+        self.status, self._function, self._arguments = "pending", function, arguments
+        self._callback: Any = None
+
+    def add_done_callback(self, callback: Any) -> None:
+        """Remember what to call at the end."""
+        self._callback = callback
+
+    def result(self) -> Any:
+        """Return what the call returns."""
+        return self._function(*self._arguments)
+
+    def exception(self) -> Exception:
+        """Return why the task failed."""
+        return RuntimeError("killed")
+
+    def end(self, status: str) -> None:
+        """End in this way."""
+        self.status = status
+        self._callback(self)
+
+
+class FakeClient:
+    """A client of a cluster with two workers of one thread, whose tasks end when they are told."""
+
+    status = "running"
+
+    def __init__(self) -> None:
+        self.tasks: list[FakeTask] = []
+        self.workers: list[Any] = []
+        self.submitted = threading.Semaphore(0)
+
+    def submit(self, function: Any, *arguments: Any, workers: Any = None, **_: Any) -> FakeTask:
+        """Return a task."""
+        self.tasks.append(FakeTask(function, arguments))
+        self.workers.append(workers)
+        self.submitted.release()
+        return self.tasks[-1]
+
+    def nthreads(self) -> dict[str, int]:
+        """Return two workers."""
+        return {"a": 1, "b": 1}
+
+    def processing(self) -> dict[str, tuple[str, ...]]:
+        """Return nothing: no worker is known to be at work."""
+        return {}
+
+    def cancel(self, tasks: Any, **_: Any) -> None:
+        """Ignore it: a task may end although it was cancelled."""
+
+
+@pytest.fixture
+def client() -> FakeClient:
+    """Return a client of a cluster whose tasks end when they are told."""
+    return FakeClient()
+
+
+@pytest.fixture
+def executor(client: FakeClient) -> Iterator[dask_cluster.DaskExecutor]:
+    """Return the executor of that client."""
+    with dask_cluster.DaskExecutor(client, "--cluster fake") as executor:
+        yield executor
+
+
+def waited(client: FakeClient, tasks: int = 1) -> None:
+    """Wait until further tasks have been submitted."""
+    for _ in range(tasks):
+        assert client.submitted.acquire(timeout=60.0)
+
+
+def test_calls_travel_in_batches(client: FakeClient, executor: dask_cluster.DaskExecutor) -> None:
+    """Many short calls are one task, and each gets its own result or error."""
+    futures = [executor.submit(abs, argument) for argument in (-1, "text", -3)]
+    waited(client)
+    client.tasks[0].end("finished")
+    assert futures[0].result(60.0) == 1
+    assert isinstance(futures[1].exception(60.0), TypeError)
+    assert futures[2].result(60.0) == 3
+    assert len(client.tasks) == 1
+
+
+def test_calls_of_a_failed_task_run_again_one_by_one(
+    client: FakeClient, executor: dask_cluster.DaskExecutor
+) -> None:
+    """Only the call that fails alone has failed: it cannot take the others with it."""
+    futures = [executor.submit(abs, argument) for argument in (-1, -2, -3)]
+    waited(client)
+    client.tasks[0].end("error")
+    waited(client, 3)
+    for task, status in zip(client.tasks[1:], ["finished", "error", "finished"], strict=True):
+        task.end(status)
+    assert [futures[0].result(60.0), futures[2].result(60.0)] == [1, 3]
+    assert str(futures[1].exception(60.0)) == "killed"
+
+
+def test_late_task_is_sent_again_and_counts_once(
+    client: FakeClient, executor: dask_cluster.DaskExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two tasks for the same call the first result counts; the other one changes nothing."""
+    monkeypatch.setattr(dask_cluster, "_LATE_S", 0.01)
+    future = executor.submit(abs, -1)
+    waited(client, 2)
+    results: list[int] = []
+    future.add_done_callback(lambda done: results.append(done.result()))
+    for task in client.tasks[::-1]:
+        task.end("finished")
+    assert results == [1]
+
+
+def test_calls_fail_when_the_connection_is_lost(
+    client: FakeClient, executor: dask_cluster.DaskExecutor
+) -> None:
+    """Nobody waits for a cluster that is gone."""
+    future = executor.submit(abs, -1)
+    waited(client)
+    client.status = "closed"
+    client.tasks[0].end("cancelled")
+    assert "the connection was lost" in str(future.exception(60.0))
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loopback]:
+    """Return a cluster of three workers with TLS; the first one may time cases."""
+    pytest.importorskip("distributed")
+    folder = tmp_path_factory.mktemp("cluster")
+    with loopback_cluster(folder, [["--resources", "timing=1"], [], []]) as cluster:
+        yield cluster
+
+
+def asked(scenario: Path, cluster: Loopback, **others: Any) -> RunRequest:
+    """Return a run on the cluster."""
+    given: dict[str, Any] = {"scenarios": [str(scenario)], "engines": ENGINES, "speed": False, "fresh": True}
+    tls = {"tls_ca_file": cluster.tls["ca"], "tls_cert": cluster.tls["cert"], "tls_key": cluster.tls["key"]}
+    return RunRequest(**{**given, "cluster": cluster.address, **tls, **others})
+
+
+@pytest.mark.slow
+def test_cluster_gives_the_tables_of_a_run(
+    cluster: Loopback, scenario: Path, here: list[pd.DataFrame], tmp_path: Path
+) -> None:
+    """With TLS; speeds are measured by the worker that declares the resource, for every case that ended."""
+    measured, _ = run_to_folder(asked(scenario, cluster, speed=True), tmp_path / "out", no_progress)
+    assert_same(measured, here)
+    assert measured.results["cpu_s"].gt(0.0).all()
+
+
+@pytest.mark.slow
+def test_cluster_without_encryption_or_out_of_reach_is_refused(
+    cluster: Loopback, scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line, status 2, nothing written."""
+    monkeypatch.setattr(dask_cluster, "_CONNECTION_S", 1.0)
+    without = replace(asked(scenario, cluster), tls_ca_file=None, tls_cert=None, tls_key=None)
+    elsewhere = replace(asked(scenario, cluster), cluster="tls://127.0.0.1:1")
+    for wrong in (without, elsewhere):
+        with pytest.raises(InputError, match="cannot be reached"):
+            run_to_folder(wrong, tmp_path / "out", no_progress)
+    with pytest.raises(InputError, match="give all three"):
+        run_to_folder(replace(asked(scenario, cluster), tls_key=None), tmp_path / "out", no_progress)
+    assert list(tmp_path.iterdir()) == []
+    ended = run_bodycheck(tmp_path, "run", str(scenario), "--tls-key", "key.pem")
+    assert ended.returncode == 2
+
+
+@pytest.mark.slow
+def test_lost_workers_lose_and_double_nothing(
+    cluster: Loopback,
+    scenario: Path,
+    here: list[pd.DataFrame],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One worker is killed and one stops during the run: same tables, answers stored as often as here."""
+    monkeypatch.setattr(dask_cluster, "_LATE_S", 1.0)
+    keys: list[str] = []
+    append = Journal.append
+
+    def appended(journal: Journal, entry: Entry) -> None:
+        append(journal, entry)
+        keys.append(entry.key)
+        if len(keys) == 3 and not (tmp_path / "out").exists():
+            cluster.workers[1].send_signal(signal.SIGKILL)
+            cluster.workers[2].send_signal(signal.SIGSTOP)
+
+    monkeypatch.setattr(Journal, "append", appended)
+    measured, _ = run_to_folder(asked(scenario, cluster), tmp_path / "out", no_progress)
+    assert_same(measured, here)
+    scattered = Counter(keys)
+    keys.clear()
+    request = replace(asked(scenario, cluster), cluster=None, tls_ca_file=None, tls_cert=None, tls_key=None)
+    run_to_folder(request, tmp_path / "here", no_progress)
+    assert scattered == Counter(keys)  # some cases are asked by several checks

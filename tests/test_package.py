@@ -1,0 +1,137 @@
+"""The package: nothing heavy is imported early, and the distribution has the files of the tree.
+
+Ruff checks docstrings and annotations, import-linter the direction of imports (pyproject.toml).
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "bodycheck"
+ROOMS = ("reference_impl", "scenarios", "adapters", "reports")
+Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def test_the_rooms_are_linked_at_the_top_level() -> None:
+    """The four packages are links at the top level, where links survive a checkout."""
+    for room in ROOMS:
+        link = ROOT / room
+        if not link.is_symlink():
+            pytest.skip("this checkout has no symbolic links")
+        assert link.resolve() == PACKAGE / room
+
+
+HEAVY = ("numba", "numpy", "pandas", "scipy", "jinja2", "mujoco", "pybullet", "dartpy", "pydantic")
+
+
+@pytest.mark.parametrize("what", ["import bodycheck", "import bodycheck.cli.commands"])
+def test_heavy_imports_are_late(what: str) -> None:
+    """Neither the package nor its command line imports anything heavy until it is needed."""
+    code = f"{what}\nimport sys\nprint([name for name in {HEAVY!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_run_starts_without_numba() -> None:
+    """What a run imports before it detects missing input does not include the compiler."""
+    code = (
+        "import sys, bodycheck.runs.directory\n"
+        "import bodycheck.reports.render.progress, bodycheck.reports.summary.sentences\n"
+        "assert 'pydantic' in sys.modules\nprint('numba' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_public_names_exist_and_are_documented() -> None:
+    """Every name of the lazy public interface exists; a wrong one is an AttributeError."""
+    import bodycheck
+
+    for name in bodycheck.__all__:
+        assert getattr(bodycheck, name).__doc__
+    assert set(bodycheck.__all__) <= set(dir(bodycheck))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        bodycheck.nothing  # noqa: B018 - reading it is the test
+
+
+def defined(node: ast.AST, public: bool = True) -> Iterator[tuple[Definition, bool]]:
+    """Yield the classes and functions within a node, and whether no name on the way to them is private."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, Definition):
+            is_public = public and not child.name.startswith("_")
+            yield child, is_public
+            # what is defined within a function belongs to it alone
+            yield from defined(child, is_public and isinstance(child, ast.ClassDef))
+        else:
+            yield from defined(child, public)
+
+
+SHAPE = re.compile(r"\((?:\w+|\.\.\.),[^()]*\)|\(\.\.\.\)")
+INTERFACE = re.findall(r"^\.\. automodule:: (\S+)$", (ROOT / "docs/api.md").read_text(), flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("module", INTERFACE)
+def test_arrays_of_the_documented_interface_have_their_shapes(module: str) -> None:
+    """The docstring of each public function that takes or returns an array has its shape."""
+    place = ROOT / module.replace(".", "/")
+    path = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+    for node, public in defined(ast.parse(path.read_text())):
+        if public and not isinstance(node, ast.ClassDef):
+            annotations = f"{ast.unparse(node.args)} {ast.unparse(node.returns or ast.Constant(None))}"
+            told = SHAPE.search(ast.get_docstring(node) or "")
+            assert told or not re.search(r"\bArray\b", annotations), f"{path.name}: {node.name}"
+
+
+@pytest.mark.nightly
+def test_distribution_contains_exactly_the_package(tmp_path: Path) -> None:
+    """The files of the wheel, built from the sdist, are the tree's: no links, no tests; meshes are found."""
+    # built from a copy: setuptools leaves build/ behind, and would put stale files of it into the next wheel
+    source = tmp_path / "source"
+    unwanted = shutil.ignore_patterns(".*", "build", "*.egg-info", "__pycache__", "bodycheck-runs", "_build")
+    shutil.copytree(ROOT, source, symlinks=True, ignore=unwanted)
+    command = [sys.executable, "-m", "build", "--outdir", str(tmp_path), str(source)]
+    subprocess.run(command, check=True, capture_output=True)
+    kept = {".py", ".toml", ".typed", ".html", ".css", ".js", ".obj", ".txt"}
+    tree = {p.relative_to(ROOT).as_posix() for p in PACKAGE.rglob("*") if p.suffix in kept}
+    tree |= {"bodycheck/py.typed"}
+    (wheel,) = tmp_path.glob("*.whl")
+    inside = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    assert inside == tree
+    (sdist,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        sources = {member.name.partition("/")[2] for member in archive if not member.isdir()}
+    beside = {
+        "CHANGELOG.md",
+        "LICENSE",
+        "MANIFEST.in",
+        "README.md",
+        "pyproject.toml",
+        "PKG-INFO",
+        "setup.cfg",
+    }
+    assert {name for name in sources if ".egg-info/" not in name} == tree | beside
+    unpacked = tmp_path / "unpacked"
+    zipfile.ZipFile(wheel).extractall(unpacked)
+    code = "import bodycheck; print(bodycheck.__file__, bodycheck.load_scenario('t-handle').body.mass_kg)"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code],
+        env={**os.environ, "PYTHONPATH": str(unpacked)},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    where, mass_kg = done.stdout.split()
+    assert where == str(unpacked / "bodycheck/__init__.py")
+    assert float(mass_kg) == pytest.approx(0.162, rel=1e-15, abs=0.0)  # of its two bars, without rounding

@@ -1,0 +1,288 @@
+"""Shards: a run divided among machines, and put together again."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bodycheck._util.errors import InputError, StoppedError
+from bodycheck._util.shard import Shard
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.sentinels import disagreements, read_sentinels
+from bodycheck.runs import directory
+from bodycheck.runs.directory import RunRequest, resume, run_to_folder, write_run
+from bodycheck.runs.merge import merge
+from bodycheck.runs.run_options import no_progress
+from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, tumbling
+
+COUNT = 3
+TABLES = ("results", "methods", "stability", "probes")
+Message = Callable[..., None]
+
+
+def request(folder: Path, **others: Any) -> RunRequest:
+    """Return a run of two scenarios by four methods, whose steps the run itself refines."""
+    engines = ["reference:m1,reference:rk4,reference:exact,mujoco:euler"]
+    scenarios = [str(folder / "mine.toml"), str(folder / "other.toml")]
+    given: dict[str, Any] = {"scenarios": scenarios, "engines": engines[0].split(","), "speed": False}
+    return RunRequest(**{**given, "fresh": True, **others})
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a whole run, `whole`, and its shards, `part-1` to `part-3`."""
+    folder = tmp_path_factory.mktemp("shards")
+    (folder / "mine.toml").write_text(tumbling())
+    (folder / "other.toml").write_text(tumbling("other", omega_body_rad_s=(2.0, 0.1, 0.1)))
+    run_to_folder(request(folder), folder / "whole", no_progress)
+    for k in range(1, COUNT + 1):
+        run_to_folder(request(folder, shard=f"{k}/{COUNT}"), folder / f"part-{k}", no_progress)
+    return folder
+
+
+@pytest.fixture
+def parts(folder: Path, tmp_path: Path) -> list[Path]:
+    """Return copies of the shards."""
+    copies = [tmp_path / f"part-{k}" for k in range(1, COUNT + 1)]
+    for copy in copies:
+        shutil.copytree(folder / copy.name, copy)
+    return copies
+
+
+def tables(folder: Path) -> dict[str, pd.DataFrame]:
+    """Return the tables of a run as text, without the columns in which equal runs differ."""
+    found = {name: pd.read_csv(folder / f"{name}.csv", dtype=str) for name in TABLES}
+    return {name: table.drop(columns=RUN_SPECIFIC_COLUMNS, errors="ignore") for name, table in found.items()}
+
+
+def edit_manifest(part: Path, **changes: Any) -> None:
+    """Change entries of a shard's manifest."""
+    path = part / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+def findings(parts: list[Path]) -> list[str]:
+    """Return what merging reports."""
+    found: list[str] = merge(parts).manifest["merged"]["findings"]
+    return found
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 64])
+def test_every_unit_is_in_exactly_one_shard(count: int) -> None:
+    """Whatever the unit and the number of shards; no shard of few is empty among many units."""
+    shards = [Shard(k, count) for k in range(1, count + 1)]
+    units = [("study", f"scenario-{i}", "engine", f"method-{i % 7}") for i in range(1000)]
+    owners = [[shard.index for shard in shards if shard.has(*unit)] for unit in units]
+    assert all(len(found) == 1 for found in owners)
+    assert {found[0] for found in owners} == set(range(1, count + 1))
+
+
+def test_owner_of_a_unit_never_changes() -> None:
+    """The division is part of the format: shards of different versions fit together."""
+    owners = [Shard(1, 8).owner("study", "free-flight", "mujoco", f"m{k}") for k in range(8)]
+    digests = [sha256(f"study\0free-flight\0mujoco\0m{k}".encode()).digest()[:8] for k in range(8)]
+    assert owners == [1 + int.from_bytes(digest, "big") % 8 for digest in digests] == [3, 1, 5, 6, 5, 5, 6, 8]
+
+
+@pytest.mark.parametrize("text", ["0/3", "4/3", "1/0", "1", "a/b", "1/3/5", "-1/3", "1/100001", "", "1/ 3"])
+def test_wrong_shard_is_refused(text: str, expected_message: Message) -> None:
+    """One line that shows what would be right."""
+    with pytest.raises(InputError) as refused:
+        Shard.parse(text)
+    expected_message(str(refused.value))
+
+
+@pytest.mark.slow
+def test_merged_shards_equal_one_run(folder: Path, tmp_path: Path) -> None:
+    """In every cell but those of speed; the merged folder is a run like any other."""
+    ended = run_bodycheck(tmp_path, "merge", *(str(folder / f"part-{k}") for k in (2, 3, 1)), "--out", "all")
+    assert ended.returncode == 0, ended.stderr
+    whole = tables(folder / "whole")
+    for name, table in tables(tmp_path / "all").items():
+        pd.testing.assert_frame_equal(table, whole[name])
+    assert len(whole["results"]) > 2 * (3 + 3 + 1 + 3)
+    read_tables(tmp_path / "all")
+    sizes = [len(pd.read_csv(folder / f"part-{k}/results.csv")) for k in (1, 2, 3)]
+    assert sum(sizes) == len(whole["results"])
+    assert max(sizes) < len(whole["results"])
+
+
+@pytest.mark.slow
+def test_agreeing_machines_have_no_finding(parts: list[Path]) -> None:
+    """Shards of one machine give the same bits for every sentinel."""
+    assert findings(parts) == []
+    sentinels = [read_sentinels(part) for part in parts]
+    assert [one.case for one in sentinels[0]] == [one.case for one in sentinels[1]]
+    assert len(sentinels[0]) == 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [0.0, 1e-15, 1e-9])
+def test_disagreeing_sentinel_is_a_finding(parts: list[Path], size: float) -> None:
+    """It names the engine, the case, the machines and the digits; the merged run is still made."""
+    answers = {part.name: list(read_sentinels(part)) for part in parts}
+    sound = answers["part-2"][1]
+    assert sound.trajectory is not None
+    moved = sound.trajectory.velocity_m_s.copy()
+    spin = np.array(sound.trajectory.omega_body_rad_s)
+    spin[-1] *= 1.0 + size
+    trajectory = replace(sound.trajectory, omega_body_rad_s=spin, velocity_m_s=moved)
+    answers["part-2"][1] = replace(sound, trajectory=trajectory)
+    found = disagreements(answers)
+    if size < np.finfo(float).eps:
+        assert found == ([] if size == 0.0 else found)
+        return
+    assert len(found) == 1
+    words = f"{sound.name}: compared with shards part-1, part-3, shard part-2 agrees to "
+    assert found[0].startswith(words)
+    digits = float(found[0].removeprefix(words).split()[0])
+    assert abs(digits + np.log10(size)) < 0.3
+
+
+@pytest.mark.slow
+def test_different_outcome_of_a_sentinel_is_a_finding(parts: list[Path]) -> None:
+    """A sentinel that failed on one machine is reported with both outcomes."""
+    answers = {part.name: list(read_sentinels(part)) for part in parts}
+    answers["part-3"][0] = replace(answers["part-3"][0], outcome="failed", trajectory=None)
+    (found,) = disagreements(answers)
+    assert found.endswith("shard part-3 ended failed, not ok")
+
+
+@pytest.mark.slow
+def test_other_python_is_named(parts: list[Path]) -> None:
+    """Merging shards of two versions of Python reports both, with their shards, and merges."""
+    python = json.loads((parts[0] / "manifest.json").read_text())["python"]
+    edit_manifest(parts[1], python="3.99.1")
+    assert f"shards differ in python: {python} in shards 1/3, 3/3; 3.99.1 in shard 2/3" in findings(parts)
+
+
+@pytest.mark.slow
+def test_cases_of_an_engine_that_a_shard_lacks_are_failed(parts: list[Path]) -> None:
+    """They stand in the tables with the reason, and the engine is a finding."""
+    for part in parts:
+        told = json.loads((part / "manifest.json").read_text())
+        rows = pd.read_csv(part / "results.csv")
+        if "mujoco" not in set(rows["engine"]):
+            continue
+        told["engines"]["mujoco"] = {"unavailable": "mujoco cannot be imported"}
+        told["shard"]["methods"] = [pair for pair in told["shard"]["methods"] if pair[0] != "mujoco"]
+        kept = rows[rows["engine"] != "mujoco"]
+        told["outcomes"] = kept["outcome"].value_counts().to_dict()
+        edit_manifest(part, **told)
+        for name in TABLES:
+            table = pd.read_csv(part / f"{name}.csv", dtype=str)
+            table[table["engine"] != "mujoco"].to_csv(part / f"{name}.csv", index=False)
+        broken = told["shard"]["shard"]
+        break
+    merged = merge(parts)
+    lost = merged.results[merged.results["outcome"] == "failed"]
+    assert set(lost["engine"]) == {"mujoco"}
+    assert set(lost["message"]) == {f"not run in shard {broken}: mujoco cannot be imported"}
+    reported = merged.manifest["merged"]["findings"]
+    assert any(finding.startswith("mujoco:euler: ") and "not run" in finding for finding in reported)
+
+
+@pytest.mark.slow
+def test_speeds_are_those_of_one_class_of_machines(parts: list[Path]) -> None:
+    """Times of another processor are left out, and that is reported; all else stays."""
+    for part in parts:
+        rows = pd.read_csv(part / "results.csv", dtype=str)
+        for column in ("cpu_s", "cpu_s_low", "cpu_s_high"):
+            rows[column] = "1.0"
+        rows.to_csv(part / "results.csv", index=False)
+        edit_manifest(part, speed=True)
+    fewest = min(parts, key=lambda part: len(pd.read_csv(part / "results.csv")))
+    edit_manifest(fewest, cpu="another")
+    merged = merge(parts)
+    timed = merged.results["cpu_s"].notna()
+    assert timed.sum() == len(merged.results) - len(pd.read_csv(fewest / "results.csv"))
+    assert any(
+        finding.startswith("speeds are those of ") for finding in merged.manifest["merged"]["findings"]
+    )
+    assert "another" not in merged.manifest["cpu"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", ["missing", "twice", "no shard", "other steps", "other division", "no run"])
+def test_shards_that_do_not_fit_are_refused(
+    fault: str, parts: list[Path], folder: Path, tmp_path: Path, expected_message: Message
+) -> None:
+    """One line each, status 2, and nothing is written."""
+    match fault:
+        case "missing":
+            parts = parts[:1]
+        case "twice":
+            parts = [*parts, parts[0]]
+        case "no shard":
+            parts = [folder / "whole", *parts[1:]]
+        case "other steps":
+            edit_manifest(parts[2], dt_s=[0.1])
+        case "other division":
+            told = json.loads((parts[2] / "manifest.json").read_text())
+            edit_manifest(parts[2], shard={**told["shard"], "shard": "3/4"})
+        case "no run":
+            parts = [*parts, tmp_path / "nothing"]
+    ended = run_bodycheck(tmp_path, "merge", *map(str, parts), "--out", "all")
+    assert ended.returncode == 2
+    assert not (tmp_path / "all").exists()
+    expected_message(ended.stderr.replace(str(folder), "WHOLE").strip(), tmp_path)
+
+
+@pytest.mark.slow
+def test_stopped_shard_is_resumed(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ends with the tables that it would have had, and until then `merge` refuses it."""
+
+    def stop(*_: Any, **__: Any) -> Path:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "part-2"
+    with monkeypatch.context() as patched:
+        patched.setattr(directory, "write_run", stop)
+        with pytest.raises(StoppedError):
+            run_to_folder(request(folder, shard="2/3"), out, no_progress)
+    with pytest.raises(
+        InputError, match=f"an interrupted shard; continue with: bodycheck run --resume {out}"
+    ):
+        merge([folder / "part-1", out, folder / "part-3"])
+    resume(out, no_progress)
+    for name, table in tables(out).items():
+        pd.testing.assert_frame_equal(table, tables(folder / "part-2")[name])
+
+
+@pytest.mark.slow
+def test_shard_without_cases_is_a_shard(folder: Path, tmp_path: Path) -> None:
+    """Of more shards than studies some are empty; merged they are the run."""
+    asked = replace(request(folder), scenarios=[str(folder / "mine.toml")], engines=["reference:m1"])
+    run_to_folder(asked, tmp_path / "whole", no_progress)
+    outs = [tmp_path / f"part-{k}" for k in range(1, 4)]
+    for k, out in enumerate(outs, start=1):
+        run_to_folder(replace(asked, shard=f"{k}/3"), out, no_progress)
+    assert 0 in [len(pd.read_csv(out / "results.csv")) for out in outs]
+    write_run(merge(outs), tmp_path / "merged")
+    for name, table in tables(tmp_path / "merged").items():
+        pd.testing.assert_frame_equal(table, tables(tmp_path / "whole")[name])
+
+
+@pytest.mark.slow
+def test_shards_of_a_nightly_run_are_judged_as_one(folder: Path, tmp_path: Path) -> None:
+    """The merged run is stored in a history and compared: status 3 the first time, 0 the second."""
+    (tmp_path / "mine.toml").write_text((folder / "mine.toml").read_text())
+    words = ["nightly", "mine.toml", "--engine", "reference:m1,reference:rk4", "--no-speed", "--quiet"]
+    for k in (1, 2):
+        ended = run_bodycheck(tmp_path, *words, "--shard", f"{k}/2", "--part", f"part-{k}")
+        assert ended.returncode == 0, ended.stderr
+    for status in (3, 0):
+        ended = run_bodycheck(tmp_path, "merge", "part-1", "part-2", "--history", "nights")
+        assert ended.returncode == status, ended.stderr
+    refused = run_bodycheck(tmp_path, *words, "--shard", "1/2", "--history", "nights")
+    assert refused.returncode == 2

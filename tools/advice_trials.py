@@ -1,0 +1,142 @@
+"""Measure the settings that `advise` predicts: how many meet the error, and how often it was unsure.
+
+Each scenario, method and error of a run is one question, and its answer is read from the run's own steps. The
+predicted steps are then measured, unless they cost more than --most-steps steps. A prediction holds where the
+measured error is at most 1.5 times the requested one. Exit status 1 if a sure prediction does not hold, or if
+more than a tenth of the predictions or of all answers are unsure or missing.
+
+    bodycheck run standard --no-speed --out std && python tools/advice_trials.py std
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import MethodKey, key_of
+from bodycheck.reports.summary.cases_within import keeping, largest_error
+from bodycheck.reports.summary.error_curve import ErrorCurve, Estimate, curves_of
+from bodycheck.runs.advice_run import measure_steps
+from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
+
+FACTOR = 1.5
+MOST_UNSURE = 0.1
+
+
+@dataclass(frozen=True)
+class Question:
+    """One scenario, one method and one error, with the estimate that answers it."""
+
+    place: tuple[str, MethodKey]
+    error: float
+    estimate: Estimate
+
+    @property
+    def dt_s(self) -> float:
+        """The predicted step."""
+        assert self.estimate.setting is not None
+        return self.estimate.setting
+
+
+def main() -> int:
+    """Run the trials and print their figures."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("run", type=Path, help="folder of a run, whose steps are the coarse ones")
+    parser.add_argument("--quantity", default="orientation_error_rad")
+    parser.add_argument("--errors", default="1e-1,1e-2,1e-3,1e-4,1e-5,1e-6", help="the errors to ask for")
+    parser.add_argument("--engines", default="", help="only these engines [default: all of the run]")
+    parser.add_argument("--most-steps", type=float, default=3e5, help="of a case that is measured")
+    parser.add_argument("--questions", type=int, default=None, help="a random sample of them [default: all]")
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+
+    run = read_tables(asked.run)
+    curves = {
+        place: curve
+        for place, curve in curves_of(run, asked.quantity).items()
+        if curve.control == "dt" and (not asked.engines or place[1][0] in asked.engines.split(","))
+    }
+    kinds = Counter[str]()
+    questions = list(_questions(curves, [float(error) for error in asked.errors.split(",")], kinds))
+    _print_counts("answers", kinds)
+    cheap = [one for one in questions if _steps(curves[one.place], one.dt_s) <= asked.most_steps]
+    if asked.questions is not None and asked.questions < len(cheap):
+        chosen = np.random.default_rng(asked.seed).choice(len(cheap), asked.questions, replace=False)
+        cheap = [cheap[place] for place in sorted(chosen)]
+    print(f"{len(questions)} predictions, {len(cheap)} of them measured")
+
+    found, factors = Counter[str](), []
+    for batch in _batches(cheap):
+        steps = {one.place: one.dt_s for one in batch}
+        measured = measure_steps(run, steps, RunOptions(speed=False), lambda _: nullcontext(NULL_PROGRESS))
+        cases = {(case.columns["scenario"], key_of(case.columns)): case for case in measured.cases}
+        for one in batch:
+            ratio = largest_error(cases[one.place], asked.quantity) / one.error
+            found[f"{one.estimate.basis}, {'holds' if ratio <= FACTOR else 'fails'}"] += 1
+            if one.estimate.basis == "predicted":
+                factors.append(ratio)
+            if ratio > FACTOR:
+                print(
+                    f"  {one.place[0]} {':'.join(one.place[1])} {one.error:g}: {one.estimate} -> {ratio:.3g}"
+                )
+    _print_counts("measured", found)
+    if factors:
+        quantiles = np.quantile(factors, [0.0, 0.05, 0.5, 0.95, 1.0])
+        print("measured over requested error: " + ", ".join(f"{value:.3g}" for value in quantiles), end="")
+        print(" (least, 5 %, median, 95 %, largest)")
+    predictions, answers = kinds["predicted"] + kinds["unsure"], sum(kinds.values())
+    unsure = kinds["unsure"] / max(predictions, 1)
+    without = (kinds["unsure"] + kinds["none"]) / answers
+    print(f"unsure: {100 * unsure:.1f} % of {predictions} predictions")
+    print(f"unsure or no setting: {100 * without:.1f} % of {answers} answers")
+    return int(found["predicted, fails"] > 0 or max(unsure, without) > MOST_UNSURE)
+
+
+def _questions(
+    curves: Mapping[tuple[str, MethodKey], ErrorCurve], errors: Iterable[float], kinds: Counter[str]
+) -> Iterable[Question]:
+    """Yield the questions whose answer is a prediction, and count the answers of all."""
+    for error in errors:
+        for place, curve in curves.items():
+            found = curve.coarsest_within(error)
+            if found is not None:
+                kinds[found.basis] += 1
+                yield Question(place, error, found)
+            else:
+                kept = any(True for _ in keeping(curve.cases, error, curve.quantity))
+                kinds["measured" if kept else "none"] += 1
+
+
+def _steps(curve: ErrorCurve, dt_s: float) -> float:
+    return curve.duration_s / dt_s
+
+
+def _batches(questions: Iterable[Question]) -> list[list[Question]]:
+    """Return batches in which each scenario and method has one step."""
+    batches: list[dict[tuple[str, MethodKey], Question]] = []
+    for one in questions:
+        fitting = next((batch for batch in batches if one.place not in batch), None)
+        if fitting is None:
+            batches.append({one.place: one})
+        else:
+            fitting[one.place] = one
+    return [list(batch.values()) for batch in batches]
+
+
+def _print_counts(what: str, counts: Counter[str]) -> None:
+    told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
+    print(f"{what}: {told} ({sum(counts.values())} in all)")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,204 @@
+"""Measure the import audit: real files, generated valid files, composites, damaged files.
+
+python tools/audit_trials.py real [FOLDER ...]      every URDF and MJCF below the folders
+python tools/audit_trials.py valid --files 500      false differences over generated files
+python tools/audit_trials.py composites --trials 200   against arithmetic of 50 digits
+python tools/audit_trials.py damaged --files 10000  one clear line each
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import random
+import sys
+import tempfile
+import time
+from collections import Counter
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck.adapters.importers import ImportRequest, importer
+from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.reports.audit.audit import SINGLE, Body, Difference
+from bodycheck.runs.audit_run import AuditOptions, audit, import_once
+from bodycheck.scenarios.model_files.reader import read_model
+from bodycheck.scenarios.model_files.rewriting import bare_text
+from bodycheck.scenarios.model_files.xml_file import read_bytes
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests.helpers.model_texts import mutated, random_mjcf, random_urdf
+
+IMPORTERS = (("mujoco", "recommended"), ("pybullet", "recommended"), ("dart", "default"))
+
+
+def real(folders: list[Path], every: int) -> None:
+    """Audit real files without spins, and print outcomes, unexplained differences and the slowest ones."""
+    files = sorted(
+        path for folder in folders for suffix in ("*.urdf", "*.xml") for path in folder.rglob(suffix)
+    )
+    files = [path for path in files if b"<robot" in (head := read_bytes(path)) or b"<mujoco" in head][::every]
+    outcomes: Counter[str] = Counter()
+    causes: Counter[str] = Counter()
+    slow: list[tuple[float, str]] = []
+    faults = 0
+    for place, path in enumerate(files):
+        began = time.monotonic()
+        try:
+            found = audit(path, AuditOptions(spins=False))
+        except InputError as error:
+            outcomes["refused by the reader"] += 1
+            print(f"  {error}")
+            continue
+        except Exception as error:  # noqa: BLE001 - what the trial looks for
+            faults += 1
+            print(f"FAULT {path}: {type(error).__name__}: {error}")
+            continue
+        each = (time.monotonic() - began) / max(len(found.links), 1) / max(len(found.columns), 1)
+        slow.append((each, path.name))
+        for column in found.columns:
+            outcomes[f"{column.name} {column.outcome}"] += 1
+            if column.outcome in ("timeout",) or "killed" in column.message:
+                print(f"  {path.name} {column.name} {column.outcome}: {column.message[:150]}")
+        for link, name, one in found.differing():
+            for cause in one.causes:
+                causes[f"{name}: {_kind(cause)}"] += 1
+                if "no known fault" in cause:
+                    print(f"  unexplained: {path.name} {link.name} {name}: {cause}")
+        if sys.stderr.isatty():
+            print(f"{place + 1} of {len(files)}", end="\r", file=sys.stderr)
+    print(f"{len(files)} files, {faults} faults of the audit itself")
+    for what, amount in (*sorted(outcomes.items()), *causes.most_common()):
+        print(f"  {amount:6d}  {what}")
+    slow.sort(reverse=True)
+    print("slowest, s per link and importer:", [(round(s, 2), name) for s, name in slow[:5]])
+
+
+def _kind(cause: str) -> str:
+    return cause.split(":")[0] if cause.startswith(("damping", "limits", "mass invented")) else cause[:75]
+
+
+def valid(count: int, seed: int) -> None:
+    """Import generated files, and print the largest difference of importers that read them correctly."""
+    rng = np.random.default_rng(seed)
+    worst = {name: Difference(0.0, 0.0, 0.0) for name, _ in IMPORTERS} | {
+        "mujoco (MJCF)": Difference(0.0, 0.0, 0.0)
+    }
+    false = links = 0
+    pool = EnginePool()
+    with tempfile.TemporaryDirectory() as folder, contextlib.closing(pool):
+        for k in range(count):
+            mjcf = k % 2 == 1
+            path = Path(folder) / f"model{k}.{'xml' if mjcf else 'urdf'}"
+            path.write_text(random_mjcf(rng) if mjcf else random_urdf(rng))
+            model = read_model(path)
+            for engine, flags in (("mujoco", "default"),) if mjcf else IMPORTERS:
+                assert importer(engine) is not None
+                request = ImportRequest(str(path), model.format, flags, bare_text(model))
+                held, outcome, message = import_once(pool, engine, request, 60.0)
+                if outcome != "ok":
+                    false += 1
+                    print(f"FALSE {k} {engine}: {outcome}: {message}")
+                    continue
+                by_name = {one.name: one for one in held}
+                for link in model.links:
+                    one = by_name.get(link.name)
+                    if one is None or link.stated is None:
+                        continue
+                    links += 1
+                    body = Body(one.mass, np.array(one.centre_m), np.array(one.inertia_kg_m2))
+                    difference = Difference.between(Body.of(link.stated.in_link), body)
+                    name = "mujoco (MJCF)" if mjcf else engine
+                    worst[name] = max(worst[name], difference, key=lambda one: one.largest)
+                    if difference.largest > SINGLE:
+                        false += 1
+                        print(f"FALSE {k} {engine} {link.name}: {difference}")
+    print(f"{count} files, {links} links compared, {false} false differences")
+    for name, difference in worst.items():
+        print(f"  {name}: at most {difference.largest:.2e}")
+
+
+def composites(count: int, seed: int) -> None:
+    """Compare composites of nested fixed links with sums in 50 digits by other formulas."""
+    from tests.helpers.model_texts import composite_50_digits
+
+    rng = np.random.default_rng(seed)
+    worst = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(count):
+            path = Path(folder) / f"chain{k}.urdf"
+            path.write_text(random_urdf(rng, fixed=True))
+            model = read_model(path)
+            absent = frozenset(link.name for link in model.links[1:])
+            found = model.merged(model.links[0].name, absent)
+            assert found is not None
+            mass, centre, tensor = composite_50_digits(path)
+            body = Body.of(found)
+            largest = float(np.max(np.abs(tensor)))
+            worst = max(
+                worst,
+                abs(body.mass_kg - mass) / mass,
+                float(np.max(np.abs(body.inertia_kg_m2 - tensor))) / largest,
+                float(np.max(np.abs(body.centre_m - centre))) / float(np.max(np.abs(centre))),
+            )
+    print(f"{count} composites, largest relative difference {worst:.2e}")
+
+
+def damaged(count: int, seed: int) -> None:
+    """Read damaged files, and print what else than one clear line came of them."""
+    rng = random.Random(seed)
+    texts = [random_urdf(np.random.default_rng(k)) for k in range(20)]
+    texts += [random_mjcf(np.random.default_rng(k)) for k in range(20)]
+    endings: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(count):
+            path = Path(folder) / "model.xml"
+            path.write_bytes(mutated(rng.choice(texts).encode(), rng))
+            try:
+                found = audit(path, AuditOptions(engines=[], spins=False))
+            except InputError as error:
+                lines = str(error).count("\n") + 1
+                endings["one line" if lines == 1 and str(path) in str(error) else f"UNCLEAR: {error}"] += 1
+            except Exception as error:  # noqa: BLE001 - what the trial looks for
+                endings[f"FAULT {type(error).__name__}: {error}"[:200]] += 1
+                path.rename(Path(tempfile.gettempdir()) / f"fault-{k}.xml")
+            else:
+                endings["read; names files outside" if found.outside else "read"] += 1
+    print(f"{count} damaged files")
+    for what, amount in endings.most_common():
+        print(f"  {amount:6d}  {what}")
+
+
+def main() -> None:
+    """Run the part that is named."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("part", choices=("real", "valid", "composites", "damaged"))
+    parser.add_argument("folders", nargs="*", type=Path)
+    parser.add_argument("--files", type=int, default=500)
+    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    match given.part:
+        case "real":
+            real(given.folders or _installed(), given.every)
+        case "valid":
+            valid(given.files, given.seed)
+        case "composites":
+            composites(given.trials, given.seed)
+        case "damaged":
+            damaged(given.files, given.seed)
+
+
+def _installed() -> list[Path]:
+    specs = (find_spec(name) for name in ("pybullet_data", "mujoco"))
+    return [Path(spec.origin).parent for spec in specs if spec is not None and spec.origin is not None]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""How well the floors of the reference's float32 methods are predicted, and whether casts are detected.
+
+    python tools/precision_trials.py
+
+Runs rk4-f32 and m1-f32 on the suite `standard`, and prints for each scenario the best step, its orientation
+error, and the predicted floor where the floor was reached. Then it fits both branches of the error to all
+steps but the two finest, and predicts these. An error on the floor scatters by a factor of 1.8 between steps
+that differ by a hundredth, so the fit is made of single cases and of the geometric means of five neighbouring
+steps. Then it rounds one quantity of one stage of a float64 rk4 to float32, and checks what the probe says.
+Ends with status 1 where a method is invalid or accused, or a figure misses its target.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from statistics import fmean
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import bodycheck
+from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.execution import Case, record
+from bodycheck.adapters.reference import Reference
+from bodycheck.adapters.step_function import StepFunction
+from bodycheck.reports.measurement.case import measured_by, stable_motion
+from bodycheck.reports.measurement.convergence import LARGEST_ERROR
+from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.round_off import RoundOff, fitted
+from bodycheck.reports.probes.precision import precision_finding
+from bodycheck.reports.probes.probe import built_in_probes
+from bodycheck.scenarios.library import load_scenarios
+from tests.helpers.reported_results import reported_results
+from tests.helpers.single_stages import PARTS, STAGES, rk4_with_a_single_stage
+
+_METHODS = {"rk4-f32": 4, "m1-f32": 1}
+_LADDER = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+_NEIGHBOURS = (-2, -1, 0, 1, 2)
+_LEAST_FIT = 2  # steps besides the two that are predicted
+_SHARE = 0.9
+_TRUE = ("property", "unstable")
+_WITHOUT_EFFECT = ("velocity", "position")  # a constant acceleration, and a position nothing depends on
+
+
+def main() -> int:
+    """Print the figures; return the exit status."""
+    missed = [_floors(), _predictions(), _casts()]
+    return int(any(missed))
+
+
+def _floors() -> bool:
+    run = bodycheck.run(["standard"], engines=[f"reference:{name}" for name in _METHODS], speed=False)
+    rows = run.methods[run.methods["quantity"] == ORIENTATION]
+    within, reached = dict.fromkeys(_METHODS, 0), dict.fromkeys(_METHODS, 0)
+    for row in rows.to_dict("records"):
+        ratio = row["least_error"] / row["predicted_floor"]
+        floor = "not reached"
+        if row["measured_floor"] == row["measured_floor"]:
+            reached[row["method"]] += 1
+            within[row["method"]] += 0.1 <= ratio <= 10.0
+            floor = f"least over predicted {ratio:.2g}"
+        print(
+            f"{row['scenario']:18} {row['method']:8} {row['verdict']:19} best step {row['best_dt_s']:.3g} s, "
+            f"error {row['least_error']:.1e}, predicted floor {row['predicted_floor']:.1e}: {floor}"
+        )
+    for name, count in reached.items():
+        print(f"{name}: floor within a factor of 10 of the formula in {within[name]} of {count} scenarios")
+    outcomes = run.results["outcome"].value_counts().to_dict()
+    print("outcomes: " + ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()))
+    accused = [one for results in reported_results(run).values() for one in results if one.kind not in _TRUE]
+    for one in accused:
+        print(f"accused: {one.sentence}\n    {one.reproduce}")
+    total, right = sum(reached.values()), sum(within.values())
+    return bool(accused) or "invalid" in outcomes or right < _SHARE * total
+
+
+def _predictions() -> bool:
+    missed = False
+    for grouped in (False, True):
+        right = total = 0
+        for spec, scenario in load_scenarios(["standard"]):
+            problem = Problem.of(scenario, spec)
+            for method, order in _METHODS.items():
+                ratios = _predicted(problem, method, order, _NEIGHBOURS if grouped else (0,))
+                if ratios is None:
+                    continue
+                total += 1
+                if all(1.0 / 3.0 <= ratio <= 3.0 for ratio in ratios):
+                    right += 1
+                else:
+                    named = ", ".join(f"{ratio:.2g}" for ratio in ratios)
+                    print(f"{spec} {method}: measured over predicted {named}")
+        what = "means of five neighbouring steps" if grouped else "single cases"
+        print(f"the two finest steps predicted within a factor of 3, {what}: {right} of {total}")
+        missed = grouped and right < _SHARE * total
+    return missed
+
+
+def _predicted(problem: Problem, method: str, order: int, neighbours: Sequence[int]) -> list[float] | None:
+    """Return measured over predicted error at the two finest steps; None where no others can be fitted."""
+    interval = problem.scenario.scene.sample_interval_s
+    listed = {round(interval / step) for step in problem.scenario.steps}
+    strides = sorted(listed | {n for n in _LADDER if n < max(listed)})
+    round_off = RoundOff.of(problem, ORIENTATION, "float32")
+    points = []
+    for stride in strides:
+        near = [stride + n for n in neighbours] if stride >= 2 * len(_NEIGHBOURS) else [stride]
+        errors = list(_errors(problem, method, near))
+        if errors and (error := math.exp(fmean(map(math.log, errors)))) < LARGEST_ERROR:
+            points.append((interval / stride, error, round_off.at(interval / stride)))
+    if len(points) < _LEAST_FIT + 2:
+        return None
+    steps, errors, floors = zip(*points[:-2], strict=True)
+    branches = fitted(steps, errors, floors, order)
+    return [error / branches.error(step, floor) for step, error, floor in points[-2:]]
+
+
+def _errors(problem: Problem, method: str, strides: Sequence[int]) -> Iterator[float]:
+    scene = problem.scenario.scene
+    for stride in strides:
+        answer = record(Reference(), Case(scene, method, Setting(dt_s=scene.sample_interval_s / stride)))
+        assert answer.trajectory is not None
+        motion = stable_motion(scene, answer.trajectory, problem.motion)
+        if not isinstance(motion, str):
+            yield float(measured_by(problem, answer.trajectory, motion).columns[ORIENTATION])
+
+
+def _casts() -> bool:
+    probe = built_in_probes()[1]
+    step = probe.steps_s[-1]
+    scene = replace(probe.scene, samples=round(probe.scene.duration_s / step) + 1)
+    found = total = 0
+    for stage in STAGES:
+        for part in PARTS:
+            for of_rate in (True, False):
+                if part == _WITHOUT_EFFECT[not of_rate]:
+                    continue
+                engine = StepFunction(rk4_with_a_single_stage(scene, stage, part, of_rate=of_rate))
+                answer = record(engine, Case(scene, "step", Setting(dt_s=step)))
+                assert answer.trajectory is not None
+                finding = precision_finding(answer.trajectory, "float64")
+                total += 1
+                found += finding.verdict == "inconsistent"
+                where = f"{'rate' if of_rate else 'state'} of {part} in stage {stage + 1}"
+                print(f"float32 {where}: round-off of a step {finding.measured:.1e}, {finding.verdict}")
+    print(f"casts of one stage to float32 detected: {found} of {total}")
+    return found < total
+
+
+if __name__ == "__main__":
+    sys.exit(main())
