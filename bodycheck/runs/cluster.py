@@ -144,7 +144,7 @@ class _Batch:
 
     function: Callable[[Any], Any]
     items: list[_Item]
-    sent_s: float = 0.0
+    sent_s: float = field(default_factory=time.monotonic)
     copies: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -262,6 +262,7 @@ class DaskExecutor(Executor):
     def _send(self, batch: _Batch, workers: Collection[str] | None) -> None:
         """Submit a batch; workers: the only ones for it [default: those of the executor]."""
         key = f"bodycheck-{secrets.token_hex(8)}"
+        batch.sent_s = time.monotonic()
         task = self._client.submit(
             run_batch,
             batch.function,
@@ -271,7 +272,6 @@ class DaskExecutor(Executor):
             resources=self._resources,
             workers=None if (only := workers or self._workers) is None else list(only),
         )
-        batch.sent_s = time.monotonic()
         batch.copies[key] = task
         items = [item for item in batch.items if not item.future.done()]
         task.add_done_callback(lambda done: self._ended(batch, key, items, done))

@@ -68,6 +68,10 @@ class Variant:
     undo: Undo = lambda path: path
 
 
+Variants: TypeAlias = Callable[[Scene, float], Sequence[Variant]]
+"""A function that returns the variants of a scene and its step in s."""
+
+
 def _must(method: Method, reversible: bool) -> str:  # noqa: ARG001 - the signature of a property
     """Return "": every method must obey."""
     return ""
@@ -87,7 +91,7 @@ class Law:
 
     name: str
     statement: str
-    variants: Callable[[Scene, float], Sequence[Variant]] | None = None
+    variants: Variants | None = None
     compared: tuple[str, ...] = ("attitude", "omega", "position", "velocity")
     property_of: Callable[[Method, bool], str] = _must
 
@@ -357,7 +361,7 @@ class _NotRunError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class _Bench:
-    """One method under test."""
+    """One method under test. bases: the motions of the states, with which every law compares."""
 
     engine: Engine
     method: Method
@@ -366,12 +370,15 @@ class _Bench:
     eps: float
     tolerance: float | None
     bases: dict[str, Path] = field(default_factory=dict)
+    moved: dict[tuple[Variants, str], list[tuple[Variant, Path]]] = field(default_factory=dict)
 
-    def base(self, name: str) -> Path:
-        """Return the motion of a state, which every law compares with."""
-        if name not in self.bases:
-            self.bases[name] = self.run(*STATES[name])
-        return self.bases[name]
+    def varied(self, variants: Variants, name: str) -> list[tuple[Variant, Path]]:
+        """Return the variants of a state with their motions, which several laws may compare."""
+        if (variants, name) not in self.moved:
+            self.moved[variants, name] = [
+                (variant, self.run(variant.scene, variant.dt_s)) for variant in variants(*STATES[name])
+            ]
+        return self.moved[variants, name]
 
     def case(self, scene: Scene, dt_s: float) -> Case:
         dt = dt_s if self.method.control == "dt" else None
@@ -398,10 +405,13 @@ def check_laws(
     tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
     eps = max(_SINGLE_EPS if single else _EPS, tolerance or 0.0)
     bench = _Bench(engine, method, ask, replay or ask, eps, tolerance)
+    laws = [law for law in LAWS if law.name != REPEAT or replay is not None]
+    try:
+        bench.bases.update({name: bench.run(*state) for name, state in STATES.items()})
+    except _NotRunError as error:
+        return [Checked(law, "not-measured", message=str(error)) for law in laws]
     found = []
-    for law in LAWS:
-        if law.name == REPEAT and replay is None:
-            continue
+    for law in laws:
         try:
             breaks = [one for name in STATES for one in _breaks(bench, law, name)]
         except _NotRunError as error:
@@ -424,10 +434,9 @@ def _message(worst: Break, reason: str, *, broken: bool) -> str:
 
 def _breaks(bench: _Bench, law: Law, name: str) -> Iterator[Break]:
     scene, dt_s = STATES[name]
-    base = bench.base(name)
+    base = bench.bases[name]
     if law.variants is not None:
-        for variant in law.variants(scene, dt_s):
-            path = bench.run(variant.scene, variant.dt_s)
+        for variant, path in bench.varied(law.variants, name):
             yield _compared(bench, law, name, base, variant.undo(path), raw=path)
     elif law.name == REPEAT:
         yield _compared(bench, law, name, base, bench.run(scene, dt_s, bench.replay))
