@@ -15,7 +15,7 @@ from bodycheck.cli.adapter_commands import adapter_commands
 from bodycheck.cli.audit_command import auditing
 from bodycheck.cli.ensemble_commands import ensemble_commands
 from bodycheck.cli.gate_command import gating
-from bodycheck.cli.help_text import HOW, MEASURE, OUTPUT, WATCH, WHAT, Group, described
+from bodycheck.cli.help_text import HOW, MEASURE, WATCH, WHAT, Group, described
 from bodycheck.cli.identity_commands import identity_commands
 from bodycheck.cli.merge_command import merging
 from bodycheck.cli.nightly import nightly
@@ -26,6 +26,7 @@ from bodycheck.cli.options import (
     Jobs,
     Json,
     NoSpeed,
+    OutFolder,
     Quiet,
     Scenarios,
     ShardOption,
@@ -100,14 +101,7 @@ def run(
             rich_help_panel=WHAT,
         ),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="New or empty folder for the results.",
-            show_default="bodycheck-runs/RUN_ID",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    out: OutFolder = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     no_speed: NoSpeed = False,

@@ -13,6 +13,7 @@ from bodycheck.cli.options import (
     AllowCode,
     Jobs,
     Json,
+    OutFolder,
     Quiet,
     TimeoutS,
     complete_engines,
@@ -128,14 +129,7 @@ def ensemble(
     worst: Annotated[
         int, typer.Option(help="Number of bodies to keep as scenario files.", rich_help_panel=OUTPUT)
     ] = 10,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="New or empty folder for the results.",
-            show_default="bodycheck-runs/ensemble-SCENARIO-SEED",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    out: OutFolder = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     allow_code: AllowCode = False,
@@ -240,14 +234,7 @@ def hunt(
     evaluations: Annotated[int, typer.Option(help="Number of starts to try.", rich_help_panel=HOW)] = 2000,
     seed: _Seed = 1,
     samples: _Samples = 5,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="New or empty folder for the results.",
-            show_default="bodycheck-runs/hunt-SCENARIO-SEED",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    out: OutFolder = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     allow_code: AllowCode = False,

@@ -138,6 +138,15 @@ Quiet: TypeAlias = Annotated[
     bool,
     typer.Option("--quiet", "-q", help="Show no progress on standard error.", rich_help_panel=OUTPUT),
 ]
+OutFolder: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        help="New or empty folder for the results.",
+        show_default="a new one in bodycheck-runs/",
+        rich_help_panel=OUTPUT,
+    ),
+]
 OutFiles: TypeAlias = Annotated[
     list[Path] | None,
     typer.Option(
