@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import groupby
 from typing import Any
 
 from bodycheck._util.errors import InputError
@@ -14,11 +15,11 @@ from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.probes.fingerprint import (
     CONSTANT_LOADS,
     CONTINUOUS_LOADS,
-    Asking,
     fingerprint_of,
     fingerprint_row,
 )
 from bodycheck.reports.probes.laws import check_laws, law_rows
+from bodycheck.reports.probes.replay import check_replays
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import PROBES
 
@@ -31,35 +32,38 @@ def fingerprints(
     all_loads: also under loads that vary with time and motion, whose kernels may have to be compiled.
     """
     loads = {**CONSTANT_LOADS, **CONTINUOUS_LOADS} if all_loads else CONSTANT_LOADS
-    with _methods(engines, timeout_s, allow_code=allow_code) as methods:
+    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, answers, pool):
         return [
-            fingerprint_row(engine, method, fingerprint_of(engine, method, ask, loads))
-            for engine, method, ask, _ in methods
+            fingerprint_row(engine, method, fingerprint_of(engine, method, partial(answers.ask, pool), loads))
+            for engine, method in methods
         ]
 
 
 def laws(engines: str, *, timeout_s: float, allow_code: bool = False) -> list[dict[str, Any]]:
     """Return the rows of laws.csv, without run_id, of NAME[==VERSION][:METHOD],..."""
     rows: list[dict[str, Any]] = []
-    with _methods(engines, timeout_s, allow_code=allow_code) as methods:
-        for engine, method, ask, again in methods:
-            reversible = fingerprint_of(engine, method, ask).reversible
-            rows += law_rows(engine, method, check_laws(engine, method, ask, again, reversible=reversible))
+    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, answers, pool):
+        ask, replay = partial(answers.ask, pool), partial(answers.replay, pool)
+        for engine, of_engine in groupby(methods, key=lambda pair: pair[0]):
+            own = [method for _, method in of_engine]
+            replays = check_replays(engine, own, ask, answers.again(pool, engine))
+            for method in own:
+                reversible = fingerprint_of(engine, method, ask).reversible
+                checked = check_laws(engine, method, ask, replay, reversible=reversible)
+                rows += law_rows(engine, method, [*checked, replays[method.name]])
     return rows
 
 
 @contextmanager
 def _methods(
     engines: str, timeout_s: float, *, allow_code: bool
-) -> Iterator[list[tuple[Engine, Method, Asking, Asking]]]:
-    """Yield the methods with functions that run and replay their cases."""
+) -> Iterator[tuple[Sequence[tuple[Engine, Method]], Answers, EnginePool]]:
+    """Yield the methods, and what answers their cases."""
     selection = select(PROBES[:1], engines.split(","), allow_code=allow_code)
     if not selection.methods:
         raise InputError(f"{engines}: no method to compare")
-    answers, pool = Answers(None, None, timeout_s), EnginePool()
-    ask: Callable[..., Any] = partial(answers.ask, pool)
-    again: Callable[..., Any] = partial(answers.replay, pool)
+    pool = EnginePool()
     try:
-        yield [(engine, method, ask, again) for engine, method in selection.methods]
+        yield selection.methods, Answers(None, None, timeout_s), pool
     finally:
         pool.close()

@@ -32,10 +32,11 @@ from bodycheck.reports.measurement.scheduler import Task, run_tasks
 from bodycheck.reports.measurement.speed import measure_speeds
 from bodycheck.reports.measurement.study import Study, study
 from bodycheck.reports.probes.fingerprint import fingerprint_of, fingerprint_row
-from bodycheck.reports.probes.laws import check_laws, law_rows
+from bodycheck.reports.probes.laws import REPLAY, check_laws, law_rows
 from bodycheck.reports.probes.probe import probe_rows
+from bodycheck.reports.probes.replay import check_replays
 from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, key_of
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.run_files.tables import (
     DIAGNOSIS_COLUMNS,
@@ -145,9 +146,10 @@ def run_selection(
     def table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
         return as_table(({"run_id": run_id, **row} for row in rows), columns)
 
-    names = {(row["engine"], row["method"]): row["fingerprint"] for row in found.fingerprints}
+    names = {key_of(row): row["fingerprint"] for row in found.fingerprints}
+    replays = {key_of(row): _REPLAYS[row["verdict"]] for row in found.laws if row["law"] == REPLAY}
     method_rows = (
-        {**row, "fingerprint": names.get((row["engine"], row["method"]))}
+        {**row, "fingerprint": names.get(key_of(row)), "replay": replays.get(key_of(row))}
         for studied in found.studies
         for row in studied.method_rows
     )
@@ -287,6 +289,7 @@ def _motions(
 
     named: dict[int, dict[str, Any]] = {}
     lawful: dict[int, list[dict[str, Any]]] = {}
+    replayed: dict[int, list[dict[str, Any]]] = {}
 
     def identify(place: int, engine: Engine, method: Method) -> Task:
         def do(engine_pool: EnginePool) -> None:
@@ -299,13 +302,26 @@ def _motions(
 
         return Task(engine.name, 0.0, do)
 
+    def replay(engine: Engine, methods: Sequence[tuple[int, Method]]) -> Task:
+        def do(engine_pool: EnginePool) -> None:
+            ask, ways = partial(answers.ask, engine_pool), answers.again(engine_pool, engine)
+            found = check_replays(engine, [method for _, method in methods], ask, ways)
+            for place, method in methods:
+                replayed[place] = law_rows(engine, method, [found[method.name]])
+
+        return Task(engine.name, -1.0, do)  # last of all, as it ends the engine's worker
+
     tasks = [task(place, *pair) for place, pair in enumerate(pairs)]
     probed_methods = [pair for pair in selection.methods if selection.probes(*pair)]
     probes = [probe(place, *pair) for place, pair in enumerate(probed_methods)]
-    numbered = enumerate(probed_methods) if options.laws else ()
+    numbered = list(enumerate(probed_methods)) if options.laws else []
+    by_engine: dict[str, tuple[Engine, list[tuple[int, Method]]]] = {}
+    for place, (engine, method) in numbered:
+        by_engine.setdefault(engine.name, (engine, []))[1].append((place, method))
     sentinels = [] if selection.whole is None else selection.whole.sentinels()
     compared: dict[int, Sentinel] = {}
     tasks += [*probes, *(identify(place, *pair) for place, pair in numbered)]
+    tasks += [replay(*one) for one in by_engine.values()]
     tasks += [sentinel(place, *case) for place, case in enumerate(sentinels)]
     remote = None if options.executor is None else ExecutorEngines(options.executor, selection.methods)
     run_tasks(tasks, options.workers, remote)
@@ -313,11 +329,12 @@ def _motions(
         [done[place] for place in range(len(pairs))],
         [row for place in range(len(probes)) for row in probed[place]],
         [named[place] for place in sorted(named)],
-        [row for place in sorted(lawful) for row in lawful[place]],
+        [row for place in sorted(lawful) for row in (*lawful[place], *replayed[place])],
         [compared[place] for place in range(len(sentinels))],
     )
 
 
+_REPLAYS = {"holds": "same bits", "property": "other bits", "not-measured": None}
 _WEIGHTS = {"reference": 0.02}
 """Cost of a right-hand side relative to a typical engine's; used only to order the tasks."""
 

@@ -26,6 +26,7 @@ from bodycheck.reports.probes.fingerprint import (
     steps_along,
 )
 from bodycheck.reports.probes.laws import REVERSE, STATES, Checked, check_laws
+from bodycheck.reports.probes.replay import check_replays
 
 METHOD = Method("under-test", "", 1, 1, "held over the step", "", "")
 ENGINE = Engine("numpy", "1", {METHOD.name: METHOD})
@@ -245,6 +246,46 @@ def test_a_second_run_that_differs_breaks_repeat_alone() -> None:
     again = stepping(MAPS["M1"].step, altered=_damped_start)
     found = laws_of(stepping(MAPS["M1"].step), again)
     assert [name for name, one in found.items() if one.verdict == "broken"] == ["repeat"]
+
+
+def replayed(*ways: Callable[..., Answer]) -> Checked:
+    """Return whether M1 has the same bits in further runs, the n-th of which is `way n`."""
+    ask, numbered = stepping(MAPS["M1"].step), [(f"way {n}", way) for n, way in enumerate(ways, 1)]
+    return check_replays(ENGINE, [METHOD], ask, numbered)[METHOD.name]
+
+
+def test_replay_holds_where_every_run_has_the_same_bits() -> None:
+    """The size is 0, which a gate can require."""
+    same = stepping(MAPS["M1"].step)
+    found = replayed(same, same)
+    assert found.worst is not None
+    assert (found.verdict, found.worst.size, found.message) == ("holds", 0.0, "")
+
+
+def test_replay_reports_one_bit_and_the_run_that_has_it() -> None:
+    """One unit in the last place of one component is a property, and is stated with its run."""
+    same = stepping(MAPS["M1"].step)
+
+    def one_bit_off(engine: Engine, case: Case) -> Answer:
+        answer = same(engine, case)
+        assert answer.trajectory is not None
+        velocity = answer.trajectory.velocity_m_s.copy()
+        velocity[7, 1] = np.nextafter(velocity[7, 1], np.inf)
+        return replace(answer, trajectory=replace(answer.trajectory, velocity_m_s=velocity))
+
+    found = replayed(same, one_bit_off)
+    assert found.worst is not None
+    assert found.verdict == "property"
+    assert 0.0 < found.worst.size < 1e-15
+    assert "velocity" in found.message
+    assert "way 2" in found.message
+
+
+def test_replay_is_not_measured_where_a_run_fails() -> None:
+    """A method that runs nothing, or not again, has no verdict."""
+    fails = lambda engine, case: Answer("failed", "gone")  # noqa: E731, ARG005 - the shortest engine
+    assert replayed(fails).verdict == "not-measured"
+    assert check_replays(ENGINE, [METHOD], fails, [])[METHOD.name].message == "failed: gone"
 
 
 @pytest.mark.slow

@@ -218,6 +218,10 @@ class EnginePool:
         if host is not None:
             host.close()
 
+    def restart(self, engine: str) -> None:
+        """End the engine's worker, so that its next case runs in a new process."""
+        self._dismiss(engine)
+
     def stop(self) -> None:
         """Kill the workers, from any thread; pending requests raise WorkerLostError."""
         with self._lock:

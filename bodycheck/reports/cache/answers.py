@@ -6,9 +6,9 @@ if the worker that gave it had loaded exactly that code.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, TypeVar
 
 from bodycheck.adapters.contract import Engine
@@ -49,36 +49,42 @@ class Answers:
 
     def ask(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
         """Return the answer to a case, also where the engine failed."""
-        return self._answered(
-            engine_pool,
-            engine,
-            case,
-            _key(engine, case, "record"),
-            lambda: {"do": "record", "case": case_messages.case_message(case)},
-            lambda message: _read(message, case),
-        )
+        return self._motion(engine_pool, engine, case, "record")
 
     def replay(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
         """Return the motion of a second run after `reset`, and the model read back after the first."""
-        return self._answered(
-            engine_pool,
-            engine,
-            case,
-            _key(engine, case, "replay"),
-            lambda: {"do": "replay", "case": case_messages.case_message(case)},
-            lambda message: _read(message, case),
-        )
+        return self._motion(engine_pool, engine, case, "replay", do="replay")
+
+    def again(
+        self, engine_pool: EnginePool, engine: Engine
+    ) -> Iterator[tuple[str, Callable[[Engine, Case], Answer]]]:
+        """Yield the ways to run a case of an engine again, in words and as a function."""
+        yield "after reset", partial(self.replay, engine_pool)
+        engine_pool.restart(engine.name)
+        yield "in another process", partial(self._motion, engine_pool, kept_as="another process")
 
     def sentinel(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
         """Return the answer that this machine gives to a case, never one of another run."""
+        return self._motion(engine_pool, engine, case, "sentinel", cached=False)
+
+    def _motion(
+        self,
+        engine_pool: EnginePool,
+        engine: Engine,
+        case: Case,
+        kept_as: str,
+        *,
+        do: str = "record",
+        cached: bool = True,
+    ) -> Answer:
         return self._answered(
             engine_pool,
             engine,
             case,
-            _key(engine, case, "sentinel"),
-            lambda: {"do": "record", "case": case_messages.case_message(case)},
+            _key(engine, case, kept_as),
+            lambda: {"do": do, "case": case_messages.case_message(case)},
             lambda message: _read(message, case),
-            cached=False,
+            cached=cached,
         )
 
     def search(self, engine_pool: EnginePool, engine: Engine, search: Search) -> StableStep:

@@ -234,7 +234,7 @@ def _unreversible(method: Method, reversible: bool) -> str:
 
 _ROTATION = ("attitude", "omega")
 
-REVERSE, SPLIT, REPEAT = "reverse", "split", "repeat"
+REVERSE, SPLIT, REPEAT, REPLAY = "reverse", "split", "repeat", "replay"
 LAWS = (
     Law("rotate", "a scene that is rotated in the world gives the rotated motion", _rotated),
     Law("permute", "the body's axes in another order give the same motion", _permuted),
@@ -255,8 +255,9 @@ LAWS = (
     Law(REVERSE, "from the reversed end the motion returns to the start", property_of=_unreversible),
     Law(SPLIT, "samples do not change the motion: one advance or many"),
     Law(REPEAT, "after reset, the same motion again"),
+    Law(REPLAY, "the same bits again, after reset and in another process"),
 )
-"""Every law. reverse, split and repeat are about how a case is run, and have no variant."""
+"""Every law. The last four are about how a case is run, and have no variant."""
 
 
 LAW_NAMES = tuple(law.name for law in LAWS)
@@ -396,7 +397,7 @@ class _Bench:
 def check_laws(
     engine: Engine, method: Method, ask: Asking, replay: Asking | None = None, *, reversible: bool = False
 ) -> list[Checked]:
-    """Check every law on one method.
+    """Check every law but `replay` on one method.
 
     replay: runs a case, resets and runs it again; without it, `repeat` is not measured. reversible: whether
     the known map of the method is.
@@ -405,7 +406,7 @@ def check_laws(
     tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
     eps = max(_SINGLE_EPS if single else _EPS, tolerance or 0.0)
     bench = _Bench(engine, method, ask, replay or ask, eps, tolerance)
-    laws = [law for law in LAWS if law.name != REPEAT or replay is not None]
+    laws = [law for law in LAWS if law.name != REPLAY and (law.name != REPEAT or replay is not None)]
     try:
         bench.bases.update({name: bench.run(*state) for name, state in STATES.items()})
     except _NotRunError as error:

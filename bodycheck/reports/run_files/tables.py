@@ -90,6 +90,7 @@ METHOD_COLUMNS = (
     "growth_exponent_low",
     "growth_exponent_high",
     "fingerprint",
+    "replay",
 )
 STABILITY_COLUMNS = (
     "run_id",
@@ -128,7 +129,7 @@ _TEXTS = frozenset(
     (
         *("run_id", *WHO, "control", "precision", "outcome"),
         *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
-        *("growth", "reason", "check", "build", "law", "state"),
+        *("growth", "reason", "check", "build", "law", "state", "replay"),
         *("diagnosis", "faults", "parameter", "unit", "alike", "map"),
         *("fingerprint", "runner_up", "position_update", "leading_error", "description"),
     )

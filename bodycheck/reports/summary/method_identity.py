@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bodycheck._util.formatting import names, number
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.probes.laws import REPLAY
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
 
 if TYPE_CHECKING:
@@ -39,7 +40,16 @@ def laws_text(table: pd.DataFrame, key: MethodKey) -> str:
     broken = [f"{row['law']} ({number(row['size'], 2)})" for row in rows if row["verdict"] == "broken"]
     open_ones = [row["law"] for row in rows if row["verdict"] == "not-measured"]
     words = f"broken: {', '.join(broken)}" if broken else "none broken"
+    words += "".join(f"; {_bits(row)}" for row in rows if row["law"] == REPLAY and row["verdict"] in _BITS)
     return words + (f"; not measured: {names(open_ones)}" if open_ones else "")
+
+
+_BITS = {"holds": "a second run has the same bits", "property": "a second run has other bits"}
+
+
+def _bits(row: Mapping[str, Any]) -> str:
+    size = "" if row["verdict"] == "holds" else f" ({number(row['size'], 2)})"
+    return _BITS[row["verdict"]] + size
 
 
 def _is_text(cell: Any) -> bool:
