@@ -68,6 +68,8 @@ def _first_run(engine: Engine, method: Method, ask: Asking) -> _First | str:
         if answer.trajectory is not None:
             return _First(name, case, answer.trajectory)
         reason = f"{answer.outcome}: {answer.message}"
+        if answer.outcome != "unsupported":
+            break
     return reason
 
 
