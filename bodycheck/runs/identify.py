@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from itertools import groupby
 from typing import Any
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.cache.answers import Answers, Asker
+from bodycheck.reports.probes.examination import examined, replayed
 from bodycheck.reports.probes.fingerprint import (
     CONSTANT_LOADS,
     CONTINUOUS_LOADS,
     fingerprint_of,
     fingerprint_row,
 )
-from bodycheck.reports.probes.laws import check_laws, law_rows
-from bodycheck.reports.probes.replay import check_replays
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.library import PROBES
 
@@ -32,9 +30,9 @@ def fingerprints(
     all_loads: also under loads that vary with time and motion, whose kernels may have to be compiled.
     """
     loads = {**CONSTANT_LOADS, **CONTINUOUS_LOADS} if all_loads else CONSTANT_LOADS
-    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, answers, pool):
+    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, asker):
         return [
-            fingerprint_row(engine, method, fingerprint_of(engine, method, partial(answers.ask, pool), loads))
+            fingerprint_row(engine, method, fingerprint_of(engine, method, asker.ask, loads))
             for engine, method in methods
         ]
 
@@ -42,28 +40,25 @@ def fingerprints(
 def laws(engines: str, *, timeout_s: float, allow_code: bool = False) -> list[dict[str, Any]]:
     """Return the rows of laws.csv, without run_id, of NAME[==VERSION][:METHOD],..."""
     rows: list[dict[str, Any]] = []
-    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, answers, pool):
-        ask, replay = partial(answers.ask, pool), partial(answers.replay, pool)
+    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, asker):
         for engine, of_engine in groupby(methods, key=lambda pair: pair[0]):
             own = [method for _, method in of_engine]
-            replays = check_replays(engine, own, ask, answers.again(pool, engine))
+            replays = replayed(engine, own, asker)
             for method in own:
-                reversible = fingerprint_of(engine, method, ask).reversible
-                checked = check_laws(engine, method, ask, replay, reversible=reversible)
-                rows += law_rows(engine, method, [*checked, replays[method.name]])
+                rows += [*examined(engine, method, asker, laws=True)["laws"], *replays[method.name]]
     return rows
 
 
 @contextmanager
 def _methods(
     engines: str, timeout_s: float, *, allow_code: bool
-) -> Iterator[tuple[Sequence[tuple[Engine, Method]], Answers, EnginePool]]:
+) -> Iterator[tuple[Sequence[tuple[Engine, Method]], Asker]]:
     """Yield the methods, and what answers their cases."""
     selection = select(PROBES[:1], engines.split(","), allow_code=allow_code)
     if not selection.methods:
         raise InputError(f"{engines}: no method to compare")
     pool = EnginePool()
     try:
-        yield selection.methods, Answers(None, None, timeout_s), pool
+        yield selection.methods, Asker(Answers(None, None, timeout_s), pool)
     finally:
         pool.close()

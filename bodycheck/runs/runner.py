@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -18,6 +18,7 @@ from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.executors import ExecutorEngines
+from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.precompile import compile_kernels, interprets_closed_forms
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reports.cache.answers import Answers
@@ -31,12 +32,10 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.scheduler import Task, run_tasks
 from bodycheck.reports.measurement.speed import measure_speeds
 from bodycheck.reports.measurement.study import Study, study
-from bodycheck.reports.probes.fingerprint import fingerprint_of, fingerprint_row
-from bodycheck.reports.probes.laws import REPLAY, check_laws, law_rows
-from bodycheck.reports.probes.probe import probe_rows
-from bodycheck.reports.probes.replay import check_replays
+from bodycheck.reports.probes.examination import examined, replayed
+from bodycheck.reports.probes.laws import REPLAY
 from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
-from bodycheck.reports.run_files.run_tables import Run, key_of
+from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.run_files.tables import (
     DIAGNOSIS_COLUMNS,
@@ -254,7 +253,6 @@ def _motions(
         if selection.runs_on(problem.scenario, engine, method)
     ]
     done: dict[int, Study] = {}
-    probed: dict[int, list[dict[str, Any]]] = {}
 
     def task(place: int, problem: Problem, engine: Engine, method: Method) -> Task:
         settings = selection.settings(problem.scenario, engine, method)
@@ -274,12 +272,6 @@ def _motions(
         steps = sum(problem.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
         return Task(engine.name, steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0), do)
 
-    def probe(place: int, engine: Engine, method: Method) -> Task:
-        def do(engine_pool: EnginePool) -> None:
-            probed[place] = probe_rows(engine, method, partial(answers.ask, engine_pool))
-
-        return Task(engine.name, 0.0, do)  # probes are cheap, so they run last
-
     def sentinel(place: int, scenario: Scenario, engine: Engine, method: Method, setting: Setting) -> Task:
         def do(engine_pool: EnginePool) -> None:
             answer = answers.sentinel(engine_pool, engine, Case(scenario.scene, method.name, setting))
@@ -287,49 +279,49 @@ def _motions(
 
         return Task(engine.name, 0.0, do)
 
-    named: dict[int, dict[str, Any]] = {}
-    lawful: dict[int, list[dict[str, Any]]] = {}
-    replayed: dict[int, list[dict[str, Any]]] = {}
+    def examine(engine: Engine, method: Method) -> Task:
+        what = f"examination of {method.name}{' with laws' if options.laws else ''}"
 
-    def identify(place: int, engine: Engine, method: Method) -> Task:
         def do(engine_pool: EnginePool) -> None:
-            ask, again = partial(answers.ask, engine_pool), partial(answers.replay, engine_pool)
-            found = fingerprint_of(engine, method, ask)
-            named[place] = fingerprint_row(engine, method, found)
-            lawful[place] = law_rows(
-                engine, method, check_laws(engine, method, ask, again, reversible=found.reversible)
+            derive = partial(examined, engine, method, laws=options.laws)
+            rows[engine.name, method.name] = answers.derived(engine_pool, engine, what, derive)
+
+        return Task(engine.name, 0.0, do)  # cheap, so it runs late
+
+    def replay(engine: Engine, methods: Sequence[Method]) -> Task:
+        what = f"replays of {', '.join(method.name for method in methods)}"
+
+        def do(engine_pool: EnginePool) -> None:
+            replays[engine.name] = answers.derived(
+                engine_pool, engine, what, partial(replayed, engine, methods)
             )
-
-        return Task(engine.name, 0.0, do)
-
-    def replay(engine: Engine, methods: Sequence[tuple[int, Method]]) -> Task:
-        def do(engine_pool: EnginePool) -> None:
-            ask, ways = partial(answers.ask, engine_pool), answers.again(engine_pool, engine)
-            found = check_replays(engine, [method for _, method in methods], ask, ways)
-            for place, method in methods:
-                replayed[place] = law_rows(engine, method, [found[method.name]])
 
         return Task(engine.name, -1.0, do)  # last of all, as it ends the engine's worker
 
+    probed = [pair for pair in selection.methods if selection.probes(*pair)]
+    rows: dict[MethodKey, Message] = {}
+    replays: dict[str, Message] = {}
     tasks = [task(place, *pair) for place, pair in enumerate(pairs)]
-    probed_methods = [pair for pair in selection.methods if selection.probes(*pair)]
-    probes = [probe(place, *pair) for place, pair in enumerate(probed_methods)]
-    numbered = list(enumerate(probed_methods)) if options.laws else []
-    by_engine: dict[str, tuple[Engine, list[tuple[int, Method]]]] = {}
-    for place, (engine, method) in numbered:
-        by_engine.setdefault(engine.name, (engine, []))[1].append((place, method))
+    tasks += [examine(*pair) for pair in probed]
+    for engine in dict.fromkeys(engine for engine, _ in probed if options.laws):
+        tasks.append(replay(engine, [method for of, method in probed if of is engine]))
     sentinels = [] if selection.whole is None else selection.whole.sentinels()
     compared: dict[int, Sentinel] = {}
-    tasks += [*probes, *(identify(place, *pair) for place, pair in numbered)]
-    tasks += [replay(*one) for one in by_engine.values()]
     tasks += [sentinel(place, *case) for place, case in enumerate(sentinels)]
     remote = None if options.executor is None else ExecutorEngines(options.executor, selection.methods)
     run_tasks(tasks, options.workers, remote)
+
+    def of_methods(table: str) -> Iterator[dict[str, Any]]:
+        for engine, method in probed:
+            yield from rows[engine.name, method.name][table]
+            if table == "laws" and options.laws:
+                yield from replays[engine.name][method.name]
+
     return _Motions(
         [done[place] for place in range(len(pairs))],
-        [row for place in range(len(probes)) for row in probed[place]],
-        [named[place] for place in sorted(named)],
-        [row for place in sorted(lawful) for row in (*lawful[place], *replayed[place])],
+        list(of_methods("probes")),
+        list(of_methods("fingerprints")),
+        list(of_methods("laws")),
         [compared[place] for place in range(len(sentinels))],
     )
 

@@ -225,6 +225,8 @@ def rk4(state, dt):
 
 again = rk4
 """
+
+
 def _shortened(name: str, folder: Path) -> Path:
     """Return the file of a built-in scenario that ends ten times as early, as Python steps slowly."""
     text = (Path(bodycheck.__file__).parent / f"scenarios/library/{name}.toml").read_text()

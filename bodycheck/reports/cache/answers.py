@@ -8,11 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any, TypeVar
 
+from bodycheck._util.file_digests import digest_of
+from bodycheck._util.platform_identity import numeric_parts
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.registry import own_code
 from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.adapters.workers import case_messages, protocol
 from bodycheck.adapters.workers.engine_pool import EnginePool
@@ -55,13 +59,27 @@ class Answers:
         """Return the motion of a second run after `reset`, and the model read back after the first."""
         return self._motion(engine_pool, engine, case, "replay", do="replay")
 
-    def again(
-        self, engine_pool: EnginePool, engine: Engine
-    ) -> Iterator[tuple[str, Callable[[Engine, Case], Answer]]]:
-        """Yield the ways to run a case of an engine again, in words and as a function."""
-        yield "after reset", partial(self.replay, engine_pool)
-        engine_pool.restart(engine.name)
-        yield "in another process", partial(self._motion, engine_pool, kept_as="another process")
+    def elsewhere(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
+        """Return the answer to a case that was asked before; the caller has restarted the engine."""
+        return self._motion(engine_pool, engine, case, "another process")
+
+    def derived(
+        self, engine_pool: EnginePool, engine: Engine, what: str, derive: Callable[[Asker], Message]
+    ) -> Message:
+        """Return what follows from an engine's answers alone, from an earlier run where answers are reused.
+
+        what: names it among all that is derived for this engine. derive: computes it, as plain data.
+        """
+        cache = self._cache if engine.build.id and engine.build.kind != "handed over" else None
+        code = {"code": own_code(), "reports": _code_of_reports(), "evaluated_by": numeric_parts()}
+        key = key_of(derived=what, protocol=protocol.VERSION, engine=_identity(engine), **code)
+        if cache and self._reuses(engine) and (known := cache.get(key)) is not None:
+            return known
+        asker = Asker(self, engine_pool)
+        found = derive(asker)
+        if cache and asker.is_lasting:
+            cache.put(key, found)
+        return found
 
     def sentinel(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
         """Return the answer that this machine gives to a case, never one of another run."""
@@ -155,6 +173,35 @@ class Answers:
             journal.put(_key(engine, case, "laps"), measured)
 
 
+class Asker:
+    """The answers that one pool gives. is_lasting: whether every engine would answer the same again."""
+
+    def __init__(self, answers: Answers, engine_pool: EnginePool) -> None:
+        self._answers, self._engine_pool = answers, engine_pool
+        self.is_lasting = True
+
+    def ask(self, engine: Engine, case: Case) -> Answer:
+        """Return the answer to a case."""
+        return self._noted(engine, self._answers.ask(self._engine_pool, engine, case))
+
+    def replay(self, engine: Engine, case: Case) -> Answer:
+        """Return the motion of a second run after `reset`."""
+        return self._noted(engine, self._answers.replay(self._engine_pool, engine, case))
+
+    def again(self, engine: Engine) -> Iterator[tuple[str, Callable[[Engine, Case], Answer]]]:
+        """Yield the ways to run cases of an engine again, in words and as a function."""
+        yield "after reset", self.replay
+        self._engine_pool.restart(engine.name)
+        yield "in another process", self._elsewhere
+
+    def _elsewhere(self, engine: Engine, case: Case) -> Answer:
+        return self._noted(engine, self._answers.elsewhere(self._engine_pool, engine, case))
+
+    def _noted(self, engine: Engine, answer: Answer) -> Answer:
+        self.is_lasting &= _lasting(answer) and answer.build in ("", engine.build.id)
+        return answer
+
+
 def _read(message: Message, case: Case) -> Answer:
     try:
         return replace(protocol.answer_of(message, case.scene.sample_times), build=_build(message))
@@ -181,9 +228,17 @@ def _lasting(answer: Answer | StableStep) -> bool:
 
 
 def _key(engine: Engine, case: Case, what: str, **within: float | None) -> str:
-    identity: dict[str, Any] = {"name": engine.name, "version": engine.version, "build": engine.build.id}
     asked = {"method": case.method, **vars(case.setting), "scene": _scene_key(case.scene)}
-    return key_of(what=what, protocol=protocol.VERSION, engine=identity, case=asked, **within)
+    return key_of(what=what, protocol=protocol.VERSION, engine=_identity(engine), case=asked, **within)
+
+
+def _identity(engine: Engine) -> dict[str, Any]:
+    return {"name": engine.name, "version": engine.version, "build": engine.build.id}
+
+
+@cache
+def _code_of_reports() -> str:
+    return digest_of(Path(__file__).parents[1])
 
 
 @lru_cache(maxsize=256)  # a scene, hashed by identity, has about a hundred cases

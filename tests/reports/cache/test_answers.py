@@ -256,6 +256,47 @@ def test_resumed_run_does_not_need_the_cache(fresh: bool, tmp_path: Path) -> Non
     assert protocol.answer_message(again) == protocol.answer_message(first)
 
 
+DERIVED: dict[str, tuple[dict[str, Any], Engine, bool]] = {
+    "the same answers": (GOOD, ENGINE, True),
+    "a timeout": (PASSING["timeout"], ENGINE, False),
+    "a worker with another build": ({**GOOD, "build": "c0df"}, ENGINE, False),
+    "an engine without identity": (GOOD, replace(ENGINE, build=Build("", "installed")), False),
+    "an editable engine": (GOOD, replace(ENGINE, build=Build("c0de", "editable")), False),
+}
+
+
+@pytest.mark.parametrize("what", DERIVED)
+def test_derived_rows_are_reused_where_their_answers_would_be(what: str, tmp_path: Path) -> None:
+    """What follows from answers that may change is derived again."""
+    said, engine, reused = DERIVED[what]
+    cache = Cache(tmp_path)
+    found = Answers(None, cache, 1.0).derived(
+        Counting(said), engine, "the outcome", lambda asker: {"outcome": asker.ask(engine, CASE).outcome}
+    )
+    assert found == {"outcome": said["outcome"]}
+    assert requests_of_derivation(engine, cache) == (0 if reused else 1)
+
+
+def requests_of_derivation(engine: Engine, cache: Cache) -> int:
+    """Return how often the function that derives is called."""
+    calls: list[None] = []
+    Answers(None, cache, 1.0).derived(
+        Counting(GOOD),
+        engine,
+        "the outcome",
+        lambda asker: {"calls": calls.append(None)},  # noqa: ARG005
+    )
+    return len(calls)
+
+
+def test_fresh_run_derives_again(tmp_path: Path) -> None:
+    """And replaces what was stored."""
+    cache = Cache(tmp_path)
+    assert requests_of_derivation(ENGINE, cache) == 1
+    assert requests_of_derivation(ENGINE, cache.write_only()) == 1
+    assert requests_of_derivation(ENGINE, cache) == 0
+
+
 def test_laps_are_stored_for_their_run_only(tmp_path: Path) -> None:
     """A speed is read by the run that measured it, and by no other."""
     cache, laps = Cache(tmp_path / "cache"), {"own_s": [1.0], "yardstick_s": [2.0]}
