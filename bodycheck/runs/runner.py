@@ -21,7 +21,7 @@ from bodycheck.adapters.workers.executors import ExecutorEngines
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.precompile import compile_kernels, interprets_closed_forms
 from bodycheck.reference_impl.truth.truth import Truth
-from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.cache.answers import Answers, Asker, scene_key
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.reuse import reuse_of
@@ -31,7 +31,7 @@ from bodycheck.reports.judge import Ranking, explained_file, judge_files
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.scheduler import Task, run_tasks
 from bodycheck.reports.measurement.speed import measure_speeds
-from bodycheck.reports.measurement.study import Study, study
+from bodycheck.reports.measurement.study import Study, restored, stored_form, study
 from bodycheck.reports.probes.examination import examined, replayed
 from bodycheck.reports.probes.laws import REPLAY
 from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
@@ -256,18 +256,28 @@ def _motions(
 
     def task(place: int, problem: Problem, engine: Engine, method: Method) -> Task:
         settings = selection.settings(problem.scenario, engine, method)
+        what = {
+            "study": method.name,
+            "scenario": [problem.scenario_spec, problem.scenario.name, problem.scenario.family],
+            "scene": scene_key(problem.scenario.scene),
+            "settings": [vars(setting) for setting in settings],
+            "adaptive": selection.is_adaptive,
+        }
 
         def do(engine_pool: EnginePool) -> None:
-            done[place] = study(
-                problem,
-                engine,
-                method,
-                settings,
-                adaptive=selection.is_adaptive,
-                ask=partial(answers.ask, engine_pool),
-                search=partial(answers.search, engine_pool) if options.stable_steps else None,
-                case_done=progress.case_done,
-            )
+            asker = Asker(answers, engine_pool)
+            how: dict[str, Any] = {
+                "adaptive": selection.is_adaptive,
+                "ask": asker.ask,
+                "search": partial(answers.search, engine_pool) if options.stable_steps else None,
+                "case_done": progress.case_done,
+            }
+            stored = answers.known(engine, what)
+            found = None if stored is None else restored(stored, problem, engine, method, **how)
+            if found is None:
+                found = study(problem, engine, method, settings, **how)
+                answers.keep(engine, what, stored_form(found), asker)
+            done[place] = found
 
         steps = sum(problem.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
         return Task(engine.name, steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0), do)

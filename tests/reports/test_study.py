@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from itertools import pairwise, permutations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +15,25 @@ from bodycheck.adapters.execution import Answer, Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.measurement.study import study
+from bodycheck.reports.measurement.study import restored, stored_form, study
 from bodycheck.scenarios.library import load_scenario
 
 STEPS = (0.05, 0.02, 0.01, 0.005)
 FAILED = 0.01
+
+
+METHOD = Reference().methods["rk4"]
+ENGINE = Engine("reference", "1", {METHOD.name: METHOD})
+
+
+def carried_out(answers: dict[float | None, Answer]) -> dict[str, Any]:
+    """Return how cases are run: by these answers, without further steps."""
+    return {
+        "adaptive": False,
+        "ask": lambda _, case: answers[case.setting.dt_s],
+        "search": lambda _, search: pytest.fail(f"nobody asked for {search}"),
+        "case_done": lambda: None,
+    }
 
 
 @pytest.fixture(scope="module")
@@ -38,18 +55,8 @@ def test_successive_difference_is_the_angle_to_the_next_coarser_case(
     order: tuple[float, ...], problem: Problem, answers: dict[float | None, Answer]
 ) -> None:
     """The largest angle between the two motions over the samples; absent if one of them failed."""
-    adapter = Reference()
-    engine = Engine(adapter.name, adapter.version, adapter.methods)
-    found = study(
-        problem,
-        engine,
-        adapter.methods["rk4"],
-        [Setting(dt_s=step) for step in order],
-        adaptive=False,
-        ask=lambda _, case: answers[case.setting.dt_s],
-        search=lambda _, search: pytest.fail(f"nobody asked for {search}"),
-        case_done=lambda: None,
-    ).cases
+    settings = [Setting(dt_s=step) for step in order]
+    found = study(problem, ENGINE, METHOD, settings, **carried_out(answers)).cases
     assert [case.dt_s for case in found] == sorted(STEPS, reverse=True)
     assert "successive_difference_rad" not in found[0].columns
     for coarser, case in pairwise(found):
@@ -60,3 +67,34 @@ def test_successive_difference_is_the_angle_to_the_next_coarser_case(
             change = np.max(geodesic_angle(one.attitude, other.attitude))
             assert case.columns["successive_difference_rad"] == pytest.approx(change, rel=1e-12, abs=0.0)
     assert FAILED in [case.dt_s for case in found if not case.ok]
+
+
+def test_restored_study_is_the_study(problem: Problem, answers: dict[float | None, Answer]) -> None:
+    """After a way through JSON, every column, row and series has the same bits; only the origin is new."""
+    how = carried_out(answers)
+    first = study(problem, ENGINE, METHOD, [Setting(dt_s=step) for step in STEPS], **how)
+    stored = json.loads(json.dumps(stored_form(first)))
+    reused = {step: replace(answer, reused=True) for step, answer in answers.items()}
+    again = restored(stored, problem, ENGINE, METHOD, **carried_out(reused))
+    assert again is not None
+    assert again.method_rows == first.method_rows
+    for case, before in zip(again.cases, first.cases, strict=True):
+        assert case.columns == {**before.columns, "reused": True}
+        assert case.trajectory is before.trajectory
+        assert {name: values.tobytes() for name, values in case.series.items()} == {
+            name: values.tobytes() for name, values in before.series.items()
+        }
+
+
+def test_study_of_another_motion_is_not_restored(
+    problem: Problem, answers: dict[float | None, Answer]
+) -> None:
+    """One bit of one state is enough."""
+    first = study(problem, ENGINE, METHOD, [Setting(dt_s=step) for step in STEPS], **carried_out(answers))
+    motion = answers[STEPS[1]].trajectory
+    assert motion is not None
+    velocity = motion.velocity_m_s.copy()
+    velocity[3, 0] = np.nextafter(velocity[3, 0], 1.0)
+    changed = replace(answers[STEPS[1]], trajectory=replace(motion, velocity_m_s=velocity))
+    others = carried_out({**answers, STEPS[1]: changed})
+    assert restored(stored_form(first), problem, ENGINE, METHOD, **others) is None

@@ -64,22 +64,30 @@ class Answers:
         return self._motion(engine_pool, engine, case, "another process")
 
     def derived(
-        self, engine_pool: EnginePool, engine: Engine, what: str, derive: Callable[[Asker], Message]
+        self, engine_pool: EnginePool, engine: Engine, what: Any, derive: Callable[[Asker], Message]
     ) -> Message:
         """Return what follows from an engine's answers alone, from an earlier run where answers are reused.
 
-        what: names it among all that is derived for this engine. derive: computes it, as plain data.
+        what: plain data that distinguishes it from all else that is derived for this engine. derive: computes
+        it, as plain data.
         """
-        cache = self._cache if engine.build.id and engine.build.kind != "handed over" else None
-        code = {"code": own_code(), "reports": _code_of_reports(), "evaluated_by": numeric_parts()}
-        key = key_of(derived=what, protocol=protocol.VERSION, engine=_identity(engine), **code)
-        if cache and self._reuses(engine) and (known := cache.get(key)) is not None:
+        known = self.known(engine, what)
+        if known is not None:
             return known
         asker = Asker(self, engine_pool)
         found = derive(asker)
-        if cache and asker.is_lasting:
-            cache.put(key, found)
+        self.keep(engine, what, found, asker)
         return found
+
+    def known(self, engine: Engine, what: Any) -> Message | None:
+        """Return what an earlier run derived from the answers of this build, where answers are reused."""
+        return self._cache.get(_derived_key(engine, what)) if self._cache and self._reuses(engine) else None
+
+    def keep(self, engine: Engine, what: Any, found: Message, asker: Asker) -> None:
+        """Store what was derived from the answers of an asker, if they would be given again."""
+        known = engine.build.id and engine.build.kind != "handed over"
+        if self._cache and known and asker.is_lasting:
+            self._cache.put(_derived_key(engine, what), found)
 
     def sentinel(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
         """Return the answer that this machine gives to a case, never one of another run."""
@@ -182,11 +190,11 @@ class Asker:
 
     def ask(self, engine: Engine, case: Case) -> Answer:
         """Return the answer to a case."""
-        return self._noted(engine, self._answers.ask(self._engine_pool, engine, case))
+        return self._noted(engine, case, self._answers.ask(self._engine_pool, engine, case))
 
     def replay(self, engine: Engine, case: Case) -> Answer:
         """Return the motion of a second run after `reset`."""
-        return self._noted(engine, self._answers.replay(self._engine_pool, engine, case))
+        return self._noted(engine, case, self._answers.replay(self._engine_pool, engine, case))
 
     def again(self, engine: Engine) -> Iterator[tuple[str, Callable[[Engine, Case], Answer]]]:
         """Yield the ways to run cases of an engine again, in words and as a function."""
@@ -195,10 +203,12 @@ class Asker:
         yield "in another process", self._elsewhere
 
     def _elsewhere(self, engine: Engine, case: Case) -> Answer:
-        return self._noted(engine, self._answers.elsewhere(self._engine_pool, engine, case))
+        return self._noted(engine, case, self._answers.elsewhere(self._engine_pool, engine, case))
 
-    def _noted(self, engine: Engine, answer: Answer) -> Answer:
-        self.is_lasting &= _lasting(answer) and answer.build in ("", engine.build.id)
+    def _noted(self, engine: Engine, case: Case, answer: Answer) -> Answer:
+        same_build = answer.build in ("", engine.build.id)
+        # a user's function may change
+        self.is_lasting &= _lasting(answer) and same_build and not case.scene.has_callback_load
         return answer
 
 
@@ -228,12 +238,17 @@ def _lasting(answer: Answer | StableStep) -> bool:
 
 
 def _key(engine: Engine, case: Case, what: str, **within: float | None) -> str:
-    asked = {"method": case.method, **vars(case.setting), "scene": _scene_key(case.scene)}
+    asked = {"method": case.method, **vars(case.setting), "scene": scene_key(case.scene)}
     return key_of(what=what, protocol=protocol.VERSION, engine=_identity(engine), case=asked, **within)
 
 
 def _identity(engine: Engine) -> dict[str, Any]:
     return {"name": engine.name, "version": engine.version, "build": engine.build.id}
+
+
+def _derived_key(engine: Engine, what: Any) -> str:
+    code = {"code": own_code(), "reports": _code_of_reports(), "evaluated_by": numeric_parts()}
+    return key_of(derived=what, protocol=protocol.VERSION, engine=_identity(engine), **code)
 
 
 @cache
@@ -242,5 +257,6 @@ def _code_of_reports() -> str:
 
 
 @lru_cache(maxsize=256)  # a scene, hashed by identity, has about a hundred cases
-def _scene_key(scene: Scene) -> str:
+def scene_key(scene: Scene) -> str:
+    """Return a hash of all that an engine is given of a scene."""
     return key_of(scene=case_messages.scene_message(scene))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -55,7 +55,7 @@ class CaseResult:
 
     columns: dict[str, Any]
     trajectory: Trajectory | None = None
-    series: dict[str, Array] = field(default_factory=dict)
+    series: Mapping[str, Array] = field(default_factory=dict)
     departures: dict[str, Array] = field(default_factory=dict)
     floors: dict[str, float] = field(default_factory=dict)
     read_back: ReadBack | None = None
@@ -87,7 +87,7 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
     scene = problem.scenario.scene
     columns = _who(problem, engine, method, setting)
     answer = ask(engine, Case(scene, method.name, setting))
-    columns |= {"reused": answer.reused, "build": Build(answer.build).short}
+    columns |= origin_of(answer)
     if answer.outcome == "unsupported":
         return CaseResult({**columns, "outcome": "unsupported", "message": answer.message})
     plan = None if setting.dt_s is None else plan_steps(scene, setting.dt_s)
@@ -109,6 +109,11 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
     columns |= found.columns
     columns |= {"outcome": "ok", "message": _note(problem, plan, answer.message)}
     return replace(found, columns=columns, trajectory=trajectory, read_back=held)
+
+
+def origin_of(answer: Answer) -> dict[str, Any]:
+    """Return the columns that say where an answer comes from: reused and build."""
+    return {"reused": answer.reused, "build": Build(answer.build).short}
 
 
 def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion | str:

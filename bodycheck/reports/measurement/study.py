@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 
 from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.adapters.execution import Case
+from bodycheck.adapters.workers.protocol import packed, unpacked
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import geodesic_angle
-from bodycheck.reports.measurement.case import SWITCH_NOTE, Asking, CaseResult, run_case
+from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.measurement.case import (
+    SWITCH_NOTE,
+    Asking,
+    CaseResult,
+    origin_of,
+    run_case,
+)
 from bodycheck.reports.measurement.convergence import (
     ABOVE_FLOOR,
     LARGEST_ERROR,
@@ -66,6 +77,7 @@ def study(
     """
     cases: list[CaseResult] = []
     stepped = adaptive and method.control == "dt"
+    searching = search if stepped else None
 
     def make(setting: Setting) -> CaseResult:
         case = run_case(problem, engine, method, setting, ask)
@@ -73,19 +85,97 @@ def study(
         case_done()
         return case
 
-    def stable_step() -> dict[str, Any] | None:
-        if not stepped or search is None:
-            return None
-        return stability_row(problem, engine, method, cases, search)
-
     for setting in settings:
         if make(setting).columns["outcome"] == "unsupported":
             # whether a scene can be represented does not depend on the step
-            return Study(tuple(cases), (), stable_step())
+            return _with_stability(problem, engine, method, cases, (), searching)
     asked = [setting.dt_s for setting in settings if setting.dt_s is not None]
     while stepped and (step := _further_step(cases, problem, method, asked)) is not None:
         make(Setting(dt_s=step))
-    return Study(tuple(cases), tuple(method_rows(cases, problem, method)), stable_step())
+    rows = tuple(method_rows(cases, problem, method))
+    return _with_stability(problem, engine, method, cases, rows, searching)
+
+
+def _with_stability(
+    problem: Problem,
+    engine: Engine,
+    method: Method,
+    cases: Sequence[CaseResult],
+    rows: Sequence[dict[str, Any]],
+    search: Searching | None,
+) -> Study:
+    found = None if search is None else stability_row(problem, engine, method, cases, search)
+    return Study(tuple(cases), tuple(rows), found)
+
+
+class _PackedSeries(Mapping[str, Array]):
+    """Packed measures over time, each unpacked when it is needed: a report draws few of them."""
+
+    def __init__(self, packed: Mapping[str, Any]) -> None:
+        self._packed = packed
+
+    def __getitem__(self, name: str) -> Array:
+        return unpacked(self._packed[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._packed)
+
+    def __len__(self) -> int:
+        return len(self._packed)
+
+
+def stored_form(study: Study) -> dict[str, Any]:
+    """Return all of a study but its motions, of which it has hashes, as plain data."""
+    cases = [
+        {
+            "columns": case.columns,
+            "motion": _hash_of(case.trajectory),
+            "series": {name: packed(values) for name, values in case.series.items()},
+        }
+        for case in study.cases
+    ]
+    return {"cases": cases, "method_rows": list(study.method_rows)}
+
+
+def restored(
+    stored: Mapping[str, Any],
+    problem: Problem,
+    engine: Engine,
+    method: Method,
+    *,
+    adaptive: bool,
+    ask: Asking,
+    search: Searching | None,
+    case_done: Callable[[], None],
+) -> Study | None:
+    """Return the study with this stored form, without measuring; None where a motion is another one now.
+
+    The other parameters: as for `study`.
+    """
+    cases = []
+    for one in stored["cases"]:
+        columns = one["columns"]
+        setting = Setting(columns["dt_s"], columns["tolerance"])
+        answer = ask(engine, Case(problem.scenario.scene, method.name, setting))
+        if _hash_of(answer.trajectory) != one["motion"]:
+            return None
+        columns = {**columns, **origin_of(answer)}
+        series = _PackedSeries(one["series"])
+        cases.append(CaseResult(columns, answer.trajectory, series, read_back=answer.read_back))
+        case_done()
+    searching = search if adaptive and method.control == "dt" else None
+    return _with_stability(problem, engine, method, cases, stored["method_rows"], searching)
+
+
+def _hash_of(motion: Trajectory | None) -> str:
+    """Return a hash of the states of a motion; "" for none."""
+    if motion is None:
+        return ""
+    found = blake2b(digest_size=16)
+    for stored in fields(motion):
+        if (values := getattr(motion, stored.name)) is not None:
+            found.update(stored.name.encode() + values.tobytes())
+    return found.hexdigest()
 
 
 def _further_step(
