@@ -9,7 +9,7 @@ from benchmarks.problems import FREE
 from benchmarks.search import tried
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_each_contender_meets_a_microradian() -> None:
     """One setting meets it, the cheapest tried first; a contender that cannot be measured here says why."""
     field = whole_field()

@@ -313,7 +313,8 @@ def one_worse(night_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Histo
 
 
 @pytest.mark.slow
-def test_twenty_unchanged_runs_report_nothing(night_run: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", [6, pytest.param(20, marks=pytest.mark.nightly)])
+def test_unchanged_runs_report_nothing(night_run: Run, tmp_path: Path, count: int) -> None:
     """With random times, no change of a measure or speed is reported."""
     rng = np.random.default_rng(0)
 
@@ -321,9 +322,9 @@ def test_twenty_unchanged_runs_report_nothing(night_run: Run, tmp_path: Path) ->
         results["relative_cpu"] *= 10.0 ** rng.normal(0.0, 0.02, len(results))
         return results
 
-    nights = store_nightly_runs(night_run, tmp_path, 21 * [by_chance])
-    assert [judged.status for judged in nights[1:]] == 20 * ["no regression"]
-    assert [changes_of(judged) for judged in nights[1:]] == 20 * [[]]
+    nights = store_nightly_runs(night_run, tmp_path, (count + 1) * [by_chance])
+    assert [judged.status for judged in nights[1:]] == count * ["no regression"]
+    assert [changes_of(judged) for judged in nights[1:]] == count * [[]]
 
 
 @pytest.mark.slow
@@ -348,7 +349,7 @@ def test_change_is_named_and_only_worse_fails(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("percent", [0.5, -0.5])
+@pytest.mark.parametrize("percent", [0.5, pytest.param(-0.5, marks=pytest.mark.nightly)])
 def test_small_steps_add_up(night_run: Run, tmp_path: Path, percent: float) -> None:
     """Ten steps of 0.5 % are reported when their sum passes 2 %, and again from there."""
     step = 1.0 + percent / 100.0
