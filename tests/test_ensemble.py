@@ -20,10 +20,11 @@ from bodycheck.adapters.mujoco import rollouts as mujoco_rollouts
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol
 from bodycheck.adapters.workers.case_messages import batch_message, batch_of
+from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reports.measurement.case import run_case
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
-from bodycheck.runs.ensemble_cases import measured, truth_of
+from bodycheck.runs.ensemble_cases import measured, replay_of, truth_of
 from bodycheck.runs.ensemble_run import EnsembleRequest, run_ensemble
 from bodycheck.runs.hunt_run import HuntRequest, hunt
 from bodycheck.runs.run_options import no_progress
@@ -117,6 +118,23 @@ def test_reference_batches_equal_single_cases(method: str) -> None:
     stable = np.abs(alone.omega_body).max(axis=(1, 2)) < 100.0
     assert stable.sum() > 6
     np.testing.assert_allclose(together.quaternion[stable], alone.quaternion[stable], atol=1e-10)
+
+
+def test_replay_tells_a_batch_that_depends_on_its_other_bodies() -> None:
+    """Equal bits in every batch, or not; nothing is said where a body failed."""
+
+    def motions(bodies: Bodies) -> BatchAnswer:
+        return record_batch(Reference(), replace(batch("m1"), bodies=bodies))
+
+    def mixing(bodies: Bodies) -> BatchAnswer:
+        found = motions(bodies)
+        return replace(found, omega_body=found.omega_body + 1e-12 * found.omega_body.mean(axis=0))
+
+    def failing(bodies: Bodies) -> BatchAnswer:
+        return BatchAnswer.none(replace(batch("m1"), bodies=bodies), "failed", "gone")
+
+    bodies = batch("m1").bodies
+    assert [replay_of(kind, bodies) for kind in (motions, mixing, failing)] == ["same bits", "other bits", ""]
 
 
 def test_batch_survives_the_protocol() -> None:

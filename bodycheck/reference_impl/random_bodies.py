@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import long_exact_kernel
@@ -66,7 +67,7 @@ class Bodies:
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.abs(twice_energy / np.sum(momentum * momentum, axis=1) * middle - 1.0)
 
-    def __getitem__(self, rows: slice | Array) -> Bodies:
+    def __getitem__(self, rows: slice | Array | NDArray[np.int_]) -> Bodies:
         return Bodies(
             self.moments[rows], self.quaternion[rows], self.omega_body[rows], self.torque_body[rows]
         )

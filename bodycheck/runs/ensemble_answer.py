@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from bodycheck._util.formatting import count, scientific
 from bodycheck.reports.document import Column, Command, Document, Sentence, Table
+from bodycheck.reports.probes.replay import OTHER_BITS, SAME_BITS
 from bodycheck.reports.summary.quantiles import Quantile
-from bodycheck.runs.ensemble_run import EnsembleResult, method_rows, quantile_rows, words_of
+from bodycheck.runs.ensemble_run import REPLAYED, EnsembleResult, method_rows, quantile_rows, words_of
 from bodycheck.runs.hunt_run import HuntResult, command_of
 
 _SHOWN = (0.5, 0.95, 0.99)
@@ -28,12 +30,22 @@ def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
         unstable = statistics.endings["unstable"]
         rows.append((words_of(key), *cells, worst, str(unstable), str(result.request.n - measured)))
     title = f"orientation error in rad of {count(result.request.n, 'body').replace('bodys', 'bodies')}"
-    parts = (
+    parts: tuple[Sentence | Table, ...] = (
         Table(columns, tuple(rows), title=title),
         Sentence("The range after +- is half of the 95 % error bar of a quantile."),
+        *(Sentence(sentence) for sentence in _replay_sentences(result)),
         Sentence(str(folder)),
     )
     return Document("bodycheck ensemble", parts)
+
+
+def _replay_sentences(result: EnsembleResult) -> Iterator[str]:
+    """Yield which methods give bodies the same bits in any batch, and which do not."""
+    for word in (SAME_BITS, OTHER_BITS):
+        found = [words_of(key) for key, statistics in result.statistics if statistics.replay == word]
+        if found:
+            how = f"alone, together and in reverse order ({REPLAYED} bodies)"
+            yield f"{word.capitalize()} {how}: {'; '.join(found)}"
 
 
 def _error(value: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.free_batch import free_truths
 from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES, rotation_measures
+from bodycheck.reports.probes.replay import OTHER_BITS, SAME_BITS
 
 _STEPS_TOGETHER, _STEPS_ALONE = 2_000_000, 200_000  # per request: some 10 s of most engines
 _BATCHING = ("mujoco",)  # engines whose request may hold more, as they step it in one call
@@ -95,6 +96,21 @@ def measured(template: Scene, bodies: Bodies, truth: BatchTruth, answer: BatchAn
 
 def _about_pivot(template: Scene, bodies: Bodies) -> Array:
     return np.array([turning_inertia(scene_of(template, bodies, row)) for row in range(len(bodies))])
+
+
+def replay_of(motions: Callable[[Bodies], BatchAnswer], bodies: Bodies) -> str:
+    """Return whether bodies have the same bits alone, together and in reverse order; "" where one failed."""
+    m = len(bodies)
+    together, reverse = motions(bodies), motions(bodies[np.arange(m)[::-1]])
+    alone = BatchAnswer.joined(*(motions(bodies[row : row + 1]) for row in range(m)))
+    if {*together.endings, *alone.endings, *reverse.endings} != {"ok"}:
+        return ""
+    same = all(
+        found.tobytes() == getattr(together, name).tobytes()
+        for name in ("quaternion", "omega_body")
+        for found in (getattr(alone, name), getattr(reverse, name)[::-1])
+    )
+    return SAME_BITS if same else OTHER_BITS
 
 
 class Hosts:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
@@ -38,6 +39,7 @@ from bodycheck.runs.ensemble_cases import (
     BatchTruth,
     Hosts,
     measured,
+    replay_of,
     settings_of,
     truth_of,
 )
@@ -54,6 +56,7 @@ _MOST_LOADED = 10_000
 _MOST_ROWS, _LEAST_ROWS = 8192, 16  # of one task
 _MOST_STATES = 40_960  # of one task: bodies x samples
 _TASKS_PER_WORKER = 8  # at least, so that the workers end at about the same time
+REPLAYED = 16  # bodies that are stepped alone, together and in reverse order
 _FLOOR = 3.0  # multiples of the truth's error and of round-off: a smaller error is at the floor
 _RANKED = ROTATION_MEASURES[0]
 
@@ -132,13 +135,17 @@ class EnsembleRequest:
 
 @dataclass
 class MethodStatistics:
-    """What is known of one method so far: sketches by measure, endings, and the worst bodies."""
+    """What is known of one method so far: sketches by measure, endings, and the worst bodies.
+
+    replay: whether bodies move alike alone, together and in reverse order: same bits, other bits, or "".
+    """
 
     sketches: dict[str, QuantileSketch] = field(
         default_factory=lambda: {name: QuantileSketch() for name in ROTATION_MEASURES}
     )
     endings: Counter[str] = field(default_factory=Counter)
     at_floor: int = 0
+    replay: str = ""
     worst: list[tuple[float, int, dict[str, float], str]] = field(default_factory=list)
     """(error, row, measures, ending), the worst first."""
 
@@ -268,6 +275,10 @@ def _measure(
         with watching(len(parts)) as progress:
             progress.phase("compiling")
             task(begin, begin + 1)  # by one thread, so that nothing is compiled twice
+            few = ensemble.bodies(begin, begin + REPLAYED)
+            for key, statistics in result.statistics:
+                motions = partial(hosts.motions, template, engine=key[0], method=key[1], setting=key[2])
+                statistics.replay = replay_of(motions, few)
             progress.motions_begun()
             for found in _in_order(task, parts, options.workers, hosts.stop):
                 _add(result, found, dataset)
@@ -417,6 +428,7 @@ def method_rows(result: EnsembleResult) -> list[dict[str, Any]]:
             "bodies": sum(statistics.endings.values()),
             **{ending: statistics.endings[ending] for ending in _ENDINGS},
             "at_floor": statistics.at_floor,
+            "replay": statistics.replay,
         }
         for key, statistics in result.statistics
     ]

@@ -34,6 +34,7 @@ from bodycheck.reports.measurement.speed import measure_speeds
 from bodycheck.reports.measurement.study import Study, restored, stored_form, study
 from bodycheck.reports.probes.examination import examined, replayed
 from bodycheck.reports.probes.laws import REPLAY
+from bodycheck.reports.probes.replay import OTHER_BITS, SAME_BITS
 from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
 from bodycheck.reports.run_files.sentinels import Sentinel
@@ -336,7 +337,7 @@ def _motions(
     )
 
 
-_REPLAYS = {"holds": "same bits", "property": "other bits", "not-measured": None}
+_REPLAYS = {"holds": SAME_BITS, "property": OTHER_BITS, "not-measured": None}
 _WEIGHTS = {"reference": 0.02}
 """Cost of a right-hand side relative to a typical engine's; used only to order the tasks."""
 

@@ -17,6 +17,8 @@ Asking: TypeAlias = Callable[[Engine, Case], Answer]
 Ways: TypeAlias = Iterable[tuple[str, Asking]]
 """How a case is run again, in words and as a function; each serves all methods before the next begins."""
 
+SAME_BITS, OTHER_BITS = "same bits", "other bits"
+
 _LAW = next(law for law in LAWS if law.name == REPLAY)
 _QUANTITIES = {
     "position_m": "position",
