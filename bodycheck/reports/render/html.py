@@ -17,7 +17,7 @@ from bodycheck.reports.render.page.scenario_section import anchor_of, method_anc
 from bodycheck.reports.render.styles import REFERENCE, Style, engine_colour, styles
 from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
 from bodycheck.reports.summary.cells import faults_of
-from bodycheck.reports.summary.method_identity import known_map_text, laws_text
+from bodycheck.reports.summary.method_identity import known_map_text, laws_text, rows_by_method
 from bodycheck.reports.summary.sentences import Summary
 from bodycheck.reports.summary.worst_results import faulty
 from bodycheck.reports.templating import asset, environment
@@ -70,8 +70,8 @@ def render_report(run: Run) -> str:
             tolerances=TOLERANCES,
             start=START,
             sections=sections,
-            known_map=partial(known_map_text, run.fingerprints),
-            laws=partial(laws_text, run.laws),
+            known_map=partial(known_map_text, rows_by_method(run.fingerprints)),
+            laws=partial(laws_text, rows_by_method(run.laws)),
             map_data=[
                 section.parts[key].map_data if key in section.parts else None
                 for section in sections

@@ -164,8 +164,7 @@ def _found(
         else:
             reasons[key] = why(curve)
         if curve.measured:
-            least = min(curve.measured, key=lambda case: largest_error(case, curve.quantity))
-            nearest[key] = _measured(curve, least)
+            nearest[key] = _measured(curve, curve.most_accurate)
     return options, reasons, nearest
 
 

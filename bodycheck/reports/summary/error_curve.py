@@ -87,6 +87,11 @@ class ErrorCurve:
         """The cases that ended well and have the quantity, finest first."""
         return tuple(case for case in self.cases if largest_error(case, self.quantity) < math.inf)
 
+    @cached_property
+    def most_accurate(self) -> CaseResult:
+        """The measured case with the smallest error; there must be one."""
+        return min(self.measured, key=lambda case: largest_error(case, self.quantity))
+
     def at(self, dt_s: float) -> Estimate | None:
         """Return the error at a step; None where neither measured nor predictable."""
         for case in self.cases:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bodycheck._util.formatting import names, number
 from bodycheck.reports.document import Column, Document, Sentence, Span, Table
@@ -14,14 +14,21 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def _of(table: pd.DataFrame, key: MethodKey) -> list[Mapping[str, Any]]:
+RowsByMethod: TypeAlias = Mapping[MethodKey, Sequence[Mapping[str, Any]]]
+
+
+def rows_by_method(table: pd.DataFrame) -> RowsByMethod:
+    """Return the rows of fingerprints.csv or laws.csv by engine and method."""
     rows: list[Any] = table.to_dict("records")
-    return [row for row in rows if key_of(row) == key]
+    found: dict[MethodKey, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        found.setdefault(key_of(row), []).append(row)
+    return found
 
 
-def known_map_text(table: pd.DataFrame, key: MethodKey) -> str:
+def known_map_text(rows: RowsByMethod, key: MethodKey) -> str:
     """Return the known map of a method with its agreement, or the order and leading error."""
-    return "; ".join(map_text(row) for row in _of(table, key)) or "not compared"
+    return "; ".join(map_text(row) for row in rows.get(key, ())) or "not compared"
 
 
 def map_text(row: Mapping[str, Any]) -> str:
@@ -32,9 +39,9 @@ def map_text(row: Mapping[str, Any]) -> str:
     return f"{row['fingerprint']}, to {number(row['digits'], 3)} digits{note}"
 
 
-def laws_text(table: pd.DataFrame, key: MethodKey) -> str:
+def laws_text(by_method: RowsByMethod, key: MethodKey) -> str:
     """Return which laws a method breaks, or that it breaks none."""
-    rows = _of(table, key)
+    rows = by_method.get(key, ())
     if not rows:
         return "not checked"
     broken = [f"{row['law']} ({number(row['size'], 2)})" for row in rows if row["verdict"] == "broken"]
