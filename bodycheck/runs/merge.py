@@ -22,6 +22,7 @@ from bodycheck.reports.history.baseline import machine_class
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import Study, study
+from bodycheck.reports.probes.examination import identified
 from bodycheck.reports.run_files.run_reader import read_manifest, read_run
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.sentinels import Sentinel, disagreements, read_sentinels
@@ -117,9 +118,8 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
                 if (row["engine"], row["method"]) == (engine.name, method.name):
                     yield row
 
-    # a shard names the maps of the methods that it probes only
-    names = {(row["engine"], row["method"]): row["fingerprint"] for row in of_methods("fingerprints")}
-    methods = [{**row, "fingerprint": names.get((row["engine"], row["method"]))} for row in methods]
+    # a shard examines some of the methods only
+    methods = list(identified(methods, of_methods("fingerprints"), of_methods("laws")))
     told = {"run_id": identity.run_id}
     return Run(
         run_id=identity.run_id,

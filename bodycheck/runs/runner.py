@@ -4,24 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.adapters.execution import Case
-from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.adapters.workers.executors import ExecutorEngines
-from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reference_impl.precompile import compile_kernels, interprets_closed_forms
 from bodycheck.reference_impl.truth.truth import Truth
-from bodycheck.reports.cache.answers import Answers, Asker, scene_key
+from bodycheck.reports.cache.answers import Answers
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.reuse import reuse_of
@@ -29,15 +22,11 @@ from bodycheck.reports.cache.truths import is_known, known_truth
 from bodycheck.reports.diagnosis.explain import ExplainedCase, diagnosis_row, explained_cases, wrong_verdicts
 from bodycheck.reports.judge import Ranking, explained_file, judge_files
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.measurement.scheduler import Task, run_tasks
 from bodycheck.reports.measurement.speed import measure_speeds
-from bodycheck.reports.measurement.study import Study, restored, stored_form, study
-from bodycheck.reports.probes.examination import examined, replayed
-from bodycheck.reports.probes.laws import REPLAY
-from bodycheck.reports.probes.replay import OTHER_BITS, SAME_BITS
+from bodycheck.reports.measurement.study import Study
+from bodycheck.reports.probes.examination import identified
 from bodycheck.reports.recordings.column_map import ColumnMap, MapSpec, read_map, scenario_of
-from bodycheck.reports.run_files.run_tables import MethodKey, Run, key_of
-from bodycheck.reports.run_files.sentinels import Sentinel
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.reports.run_files.tables import (
     DIAGNOSIS_COLUMNS,
     FINGERPRINT_COLUMNS,
@@ -49,6 +38,7 @@ from bodycheck.reports.run_files.tables import (
     as_table,
 )
 from bodycheck.runs.manifest import Identity, manifest_of
+from bodycheck.runs.motions import run_motions
 from bodycheck.runs.run_options import NULL_PROGRESS, TIMEOUT_S, Progress, RunOptions
 from bodycheck.runs.selection import Selection, select
 from bodycheck.scenarios.library import PROBES, load_scenario
@@ -116,7 +106,7 @@ def run_selection(
     ]
     progress.motions_begun()
     solved = time.perf_counter()
-    found = _motions(selection, problems, answers, options, progress)
+    found = run_motions(selection, problems, answers, options, progress)
     recorded = time.perf_counter()
     cases = tuple(case for studied in found.studies for case in studied.cases)
     diagnoses = _diagnoses(selection, problems, found.studies, progress)
@@ -146,13 +136,8 @@ def run_selection(
     def table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
         return as_table(({"run_id": run_id, **row} for row in rows), columns)
 
-    names = {key_of(row): row["fingerprint"] for row in found.fingerprints}
-    replays = {key_of(row): _REPLAYS[row["verdict"]] for row in found.laws if row["law"] == REPLAY}
-    method_rows = (
-        {**row, "fingerprint": names.get(key_of(row)), "replay": replays.get(key_of(row))}
-        for studied in found.studies
-        for row in studied.method_rows
-    )
+    rows = (row for studied in found.studies for row in studied.method_rows)
+    method_rows = identified(rows, found.fingerprints, found.laws)
     stability_rows = (studied.stability_row for studied in found.studies if studied.stability_row is not None)
     return Run(
         run_id=run_id,
@@ -168,17 +153,6 @@ def run_selection(
         fingerprints=table(found.fingerprints, FINGERPRINT_COLUMNS),
         laws=table(found.laws, LAW_COLUMNS),
     )
-
-
-@dataclass(frozen=True)
-class _Motions:
-    """The studies of all scenarios by all methods, the rows about methods alone, and a shard's sentinels."""
-
-    studies: list[Study]
-    probes: list[dict[str, Any]]
-    fingerprints: list[dict[str, Any]]
-    laws: list[dict[str, Any]]
-    sentinels: list[Sentinel]
 
 
 def _diagnoses(
@@ -237,109 +211,6 @@ def _compile(selection: Selection, cache: Cache, progress: Progress) -> bool:
         compiled=compiled,
     )
     return bool(compilations)
-
-
-def _motions(
-    selection: Selection,
-    problems: Sequence[Problem],
-    answers: Answers,
-    options: RunOptions,
-    progress: Progress,
-) -> _Motions:
-    """Run every scenario by every method, and each method's probes, fingerprint and laws, in parallel."""
-    pairs = [
-        (problem, engine, method)
-        for problem in problems
-        for engine, method in selection.methods
-        if selection.runs_on(problem.scenario, engine, method)
-    ]
-    done: dict[int, Study] = {}
-
-    def task(place: int, problem: Problem, engine: Engine, method: Method) -> Task:
-        settings = selection.settings(problem.scenario, engine, method)
-        what = {
-            "study": method.name,
-            "scenario": [problem.scenario_spec, problem.scenario.name, problem.scenario.family],
-            "scene": scene_key(problem.scenario.scene),
-            "settings": [vars(setting) for setting in settings],
-            "adaptive": selection.is_adaptive,
-        }
-
-        def do(engine_pool: EnginePool) -> None:
-            asker = Asker(answers, engine_pool)
-            how: dict[str, Any] = {
-                "adaptive": selection.is_adaptive,
-                "ask": asker.ask,
-                "search": partial(answers.search, engine_pool) if options.stable_steps else None,
-                "case_done": progress.case_done,
-            }
-            stored = answers.known(engine, what)
-            found = None if stored is None else restored(stored, problem, engine, method, **how)
-            if found is None:
-                found = study(problem, engine, method, settings, **how)
-                answers.keep(engine, what, stored_form(found), asker)
-            done[place] = found
-
-        steps = sum(problem.scenario.duration_s / s.dt_s for s in settings if s.dt_s is not None)
-        return Task(engine.name, steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0), do)
-
-    def sentinel(place: int, scenario: Scenario, engine: Engine, method: Method, setting: Setting) -> Task:
-        def do(engine_pool: EnginePool) -> None:
-            answer = answers.sentinel(engine_pool, engine, Case(scenario.scene, method.name, setting))
-            compared[place] = Sentinel.of(scenario.name, engine, method, setting, answer)
-
-        return Task(engine.name, 0.0, do)
-
-    def examine(engine: Engine, method: Method) -> Task:
-        what = f"examination of {method.name}{' with laws' if options.laws else ''}"
-
-        def do(engine_pool: EnginePool) -> None:
-            derive = partial(examined, engine, method, laws=options.laws)
-            rows[engine.name, method.name] = answers.derived(engine_pool, engine, what, derive)
-
-        return Task(engine.name, 0.0, do)  # cheap, so it runs late
-
-    def replay(engine: Engine, methods: Sequence[Method]) -> Task:
-        what = f"replays of {', '.join(method.name for method in methods)}"
-
-        def do(engine_pool: EnginePool) -> None:
-            replays[engine.name] = answers.derived(
-                engine_pool, engine, what, partial(replayed, engine, methods)
-            )
-
-        return Task(engine.name, -1.0, do)  # last of all, as it ends the engine's worker
-
-    probed = [pair for pair in selection.methods if selection.probes(*pair)]
-    rows: dict[MethodKey, Message] = {}
-    replays: dict[str, Message] = {}
-    tasks = [task(place, *pair) for place, pair in enumerate(pairs)]
-    tasks += [examine(*pair) for pair in probed]
-    for engine in dict.fromkeys(engine for engine, _ in probed if options.laws):
-        tasks.append(replay(engine, [method for of, method in probed if of is engine]))
-    sentinels = [] if selection.whole is None else selection.whole.sentinels()
-    compared: dict[int, Sentinel] = {}
-    tasks += [sentinel(place, *case) for place, case in enumerate(sentinels)]
-    remote = None if options.executor is None else ExecutorEngines(options.executor, selection.methods)
-    run_tasks(tasks, options.workers, remote)
-
-    def of_methods(table: str) -> Iterator[dict[str, Any]]:
-        for engine, method in probed:
-            yield from rows[engine.name, method.name][table]
-            if table == "laws" and options.laws:
-                yield from replays[engine.name][method.name]
-
-    return _Motions(
-        [done[place] for place in range(len(pairs))],
-        list(of_methods("probes")),
-        list(of_methods("fingerprints")),
-        list(of_methods("laws")),
-        [compared[place] for place in range(len(sentinels))],
-    )
-
-
-_REPLAYS = {"holds": SAME_BITS, "property": OTHER_BITS, "not-measured": None}
-_WEIGHTS = {"reference": 0.02}
-"""Cost of a right-hand side relative to a typical engine's; used only to order the tasks."""
 
 
 def truth(scenario: str | Path, at: Sequence[float], *, allow_code: bool = False) -> Truth:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, TypeAlias
 
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.reports.cache.answers import Asker
 from bodycheck.reports.probes.fingerprint import fingerprint_of, fingerprint_row
-from bodycheck.reports.probes.laws import check_laws, law_rows
+from bodycheck.reports.probes.laws import REPLAY, check_laws, law_rows
 from bodycheck.reports.probes.probe import probe_rows
-from bodycheck.reports.probes.replay import check_replays
+from bodycheck.reports.probes.replay import OTHER_BITS, SAME_BITS, check_replays
+
+Row: TypeAlias = Mapping[str, Any]
 
 
 def examined(engine: Engine, method: Method, asker: Asker, *, laws: bool) -> dict[str, Any]:
@@ -22,6 +24,27 @@ def examined(engine: Engine, method: Method, asker: Asker, *, laws: bool) -> dic
         rows["fingerprints"].append(fingerprint_row(engine, method, found))
         rows["laws"] += law_rows(engine, method, checked)
     return rows
+
+
+_REPLAYS = {"holds": SAME_BITS, "property": OTHER_BITS, "not-measured": None}
+
+
+def identified(
+    method_rows: Iterable[Row], fingerprints: Iterable[Row], laws: Iterable[Row]
+) -> Iterator[dict[str, Any]]:
+    """Yield rows of methods.csv with the known map of each method, and whether it gives the same bits again.
+
+    fingerprints, laws: the rows of these tables.
+    """
+    maps = {_of(row): row["fingerprint"] for row in fingerprints}
+    replays = {_of(row): _REPLAYS[row["verdict"]] for row in laws if row["law"] == REPLAY}
+    for row in method_rows:
+        key = _of(row)
+        yield {**row, "fingerprint": maps.get(key), "replay": replays.get(key)}
+
+
+def _of(row: Row) -> tuple[str, str]:
+    return row["engine"], row["method"]
 
 
 def replayed(engine: Engine, methods: Sequence[Method], asker: Asker) -> dict[str, Any]:

@@ -1,0 +1,157 @@
+"""Run the motions of a selection in parallel: studies of scenarios, and what each method shows by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.adapters.execution import Case
+from bodycheck.adapters.workers.engine_pool import EnginePool
+from bodycheck.adapters.workers.executors import ExecutorEngines
+from bodycheck.adapters.workers.protocol import Message
+from bodycheck.reports.cache.answers import Answers, Asker, scene_key
+from bodycheck.reports.measurement.problem import Problem
+from bodycheck.reports.measurement.scheduler import Task, run_tasks
+from bodycheck.reports.measurement.study import Study, restored, stored_form, study
+from bodycheck.reports.probes.examination import examined, replayed
+from bodycheck.reports.run_files.run_tables import MethodKey
+from bodycheck.reports.run_files.sentinels import Sentinel
+from bodycheck.runs.run_options import Progress, RunOptions
+from bodycheck.runs.selection import Selection
+from bodycheck.scenarios.model import Scenario
+
+_WEIGHTS = {"reference": 0.02}
+"""Cost of a right-hand side relative to a typical engine's; used only to order the tasks."""
+
+
+@dataclass(frozen=True)
+class Motions:
+    """The studies of all scenarios by all methods, the rows about methods alone, and a shard's sentinels."""
+
+    studies: list[Study]
+    probes: list[dict[str, Any]]
+    fingerprints: list[dict[str, Any]]
+    laws: list[dict[str, Any]]
+    sentinels: list[Sentinel]
+
+
+def run_motions(
+    selection: Selection,
+    problems: Sequence[Problem],
+    answers: Answers,
+    options: RunOptions,
+    progress: Progress,
+) -> Motions:
+    """Run every scenario by every method, and each method's probes, fingerprint and laws, in parallel."""
+    pairs = [
+        (problem, engine, method)
+        for problem in problems
+        for engine, method in selection.methods
+        if selection.runs_on(problem.scenario, engine, method)
+    ]
+    probed = [pair for pair in selection.methods if selection.probes(*pair)]
+    studies, whole = _Studies(selection, answers, options, progress), selection.whole
+    done: dict[int, Study] = {}
+    rows: dict[MethodKey, Message] = {}
+    replays: dict[str, Message] = {}
+    compared: dict[int, Sentinel] = {}
+
+    def measure(place: int, problem: Problem, engine: Engine, method: Method) -> Task:
+        def do(engine_pool: EnginePool) -> None:
+            done[place] = studies.make(engine_pool, problem, engine, method)
+
+        return Task(engine.name, studies.cost(problem, engine, method), do)
+
+    def examine(engine: Engine, method: Method) -> Task:
+        what = f"examination of {method.name}{' with laws' if options.laws else ''}"
+
+        def do(engine_pool: EnginePool) -> None:
+            derive = partial(examined, engine, method, laws=options.laws)
+            rows[engine.name, method.name] = answers.derived(engine_pool, engine, what, derive)
+
+        return Task(engine.name, 0.0, do)  # cheap, so it runs late
+
+    def replay(engine: Engine) -> Task:
+        methods = [method for of, method in probed if of is engine]
+        what = f"replays of {', '.join(method.name for method in methods)}"
+
+        def do(engine_pool: EnginePool) -> None:
+            derive = partial(replayed, engine, methods)
+            replays[engine.name] = answers.derived(engine_pool, engine, what, derive)
+
+        return Task(engine.name, -1.0, do)  # last of all, as it ends the engine's worker
+
+    def repeat(place: int, scenario: Scenario, engine: Engine, method: Method, setting: Setting) -> Task:
+        def do(engine_pool: EnginePool) -> None:
+            answer = answers.sentinel(engine_pool, engine, Case(scenario.scene, method.name, setting))
+            compared[place] = Sentinel.of(scenario.name, engine, method, setting, answer)
+
+        return Task(engine.name, 0.0, do)
+
+    tasks = [measure(place, *pair) for place, pair in enumerate(pairs)]
+    tasks += [examine(*pair) for pair in probed]
+    tasks += [replay(engine) for engine in dict.fromkeys(engine for engine, _ in probed if options.laws)]
+    tasks += [repeat(place, *case) for place, case in enumerate([] if whole is None else whole.sentinels())]
+    remote = None if options.executor is None else ExecutorEngines(options.executor, selection.methods)
+    run_tasks(tasks, options.workers, remote)
+
+    def of_methods(table: str) -> Iterator[dict[str, Any]]:
+        for engine, method in probed:
+            yield from rows[engine.name, method.name][table]
+            if table == "laws" and options.laws:
+                yield from replays[engine.name][method.name]
+
+    return Motions(
+        [done[place] for place in range(len(pairs))],
+        list(of_methods("probes")),
+        list(of_methods("fingerprints")),
+        list(of_methods("laws")),
+        [compared[place] for place in sorted(compared)],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Studies:
+    """How the studies of a run are made."""
+
+    selection: Selection
+    answers: Answers
+    options: RunOptions
+    progress: Progress
+
+    def cost(self, problem: Problem, engine: Engine, method: Method) -> float:
+        """Return the cost of a study relative to the others."""
+        settings = self.selection.settings(problem.scenario, engine, method)
+        steps = sum(problem.scenario.duration_s / one.dt_s for one in settings if one.dt_s is not None)
+        return steps * (method.evaluations or 1) * _WEIGHTS.get(engine.name, 1.0)
+
+    def make(self, engine_pool: EnginePool, problem: Problem, engine: Engine, method: Method) -> Study:
+        """Study a method on a scenario, or take what an earlier run measured on the same motions."""
+        asker, scenario, adaptive = (
+            Asker(self.answers, engine_pool),
+            problem.scenario,
+            self.selection.is_adaptive,
+        )
+        settings = self.selection.settings(scenario, engine, method)
+        what = {
+            "study": method.name,
+            "scenario": [problem.scenario_spec, scenario.name, scenario.family],
+            "scene": scene_key(scenario.scene),
+            "settings": [vars(setting) for setting in settings],
+            "adaptive": adaptive,
+        }
+        how: dict[str, Any] = {
+            "adaptive": adaptive,
+            "ask": asker.ask,
+            "search": partial(self.answers.search, engine_pool) if self.options.stable_steps else None,
+            "case_done": self.progress.case_done,
+        }
+        stored = self.answers.known(engine, what)
+        found = None if stored is None else restored(stored, problem, engine, method, **how)
+        if found is None:
+            found = study(problem, engine, method, settings, **how)
+            self.answers.keep(engine, what, stored_form(found), asker)
+        return found
