@@ -106,12 +106,15 @@ def test_kernels_of_another_compiler_have_their_own_folder(
     assert compiled_cache.cache_directory.__wrapped__() != before
 
 
-def test_processor_is_its_name_and_its_features(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another flag is another processor, whatever the order of the flags."""
+@pytest.mark.parametrize("listed", ["flags", "Features"])
+def test_processor_is_its_name_and_its_features(
+    listed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another flag is another processor, whatever the order of the flags; x86 and ARM list them."""
     found = []
     for flags in ("fpu sse2 avx2", "avx2 fpu sse2", "fpu sse2 avx2 avx512f"):
         file = tmp_path / "cpuinfo"
-        file.write_text(f"processor : 0\nmodel name : one\nflags : {flags}\n\nprocessor : 1\nflags : x\n")
+        file.write_text(f"processor : 0\nmodel name : one\n{listed} : {flags}\n\nprocessor : 1\nflags : x\n")
         monkeypatch.setattr(platform_identity, "_CPUINFO", file)
         found.append(platform_identity.processor.__wrapped__())
     assert found[0] == found[1] != found[2]
