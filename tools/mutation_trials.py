@@ -109,6 +109,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         f"adapters/versions/{name}.py": ("../adapters/test_pinned_versions.py", "../test_versions.py")
         for name in ("environments", "pins", "uv")
     },
+    "reports/probes/replay.py": ("test_fingerprint.py",),
     "runs/version_search.py": (
         "../test_versions.py",
         "../test_versions.py::test_every_release_is_run_on_request",
@@ -216,6 +217,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "done = subprocess.run(asked, capture_output=True, text=True, check=False)",
         "check=False -> nothing",
     ): "the default, written out for readers",
+    (
+        "adapters/versions/environments.py",
+        '(unfinished / _FACTS).write_text(json.dumps(facts), encoding="utf-8")',
+        "encoding='utf-8' -> nothing",
+    ): "this JSON is ASCII",
     (
         "adapters/workers/build_identity.py",
         "told = json.dumps(parts, sort_keys=True)",

@@ -11,7 +11,7 @@ import sysconfig
 from collections.abc import Callable, Iterator
 from importlib.metadata import distribution
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -206,6 +206,25 @@ def test_installed_engine_lists_its_parts(engine: str, tmp_path: Path) -> None:
     assert "adapter" not in first["parts"]
     libraries = engine != "reference" and Path(str(distribution(name).locate_file(f"{name}.libs"))).is_dir()
     assert ("engine libraries" in first["parts"]) is libraries
+
+
+@pytest.mark.parametrize(
+    ("record", "kind"),
+    [
+        (None, "installed"),
+        ('{"dir_info": {"editable": true}}', "development"),
+        ('{"dir_info": {}}', "installed"),
+        ("[", "development"),
+    ],
+)
+def test_editable_engine_is_a_development_build(
+    record: str | None, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its code may change at any time; a record that cannot be read counts as one of such an install."""
+    installed = SimpleNamespace(read_text=lambda _: record, locate_file=distribution("numpy").locate_file)
+    monkeypatch.setattr(build_identity, "distribution_of", lambda _: "numpy")
+    monkeypatch.setattr(build_identity, "_distribution", lambda _: installed)
+    assert build_identity._kind(Reference()) == kind
 
 
 @pytest.mark.parametrize(
