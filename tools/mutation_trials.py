@@ -98,7 +98,11 @@ TESTS: dict[str, tuple[str, ...]] = {
         f"{_PAST}::test_run_that_cannot_be_judged_is_stored",
         f"{_PAST}::test_internal_error_of_judging_loses_no_run",
     ),
-    "cli/nightly.py": (*_NIGHTLY, "../test_nightly_command.py::test_history_is_listed_queried_and_pruned"),
+    "cli/nightly.py": (
+        "../test_console.py::test_every_command_is_in_a_named_group_of_the_help",
+        *_NIGHTLY,
+        "../test_nightly_command.py::test_history_is_listed_queried_and_pruned",
+    ),
     "adapters/workers/build_identity.py": ("../adapters/test_identity.py",),
     "_util/platform_identity.py": (
         "../reference_impl/test_installed_libraries.py",
