@@ -22,7 +22,7 @@ from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import seal_night
 from bodycheck.reports.history.history_output import night_sentences
 from bodycheck.reports.history.queries import nights_table, query
-from bodycheck.reports.history.regression import Judgement, judge_night
+from bodycheck.reports.history.regression import Judgement, judge_night, speeds_of
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_reader import Tables, read_tables
 from bodycheck.reports.run_files.run_tables import Run
@@ -444,6 +444,24 @@ def test_slower_engine_is_reported_once(night_run: Run, tmp_path: Path) -> None:
     assert {method for _, method in alarms} == {"m1", "m2", "rk4"}
     assert len(alarms) == 3
     assert all(8 <= number <= 12 for number, _ in alarms)
+
+
+def test_step_in_the_speed_is_reported_with_its_size() -> None:
+    """A method that takes a fifth more time from the eighth run on: one change, of log10 1.2 decades."""
+    names = [f"night {number}" for number in range(14)]
+    case = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "control": "dt", "dt_s": 0.01}
+    rows = [
+        {**case, "night": name, "tolerance": None, "relative_cpu": 1.2 if number >= 8 else 1.0}
+        for number, name in enumerate(names)
+    ]
+    reported = [
+        change
+        for last in range(1, len(names))
+        for change in speeds_of(names[: last + 1], pd.DataFrame(rows[: last + 1])).changes
+    ]
+    (change,) = reported
+    assert (change.kind, change.engine, change.method, change.status) == ("speed", "mujoco", "rk4", "worse")
+    assert change.decades == pytest.approx(math.log10(1.2), rel=1e-6)
 
 
 @pytest.mark.slow
