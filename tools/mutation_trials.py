@@ -111,8 +111,13 @@ TESTS: dict[str, tuple[str, ...]] = {
     "_util/file_digests.py": ("../reference_impl/test_file_digests.py",),
     **{
         f"adapters/versions/{name}.py": ("../adapters/test_pinned_versions.py", "../test_versions.py")
-        for name in ("environments", "pins", "uv")
+        for name in ("pins", "uv")
     },
+    "adapters/versions/environments.py": (
+        "../adapters/test_pinned_versions.py",
+        "../adapters/test_optional_engines.py",
+        "../test_versions.py",
+    ),
     "reports/probes/replay.py": ("test_fingerprint.py",),
     "runs/version_search.py": (
         "../test_versions.py",
@@ -237,10 +242,28 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "0 -> 1",
     ): "either is long before the process began",
     (
+        "reports/history/baseline.py",
+        'path.write_text(json.dumps(told, indent=2) + "\\n", encoding="utf-8")',
+        "indent=2 -> nothing",
+    ): "the file is the same to every reader but a human one",
+    **{
+        (
+            "adapters/workers/build_identity.py",
+            f'("{name}", ctypes.{kind}),',
+            f"'{name}' -> '{name}_'",
+        ): "of the system's record only `adds` is read"
+        for name, kind in (("headers", "c_void_p"), ("header_count", "c_uint16"))
+    },
+    (
         "adapters/workers/build_identity.py",
-        '("headers", ctypes.c_void_p),',
-        "'headers' -> 'headers_'",
-    ): "of the system's record only `adds` is read",
+        "return found[0] if found else 0",
+        "0 -> 1",
+    ): "a system that does not count gives the same number each time",
+    (
+        "reports/cache/answers.py",
+        'return self._motion(engine_pool, engine, case, "sentinel", cached=False)',
+        "'sentinel' -> 'sentinel_'",
+    ): "another name that no other request has",
     (
         "_util/file_digests.py",
         "_RACY_NS = 2_000_000_000",

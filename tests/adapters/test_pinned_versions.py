@@ -379,3 +379,40 @@ def test_output_of_uv_is_one_line_of_limited_length() -> None:
     )
     assert uv.in_one_line("x" * 400) == "x" * 400
     assert uv.in_one_line("x" * 401) == "x" * 400 + "..."
+
+
+@pytest.mark.parametrize("missing", ["node", "npm"])
+def test_javascript_engine_needs_node_and_npm(
+    missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The line names the program that is missing, and nothing is written."""
+    monkeypatch.setattr(
+        environments.shutil, "which", lambda name: None if name == missing else f"/bin/{name}"
+    )
+    with pytest.raises(UvError, match=f"no {missing} on the path") as refused:
+        environments._npm_install(["cannon-es"], tmp_path)
+    assert not refused.value.refused
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("status", [0, 1])
+def test_javascript_packages_are_installed_without_their_scripts(
+    status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Into the folder; what npm prints when it fails is the reason."""
+    asked: list[list[str]] = []
+
+    def run(command: list[str], **_: object) -> CompletedProcess[str]:
+        asked.append(command)
+        return CompletedProcess(command, status, "", "404 not\nfound")
+
+    monkeypatch.setattr(environments.shutil, "which", lambda name: f"/bin/{name}")
+    monkeypatch.setattr(environments.subprocess, "run", run)
+    if status:
+        with pytest.raises(UvError, match="404 not found"):
+            environments._npm_install(["cannon-es@0.20"], tmp_path)
+    else:
+        environments._npm_install(["cannon-es@0.20"], tmp_path)
+    (command,) = asked
+    assert command[:2] == ["npm", "install"]
+    assert {"--ignore-scripts", "--prefix", str(tmp_path), "cannon-es@0.20"} <= set(command)

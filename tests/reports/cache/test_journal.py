@@ -45,6 +45,16 @@ def test_entries_are_read_when_it_is_opened_again(tmp_path: Path) -> None:
         assert journal.get("d") is None
 
 
+def test_journal_is_empty_until_something_is_written(tmp_path: Path) -> None:
+    """A run that measured nothing leaves nothing to continue."""
+    with Journal(tmp_path / "journal") as journal:
+        assert journal.is_empty
+        journal.put("a", ENTRIES["a"])
+        assert not journal.is_empty
+    with Journal(tmp_path / "journal") as journal:
+        assert not journal.is_empty
+
+
 @pytest.mark.parametrize("kept", [0, 1, 64, 65, 66, 100, -1])
 def test_truncated_line_is_dropped_and_written_again(kept: int, tmp_path: Path) -> None:
     """Wherever the last line was cut, the others stay, and the journal continues after them."""
