@@ -211,6 +211,20 @@ def test_a_horizon_limits_the_time_over_which_errors_count(command: Command) -> 
     assert (status, err[:26]) == (2, "--horizon-s 0.001: the fir")
 
 
+def test_run_that_confirms_an_answer_does_not_replace_the_fuller_run(command: Command) -> None:
+    """The newest run is passed over for an older one that has all its methods and more."""
+    for name, created in (("full", "2026-01-01T00:00:00+00:00"), ("part", "2026-02-01T00:00:00+00:00")):
+        shutil.copytree("run", Path("bodycheck-runs", name))
+        path = Path("bodycheck-runs", name, "manifest.json")
+        manifest = json.loads(path.read_text())
+        manifest["created"] = created
+        methods = manifest["engines"]["reference"]["methods"]
+        if name == "full":
+            methods["another"] = methods["m1"]
+        path.write_text(json.dumps(manifest))
+    assert "from the run bodycheck-runs/full" in command("advise", "--error", "1e-2")[1]
+
+
 def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Command) -> None:
     """An older run is asked where the newest has them not, or has others by the same name."""
     runs = Path("bodycheck-runs")
@@ -294,10 +308,10 @@ WRONG = {
     "no run": (["compare", "run", "nowhere"], "nowhere/manifest.json: missing: not a run folder"),
     "a page nowhere": (["compare", "run", "other", "--out", "no/a.html"], "no/a.html: cannot be written"),
     "no run to report": (["report", "."], "manifest.json: missing: not a run folder"),
-    "no error": (["advise", "--run", "run"], "give --error, the error to meet, or --dt"),
+    "no error": (["advise", "--run", "run"], "give one of --error, the error to meet, and --dt"),
     "an error and a step": (
         ["advise", "--error", "1", "--dt", "1"],
-        "give --error, the error to meet, or --dt",
+        "give one of --error, the error to meet, and --dt",
     ),
     "half a body": (
         ["advise", "--error", "1", "--mass-kg", "1"],

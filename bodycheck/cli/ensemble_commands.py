@@ -180,7 +180,7 @@ def _run(request: EnsembleRequest, out: Path | None, *, as_json: bool, quiet: bo
 
 
 @ensemble_commands.command(
-    short_help="Search the start at which a method does worst.",
+    short_help="Search for the start at which a method does worst.",
     **described(
         MEASURE,
         "bodycheck hunt intermediate-axis --engine mujoco:rk4 --dt 1e-2 --out worst",
@@ -241,7 +241,7 @@ def hunt(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Search the start at which a method is worst relative to its median error, and save it as a scenario.
+    """Search for the start at which a method is worst relative to its median error, and save it.
 
     The search begins at uniform starts of the same distribution as `ensemble` has. With --against it finds
     where two methods, engines or versions differ most; a breakdown of the method ranks above any error.

@@ -107,7 +107,7 @@ def compare(
 
 
 @questions.command(
-    short_help="Print the cheapest setting for an error, or the error of a step.",
+    short_help="Print the cheapest setting that meets an error, or the error of a step.",
     **described(
         ASK,
         "bodycheck advise --error 1e-3",

@@ -34,7 +34,7 @@ _KEYS = ("scenario", "engine", "method", "dt_s")
 _LONGEST_NAME = 150
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Bench:
     """The fixture `bodycheck`; markers and options are the defaults for arguments left out of a call."""
 
@@ -42,6 +42,9 @@ class Bench:
     record: Record
     nodeid: str
     kept_in: Path | None = None
+
+    def __repr__(self) -> str:
+        return "<the fixture bodycheck>"
 
     @classmethod
     def of(cls, request: pytest.FixtureRequest) -> Bench:

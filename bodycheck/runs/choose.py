@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,9 @@ def chosen_run(
 ) -> tuple[Path, Tables, list[str]]:
     """Return a run's folder, its tables, and the names of the requested scenarios [default: all of the run].
 
-    Without a folder, take the newest run under bodycheck-runs/ that has exactly these scenarios; if there is
-    none, run them. allow_code: scenarios may name functions, whose code runs. Raises InputError if the folder
-    is not that of a run or lacks a scenario.
+    Without a folder, take the newest run under bodycheck-runs/ that has exactly these scenarios, or an older
+    one that has all its methods and more; if there is none, run them. allow_code: scenarios may name
+    functions, whose code runs. Raises InputError if the folder is not that of a run or lacks a scenario.
     """
     if folder is not None:
         return _named(folder, asked, allow_code=allow_code)
@@ -35,12 +36,13 @@ def chosen_run(
     wanted = {scenario.name: written(scenario) for _, scenario in loaded}
     # a user's function may have changed under the same name, so no stored run is known to match
     own_code = any(scenario.scene.has_callback_load for _, scenario in loaded)
-    for newest, manifest in [] if own_code else _newest_first():
-        if wanted.items() <= manifest["scenarios"].items():
-            try:
-                return newest, read_tables(newest), list(wanted or manifest["scenarios"])
-            except InputError as error:
-                _warn_left_out(error)
+    stored = [] if own_code else _newest_first()
+    fitting = [(path, told) for path, told in stored if wanted.items() <= told["scenarios"].items()]
+    for path, manifest in _fuller_first(fitting):
+        try:
+            return path, read_tables(path), list(wanted or manifest["scenarios"])
+        except InputError as error:
+            _warn_left_out(error)
     scenarios = list(asked) or ["standard"]
     print(f"no stored run in {RUNS}/ has these scenarios; running {' '.join(scenarios)}", file=sys.stderr)
     _, report = run_to_folder(RunRequest(scenarios=scenarios, allow_code=allow_code), None, watching)
@@ -57,6 +59,25 @@ def _named(folder: Path, asked: Sequence[str], *, allow_code: bool) -> tuple[Pat
     if missing := [name for name in names if name not in known]:
         raise InputError(f"{folder}: has no scenario {', '.join(missing)}{meant(missing[0], known)}")
     return folder, tables, list(dict.fromkeys(names)) or known
+
+
+def _fuller_first(runs: Sequence[tuple[Path, dict[str, Any]]]) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """Yield runs, newest first, but each after the newest older one that has all its methods and more.
+
+    A run of one case, to confirm an answer, must not replace the run that the answer came from.
+    """
+    for place, (path, manifest) in enumerate(runs):
+        fuller = (run for run in runs[place + 1 :] if _methods(run[1]) > _methods(manifest))
+        yield from islice(fuller, 1)
+        yield path, manifest
+
+
+def _methods(manifest: dict[str, Any]) -> set[tuple[str, str | None, str]]:
+    return {
+        (engine, told.get("version"), method)
+        for engine, told in manifest["engines"].items()
+        for method in told.get("methods", ())
+    }
 
 
 def _newest_first() -> list[tuple[Path, dict[str, Any]]]:

@@ -1,4 +1,4 @@
-"""Search the start at which a method does worst, two methods differ most, or a method breaks down."""
+"""Search for the start at which a method does worst, two methods differ most, or a method breaks down."""
 
 from __future__ import annotations
 

@@ -31,7 +31,10 @@ _REFRESHED = "one step at rest before the start, to refresh the world inertia"
 
 _TIME_STEP = "p.setTimeStep({dt_s})"
 _UNDAMPED = "p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, maxJointVelocity=math.inf)"
-_MAXIMAL_BODY = "body = p.createMultiBody(mass, useMaximalCoordinates=True)"
+_MAXIMAL_BODY = (
+    "body = p.createMultiBody(mass, useMaximalCoordinates=True); "
+    "p.changeDynamics(body, -1, localInertiaDiagonal=inertia)"
+)
 
 _MULTIBODY = Method(
     name="multibody",

@@ -141,7 +141,8 @@ def _order_between(coarser: tuple[float, float], finer: tuple[float, float]) -> 
     """log(e1 / e2) / log(h1 / h2) as text; "" where an error is 0."""
     if min(coarser[1], finer[1]) <= 0.0:
         return ""
-    return f", order {math.log(coarser[1] / finer[1]) / math.log(coarser[0] / finer[0]):.2f}"
+    order = math.log(coarser[1] / finer[1]) / math.log(coarser[0] / finer[0])
+    return f", order {round(order, 2) + 0.0:.2f}"
 
 
 def _who(columns: Mapping[str, Any]) -> dict[str, Any]:
