@@ -39,18 +39,22 @@ def test_mujoco() -> None:
 
 
 def test_pybullet() -> None:
-    """The step, the substeps, the damping and the kind of body are those that the adapter sets."""
+    """The step, the substeps, the damping, the kind of body and its inertia are those of the adapter."""
     pybullet = pytest.importorskip("pybullet")
     client = pybullet.connect(pybullet.DIRECT)
     try:
         for method in methods("pybullet"):
             pybullet.resetSimulation()
             pybullet.setPhysicsEngineParameter(numSubSteps=0)
-            names = run(method, p=pybullet, math=math, mass=1.0, body=pybullet.createMultiBody(1.0))
+            moments = (1.0, 2.0, 2.5)
+            given = {"mass": 1.0, "inertia": moments, "body": pybullet.createMultiBody(1.0)}
+            names = run(method, p=pybullet, math=math, **given)
             world = pybullet.getPhysicsEngineParameters()
             assert world["fixedTimeStep"] == DT_S
             assert max(world["numSubSteps"], 1) == (4 if "substeps" in method.name else 1)
             assert ("useMaximalCoordinates=True" in method.snippet) == method.name.startswith("maximal")
+            if method.name.startswith("maximal"):
+                assert pybullet.getDynamicsInfo(names["body"], -1)[2] == moments
             if method.name.startswith("multibody"):
                 pybullet.changeDynamics(names["body"], -1, localInertiaDiagonal=(1.0, 1.0, 1.0))
                 pybullet.resetBaseVelocity(names["body"], angularVelocity=(0.0, 0.0, 1.0))
