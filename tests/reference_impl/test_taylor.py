@@ -6,6 +6,7 @@ the Gragg-Bulirsch-Stoer method in mpmath: neither its variables nor its method 
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -327,6 +328,36 @@ def test_gravity_gradient_conserves_the_jacobi_integral() -> None:
     # u' = n y x u: the frame of the orbit turns about +y
     jacobi = kinetic - n * spin[:, 1] + 1.5 * n**2 * np.sum(u_body * (u_body @ tensor), axis=-1)
     assert np.max(np.abs(jacobi - jacobi[0])) <= 32 * EPS * np.max(kinetic)
+
+
+@every_load
+def test_calls_of_few_steps_continue_bit_for_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled code that returns after every second step gives the states of one call."""
+    scene, times = CASES[name], np.array([0.0, 0.1, 0.77, 1.1, 2.0])
+    whole = solve(course_of(scene, 2.0), scene.initial, times, FINE)
+    monkeypatch.setattr("bodycheck.reference_impl.taylor.solution._STEPS_PER_CALL", 2)
+    parts = solve(course_of(scene, 2.0), scene.initial, times, FINE)
+    assert whole.steps > 2
+    assert (parts.steps, parts.lost) == (whole.steps, whole.lost)
+    assert parts.high.tobytes() == whole.high.tobytes()
+    assert parts.low.tobytes() == whole.low.tobytes()
+
+
+def test_signal_interrupts_a_motion_that_would_take_years() -> None:
+    """Compiled code returns now and then, so that the process can handle a signal."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    scene, until = CASES["gravity gradient"], 1e12
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            solve(course_of(scene, until), scene.initial, np.array([until]), FINE)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_specialised_kernels_equal_the_general_one() -> None:

@@ -67,6 +67,9 @@ _LOST = {
     LOST_AT_HALF_TURN: "a torsion spring is turned by pi, where its torque jumps",
 }
 
+_STEPS_PER_CALL = 10_000
+"""Steps after which compiled code returns, because a process handles Ctrl-C and SIGTERM only in between."""
+
 Course: TypeAlias = tuple[tuple[float, float, Forcing], ...]
 """Consecutive intervals (begin in s, end in s, forcing) without gaps."""
 
@@ -120,29 +123,37 @@ def _advance(
     """
     numbers = forcing if resolution.paired_orders else forcing.rounded()
     rows, series = _working_space(forcing, resolution)
-    steps = integrate(
-        state,
-        series,
-        numbers.turning,
-        numbers.damping,
-        numbers.body_sines,
-        numbers.world,
-        numbers.world_sines,
-        numbers.orbit,
-        None if forcing.on_parabola else numbers.moving,
-        numbers.springs,
-        numbers.torsion,
-        numbers.recorded,
-        rows,
-        times,
-        *span,
-        resolution.tolerance,
-        resolution.paired_orders,
-        out,
-    )
+    (t, end), due, steps = span, 0, 0
+    while True:
+        made, t = integrate(
+            state,
+            series,
+            numbers.turning,
+            numbers.damping,
+            numbers.body_sines,
+            numbers.world,
+            numbers.world_sines,
+            numbers.orbit,
+            None if forcing.on_parabola else numbers.moving,
+            numbers.springs,
+            numbers.torsion,
+            numbers.recorded,
+            rows,
+            times[due:],
+            t,
+            end,
+            resolution.tolerance,
+            resolution.paired_orders,
+            _STEPS_PER_CALL,
+            (out[0][due:], out[1][due:]),
+        )
+        steps = made if made < 0 else steps + made
+        if not t < end:
+            break
+        due = int(np.searchsorted(times, t, side="right"))
     if forcing.on_parabola:
         follow_parabola(state, numbers.moving, times, *span, out)
-    return int(steps)
+    return steps
 
 
 def _working_space(forcing: Forcing, resolution: Resolution) -> tuple[tuple[int, int, int, int], Numbers]:

@@ -245,9 +245,12 @@ def integrate(
     end: float,
     tolerance: float,
     paired_orders: int,
+    most_steps: int,
     out: tuple[Array, Array],
-) -> int:
-    """Advance the state from time begin to end, write it at the times into out; return the number of steps.
+) -> tuple[int, float]:
+    """Advance the state from time begin to end, write it at the times into out; return steps and last time.
+
+    After most_steps it returns early; the next call, from the returned time, continues bit for bit.
 
     state ((13,), (13,)): the high and low parts of q, omega_body, v, x; without `moving`, v and x are left
     unchanged. series (n, order + 1): workspace in the desired precision; rows: the first rows of the sines in
@@ -265,7 +268,7 @@ def integrate(
     while due < len(times) and times[due] == begin:
         _write(out, due, state)
         due += 1
-    while t < end:
+    while t < end and steps < most_steps:
         _start(series, state, body_sines, world_sines, orbit, recorded, rows, t)
         _expand(
             series,
@@ -315,10 +318,10 @@ def integrate(
             for lost in range(due, len(times)):
                 _write(out, lost, state)
             if springs is not None and is_at_anchor(high, springs, rows[1]):
-                return LOST_AT_ANCHOR
+                return LOST_AT_ANCHOR, end
             if torsion is not None and high[rows[2], 0] < _HALF_TURN:
-                return LOST_AT_HALF_TURN
-            return steps
+                return LOST_AT_HALF_TURN, end
+            return steps, end
         while due < len(times) and times[due] < after:
             for i in range(last):
                 out[0][due, i], out[1][due, i] = _advanced(
@@ -332,7 +335,7 @@ def integrate(
             due += 1
         t = after
         steps += 1
-    return steps
+    return steps, t
 
 
 @kernel
