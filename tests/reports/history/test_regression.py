@@ -205,7 +205,9 @@ def test_another_version_of_an_engine_keeps_the_levels(monkeypatch: pytest.Monke
             (("mujoco==3.16.0", 1.0), ("mujoco==3.17.0", 1.015), ("mujoco", 1.03))
         )
     ]
-    assert kinds_and_steps(judgement_of(*nights, monkeypatch=monkeypatch)) == [("accuracy", "worse", 0.01)]
+    found = judgement_of(*nights, monkeypatch=monkeypatch)
+    assert kinds_and_steps(found) == [("accuracy", "worse", 0.01)]
+    assert [row["engine"] for row in found.accepted] == ["mujoco"]
 
 
 def test_speed_is_judged_by_all_baseline_runs(monkeypatch: pytest.MonkeyPatch) -> None:
