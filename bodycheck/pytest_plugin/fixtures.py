@@ -139,7 +139,7 @@ def _kept(run: Run, folder: Path, rerun: str | None) -> Path:
     """
     if rerun is not None:
         cases = tuple(replace(case, columns={**case.columns, "reproduce": rerun}) for case in run.cases)
-        names = ("results", "probes", "fingerprints", "laws")
+        names = ("results", "probes", "diagnoses", "fingerprints", "laws")
         tables = {name: getattr(run, name).assign(reproduce=rerun) for name in names}
         run = replace(run, cases=cases, **tables)
     return write_run(run, folder / run.run_id)
@@ -212,7 +212,7 @@ class HeldGate:
         assert self.record is not None
         run, report = _run_of(self.beside, self.scenarios, self.reuse, self.kept_in)
         (result,) = held([self.gate], run)
-        assert_passed(result, self.record, report=report)
+        assert_passed(result, run, self.record, report=report)
 
 
 @cache

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
@@ -95,10 +96,14 @@ class Measured:
             replace(check, row=replace(check.row, reproduce=self._command(check.row)))
             for check in result.checks
         )
-        assert_passed(replace(result, checks=checks), self.record, self.cause, self.report)
+        assert_passed(replace(result, checks=checks), self.run, self.record, self.cause, self.report)
 
     def _command(self, row: Row) -> str:
         return self.rerun or row.reproduce
+
+
+def _key(row: Mapping[Any, Any]) -> tuple[str, str, str]:
+    return row["scenario"], row["engine"], row["method"]
 
 
 def _who(row: Row) -> str:
@@ -106,7 +111,11 @@ def _who(row: Row) -> str:
 
 
 def assert_passed(
-    result: GateResult, record: Record, cause: Exception | None = None, report: Path | None = None
+    result: GateResult,
+    run: Run,
+    record: Record,
+    cause: Exception | None = None,
+    report: Path | None = None,
 ) -> None:
     """Raise AssertionError, with one paragraph per failing row and the report, if a gate does not pass."""
     __tracebackhide__ = True
@@ -115,11 +124,16 @@ def assert_passed(
         return
     lines = [line_of(result)]
     rows = failure_rows([result])
+    diagnoses = {_key(row): row["diagnosis"] for row in run.diagnoses.to_dict("records")}
     for (_, *cells, command), check in zip(rows[:_MOST_ROWS], result.failed, strict=False):
-        lines += [" | ".join(filter(None, cells)), f"    {command}"]
+        if len(result.checks) > 1:
+            lines.append(" | ".join(filter(None, cells)))
         lines += [f"    {line}" for line in check.row.errors]
+        if diagnosis := diagnoses.get(_key(vars(check.row))):
+            lines.append(f"    diagnosis: {diagnosis}")
+        lines.append(f"    reproduce: {command}")
     if len(rows) > _MOST_ROWS:
         lines.append(f"and {len(rows) - _MOST_ROWS} more")
     if report is not None:
-        lines.append(f"report: {report}")
+        lines += [f"report: {report}", f"explain: bodycheck explain {shlex.quote(str(report.parent))}"]
     raise AssertionError("\n".join(lines)) from cause

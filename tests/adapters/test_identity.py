@@ -202,6 +202,8 @@ def test_installed_engine_lists_its_parts(engine: str, tmp_path: Path) -> None:
     assert needed <= first["parts"].keys()
     assert all(len(first["parts"][name].split()[-1]) == 16 for name in ("numpy", "loaded", "bodycheck"))
     assert first["parts"].get("distribution", "").startswith("" if engine == "reference" else f"{name} ")
+    # the other engines are single files
+    assert ("engine" in first["parts"]) is (engine == "mujoco")
     # the adapter is a part of bodycheck, and few engines come with libraries beside their package
     assert "adapter" not in first["parts"]
     libraries = engine != "reference" and Path(str(distribution(name).locate_file(f"{name}.libs"))).is_dir()

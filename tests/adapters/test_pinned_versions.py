@@ -7,6 +7,8 @@ import threading
 from importlib.metadata import version
 from pathlib import Path
 from subprocess import CompletedProcess
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -168,6 +170,25 @@ def test_environment_is_created_once(fake: FakeUv) -> None:
     assert environments.python_of(PIN) == python
     assert len(fake.commands) == made
     assert environments.python_of(Pin("mujoco", "3.7.0")) != python
+
+
+def test_environment_has_the_python_that_the_adapter_requires(
+    fake: FakeUv, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """uv may download it, and the environment for another Python is another one."""
+    asked: list[tuple[str, bool]] = []
+
+    def uv_of_any_python(*words: str, downloads: bool = False) -> str:
+        if words[0] == "venv":
+            asked.append((words[2], downloads))
+        return fake(*words)
+
+    monkeypatch.setattr(environments, "uv", uv_of_any_python)
+    here = environments.python_of(PIN)
+    stated = SimpleNamespace(requires_python="==3.12.*", requires=("mujoco",))
+    monkeypatch.setattr(environments, "stated_by", lambda _: stated)
+    assert environments.python_of(PIN) != here
+    assert asked == [(sys.executable, False), ("==3.12.*", True)]
 
 
 def test_uv_installs_wheels_of_the_release_only(fake: FakeUv) -> None:
@@ -402,7 +423,9 @@ def test_javascript_packages_are_installed_without_their_scripts(
     """Into the folder; what npm prints when it fails is the reason."""
     asked: list[list[str]] = []
 
-    def run(command: list[str], **_: object) -> CompletedProcess[str]:
+    def run(command: list[str], *, capture_output: bool, text: bool, **_: Any) -> CompletedProcess[str]:
+        assert capture_output
+        assert text
         asked.append(command)
         return CompletedProcess(command, status, "", "404 not\nfound")
 

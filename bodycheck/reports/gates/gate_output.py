@@ -87,7 +87,7 @@ def line_of(result: GateResult) -> str:
     """Return the result of a gate without its status: its title and its worst row."""
     cases = count(len(result.checks), "case")
     if result.status == "nothing":
-        return f"{result.gate.title}: measured nothing: {result.why}"
+        return f"{result.gate.title}: {result.why}"
     if result.status == "failed":
         return f"{result.gate.title}: {len(result.failed)} of {cases} failed; {_worst(result)}"
     return f"{result.gate.title}: {cases}; {_worst(result)}"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from bodycheck._util.formatting import names, number, setting, step
 from bodycheck._util.untrusted import joined, parted
 from bodycheck.reports.gates.gate import Gate
-from bodycheck.reports.measurement.verdicts import QuantityVerdict, method_verdict
+from bodycheck.reports.measurement.verdicts import QuantityVerdict, amount_of, method_verdict
 from bodycheck.reports.run_files.run_tables import RunTables, key_of
 
 if TYPE_CHECKING:
@@ -112,13 +112,21 @@ def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, A
     why = ""
     if value is None or (not measure.words and not _is_finite(value)):
         value = None
-        told = found.get("verdict") or found.get("message") or columns["message"] or "no result"
-        why = f"no {gate.measure}: {told}"
+        told = _told(found) or found.get("message") or columns["message"] or "no result"
+        why = f"no {measure.column}: {told}"
     command = _whole_command(columns, run.manifest)
     about = found.get("about", "")
     errors = _errors_by_step(columns, measure.quantity or "", run) if measure.column == "order" else ()
     who = _who(columns)
     return Row(**who, at="", obtained=value, why=why, reproduce=command, about=about, errors=errors)
+
+
+def _told(found: Mapping[str, Any]) -> str:
+    """Return the verdict of a row of methods.csv, with the size of the error where it counts against it."""
+    if "verdict" not in found:
+        return ""
+    verdict = QuantityVerdict.of(found)
+    return verdict.text if verdict.is_wrong else verdict.state
 
 
 def _errors_by_step(columns: Mapping[str, Any], quantity: str, run: RunTables) -> tuple[str, ...]:
@@ -132,7 +140,7 @@ def _errors_by_step(columns: Mapping[str, Any], quantity: str, run: RunTables) -
             continue
         point = (case.dt_s or 0.0, error)
         order = "" if coarser is None else _order_between(coarser, point)
-        lines.append(f"{_at(case.columns)}: {number(error)}{order}")
+        lines.append(f"{_at(case.columns)}: {amount_of(quantity, error)}{order}")
         coarser = point
     return tuple(lines)
 

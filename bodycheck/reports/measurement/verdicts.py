@@ -77,6 +77,12 @@ _ORDER_SLACK = 0.5  # orders are integers: an interval that ends this far below 
 _WRONG = ("does-not-converge", "off", "lower-order")
 
 
+def amount_of(quantity: str, size: float, digits: int = 4) -> str:
+    """Return a size with its unit, as in "3.108 rad" or "0.98 of its scale"."""
+    unit = " rad" if quantity == ORIENTATION else " of its scale" if MEASURES[quantity].scale else ""
+    return f"{number(size, digits)}{unit}"
+
+
 @dataclass(frozen=True)
 class QuantityVerdict:
     """A row of methods.csv: the verdict, and the error at the finest step or tolerance that ended well.
@@ -129,10 +135,7 @@ class QuantityVerdict:
         """The size with its unit, and the step, as in "0.98 of its scale at dt 0.001 s"."""
         if self.size is None:
             return "not measured"
-        unit = (
-            "rad" if self.quantity == ORIENTATION else "of its scale" if MEASURES[self.quantity].scale else ""
-        )
-        return " ".join(filter(None, (number(self.size, 3), unit, f"at {self.at}" if self.at else "")))
+        return amount_of(self.quantity, self.size, 3) + (f" at {self.at}" if self.at else "")
 
     @property
     def text(self) -> str:

@@ -327,6 +327,20 @@ def test_repeatable_search_is_requested_once(said: dict[str, Any], tmp_path: Pat
     assert engine_pool.asked == 3
 
 
+def test_search_of_another_build_is_not_stored(tmp_path: Path) -> None:
+    """It is requested again, and names the build that gave it."""
+    engine_pool, answers = Counting({**FOUND, "build": "0dd"}), Answers(None, Cache(tmp_path), 1.0)
+    assert [answers.search(engine_pool, ENGINE, SEARCH).build for _ in range(2)] == ["0dd", "0dd"]
+    assert engine_pool.asked == 2
+
+
+def test_sentinel_is_measured_by_every_run(tmp_path: Path) -> None:
+    """It tells the machines of a run apart, so that an answer of another run would hide a difference."""
+    engine_pool, answers = Counting(GOOD), Answers(None, Cache(tmp_path), 1.0)
+    assert not any(answers.sentinel(engine_pool, ENGINE, CASE).reused for _ in range(2))
+    assert engine_pool.asked == 2
+
+
 @pytest.mark.parametrize("said", [{}, {"outcome": "failed", "message": "it crashed"}, {"outcome": "ok"}])
 def test_failed_search_is_requested_again(said: dict[str, Any], tmp_path: Path) -> None:
     """It is a failure with a reason."""

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from bodycheck._util.errors import InputError
+from bodycheck.reports.history import baseline
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import (
     Night,
@@ -123,6 +124,30 @@ def test_only_unchanged_scenarios_are_the_same() -> None:
     other = {"brick": {"mass": 1.0}, "plate": {"mass": 2.0}, "disk": {"mass": 1.0}, "rod": {"mass": 1.0}}
     night = Night(Path("night"), {"scenarios": mine}, {})
     assert night.same_scenarios({"scenarios": other}) == {"brick", "rod"}
+
+
+def test_only_the_newest_run_needs_readable_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next run is compared with its accepted levels; of older runs only recorded errors are used."""
+    names = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
+    unreadable, read = {names[0], names[2]}, []
+
+    def accepted(night: Night) -> object:
+        read.append(night.name)
+        if night.name in unreadable:
+            raise InputError(f"{night.folder}: is damaged")
+        return object()
+
+    monkeypatch.setattr(Night, "accepted", property(accepted))
+    monkeypatch.setattr(baseline, "read_manifest", lambda _: {"machine": {}})
+    monkeypatch.setattr(baseline, "told_of", lambda _: {})
+    monkeypatch.setattr(baseline, "check_files", lambda *_: None)
+    monkeypatch.setattr(baseline, "machine_class", lambda _: "a class")
+    for name in names:
+        (tmp_path / name).mkdir()
+    past = past_of(History(tmp_path), {"run_id": "20260104T000000Z-000004"})
+    assert [night.name for night in past.nights] == [names[1], names[0]]
+    assert past.left_out == (f"{tmp_path / names[2]}: is damaged",)
+    assert read == [names[2], names[1]]
 
 
 def test_each_unusable_run_is_left_out_with_its_reason(tmp_path: Path) -> None:
