@@ -98,6 +98,11 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
         f"{path}: omega_body = {vector(body.omega_body)} rad/s, {body.duration_s(horizon_s):g} s",
         file=sys.stderr,
     )
+    if body.spins_steadily:
+        print(
+            "note: this omega is constant, which any method handles well; other spins err more",
+            file=sys.stderr,
+        )
     return str(path)
 
 

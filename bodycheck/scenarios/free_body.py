@@ -38,6 +38,11 @@ class FreeBody:
             return (self.spin_rad_s[0] / math.sqrt(3.0),) * 3
         return tuple(self.spin_rad_s)
 
+    @property
+    def spins_steadily(self) -> bool:
+        """Whether omega is constant: omega x I omega = 0."""
+        return not np.any(np.cross(self.omega_body, np.multiply(self.inertia_kg_m2, self.omega_body)))
+
     def duration_s(self, horizon_s: float | None) -> float:
         """Return the horizon in s, or else the next of 1, 2, 5, 10, ... s that is at least 10 rotations."""
         if horizon_s is not None:

@@ -35,7 +35,8 @@ class Option:
     basis: measured, predicted, or unsure for the reason `why`. real_time: simulated seconds per CPU second,
     and cpu_s: CPU seconds of the whole scenarios; None where no time was measured. evaluations: right-hand
     sides of the whole scenarios, the cost where no time was measured. rotation_rad: max |omega|
-    times the step. limiting: the scenario that requires this setting. confirm: the command that measures it.
+    times the step. limiting: the scenario that requires this setting. duration_s: simulated time, of
+    all scenarios together. confirm: the command that measures it.
     snippet: the statements that select it in a program; "" if the engine declares none.
     """
 
@@ -51,6 +52,7 @@ class Option:
     evaluations: float | None
     rotation_rad: float | None
     limiting: str
+    duration_s: float
     confirm: str
     snippet: str
 
@@ -199,6 +201,7 @@ def _option(curve: ErrorCurve, found: Estimate) -> Option:
         evaluations=evaluations,
         rotation_rad=None if dt_s is None or omega is None else omega * dt_s,
         limiting=columns["scenario"],
+        duration_s=curve.duration_s,
         confirm=_with_step(columns["reproduce"], dt_s),
         snippet="" if dt_s is None else curve.snippet.replace("{dt_s}", repr(dt_s)),
     )
@@ -319,6 +322,7 @@ def _joint(key: MethodKey, each: Sequence[Option], curves: Curves) -> Option:
         evaluations=_total(_times(one.evaluations, _ratio(one, limiting)) for one in each),
         rotation_rad=limiting.rotation_rad,
         limiting=limiting.limiting,
+        duration_s=simulated,
         confirm=_command(key, [one.confirm for one in each], limiting.setting if fits else None),
         snippet=limiting.snippet,
     )

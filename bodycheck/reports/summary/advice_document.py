@@ -43,6 +43,8 @@ def _answer_parts(answer: Answer, scenarios: int) -> Iterator[Part]:
     """Yield a table of the options, what is unsure or missing, commands, and the line to paste."""
     name = f"all {scenarios} scenarios" if answer.scenario is None else answer.scenario
     if answer.options:
+        if answer.scenario is not None:
+            name += f", {number(answer.options[0].duration_s)} s"
         yield Table(_COLUMNS, tuple(map(_row, answer.options)), name)
     else:
         yield Sentence(name, strong=True)
