@@ -124,6 +124,13 @@ def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
         (("nightly", "--history", "tumble.toml"), "cannot be written"),
         (("nightly", "tumble.toml", "--history", "kept", "--threshold", "-1"), "--threshold -1.0: must be"),
         (("nightly", "tumble.toml", "--history", "kept", "--tolerances", "absent.toml"), "absent.toml"),
+        (("nightly", "tumble.toml"), "--history: required"),
+        (("nightly", "tumble.toml", "--part", "x"), "--part: requires --shard"),
+        (("nightly", "tumble.toml", "--shard", "1/2"), "--shard 1/2: requires --part"),
+        (
+            ("nightly", "tumble.toml", "--shard", "1/2", "--part", "x", "--history", "kept"),
+            "requires --part, no --history",
+        ),
         (("history", "list", "kept"), "no nightly runs"),
         (("history", "query", "absent", "SELECT 1"), "no nightly runs"),
         (("history", "prune", "kept", "--keep", "0"), "1 or more"),

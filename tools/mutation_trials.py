@@ -142,6 +142,16 @@ ONLY = {
 
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
+        "adapters/versions/environments.py",
+        '(unfinished / _FACTS).write_text(json.dumps(facts), encoding="utf-8")',
+        "'utf-8' -> 'utf-8_'",
+    ): "another name of the same encoding",
+    (
+        "adapters/versions/environments.py",
+        'digest = sha256("\\n".join(rest).encode()).hexdigest()[:12]',
+        "12 -> 13",
+    ): "the name of a folder may be longer",
+    (
         "_util/file_digests.py",
         'memory = cache_home() / "digests" / hashlib.sha256(label.encode()).hexdigest()[:32]',
         "32 -> 33",

@@ -172,6 +172,18 @@ def test_environment_is_created_once(fake: FakeUv) -> None:
     assert environments.python_of(Pin("mujoco", "3.7.0")) != python
 
 
+@pytest.mark.parametrize(
+    ("requires", "pin"),
+    [(("numpy", "numba>=0.50"), None), (("numpy", "no-such-package==1"), Pin("any", None))],
+)
+def test_engine_whose_packages_are_installed_needs_no_environment(
+    requires: tuple[str, ...], pin: Pin | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """pip has checked their versions."""
+    monkeypatch.setattr(environments, "stated_by", lambda _: SimpleNamespace(requires=requires))
+    assert environments.needed_environment("any") == pin
+
+
 def test_environment_has_the_python_that_the_adapter_requires(
     fake: FakeUv, monkeypatch: pytest.MonkeyPatch
 ) -> None:
