@@ -142,6 +142,21 @@ ONLY = {
 
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
+        "reports/cache/answers.py",
+        'asked = {"method": case.method, **vars(case.setting), "scene": scene_key(case.scene)}',
+        "'method' -> 'method_'",
+    ): "only equal keys are compared",
+    (
+        "reports/cache/entries.py",
+        'text = json.dumps(parts, sort_keys=True, separators=(",", ":"))',
+        "separators=(',', ':') -> nothing",
+    ): "only equal keys are compared",
+    (
+        "reports/history/baseline.py",
+        "return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()",
+        "True -> False",
+    ): "a report that is read has its keys in the order in which they were written",
+    (
         "adapters/versions/environments.py",
         '(unfinished / _FACTS).write_text(json.dumps(facts), encoding="utf-8")',
         "'utf-8' -> 'utf-8_'",

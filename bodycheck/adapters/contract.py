@@ -259,6 +259,13 @@ def read_back_mismatch(
     relative to those quantities. A state without attitude or without omega is a
     mismatch too, because it could not be compared.
     """
+    different = _differences(scene, dt_s, found, precision)
+    if different and precision == "float64" and not _differences(scene, dt_s, found, "float32"):
+        return f'the engine holds float32: state precision="float32" in its Method; {different[0]}'
+    return "; ".join(different) or None
+
+
+def _differences(scene: Scene, dt_s: float | None, found: ReadBack, precision: Precision) -> list[str]:
     body, initial = scene.body, scene.initial
     faults: list[str] = []
     arm = _arm(scene)
@@ -306,7 +313,7 @@ def read_back_mismatch(
         compare("omega_body", initial.omega_body, state.omega_body, beside=through_momentum)
     if state.omega_world is not None:
         compare("omega_world", initial.omega_world, state.omega_world, beside=through_momentum)
-    return "; ".join(faults) or None
+    return faults
 
 
 def _arm(scene: Scene) -> float:

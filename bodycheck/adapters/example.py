@@ -15,7 +15,7 @@ class Example:
     """The engine, as bodycheck knows it."""
 
     name, version = "example", "0.1.0"
-    # The package that NAME==VERSION installs: that of the engine, not of this adapter.
+    # The package that NAME==VERSION installs: that of the engine, if it is another than this one.
     distribution = "bodycheck-example"
     facts = Method("euler", "semi-implicit Euler", 1, 1, "held over the step", "|q| = 1", "its manual")
     methods = {facts.name: facts}  # noqa: RUF012 - never changed

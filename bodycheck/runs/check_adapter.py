@@ -8,10 +8,11 @@ from functools import partial
 from itertools import groupby
 
 from bodycheck._util.errors import InputError
+from bodycheck._util.formatting import count
 from bodycheck.adapters.contract import Method
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.cache.answers import Answers
-from bodycheck.reports.document import Column, Document, Sentence, Span, Table
+from bodycheck.reports.document import Column, Command, Document, Sentence, Span, Table
 from bodycheck.reports.probes.conformance import CHECKS, Bench, Check
 from bodycheck.reports.probes.finding import Finding
 from bodycheck.runs.selection import select
@@ -74,7 +75,8 @@ def check_adapter(name: str, *, timeout_s: float, allow_code: bool = False) -> C
 
 
 def _results(bench: Bench, check: Check) -> Iterator[Result]:
-    for finding in check.findings(bench):
+    found = list(check.findings(bench)) or [Finding("", message="it fails in the checks above")]
+    for finding in found:
         yield _result(bench.method, check, finding)
 
 
@@ -93,23 +95,36 @@ _HEADS = (Column("method", "fixed"), Column("check", "fixed"), Column("", "fixed
 def conformance_document(found: Conformance) -> Document:
     """Return one row per method and check: what holds, or each failure in words."""
     rows: list[tuple[str | Span, ...]] = []
+    seen: set[str] = set()
     for (method, check), results in groupby(found.results, key=lambda result: (result.method, result.check)):
-        rows += _rows(method, check, list(results))
+        rows += _rows(method, check, list(results), seen)
     failed = len({(result.method, result.check) for result in found.failures})
-    total = len({(result.method, result.check) for result in found.results})
+    total = len({result.method for result in found.results}) * len(CHECKS)
     summary = f"{found.engine} {found.version}: " + (
         f"{failed} of {total} checks fail" if failed else f"all {total} checks pass or do not apply"
     )
     table = Table(_HEADS, tuple(rows))
     tint = "bad" if failed else "good"
-    return Document("bodycheck check-adapter", (table, Sentence(summary, tint, strong=True)))
+    told = Sentence(summary, tint, strong=True)
+    following = Command(f"bodycheck run smoke --engine {found.engine}", "errors and orders")
+    return Document("bodycheck check-adapter", (table, told) if failed else (table, told, following))
 
 
-def _rows(method: str, check: str, results: list[Result]) -> Iterator[tuple[str | Span, ...]]:
-    """Yield a row per failure; without one, a row with the requirement, or why nothing was checked."""
+def _rows(method: str, check: str, results: list[Result], seen: set[str]) -> Iterator[tuple[str | Span, ...]]:
+    """Yield a row per failure; without one, a row with the requirement, or why nothing was checked.
+
+    seen: the messages so far; a failure that repeats one is only counted.
+    """
     failures = [result for result in results if result.failed]
+    repeated = 0
     for result in failures:
+        if result.message in seen:
+            repeated += 1
+            continue
+        seen.add(result.message)
         yield method, check, _WORDS["inconsistent"], f"{result.finding}: {result.message}"
+    if repeated:
+        yield method, check, _WORDS["inconsistent"], f"{count(repeated, 'finding')} with a message above"
     if failures:
         return
     skipped = dict.fromkeys(result.message for result in results if result.verdict == "not-measured")

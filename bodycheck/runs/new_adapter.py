@@ -72,7 +72,7 @@ def new_adapter(name: str) -> Path:
     if _NAME.fullmatch(name) is None:
         raise InputError(f"{name}: not a name of an engine (expected lower case, like my-engine)")
     if name in engine_names():
-        raise InputError(f"{name}: is the name of another engine")
+        raise InputError(f"{name}: is the name of an engine or adapter that is installed")
     folder = Path(f"bodycheck-{name}")
     if folder.exists():
         raise InputError(f"{folder}: exists already")

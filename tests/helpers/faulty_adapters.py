@@ -95,6 +95,61 @@ class ReversesGravity(ExampleSimulation):
         self.scene = scene
 
 
+class Damped(ExampleSimulation):
+    """Loses 0.4 % of its spin per second, as under a damping that an engine has by default."""
+
+    def advance(self, steps: int) -> None:
+        """Make the steps one by one, each with its loss."""
+        for _ in range(steps):
+            super().advance(1)
+            self.omega = self.omega * (1.0 - 0.004 * self.dt_s)
+
+
+class Clamped(ExampleSimulation):
+    """Moves at 100 m/s at most."""
+
+    def advance(self, steps: int) -> None:
+        """Make the steps one by one, each with its limit."""
+        for _ in range(steps):
+            super().advance(1)
+            self.v = self.v * min(1.0, 100.0 / max(float(np.linalg.norm(self.v)), 1e-9))
+
+
+class HalfTheStep(ExampleSimulation):
+    """Integrates over half of each step, as an engine with a fixed step of its own."""
+
+    def advance(self, steps: int) -> None:
+        """Make steps of half the length."""
+        self.dt_s *= 0.5
+        super().advance(steps)
+        self.dt_s *= 2.0
+
+
+class SinglePrecision(ExampleSimulation):
+    """Holds its state and its body in float32."""
+
+    def reset(self) -> None:
+        """Round the initial state."""
+        super().reset()
+        self._round()
+
+    def advance(self, steps: int) -> None:
+        """Round the state after each step."""
+        for _ in range(steps):
+            super().advance(1)
+            self._round()
+
+    def read_back(self) -> ReadBack:
+        """Return the rounded body, too."""
+        held = super().read_back()
+        inertia = held.inertia.astype(np.float32).astype(np.float64)
+        return replace(held, mass=float(np.float32(held.mass)), inertia=inertia)
+
+    def _round(self) -> None:
+        for name in ("x", "v", "q", "omega"):
+            setattr(self, name, getattr(self, name).astype(np.float32).astype(np.float64))
+
+
 class HoldsLoads(ExampleSimulation):
     """The midpoint rule, whose loads are those of the step's begin."""
 
@@ -181,6 +236,28 @@ FAULTS: Mapping[str, AdapterFault] = {
         ),
         "loads",
         "the world force acts at the centre of mass, not at its point",
+    ),
+    "force off its point": AdapterFault(
+        applies(
+            lambda w: replace(
+                w,
+                point_forces=tuple(
+                    (point + np.array([0.0, 0.1, 0.0]), force) for point, force in w.point_forces
+                ),
+            )
+        ),
+        "loads",
+        "the world force acts 0.0",
+    ),
+    "damping": AdapterFault(Damped, "free motion", "as under a damping of 0.004 1/s"),
+    "speed clamp": AdapterFault(
+        Clamped, "free motion", "without a force the linear momentum becomes 0.267261 times as large"
+    ),
+    "half the step": AdapterFault(
+        HalfTheStep, "readings", "the engine's step is 0.5 times the requested one"
+    ),
+    "float32 stated as float64": AdapterFault(
+        SinglePrecision, "model", 'the engine holds float32: state precision="float32" in its Method'
     ),
     "gravity reversed": AdapterFault(ReversesGravity, "loads", "gravity has the opposite sign"),
     "link origin": AdapterFault(

@@ -17,8 +17,8 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import conjugate
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.probes.finding import Finding, Sampled
-from bodycheck.reports.probes.readings import reading_findings
+from bodycheck.reports.probes.finding import Finding, Sampled, limit
+from bodycheck.reports.probes.readings import reading_findings, turning
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class Mistake:
 
 _OMEGA = ("omega_body_reading", "omega_world_reading")
 _VELOCITY = ("velocity_reading",)
+_SAME_SHARE = 1e-2  # relative; float32 leaves 2e-3 of the positions of a probe
 
 
 def reading_mistake(
@@ -43,7 +44,7 @@ def reading_mistake(
         concerned = wrong.intersection(mistake.checks)
         if concerned and _explains(mistake, motions, resolution, concerned):
             return mistake
-    return None
+    return _step_mistake(motions, wrong)
 
 
 def _explains(mistake: Mistake, motions: Sequence[Sampled], resolution: float, checks: set[str]) -> bool:
@@ -125,6 +126,27 @@ def _mistakes(path: Trajectory) -> Iterator[Mistake]:
         ),
         _VELOCITY,
     )
+
+
+def _step_mistake(motions: Sequence[Sampled], wrong: set[str]) -> Mistake | None:
+    """Return a step of another length than requested: omega and velocity are too large by the same factor."""
+    shares = [_shares(motion.trajectory, motion.dt_s) for motion in motions]
+    found = limit([motion.dt_s for motion in motions], [share[np.newaxis] for share in shares], 0.0).value[0]
+    share = float(np.mean(found))
+    if not {*_VELOCITY} < wrong or np.ptp(found) > _SAME_SHARE * abs(share):
+        return None
+    words = f"the engine's step is {share:.3g} times the requested one"
+    return Mistake(words, lambda path, _: path, (*_OMEGA, *_VELOCITY))
+
+
+def _shares(path: Trajectory, dt_s: float) -> Array:
+    """Return the derivatives of position and attitude over their readings, (k,)."""
+    pairs = [(np.diff(path.position_m, axis=0) / dt_s, path.velocity_m_s)]
+    for axes, held in (("body", path.omega_body_rad_s), ("world", path.omega_world_rad_s)):
+        if held is not None:
+            pairs.append((turning(path, axes, dt_s), held))
+    means = [(rate, 0.5 * (held[:-1] + held[1:])) for rate, held in pairs]
+    return np.array([np.sum(rate * mean) / np.sum(mean * mean) for rate, mean in means])
 
 
 def _scaled(name: str, words: str, factor: float, *checks: str) -> Mistake:

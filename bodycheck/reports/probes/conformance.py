@@ -121,6 +121,7 @@ _ORDER_STEPS_S = (4e-2, 2e-2, 1e-2)
 _MISSING_ORDER = 0.5
 _ABOVE_ROUND_OFF = 1e3
 _LEAST_SHARE = 1e-3
+_FAST_M_S = np.array([300.0, -100.0, 200.0])  # beyond the speed at which some engines clamp
 _REPEAT = 16.0  # multiples of the round-off of the motion
 
 
@@ -207,8 +208,11 @@ def _echoes(path: Trajectory, what: str, held: Array) -> bool:
 # --------------------------------------------------------------------------------------- readings and loads
 
 
+_CONSERVED = ("angular_momentum_change", "rotational_energy_change")
+
+
 def _readings(bench: Bench) -> Iterator[Finding]:
-    yield from bench.readings
+    yield from (finding for finding in bench.readings if finding.check not in _CONSERVED)
 
 
 def _explained(findings: Sequence[Finding], mistake: Mistake) -> Iterator[Finding]:
@@ -220,6 +224,39 @@ def _explained(findings: Sequence[Finding], mistake: Mistake) -> Iterator[Findin
         elif words and finding.check in mistake.checks:
             yield replace(finding, message=words)
             words = ""
+
+
+def _free_motion(bench: Bench) -> Iterator[Finding]:
+    """Yield the changes of what a motion without loads conserves: the probe, and a long one."""
+    slow = _slow_scene()
+    scene = replace(slow, initial=replace(slow.initial, velocity=_FAST_M_S))
+    made = bench.motions(scene, _STEPS_S)
+    if not made.motions:
+        yield _without_motion("free_motion", made.reason)
+        return
+    yield from (finding for finding in bench.readings if finding.check in _CONSERVED)
+    for name, load in (("linear", "force"), ("angular", "torque")):
+        momenta = [_momenta(motion)[name == "angular"] for motion in made.motions]
+        size = float(np.linalg.norm(momenta[-1][0]))
+        changes = [(momentum[-1] - momentum[0])[np.newaxis] / size for momentum in momenta]
+        scatter = len(momenta[-1]) * noise(momenta[-1]) / size
+        found = limit([m.dt_s for m in made.motions], changes, max(made.resolution, scatter))
+        message = ""
+        if found.size > found.tolerance:
+            kept = float(np.linalg.norm(momenta[-1][0] / size + found.value[0]))
+            message = f"without a {load} the {name} momentum becomes {kept:.6g} times as large"
+            if 0.5 < kept < 1.0:
+                message += f", as under a damping of {-np.log(kept) / scene.duration_s:.3g} 1/s"
+        yield Finding(f"{name}_momentum_change", found.size, 0.0, found.size, found.tolerance, message)
+
+
+def _momenta(motion: Sampled) -> tuple[Array, Array]:
+    """Return P and L over time, (n, 3)."""
+    body, path = motion.scene.body, motion.trajectory
+    return (
+        linear_momentum(body.mass, path.velocity_m_s),
+        angular_momentum(path.rotation_matrices, body.inertia, path.omega_body),
+    )
 
 
 def _loads(bench: Bench) -> Iterator[Finding]:
@@ -305,12 +342,8 @@ def _balance(motion: Sampled) -> tuple[Array, Array]:
     at = Instants(path.t_s, path.position_m, path.rotation_matrices, path.velocity_m_s, path.omega_world)
     wrenches = [load.wrench(scene, at) for load in scene.lasting_loads]
     rates = [sum(part) for part in zip(*wrenches, strict=True)]
-    momenta = (
-        linear_momentum(scene.body.mass, path.velocity_m_s),
-        angular_momentum(path.rotation_matrices, scene.body.inertia, path.omega_body),
-    )
     integrals = [motion.dt_s * (np.sum(rate, axis=0) - 0.5 * (rate[0] + rate[-1])) for rate in rates]
-    return np.array([momentum[-1] - momentum[0] for momentum in momenta]), np.array(integrals)
+    return np.array([momentum[-1] - momentum[0] for momentum in _momenta(motion)]), np.array(integrals)
 
 
 def _impulse_words(what: str, found: Limit, along: Array) -> str:
@@ -321,9 +354,13 @@ def _impulse_words(what: str, found: Limit, along: Array) -> str:
     ]
     if all(abs(share) <= max(found.tolerance, _LEAST_SHARE) for _, share in shares):
         return f"{what} has no effect: apply it, or refuse it in `unsupported`"
-    return f"{what} acts wrongly: " + " and ".join(
+    gained = " and ".join(
         f"the {name} momentum gained is {share:.6g} times its impulse" for name, share in shares
     )
+    across = found.value - np.sum(found.value * along, axis=-1, keepdims=True) * along
+    beside = float(np.linalg.norm(across))
+    also = f", plus {beside:.3g} times its size perpendicular to it" if beside > found.tolerance else ""
+    return f"{what} acts wrongly: {gained}{also}"
 
 
 def _pivot(bench: Bench) -> Iterator[Finding]:
@@ -524,6 +561,7 @@ CHECKS: Sequence[Check] = (
     Check("model", "the engine holds the mass, inertia, step, gravity and state that it was given", _model),
     Check("read-back", "read_back returns what the engine holds, also after steps", _read_back_reads),
     Check("readings", "omega and velocity are the derivatives of attitude and position", _readings),
+    Check("free motion", "without loads, linear and angular momentum are constant", _free_motion),
     Check("loads", "each constant load alone gives its impulse", _loads),
     Check("link", "readings and loads are those of the centre of mass in body axes", _link),
     Check("continuous loads", "each continuous load alone gives its impulse, or is refused", _continuous),

@@ -42,7 +42,7 @@ def _omega_findings(motions: Sequence[Sampled], resolution: float) -> Iterator[F
         held = [getattr(motion.trajectory, f"omega_{axes}_rad_s") for motion in motions]
         if held[0] is None:
             continue
-        rates = [_turning(motion.trajectory, axes, motion.dt_s) for motion in motions]
+        rates = [turning(motion.trajectory, axes, motion.dt_s) for motion in motions]
         found = _Agreement(motions, rates, held, resolution, 1.0)
         yield found.reading(f"omega_{axes}_reading", "omega is not the derivative of the attitude")
         delays.append(found.delay("attitude_delay", "the attitude is read"))
@@ -58,7 +58,7 @@ def _velocity_findings(motions: Sequence[Sampled], resolution: float) -> Iterato
     yield found.delay("position_delay", "the position is read")
 
 
-def _turning(path: Trajectory, axes: str, dt_s: float) -> Array:
+def turning(path: Trajectory, axes: str, dt_s: float) -> Array:
     """log(q_k^-1 q_k+1) / h in body axes, log(q_k+1 q_k^-1) / h in world axes: (n - 1, 3) in rad/s."""
     before, after = path.attitude[:-1], path.attitude[1:]
     pair = (conjugate(before), after) if axes == "body" else (after, conjugate(before))
@@ -150,10 +150,10 @@ def _attitude_findings(motions: Sequence[Sampled], resolution: float) -> Iterato
     steps_s = [motion.dt_s for motion in motions]
     if paths[0].quaternion is not None:
         sizes = [_largest_norm_error(path) for path in paths]
-        yield _normalisation("quaternion_norm", steps_s, sizes, "|q| - 1")
+        yield _normalisation("quaternion_norm", steps_s, sizes, "|q| - 1", resolution)
     if paths[0].rotation is not None:
         sizes = [_largest_orthogonality_error(path) for path in paths]
-        yield _normalisation("rotation_orthogonality", steps_s, sizes, "||R^T R - I||")
+        yield _normalisation("rotation_orthogonality", steps_s, sizes, "||R^T R - I||", resolution)
 
 
 def _same_attitude(motions: Sequence[Sampled], resolution: float) -> Finding:
@@ -183,13 +183,16 @@ def _largest_orthogonality_error(path: Trajectory) -> float:
     return float(np.max(np.linalg.norm(product - np.eye(3), axis=(-2, -1))))
 
 
-def _normalisation(check: str, steps_s: Sequence[float], sizes: Sequence[float], what: str) -> Finding:
+def _normalisation(
+    check: str, steps_s: Sequence[float], sizes: Sequence[float], what: str, resolution: float
+) -> Finding:
     """Return a property, which is never inconsistent, because some engines do not normalise by design.
 
-    The order is that of the last two steps.
+    The order is that of the last two steps. resolution: relative, of the states after all steps.
     """
+    unit = max(_UNIT, resolution)
     message = ""
-    if sizes[-1] > _UNIT:
+    if sizes[-1] > unit:
         order = np.log(sizes[-2] / sizes[-1]) / np.log(steps_s[-2] / steps_s[-1])
         message = f"not renormalised: {what} = {sizes[-1]:.3g} at {steps_s[-1]:.6g} s, order {order:.2f}"
     return Finding(check, sizes[-1], 0.0, sizes[-1], message=message)

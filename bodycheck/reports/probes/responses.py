@@ -19,6 +19,7 @@ from bodycheck.reference_impl.scene import Axes, PointForce, Scene, Timed, Torqu
 from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
 
 _LEAST_SIZE = 1e-3  # of the impulse; a mistake that gives less is not distinguished from no response
+_LEAST_ALONG = 1e-2  # of an excess moment; a moment with such a part along the force is that of no arm
 _SMALLEST_RESPONSE = 0.1  # a smaller response is too small to measure a delay
 
 
@@ -44,7 +45,8 @@ class _Momenta:
 class _Window:
     """The part of the motion under one load: the gained momentum and the load's impulse, for each step.
 
-    gained, impulse: (3,) for each of the steps. kept: (3,) for each step, gained between the end of the load
+    gained, impulse: (3,) for each of the steps. push: the impulse of the force (3,) at the finest step, where
+    this is the angular momentum of a force. kept: (3,) for each step, gained between the end of the load
     and the next load; empty for gravity, which does not end. round_off: of the gained momentum. mistaken: the
     impulses that frequent mistakes of an adapter would give, by their descriptions.
     """
@@ -54,6 +56,7 @@ class _Window:
     impulse: tuple[Array, ...]
     steps: tuple[int, ...]
     round_off: float
+    push: Array | None = None
     kept: tuple[Array, ...] = ()
     mistaken: Mapping[str, tuple[Array, ...]] = field(default_factory=dict)
 
@@ -83,7 +86,24 @@ class _Window:
             found = replace(self, impulse=impulse)
             if found.size > _LEAST_SIZE * self.size and _is_zero(found.limit(steps_s)):
                 return what
-        return ""
+        return self._displacement(steps_s)
+
+    def _displacement(self, steps_s: Sequence[float]) -> str:
+        """Return how far from its point a force acts that explains the excess moment d x F; "" if none does.
+
+        An excess along the moment itself would also be that of a scaled force.
+        """
+        if self.push is None:
+            return ""
+        excess = self.limit(steps_s).value[0] * self.size
+        along = abs(float(excess @ self.push)) / _norm(self.push)
+        scaled = abs(float(excess @ self.impulse[-1])) / self.size
+        if along > _LEAST_ALONG * _norm(excess) or scaled > (1.0 - _LEAST_ALONG) * _norm(excess):
+            return ""
+        distance = _norm(excess) / _norm(self.push)
+        return (
+            f"the {self.name.replace('_moment', '').replace('_', ' ')} acts {distance:.3g} m from its point"
+        )
 
     def kept_at_first_order(self, steps_s: Sequence[float], along: Array) -> float:
         """Return the share of the impulse gained after the load has ended, less its limit for h -> 0."""
@@ -171,7 +191,7 @@ def _window(
     resolution: float,
 ) -> _Window:
     """Return the effect of a load on one of the momenta, series; part: 0 for force, 1 for torque."""
-    gained, impulse, kept, steps = [], [], [], []
+    gained, impulse, kept, steps, push = [], [], [], [], None
     mistaken: dict[str, list[Array]] = {}
     for motion, values in zip(motions, series, strict=True):
         first, last, end = (motion.index(t) for t in (load.from_s, load.until_s, pause_ends_s))
@@ -182,10 +202,14 @@ def _window(
             mistaken.setdefault(what, []).append(_integral(rate, motion.dt_s))
         kept.append(values[end] - values[last])
         steps.append(last - first)
+        if part and isinstance(load, PointForce):
+            push = _integral(_rates(load, rotation)[0], motion.dt_s)
     mass = 0.0 if part else motions[0].scene.body.mass
     round_off = _round_off(series, mass, motions, resolution)
     by_mistake = {what: tuple(impulses) for what, impulses in mistaken.items()}
-    return _Window(name, tuple(gained), tuple(impulse), tuple(steps), round_off, tuple(kept), by_mistake)
+    return _Window(
+        name, tuple(gained), tuple(impulse), tuple(steps), round_off, push, tuple(kept), by_mistake
+    )
 
 
 def _mistaken_rates(load: Timed, rotation: Array, part: int) -> Iterator[tuple[str, Array]]:

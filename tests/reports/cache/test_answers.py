@@ -274,6 +274,8 @@ def test_derived_rows_are_reused_where_their_answers_would_be(what: str, tmp_pat
         Counting(said), engine, "the outcome", lambda asker: {"outcome": asker.ask(engine, CASE).outcome}
     )
     assert found == {"outcome": said["outcome"]}
+    if reused:
+        assert Answers(None, cache, 1.0).derived(Counting(said), engine, "the outcome", None) == found  # type: ignore[arg-type]
     assert requests_of_derivation(engine, cache) == (0 if reused else 1)
 
 

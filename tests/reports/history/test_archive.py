@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.history.archive import History
+from bodycheck.reports.history.archive import History, started_at
 from tests.helpers.concurrent_storage import name, write, write_and_die, write_some
 from tests.helpers.file_size_limit import file_size_limit
 
@@ -23,6 +24,11 @@ def test_nightly_runs_are_sorted_by_their_start(tmp_path: Path) -> None:
     (history.folder / "plots").mkdir()
     assert [night.name for night in history.nights()] == [name(1), name(2), name(3)]
     assert sorted(path.name for path in history.nights()[0].iterdir()) == ["manifest.json", "results.csv"]
+
+
+def test_start_is_that_of_the_run_id() -> None:
+    """In UTC, to the second."""
+    assert started_at("20260102T030405Z-0a1b2c") == datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 
 
 def _begin_and_raise(history: History, error: type[BaseException]) -> None:
