@@ -31,7 +31,7 @@ def paired_versions(before: Tables, after: Tables) -> tuple[Tables, Tables]:
 
     An engine that either run has in several versions keeps its names: each version counts as an engine.
     """
-    old, new = _names(before), _names(after)
+    old, new = (_versions(_engines(tables)) for tables in (before, after))
     alone = [
         base
         for base in old.keys() & new.keys()
@@ -42,10 +42,15 @@ def paired_versions(before: Tables, after: Tables) -> tuple[Tables, Tables]:
     )
 
 
-def _names(tables: Tables) -> dict[str, set[str]]:
-    """Return the names of each engine in a run, with and without versions."""
+def unversioned(names: Iterable[str]) -> dict[str, str]:
+    """Return `mujoco==3.17.0` -> `mujoco` for each engine that the names have in a single version."""
+    return {name: base for base, found in _versions(names).items() if len(found) == 1 for name in found}
+
+
+def _versions(names: Iterable[str]) -> dict[str, set[str]]:
+    """Return the names of each engine, with and without versions."""
     found: dict[str, set[str]] = {}
-    for name in _engines(tables):
+    for name in names:
         pin = pin_of(name)
         found.setdefault(name if pin is None else pin.engine, set()).add(name)
     return found

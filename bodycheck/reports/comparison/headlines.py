@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from bodycheck._util.formatting import count, number, setting
+from bodycheck.adapters.versions.pins import pin_of
 from bodycheck.reports.comparison.change import FAILING, Change, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds
@@ -82,7 +83,8 @@ def _versions(comparison: Comparison, engine: str) -> str:
     runs = comparison.before, comparison.after
     both = [run.manifest["engines"].get(engine, {}).get("version") for run in runs]
     versions = [str(version) for version in dict.fromkeys(both) if version]
-    return f"{engine} {' -> '.join(versions)}" if versions else engine
+    name = engine if (pin := pin_of(engine)) is None else pin.engine
+    return f"{name} {' -> '.join(versions)}" if versions else engine
 
 
 def _clauses(methods: Sequence[MethodChanges], thresholds: Thresholds, *, several: bool) -> list[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bodycheck.reports.comparison.change import Change
+from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.describe import HEADINGS
 from bodycheck.reports.history.accepted_levels import write_accepted
 from bodycheck.reports.history.baseline import NIGHT_FILE, TOLD, machine_class
@@ -61,8 +62,13 @@ def write_judgement(judged: Judgement, night: Path) -> None:
 
 
 def versions_of(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """Return the version of each engine that has one."""
-    return {name: entry["version"] for name, entry in manifest["engines"].items() if "version" in entry}
+    """Return the version of each engine that has one, by its name in a series."""
+    names = unversioned(manifest["engines"])
+    return {
+        names.get(name, name): entry["version"]
+        for name, entry in manifest["engines"].items()
+        if "version" in entry
+    }
 
 
 def _summary(judged: Judgement) -> dict[str, Any]:

@@ -7,7 +7,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from bodycheck.reports.comparison.change import Change, Status
-from bodycheck.reports.comparison.compare import Comparison, compare, ended_well_anew, paired_versions
+from bodycheck.reports.comparison.compare import (
+    Comparison,
+    compare,
+    ended_well_anew,
+    paired_versions,
+    unversioned,
+)
 from bodycheck.reports.comparison.environment_diff import redefined
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.accepted_levels import at_accepted, next_accepted
@@ -83,7 +89,10 @@ def _returned(before: Tables, levels: Tables, tonight: Tables, thresholds: Thres
 
 
 def _recorded(past: Past, tonight: Tables) -> tuple[list[str], pd.DataFrame]:
-    """Return the names of all runs, and their cases on scenarios whose definitions are unchanged."""
+    """Return the names of all runs, and their cases on scenarios whose definitions are unchanged.
+
+    An engine that a run has in a single version is named without it, so that a series goes on over releases.
+    """
     import pandas as pd
 
     nights = past.nights[::-1]
@@ -92,7 +101,14 @@ def _recorded(past: Past, tonight: Tables) -> tuple[list[str], pd.DataFrame]:
     comparable = [pair in same for pair in zip(cases["night"], cases["scenario"], strict=True)]
     mine = tonight.results[tonight.results["outcome"] == "ok"].assign(night=tonight.run_id)
     together = [frame for frame in (cases[comparable], mine[list(cases.columns)]) if len(frame)]
-    return [*(night.name for night in nights), tonight.run_id], pd.concat(together) if together else cases
+    found = pd.concat(together) if together else cases
+    names = {night.name: unversioned(night.manifest["engines"]) for night in nights}
+    names[tonight.run_id] = unversioned(tonight.manifest["engines"])
+    engines = [
+        names[night].get(engine, engine)
+        for night, engine in zip(found["night"], found["engine"], strict=True)
+    ]
+    return [*(night.name for night in nights), tonight.run_id], found.assign(engine=engines)
 
 
 def _farthest(decades: pd.Series) -> float:

@@ -82,6 +82,8 @@ def test_two_versions_that_stand_alone_are_compared_under_one_name() -> None:
     assert compare(old, new).circumstances == ("mujoco: 3.17.0 -> 4.0.0",)
     engines = {name: {"version": name[8:]} for name in ("mujoco==3.17.0", "mujoco==4.0.0")}
     both = replace(old, cases=old.cases + new.cases, manifest={**old.manifest, "engines": engines})
+    moved = release("3.17.0", 4.31e-7, 2.0, engine="mujoco==3.17.0")
+    assert headlines(compare(old, moved))[0].startswith("mujoco 3.17.0: ")
     assert compare(both, both).changes == ()
     assert {change.engine for change in compare(both, new).changes} == {"mujoco==3.17.0"}
 

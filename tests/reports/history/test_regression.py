@@ -62,6 +62,7 @@ def night_of(found: Tables, accepted: Tables) -> SimpleNamespace:
         tables=found,
         accepted=accepted,
         same_scenarios=same_scenarios,
+        manifest=found.manifest,
     )
 
 
