@@ -142,6 +142,11 @@ ONLY = {
 
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
+        "adapters/workers/build_identity.py",
+        '("address", ctypes.c_void_p),',
+        "'address' -> 'address_'",
+    ): "a field that is not read",
+    (
         "reports/cache/answers.py",
         'asked = {"method": case.method, **vars(case.setting), "scene": scene_key(case.scene)}',
         "'method' -> 'method_'",

@@ -121,6 +121,12 @@ def test_file_changed_during_reading_is_not_cached(
     assert not list((folder.parent / "cache").rglob("*"))
 
 
+def test_unreadable_files_differ_by_the_reason(folder: Path) -> None:
+    """A file that is gone and a folder in its place are two states."""
+    gone, replaced = ({"a.py": (str(path), None)} for path in (folder / "gone", folder / "inner"))
+    assert content_digest("gone", gone) != content_digest("replaced", replaced)
+
+
 @pytest.mark.parametrize("damage", [b"", b"no seal\n", b"\xff\xfe", b"{}\n"])
 def test_damaged_cache_is_ignored(damage: bytes, folder: Path, hashed: list[str]) -> None:
     """The files are read again."""

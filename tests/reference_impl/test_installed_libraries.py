@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from importlib.metadata import version
+from importlib.metadata import distribution, version
 from pathlib import Path
 
 import pytest
@@ -18,6 +18,15 @@ def test_library_is_its_version_and_a_hash_of_its_code(name: str) -> None:
     number, digest = platform_identity.library_builds()[name].split()
     assert number == version(name)
     assert len(digest) == 16
+
+
+@pytest.mark.parametrize("name", ["numpy", "numba", "llvmlite", "scipy"])
+def test_hashed_folders_of_a_library_have_its_code(name: str) -> None:
+    """Its package counts; the folder of its bundled libraries exists in wheels only."""
+    site = Path(str(distribution(name).locate_file("")))
+    folders = [site / folder for folder in platform_identity._FOLDERS[name] if not folder.endswith(".libs")]
+    assert folders
+    assert all(any(folder.rglob("*.py")) for folder in folders)
 
 
 def test_patched_library_has_another_identity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
