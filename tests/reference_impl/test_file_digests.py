@@ -123,7 +123,8 @@ def test_file_changed_during_reading_is_not_cached(
 
 def test_unreadable_files_differ_by_the_reason(folder: Path) -> None:
     """A file that is gone and a folder in its place are two states."""
-    gone, replaced = ({"a.py": (str(path), None)} for path in (folder / "gone", folder / "inner"))
+    listed = (folder / "a.py").stat()
+    gone, replaced = ({"a.py": (str(path), listed)} for path in (folder / "gone", folder / "inner"))
     assert content_digest("gone", gone) != content_digest("replaced", replaced)
 
 
