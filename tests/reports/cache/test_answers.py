@@ -336,6 +336,22 @@ def test_search_of_another_build_is_not_stored(tmp_path: Path) -> None:
     assert engine_pool.asked == 2
 
 
+def test_requests_are_those_of_the_protocol() -> None:
+    """A motion is recorded, a replay is recorded again after a reset, and a stable step is searched."""
+    requests: list[str] = []
+
+    class Noting(Counting):
+        def ask(self, engine: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:
+            requests.append(request["do"])
+            return super().ask(engine, request, timeout_s)
+
+    answers, engine_pool = Answers(None, None, 1.0), Noting(GOOD)
+    answers.ask(engine_pool, ENGINE, CASE)
+    answers.replay(engine_pool, ENGINE, CASE)
+    answers.search(engine_pool, ENGINE, SEARCH)
+    assert requests == ["record", "replay", "stable-step"]
+
+
 def test_sentinel_is_measured_by_every_run(tmp_path: Path) -> None:
     """It tells the machines of a run apart, so that an answer of another run would hide a difference."""
     engine_pool, answers = Counting(GOOD), Answers(None, Cache(tmp_path), 1.0)
