@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
+import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,11 +28,14 @@ from bodycheck.reports.measurement.case import run_case
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
 from bodycheck.runs.ensemble_cases import measured, replay_of, truth_of
-from bodycheck.runs.ensemble_run import EnsembleRequest, run_ensemble
+from bodycheck.runs.ensemble_merge import merge_ensembles
+from bodycheck.runs.ensemble_result import EnsembleRequest
+from bodycheck.runs.ensemble_run import run_ensemble
 from bodycheck.runs.hunt_run import HuntRequest, hunt
 from bodycheck.runs.run_options import no_progress
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution
 from bodycheck.scenarios.library import load_scenario
+from tests.helpers.in_process_cli import run_bodycheck
 
 
 def ensemble(seed: int = 1) -> Ensemble:
@@ -134,7 +140,11 @@ def test_replay_tells_a_batch_that_depends_on_its_other_bodies() -> None:
         return BatchAnswer.none(replace(batch("m1"), bodies=bodies), "failed", "gone")
 
     bodies = batch("m1").bodies
-    assert [replay_of(kind, bodies) for kind in (motions, mixing, failing)] == ["same bits", "other bits", ""]
+    assert [replay_of(kind, bodies)[0] for kind in (motions, mixing, failing)] == [
+        "same bits",
+        "other bits",
+        "",
+    ]
 
 
 def test_batch_survives_the_protocol() -> None:
@@ -265,6 +275,146 @@ def test_run_writes_a_dataset_whose_worst_rows_can_be_repeated(tmp_path: Path) -
         )
 
 
+SHARDS = 3
+
+
+@pytest.fixture(scope="module")
+def shards(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a whole ensemble, `whole`, and its shards, `part-1` to `part-3`."""
+    folder = tmp_path_factory.mktemp("shards")
+    asked = EnsembleRequest(
+        scenario="intermediate-axis", engines=["reference:rk4", "reference:m1"], n=100, first_row=7, worst=5
+    )
+    run_ensemble(asked, folder / "whole", no_progress)
+    for k in range(1, SHARDS + 1):
+        run_ensemble(replace(asked, shard=f"{k}/{SHARDS}"), folder / f"part-{k}", no_progress)
+    return folder
+
+
+def parts_of(folder: Path, tmp_path: Path) -> list[Path]:
+    """Return copies of the shards."""
+    return [Path(shutil.copytree(folder / f"part-{k}", tmp_path / f"part-{k}")) for k in range(1, SHARDS + 1)]
+
+
+@pytest.mark.slow
+def test_merged_shards_equal_one_ensemble(shards: Path, tmp_path: Path) -> None:
+    """In every table; rows are in order, and each shard has its share of them."""
+    parts = [shards / f"part-{k}" for k in (2, 3, 1)]
+    merged = merge_ensembles(parts, tmp_path / "merged", allow_code=False)
+    assert (merged.shards, merged.findings) == (("1/3", "2/3", "3/3"), ())
+    for name in ("quantiles.csv", "methods.csv"):
+        assert (tmp_path / "merged" / name).read_bytes() == (shards / "whole" / name).read_bytes()
+    worst, expected = (
+        pd.read_csv(folder / "worst.csv").drop(columns="reproduce")
+        for folder in (tmp_path / "merged", shards / "whole")
+    )
+    pd.testing.assert_frame_equal(worst, expected)
+    assert {path.name for path in (tmp_path / "merged/worst").iterdir()} == {
+        f"row-{row}.toml" for row in worst["row"]
+    }
+    with duckdb.connect() as database:
+        for table in ("bodies", "cases", "sketches"):
+            one, other = (
+                database.read_parquet(f"{folder}/{table}/**/*.parquet", hive_partitioning=True).df()
+                for folder in (tmp_path / "merged", shards / "whole")
+            )
+            keys = [name for name in ("method", "measure", "bin_low", "row") if name in one]
+            one, other = (found.sort_values(keys, ignore_index=True) for found in (one, other))
+            pd.testing.assert_frame_equal(one, other)
+        sizes = [len(database.read_parquet(f"{shards}/part-{k}/bodies/**/*.parquet").df()) for k in (1, 2, 3)]
+    assert sizes == [33, 33, 34]
+
+
+@pytest.mark.slow
+def test_merging_reports_machines_that_differ(shards: Path, tmp_path: Path) -> None:
+    """A version, and sentinels with other bits: which engine, which row, on which shards, how many digits."""
+    parts = parts_of(shards, tmp_path)
+    manifest = json.loads((parts[1] / "manifest.json").read_text())
+    (parts[1] / "manifest.json").write_text(json.dumps({**manifest, "python": "3.99.0"}))
+    path = parts[2] / "sentinels" / "0003.npz"
+    arrays = dict(np.load(path))
+    arrays["omega_body_rad_s"] = arrays["omega_body_rad_s"] * (1.0 + 1e-9)
+    np.savez(path, **arrays)
+    version, sentinel = merge_ensembles(parts, tmp_path / "merged").findings
+    assert version.startswith("shards differ in python: ")
+    assert version.endswith("3.99.0 in shard 2/3")
+    assert sentinel.startswith("reference:rk4 on row 10 of intermediate-axis")
+    assert "shard 3/3 agrees to 9.0 digits, the least in omega_body_rad_s" in sentinel
+    told = json.loads((tmp_path / "merged/manifest.json").read_text())
+    assert told["merged"] == {"shards": ["1/3", "2/3", "3/3"], "findings": [version, sentinel]}
+
+
+def _without_a_part(parts: list[Path]) -> None:
+    parts.pop()
+
+
+def _twice_the_same(parts: list[Path]) -> None:
+    parts[1] = parts[0]
+
+
+def _of_another_seed(parts: list[Path]) -> None:
+    path = parts[1] / "manifest.json"
+    told = json.loads(path.read_text())
+    told["request"]["seed"] = 2
+    path.write_text(json.dumps(told))
+
+
+def _without_statistics(parts: list[Path]) -> None:
+    path = parts[1] / "manifest.json"
+    told = json.loads(path.read_text())
+    del told["methods"][0]["statistics"]
+    path.write_text(json.dumps(told))
+
+
+def _with_a_damaged_sketch(parts: list[Path]) -> None:
+    (path,) = (parts[1] / "sketches").iterdir()
+    path.write_bytes(path.read_bytes()[:-5])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("damage", "named"),
+    [
+        (_without_a_part, "missing shard: 3/3"),
+        (_twice_the_same, "part-1: is given twice"),
+        (_of_another_seed, "part-2: seed is 2, but 1 in "),
+        (_without_statistics, "methods.0.statistics: Field required"),
+        (_with_a_damaged_sketch, "sketches: cannot be read: "),
+    ],
+)
+def test_incomplete_shards_are_refused(
+    damage: Callable[[list[Path]], None], named: str, shards: Path, tmp_path: Path
+) -> None:
+    """The message names the folder and the fault, and nothing is written."""
+    parts = parts_of(shards, tmp_path)
+    damage(parts)
+    with pytest.raises(InputError) as refused:
+        merge_ensembles(parts, tmp_path / "merged")
+    assert named in str(refused.value)
+    assert not (tmp_path / "merged").exists()
+
+
+@pytest.mark.slow
+def test_whole_ensemble_is_no_shard(shards: Path, tmp_path: Path) -> None:
+    """A folder that was written without --shard is refused by name."""
+    with pytest.raises(InputError) as refused:
+        merge_ensembles([shards / "whole"], tmp_path / "merged")
+    assert str(refused.value).startswith(f"{shards / 'whole'}: a whole ensemble")
+
+
+@pytest.mark.slow
+def test_merge_command_puts_ensembles_together(shards: Path, tmp_path: Path) -> None:
+    """The answer is that of the whole ensemble, with the folder of the merged one."""
+    folders = [str(shards / f"part-{k}") for k in (1, 2, 3)]
+    ended = run_bodycheck(tmp_path, "merge", *folders, "--out", "merged", "--json")
+    assert ended.returncode == 0, ended.stderr
+    told = json.loads(ended.stdout)
+    assert [row["bodies"] for row in told["methods"]] == [100, 100]
+    assert (told["shards"], told["findings"]) == (["1/3", "2/3", "3/3"], [])
+    refused = run_bodycheck(tmp_path, "merge", *folders, "--history", "nights")
+    assert (refused.returncode, "ensembles" in refused.stderr) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("changed", "key"),
     [
@@ -275,6 +425,8 @@ def test_run_writes_a_dataset_whose_worst_rows_can_be_repeated(tmp_path: Path) -
         ({"trace_kg_m2": (0.0, 1.0)}, "--trace-kg-m2"),
         ({"dt_s": [0.3]}, "--dt"),
         ({"scenario": "body-torque", "n": 10_001}, "--n"),
+        ({"shard": "4/3"}, "--shard"),
+        ({"shard": "1/11"}, "--shard"),
     ],
 )
 def test_wrong_requests_are_refused(changed: dict[str, object], key: str, tmp_path: Path) -> None:

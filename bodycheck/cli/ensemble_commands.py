@@ -24,7 +24,7 @@ from bodycheck.cli.options import (
 from bodycheck.runs.run_options import TIMEOUT_S
 
 if TYPE_CHECKING:
-    from bodycheck.runs.ensemble_run import EnsembleRequest
+    from bodycheck.runs.ensemble_result import EnsembleRequest
 
 ensemble_commands = typer.Typer()
 
@@ -130,6 +130,15 @@ def ensemble(
         int, typer.Option(help="Number of bodies to keep as scenario files.", rich_help_panel=OUTPUT)
     ] = 10,
     out: OutFolder = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="K/N",
+            help="Run the K-th of N consecutive parts of the bodies; `bodycheck merge` puts them together.",
+            show_default="all bodies",
+            rich_help_panel=HOW,
+        ),
+    ] = None,
     jobs: Jobs = None,
     timeout_s: TimeoutS = TIMEOUT_S,
     allow_code: AllowCode = False,
@@ -141,7 +150,8 @@ def ensemble(
     Moments of inertia are uniform in the triangle of possible ones, attitudes and directions uniform, |omega|
     and the trace of the inertia log-uniform. A body is known by its seed and row alone.
     """
-    from bodycheck.runs.ensemble_run import EnsembleRequest, row_text
+    from bodycheck.runs.ensemble_result import EnsembleRequest
+    from bodycheck.runs.ensemble_run import row_text
 
     request = EnsembleRequest(
         scenario=scenario,
@@ -156,6 +166,7 @@ def ensemble(
         spin_rad_s=_range(spin_rad_s, "--spin-rad-s"),
         torque_n_m=_range(torque_n_m, "--torque-n-m"),
         worst=worst,
+        shard=shard,
         jobs=jobs,
         timeout_s=timeout_s,
         allow_code=allow_code,
@@ -250,7 +261,7 @@ def hunt(
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.runs.directory import RUNS
     from bodycheck.runs.ensemble_answer import hunt_data, hunt_document
-    from bodycheck.runs.ensemble_run import EnsembleRequest
+    from bodycheck.runs.ensemble_result import EnsembleRequest
     from bodycheck.runs.hunt_run import HuntRequest, write_hunt
     from bodycheck.runs.hunt_run import hunt as search
 

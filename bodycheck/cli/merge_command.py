@@ -1,4 +1,4 @@
-"""The command `merge`: put the shards of a run together."""
+"""The command `merge`: put shards together."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ merging = typer.Typer()
 
 
 @merging.command(
-    short_help="Put the shards of a run together.",
+    short_help="Put the shards of a run or an ensemble together.",
     **described(
         MEASURE,
         "bodycheck merge part-* --out whole",
@@ -25,7 +25,9 @@ merging = typer.Typer()
     ),
 )
 def merge(
-    parts: Annotated[list[Path], typer.Argument(metavar="PART...", help="Folders of all shards of one run.")],
+    parts: Annotated[
+        list[Path], typer.Argument(metavar="PART...", help="Folders of all shards of one run or ensemble.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -46,7 +48,7 @@ def merge(
     allow_code: AllowCode = False,
     json: Json = False,
 ) -> None:
-    """Put the shards of a run together, and write what a run writes.
+    """Put the shards of a run or an ensemble together, and write what the whole would have written.
 
     The tables are those of one run, but for speeds. Differences between the machines are reported: versions,
     and sentinel cases, which every shard runs, with different results.
@@ -56,6 +58,8 @@ def merge(
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.reports.summary.sentences import run_data, run_document
     from bodycheck.runs.directory import write_run
+    from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document
+    from bodycheck.runs.ensemble_merge import is_ensemble, merge_ensembles
     from bodycheck.runs.merge import merge as merged
     from bodycheck.runs.nightly_run import store_night
 
@@ -64,6 +68,12 @@ def merge(
     thresholds = thresholds_of(threshold, tolerances)
     if out is not None:
         check_output(out)
+    if any(map(is_ensemble, parts)):
+        if out is None:
+            raise InputError("--history: stores runs, not ensembles; give --out")
+        result = merge_ensembles(parts, out, allow_code=allow_code)
+        answer(ensemble_document(result, out), ensemble_data(result, out), as_json=json)
+        return
     run = merged(parts, allow_code=allow_code)
     if history is not None:
         judged, night = store_night(run, History.at(history), thresholds)

@@ -11,7 +11,8 @@ from bodycheck._util.formatting import count, scientific
 from bodycheck.reports.document import Column, Command, Document, Sentence, Table
 from bodycheck.reports.probes.replay import OTHER_BITS, SAME_BITS
 from bodycheck.reports.summary.quantiles import Quantile
-from bodycheck.runs.ensemble_run import REPLAYED, EnsembleResult, method_rows, quantile_rows, words_of
+from bodycheck.runs.ensemble_files import method_rows, quantile_rows
+from bodycheck.runs.ensemble_result import SENTINELS, EnsembleResult, words_of
 from bodycheck.runs.hunt_run import HuntResult, command_of
 
 _SHOWN = (0.5, 0.95, 0.99)
@@ -26,14 +27,17 @@ def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
     for key, statistics in result.statistics:
         measured = statistics.bodies
         cells = [_shown(statistics.quantile(_MEASURE, share)) if measured else "" for share in _SHOWN]
-        worst = _error(statistics.worst[0][0]) if statistics.worst else ""
+        worst = _error(statistics.worst[0].error_rad) if statistics.worst else ""
         unstable = statistics.endings["unstable"]
-        rows.append((words_of(key), *cells, worst, str(unstable), str(result.request.n - measured)))
-    title = f"orientation error in rad of {count(result.request.n, 'body').replace('bodys', 'bodies')}"
+        rows.append((words_of(key), *cells, worst, str(unstable), str(len(result.request.rows) - measured)))
+    bodies = count(len(result.request.rows), "body").replace("bodys", "bodies")
+    shard = f" of {result.request.n}, shard {result.request.shard}" if result.request.shard else ""
+    title = f"orientation error in rad of {bodies}{shard}"
     parts: tuple[Sentence | Table, ...] = (
         Table(columns, tuple(rows), title=title),
         Sentence("The range after +- is half of the 95 % error bar of a quantile."),
         *(Sentence(sentence) for sentence in _replay_sentences(result)),
+        *(Sentence(finding) for finding in result.findings),
         Sentence(str(folder)),
     )
     return Document("bodycheck ensemble", parts)
@@ -44,7 +48,7 @@ def _replay_sentences(result: EnsembleResult) -> Iterator[str]:
     for word in (SAME_BITS, OTHER_BITS):
         found = [words_of(key) for key, statistics in result.statistics if statistics.replay == word]
         if found:
-            how = f"alone, together and in reverse order ({REPLAYED} bodies)"
+            how = f"alone, together and in reverse order ({SENTINELS} bodies)"
             yield f"{word.capitalize()} {how}: {'; '.join(found)}"
 
 
@@ -62,15 +66,16 @@ def _shown(quantile: Quantile) -> str:
 def ensemble_data(result: EnsembleResult, folder: Path) -> dict[str, Any]:
     """Return quantiles, endings and the worst bodies as data."""
     worst = [
-        {"method": words_of(key), "row": row, "outcome": ending, **measures}
+        {"method": words_of(key), "row": body.row, "outcome": body.outcome, **body.measures}
         for key, statistics in result.statistics
-        for _, row, measures, ending in statistics.worst
+        for body in statistics.worst
     ]
     return {
         "folder": folder,
         "quantiles": quantile_rows(result),
         "methods": method_rows(result),
         "worst": worst,
+        **({"shards": result.shards, "findings": result.findings} if result.shards else {}),
     }
 
 

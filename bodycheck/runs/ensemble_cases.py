@@ -98,19 +98,22 @@ def _about_pivot(template: Scene, bodies: Bodies) -> Array:
     return np.array([turning_inertia(scene_of(template, bodies, row)) for row in range(len(bodies))])
 
 
-def replay_of(motions: Callable[[Bodies], BatchAnswer], bodies: Bodies) -> str:
-    """Return whether bodies have the same bits alone, together and in reverse order; "" where one failed."""
+def replay_of(motions: Callable[[Bodies], BatchAnswer], bodies: Bodies) -> tuple[str, BatchAnswer]:
+    """Return whether bodies have the same bits alone, together and in reverse order, and their motions.
+
+    The first is "" where a body failed.
+    """
     m = len(bodies)
     together, reverse = motions(bodies), motions(bodies[np.arange(m)[::-1]])
     alone = BatchAnswer.joined(*(motions(bodies[row : row + 1]) for row in range(m)))
     if {*together.endings, *alone.endings, *reverse.endings} != {"ok"}:
-        return ""
+        return "", together
     same = all(
         found.tobytes() == getattr(together, name).tobytes()
         for name in ("quaternion", "omega_body")
         for found in (getattr(alone, name), getattr(reverse, name)[::-1])
     )
-    return SAME_BITS if same else OTHER_BITS
+    return (SAME_BITS if same else OTHER_BITS), together
 
 
 class Hosts:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -15,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bodycheck._util.errors import InputError, StoppedError, UnavailableError
-from bodycheck._util.files import unfinished_name
 from bodycheck._util.formatting import count
 from bodycheck._util.untrusted import joined
 from bodycheck.adapters.programs import with_method
@@ -23,9 +21,10 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, bodies_at
 from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES
 from bodycheck.reports.run_files.ensemble_dataset import SCHEMA_VERSION
-from bodycheck.reports.run_files.writer import check_output
+from bodycheck.reports.run_files.writer import whole_folder
 from bodycheck.runs.ensemble_cases import BatchTruth, Hosts, measured, truth_of
-from bodycheck.runs.ensemble_run import EnsembleRequest, Key, is_free_rotation
+from bodycheck.runs.ensemble_result import EnsembleRequest, Key
+from bodycheck.runs.ensemble_run import is_free_rotation
 from bodycheck.runs.run_options import Progress, ProgressFactory, RunOptions
 from bodycheck.scenarios.ensemble import Ensemble, default_distribution, scenario_text
 
@@ -269,7 +268,6 @@ def write_hunt(result: HuntResult, out: Path) -> None:
     """Write worst.toml, path.csv and manifest.json to a new or empty folder."""
     import pandas as pd
 
-    check_output(out)
     name = f"{result.ensemble.scenario.name}-worst-of-{'-'.join(key[1].name for key in result.keys)}"
     summary = (
         f"evaluation {result.worst + 1} of {len(result.path.scores)} by bodycheck hunt: "
@@ -298,17 +296,7 @@ def write_hunt(result: HuntResult, out: Path) -> None:
         "typical": result.typical,
         "reproduce": command_of(result, out / "worst.toml"),
     }
-    try:
-        out.absolute().parent.mkdir(parents=True, exist_ok=True)
-        unfinished = unfinished_name(out.absolute())
-        try:
-            unfinished.mkdir()
-            (unfinished / "worst.toml").write_text(scenario_text(scenario), encoding="utf-8")
-            pd.DataFrame(columns).to_csv(unfinished / "path.csv", index=False)
-            told = json.dumps(manifest, indent=2) + "\n"
-            (unfinished / "manifest.json").write_text(told, encoding="utf-8")
-            unfinished.replace(out)
-        finally:
-            shutil.rmtree(unfinished, ignore_errors=True)
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
+    with whole_folder(out) as folder:
+        (folder / "worst.toml").write_text(scenario_text(scenario), encoding="utf-8")
+        pd.DataFrame(columns).to_csv(folder / "path.csv", index=False)
+        (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import count
-from bodycheck._util.shard import Shard
+from bodycheck._util.shard import Shard, division_faults
 from bodycheck._util.untrusted import quoted
 from bodycheck.adapters.contract import Build, Engine, Method
 from bodycheck.adapters.execution import Answer
@@ -25,7 +25,13 @@ from bodycheck.reports.measurement.study import Study, study
 from bodycheck.reports.probes.examination import identified
 from bodycheck.reports.run_files.run_reader import read_manifest, read_run
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.reports.run_files.sentinels import Sentinel, disagreements, read_sentinels
+from bodycheck.reports.run_files.sentinels import (
+    Sentinel,
+    differing_facts,
+    disagreements,
+    machine_facts,
+    read_sentinels,
+)
 from bodycheck.reports.run_files.tables import (
     DIAGNOSIS_COLUMNS,
     FINGERPRINT_COLUMNS,
@@ -141,7 +147,10 @@ def _parts(folders: Sequence[Path], *, allow_code: bool) -> list[_Part]:
     if twice := [folder for folder, times in Counter(map(Path.resolve, folders)).items() if times > 1]:
         raise InputError(f"{twice[0]}: is given twice")
     shards = {folder: _shard(folder) for folder in folders}
-    faults = [*_counting_faults(shards), *_request_faults({f: m for f, (_, m) in shards.items()})]
+    faults = [
+        *division_faults({folder: shard for folder, (shard, _) in shards.items()}),
+        *_request_faults({folder: manifest for folder, (_, manifest) in shards.items()}),
+    ]
     if faults:
         raise InputError("\n".join(faults))
     cache = Cache.default()
@@ -165,25 +174,6 @@ def _shard(folder: Path) -> tuple[Shard, dict[str, Any]]:
             f"{folder}: not a shard (expected a folder written by `bodycheck run --shard`)"
         ) from None
     return Shard.parse(told.shard), manifest
-
-
-def _counting_faults(shards: Mapping[Path, tuple[Shard, dict[str, Any]]]) -> Iterator[str]:
-    """Yield what is missing, given twice, or of another division."""
-    folders: dict[Shard, list[Path]] = {}
-    for folder, (shard, _) in shards.items():
-        folders.setdefault(shard, []).append(folder)
-    counts = Counter(shard.count for shard, _ in shards.values())
-    if len(counts) > 1:
-        told = ", ".join(f"{folder} is {shard}" for folder, (shard, _) in shards.items())
-        yield f"shards of different divisions: {told}"
-        return
-    (total,) = counts
-    for shard, given in folders.items():
-        if len(given) > 1:
-            yield f"{', '.join(map(str, given))}: all are shard {shard}"
-    absent = [str(Shard(k, total)) for k in range(1, total + 1) if Shard(k, total) not in folders]
-    if absent:
-        yield f"missing shard{'s' * (len(absent) > 1)}: {', '.join(absent)}"
 
 
 def _request_faults(manifests: Mapping[Path, dict[str, Any]]) -> Iterator[str]:
@@ -289,7 +279,7 @@ def _manifest(
     source = next(part for part in parts if part.machine == timed_on).manifest
     noises = [p.manifest["speed_noise"] for p in parts if p.machine == timed_on and p.manifest["speed_noise"]]
     findings = [
-        *_differences(parts),
+        *differing_facts({str(part.shard): _facts(part.manifest) for part in parts}),
         *_rebuilt(parts),
         *disagreements({str(part.shard): part.sentinels for part in parts}),
     ]
@@ -351,26 +341,10 @@ def _speed_finding(parts: Sequence[_Part], timed_on: str) -> Iterator[str]:
         yield f"speeds are those of {timed_on}; those of shards {left_out}, on other machines, are left out"
 
 
-def _differences(parts: Sequence[_Part]) -> Iterator[str]:
-    """Yield each fact in which shards differ, with its values and the shards that have them."""
-    facts = [_facts(part.manifest) for part in parts]
-    for name in dict.fromkeys(name for each in facts for name in each):
-        shards: dict[str, list[str]] = {}
-        for part, each in zip(parts, facts, strict=True):
-            shards.setdefault(each.get(name, "none"), []).append(str(part.shard))
-        if len(shards) > 1:
-            values = (
-                f"{value} in shard{'s' * (len(those) > 1)} {', '.join(those)}"
-                for value, those in shards.items()
-            )
-            yield f"shards differ in {name}: {'; '.join(values)}"
-
-
 def _facts(manifest: Mapping[str, Any]) -> dict[str, str]:
     """Return what may affect the results of a shard, by name."""
-    facts = {name: str(manifest[name]) for name in ("python", "bodycheck", "cpu", "cores", "platform")}
-    facts |= manifest["libraries"]
-    return facts | {name: entry.get("version", "unavailable") for name, entry in manifest["engines"].items()}
+    engines = {name: entry.get("version", "unavailable") for name, entry in manifest["engines"].items()}
+    return machine_facts(manifest) | engines
 
 
 def _rebuilt(parts: Sequence[_Part]) -> Iterator[str]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -107,6 +108,29 @@ def _sentinel(folder: Path, row: Sequence[str]) -> Sentinel:
         return Sentinel(**cells, trajectory=Trajectory(**arrays))
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: not the trajectory of a sentinel: {error}") from None
+
+
+def machine_facts(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return the facts of a manifest about a machine and its software that may affect results, by name."""
+    facts = {name: str(manifest[name]) for name in ("python", "bodycheck", "cpu", "cores", "platform")}
+    return facts | manifest["libraries"]
+
+
+def differing_facts(facts: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    """Yield each fact in which shards differ, with its values and the shards that have them.
+
+    facts: name -> value, by the name of the shard.
+    """
+    for name in dict.fromkeys(name for each in facts.values() for name in each):
+        shards: dict[str, list[str]] = {}
+        for shard, each in facts.items():
+            shards.setdefault(each.get(name, "none"), []).append(shard)
+        if len(shards) > 1:
+            values = (
+                f"{value} in shard{'s' * (len(those) > 1)} {', '.join(those)}"
+                for value, those in shards.items()
+            )
+            yield f"shards differ in {name}: {'; '.join(values)}"
 
 
 def disagreements(sentinels: Mapping[str, Sequence[Sentinel]]) -> list[str]:

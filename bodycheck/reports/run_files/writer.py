@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 
@@ -29,11 +31,12 @@ def check_output(out: Path) -> None:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
 
 
-def write_files(run: Run, report: str, out: Path, *, beside: Path | None = None) -> Path:
-    """Write the tables, trajectories/, manifest.json and the report as report.html; return its path.
+@contextmanager
+def whole_folder(out: Path, *, beside: Path | None = None) -> Iterator[Path]:
+    """Yield an empty folder that becomes `out` when the block ends, and is removed if it raises.
 
-    Everything is written under a temporary name in the folder `beside` [default: the parent of `out`] and
-    renamed at the end. Raises InputError where `out` is in use or cannot be written.
+    beside: where it is until then [default: the parent of `out`]. Raises InputError where `out` is in use or
+    cannot be written.
     """
     check_output(out)
     beside = out.absolute().parent if beside is None else beside
@@ -42,15 +45,25 @@ def write_files(run: Run, report: str, out: Path, *, beside: Path | None = None)
         unfinished = unfinished_name(beside / out.absolute().name)
         try:
             unfinished.mkdir()  # not mkdtemp, which ignores the umask and excludes other users
-            write_tables(run, unfinished)
-            _write_trajectories(run, unfinished / "trajectories")
-            write_sentinels(run.sentinels, unfinished)
-            (unfinished / "report.html").write_text(report, encoding="utf-8")
+            yield unfinished
             unfinished.replace(out)
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
+
+
+def write_files(run: Run, report: str, out: Path, *, beside: Path | None = None) -> Path:
+    """Write the tables, trajectories/, manifest.json and the report as report.html; return its path.
+
+    Everything is written under a temporary name in the folder `beside` [default: the parent of `out`] and
+    renamed at the end. Raises InputError where `out` is in use or cannot be written.
+    """
+    with whole_folder(out, beside=beside) as folder:
+        write_tables(run, folder)
+        _write_trajectories(run, folder / "trajectories")
+        write_sentinels(run.sentinels, folder)
+        (folder / "report.html").write_text(report, encoding="utf-8")
     return out / "report.html"
 
 

@@ -53,6 +53,14 @@ class QuantileSketch:
     keys: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
+    @classmethod
+    def of_bins(cls, low: Array, counts: NDArray[np.int64]) -> QuantileSketch:
+        """Return the sketch whose bins begin at `low` (k,), ascending, with these counts (k,)."""
+        keys = np.asarray(low, dtype=np.float64).view(np.int64) >> _SHIFT
+        if np.any(np.diff(keys) <= 0) or np.any(counts < 0):
+            raise ValueError("the bins of a sketch must ascend and have counts of 0 or more")
+        return cls(keys, np.asarray(counts, dtype=np.int64))
+
     @property
     def total(self) -> int:
         """The number of numbers."""

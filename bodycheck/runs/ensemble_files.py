@@ -1,0 +1,161 @@
+"""The files of an ensemble: tables, sketches, sentinels, the worst bodies, a figure and a manifest."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Iterator
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from bodycheck._util.untrusted import joined
+from bodycheck.adapters.programs import with_method
+from bodycheck.reports.run_files.ensemble_dataset import SCHEMA_VERSION, Dataset, Part
+from bodycheck.reports.run_files.sentinels import write_sentinels
+from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
+from bodycheck.runs.ensemble_result import EnsembleResult, Key, MethodStatistics, words_of
+from bodycheck.runs.manifest import machine
+from bodycheck.scenarios.ensemble import scenario_text
+
+_COMMON = {"schema_version": SCHEMA_VERSION}
+TRUTH = "truth"
+"""The name in the column `engine` of the truth's own error."""
+
+_ENDINGS = ("ok", "unstable", "failed", "timeout", "invalid", "unsupported", "chaotic")
+
+
+def write_summaries(result: EnsembleResult, folder: Path, out: Path) -> None:
+    """Write the tables, sketches, sentinels, worst bodies, figure and manifest of an ensemble to a folder.
+
+    out: the folder's later name, for commands.
+    """
+    import pandas as pd
+
+    tables = {
+        "quantiles": quantile_rows(result),
+        "methods": method_rows(result),
+        "worst": list(_worst_rows(result, folder, out)),
+        "sketches": list(_sketch_rows(result)),
+    }
+    for name in ("quantiles", "methods", "worst"):
+        pd.DataFrame(tables[name]).to_csv(folder / f"{name}.csv", index=False)
+    with Dataset(folder) as dataset:
+        sketches = pd.DataFrame(tables["sketches"])
+        dataset.add(Part(("sketches",)), {name: sketches[name].to_numpy() for name in sketches.columns})
+    write_sentinels(result.sentinels, folder)
+    manifest = {
+        "schema_version": SCHEMA_VERSION,
+        "bodycheck": version("bodycheck"),
+        "python": platform.python_version(),
+        **machine(),
+        "libraries": {name: version(name) for name in ("numpy", "numba", "scipy", "pandas")},
+        "created": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+        "request": asdict(result.request),
+        "distribution": asdict(result.ensemble.distribution),
+        "methods": [_method(*one) for one in result.statistics],
+        **({"merged": {"shards": result.shards, "findings": result.findings}} if result.shards else {}),
+    }
+    (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+    _draw(result, folder / "distributions.svg")
+
+
+def _method(key: Key, statistics: MethodStatistics) -> dict[str, Any]:
+    """Return the entry of a method in the manifest, which has all but the sketches."""
+    engine, method, setting = key
+    return {
+        "engine": engine.name,
+        "version": engine.version,
+        "method": asdict(method),
+        **asdict(setting),
+        "statistics": {
+            "endings": statistics.endings,
+            "at_floor": statistics.at_floor,
+            "replay": statistics.replay,
+            "worst": [asdict(body) for body in statistics.worst],
+        },
+    }
+
+
+def quantile_rows(result: EnsembleResult) -> list[dict[str, Any]]:
+    """Return the rows of quantiles.csv; the engine `truth` stands for the truth's own bound and round-off."""
+    return [
+        {**who, "measure": name, **asdict(sketch.quantile(share)), "bodies": sketch.total}
+        for who, name, sketch in _sketches(result)
+        if sketch.total
+        for share in SHARES
+    ]
+
+
+def method_rows(result: EnsembleResult) -> list[dict[str, Any]]:
+    """Return the rows of methods.csv: how many bodies ended how, and at the floor of double precision."""
+    return [
+        {
+            **_who(key),
+            "bodies": sum(statistics.endings.values()),
+            **{ending: statistics.endings[ending] for ending in _ENDINGS},
+            "at_floor": statistics.at_floor,
+            "replay": statistics.replay,
+        }
+        for key, statistics in result.statistics
+    ]
+
+
+def _worst_rows(result: EnsembleResult, folder: Path, out: Path) -> Iterator[dict[str, Any]]:
+    """Write the worst bodies of each method as scenario files, each row once, and yield their rows."""
+    for key, statistics in result.statistics:
+        engine, method, setting = key
+        for rank, body in enumerate(statistics.worst, 1):
+            scenario = result.ensemble.row_scenario(body.row)
+            (folder / "worst").mkdir(exist_ok=True)
+            name = f"row-{body.row}.toml"
+            (folder / "worst" / name).write_text(scenario_text(scenario), encoding="utf-8")
+            words = ["bodycheck", "run", str(out / "worst" / name), "--engine"]
+            words.append(with_method(engine.name, method.name))
+            words += [] if setting.dt_s is None else ["--dt", repr(setting.dt_s)]
+            words += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
+            words += ["--allow-code"] if result.request.allow_code else []
+            place = {"rank": rank, "row": body.row, "outcome": body.outcome}
+            yield {**_who(key), **place, **body.measures, "reproduce": joined(words)}
+
+
+def _sketch_rows(result: EnsembleResult) -> Iterator[dict[str, Any]]:
+    """Yield the counts of all bins; sketches of ensembles merge by adding counts of equal bins."""
+    for who, name, sketch in _sketches(result):
+        for low, high, count in zip(*sketch.edges, sketch.counts.tolist(), strict=True):
+            yield {**who, "measure": name, "bin_low": low, "bin_high": high, "count": count}
+
+
+def _sketches(result: EnsembleResult) -> Iterator[tuple[dict[str, Any], str, QuantileSketch]]:
+    """Yield each sketch with its identifying columns; the engine `truth` stands for the truth's own error."""
+    for key, statistics in result.statistics:
+        for name, sketch in statistics.sketches.items():
+            yield _who(key), name, sketch
+    for name, sketch in result.floors.items():
+        yield {**_COMMON, "engine": TRUTH, "engine_version": version("bodycheck")}, name, sketch
+
+
+def _draw(result: EnsembleResult, path: Path) -> None:
+    """Draw the distributions where matplotlib is installed; docs/ensembles.md says so."""
+    try:
+        import matplotlib  # noqa: F401 - an extra
+    except ImportError:
+        return
+    from bodycheck.reports.render.distributions import distributions_svg
+
+    sketches = [(words_of(key), statistics.sketches) for key, statistics in result.statistics]
+    path.write_bytes(distributions_svg(sketches))
+
+
+def _who(key: Key) -> dict[str, Any]:
+    engine, method, setting = key
+    return {
+        **_COMMON,
+        "engine": engine.name,
+        "engine_version": engine.version,
+        "method": method.name,
+        "dt_s": setting.dt_s,
+        "tolerance": setting.tolerance,
+    }

@@ -1,0 +1,228 @@
+"""Merge the shards of an ensemble: the union of their rows and counts, and how their machines differ."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, NonNegativeInt, ValidationError
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.shard import Shard, division_faults
+from bodycheck._util.untrusted import escaped, read_json
+from bodycheck.adapters.contract import Engine, Method, Setting
+from bodycheck.reports.probes.replay import OTHER_BITS
+from bodycheck.reports.run_files.sentinels import (
+    Sentinel,
+    differing_facts,
+    disagreements,
+    machine_facts,
+    read_sentinels,
+)
+from bodycheck.reports.run_files.writer import whole_folder
+from bodycheck.reports.summary.quantiles import QuantileSketch
+from bodycheck.runs.ensemble_files import TRUTH, write_summaries
+from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key, MethodStatistics, WorstBody
+
+_OF_THE_MACHINE = ("shard", "jobs", "timeout_s", "allow_code")
+_PART = re.compile(r"part-([0-9]+)\.parquet")
+
+
+class _Statistics(BaseModel):
+    """What a shard knows of a method besides its sketches."""
+
+    endings: dict[str, NonNegativeInt]
+    at_floor: NonNegativeInt
+    replay: Literal["", "same bits", "other bits"]
+    worst: list[WorstBody]
+
+
+class _Method(BaseModel):
+    """One of the entry `methods` of a shard's manifest."""
+
+    engine: str
+    version: str
+    method: dict[str, Any]
+    dt_s: float | None
+    tolerance: float | None
+    statistics: _Statistics
+
+    @property
+    def key(self) -> Key:
+        """The method at its setting, as of an engine with this method alone."""
+        method = Method.of(self.method)
+        engine = Engine(self.engine, self.version, {method.name: method})
+        return engine, method, Setting(self.dt_s, self.tolerance)
+
+    @property
+    def who(self) -> tuple[Any, ...]:
+        """Engine, method and setting, as in the tables."""
+        return self.engine, self.method["name"], self.dt_s, self.tolerance
+
+
+class _Manifest(BaseModel):
+    """What merging needs of the manifest of a shard."""
+
+    python: str
+    bodycheck: str
+    cpu: str
+    cores: int | None
+    platform: str
+    libraries: dict[str, str]
+    request: EnsembleRequest
+    distribution: dict[str, Any]
+    methods: list[_Method]
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What may affect the results, by name."""
+        return machine_facts(self.model_dump()) | {one.engine: one.version for one in self.methods}
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A shard as stored."""
+
+    folder: Path
+    shard: Shard
+    manifest: _Manifest
+    sentinels: tuple[Sentinel, ...]
+
+
+def is_ensemble(folder: Path) -> bool:
+    """Whether a folder was written by `bodycheck ensemble`."""
+    return (folder / "quantiles.csv").is_file()
+
+
+def merge_ensembles(folders: Sequence[Path], out: Path, *, allow_code: bool = False) -> EnsembleResult:
+    """Write the ensemble that these shards are parts of to `out`, and return its statistics.
+
+    allow_code: the scenario may name functions. Raises InputError where a folder is not a shard, a shard is
+    missing or given twice, or the shards are not of one request.
+    """
+    parts = _parts(folders)
+    result = _merged(parts, allow_code=allow_code)
+    with whole_folder(out) as folder:
+        for table in ("bodies", "cases"):
+            _unite([part.folder / table for part in parts], folder / table)
+        write_summaries(result, folder, out)
+    return result
+
+
+def _parts(folders: Sequence[Path]) -> list[_Part]:
+    """Read the shards, in order."""
+    parts = [_part(folder) for folder in folders]
+    if twice := [folder for folder, times in Counter(map(Path.resolve, folders)).items() if times > 1]:
+        raise InputError(f"{twice[0]}: is given twice")
+    faults = list(division_faults({part.folder: part.shard for part in parts}))
+    first, *others = parts
+    for part in others:
+        faults += [
+            f"{part.folder}: {name} is {mine}, but {its} in {first.folder}"
+            for name, mine, its in _different(part.manifest, first.manifest)
+        ]
+    if faults:
+        raise InputError("\n".join(faults))
+    return sorted(parts, key=lambda part: part.shard.index)
+
+
+def _part(folder: Path) -> _Part:
+    path = folder / "manifest.json"
+    try:
+        manifest = _Manifest.model_validate(read_json(path))
+        if manifest.request.shard is None:
+            raise InputError(f"{folder}: a whole ensemble (expected a folder written with --shard)")
+        return _Part(folder, Shard.parse(manifest.request.shard), manifest, read_sentinels(folder))
+    except FileNotFoundError:
+        raise InputError(f"{path}: missing: not a folder of `bodycheck ensemble`") from None
+    except ValidationError as error:
+        fault = error.errors()[0]
+        where = ".".join(map(str, fault["loc"]))
+        raise InputError(escaped(f"{path}: not of a shard of an ensemble: {where}: {fault['msg']}")) from None
+
+
+def _different(one: _Manifest, other: _Manifest) -> Iterator[tuple[str, Any, Any]]:
+    """Yield in what two requests differ, with both values."""
+    for name in (name for name in vars(one.request) if name not in _OF_THE_MACHINE):
+        mine, its = getattr(one.request, name), getattr(other.request, name)
+        if mine != its:
+            yield name, mine, its
+    if one.distribution != other.distribution:
+        yield "distribution", one.distribution, other.distribution
+    mine, its = ([method.who for method in manifest.methods] for manifest in (one, other))
+    if mine != its:
+        yield "methods", mine, its
+
+
+def _merged(parts: Sequence[_Part], *, allow_code: bool) -> EnsembleResult:
+    request = replace(parts[0].manifest.request, shard=None, allow_code=allow_code)
+    keys = [_key(told) for told in zip(*(part.manifest.methods for part in parts), strict=True)]
+    result = EnsembleResult.empty(request, request.ensemble(), keys)
+    for part in parts:
+        _add(result, part)
+    findings = [
+        *differing_facts({str(part.shard): part.manifest.facts for part in parts}),
+        *disagreements({str(part.shard): part.sentinels for part in parts}),
+    ]
+    return replace(result, shards=tuple(str(part.shard) for part in parts), findings=tuple(findings))
+
+
+def _key(told: Sequence[_Method]) -> Key:
+    """Return a method of all shards; an engine in several versions has all of them as its version."""
+    versions = " and ".join(dict.fromkeys(one.version for one in told))
+    return told[0].model_copy(update={"version": versions}).key
+
+
+def _add(result: EnsembleResult, part: _Part) -> None:
+    """Add the counts, the sketches and the worst bodies of a shard."""
+    known: dict[tuple[Any, ...], MethodStatistics] = {}
+    for method, (_, statistics) in zip(part.manifest.methods, result.statistics, strict=True):
+        known[method.who], found = statistics, method.statistics
+        statistics.endings.update(found.endings)
+        statistics.at_floor += found.at_floor
+        statistics.replay = OTHER_BITS if OTHER_BITS in (statistics.replay, found.replay) else found.replay
+        statistics.keep(found.worst, result.request.worst)
+    path = part.folder / "sketches"
+    try:
+        for (*who, measure), sketch in _sketches(path):
+            (result.floors if who[0] == TRUTH else known[tuple(who)].sketches)[measure].merge(sketch)
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{path}: not the sketches of this ensemble: {error!r}") from None
+
+
+def _sketches(folder: Path) -> Iterator[tuple[tuple[Any, ...], QuantileSketch]]:
+    """Yield (engine, method, dt_s, tolerance, measure) and the sketch of it."""
+    import duckdb  # late: only stored datasets need it
+
+    try:
+        with duckdb.connect() as database:
+            table = database.read_parquet(str(folder / "*.parquet")).df()
+    except duckdb.Error as error:
+        raise InputError(f"{folder}: cannot be read: {error}") from None
+    who = ["engine", "method", "dt_s", "tolerance", "measure"]
+    for names, rows in table.groupby(who, dropna=False, sort=False, observed=True):
+        cells = tuple(None if name != name else name for name in names)
+        yield cells, QuantileSketch.of_bins(rows["bin_low"].to_numpy(), rows["count"].to_numpy())
+
+
+def _unite(tables: Sequence[Path], whole: Path) -> None:
+    """Copy the files of a table of all shards, numbered in the order of the shards."""
+    numbers: Counter[Path] = Counter()
+    for table in tables:
+        files = [file for file in table.rglob("*.parquet") if _PART.fullmatch(file.name)]
+        for file in sorted(files, key=lambda file: (file.parent, _number(file))):
+            folder = whole / file.parent.relative_to(table)
+            folder.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, folder / f"part-{numbers[folder]}.parquet")
+            numbers[folder] += 1
+
+
+def _number(file: Path) -> int:
+    found = _PART.fullmatch(file.name)
+    assert found is not None
+    return int(found[1])
