@@ -65,6 +65,23 @@ def audit(
             help="Also write findings and differences as SARIF to this file.", rich_help_panel=OUTPUT
         ),
     ] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="K/N",
+            help="Import all links, but spin only part K of N of them, chosen by a hash; requires --out. "
+            "`bodycheck merge` puts the parts together.",
+            show_default="all links",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="With --shard: new or empty folder for this shard.",
+            show_default=False,
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
     timeout_s: Annotated[float, typer.Option(help="Time limit of one import in s.", min=1e-3)] = _TIMEOUT_S,
     json: Json = False,
     quiet: Quiet = False,
@@ -77,11 +94,14 @@ def audit(
     from importlib.metadata import version
 
     from bodycheck._util.files import check_file, write_whole
+    from bodycheck._util.shard import Shard
     from bodycheck.reports.audit.audit_document import audit_data, audit_document, failures
     from bodycheck.reports.audit.audit_document import sarif as as_sarif
     from bodycheck.reports.audit.audit_page import audit_page
     from bodycheck.reports.document import answer, json_text
     from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.run_files.writer import check_output
+    from bodycheck.runs.audit_merge import write_shard
     from bodycheck.runs.audit_run import AuditOptions
     from bodycheck.runs.audit_run import audit as audited
 
@@ -95,12 +115,19 @@ def audit(
         raise InputError(f"--fail-on {unknown[0]!r}: unknown (available: {', '.join(_FAIL_ON)})")
     if lint and engine is not None:
         raise InputError("--lint: uses no engines; give --lint or --engine, not both")
+    if (shard is None) != (out is None):
+        raise InputError("--shard and --out: give both, to audit a shard")
+    if out is not None:
+        check_output(out)
     outputs = {"--html": html, "--sarif": sarif}
     for option, path in outputs.items():
         check_file(option, path)
     engines = [] if lint else None if engine is None else engine.split(",")
+    part = None if shard is None else Shard.parse(shard)
     with watched(f"auditing {model}", quiet=quiet):
-        found = audited(model, AuditOptions(engines, not no_spins, timeout_s))
+        found = audited(model, AuditOptions(engines, not no_spins, timeout_s, part))
+    if part is not None and out is not None:
+        write_shard(found, part, out)
     if html is not None:
         write_whole(html, audit_page(found).encode())
     if sarif is not None:

@@ -17,7 +17,7 @@ merging = typer.Typer()
 
 
 @merging.command(
-    short_help="Put the shards of a run or an ensemble together.",
+    short_help="Put the shards of a run, an ensemble or an audit together.",
     **described(
         MEASURE,
         "bodycheck merge part-* --out whole",
@@ -26,7 +26,8 @@ merging = typer.Typer()
 )
 def merge(
     parts: Annotated[
-        list[Path], typer.Argument(metavar="PART...", help="Folders of all shards of one run or ensemble.")
+        list[Path],
+        typer.Argument(metavar="PART...", help="Folders of all shards of one run, ensemble or audit."),
     ],
     out: Annotated[
         Path | None,
@@ -48,15 +49,17 @@ def merge(
     allow_code: AllowCode = False,
     json: Json = False,
 ) -> None:
-    """Put the shards of a run or an ensemble together, and write what the whole would have written.
+    """Put the shards of a run, an ensemble or an audit together, and write what the whole would have written.
 
     The tables are those of one run, but for speeds. Differences between the machines are reported: versions,
     and sentinel cases, which every shard runs, with different results.
     """
+    from bodycheck.reports.audit.audit_document import audit_data, audit_document
     from bodycheck.reports.document import answer
     from bodycheck.reports.history.archive import History
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.reports.summary.sentences import run_data, run_document
+    from bodycheck.runs.audit_merge import is_audit, merge_audits
     from bodycheck.runs.directory import write_run
     from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document
     from bodycheck.runs.ensemble_merge import is_ensemble, merge_ensembles
@@ -68,11 +71,15 @@ def merge(
     thresholds = thresholds_of(threshold, tolerances)
     if out is not None:
         check_output(out)
-    if any(map(is_ensemble, parts)):
-        if out is None:
-            raise InputError("--history: stores runs, not ensembles; give --out")
+    if out is None and (any(map(is_ensemble, parts)) or any(map(is_audit, parts))):
+        raise InputError("--history: stores runs, not ensembles or audits; give --out")
+    if out is not None and any(map(is_ensemble, parts)):
         result = merge_ensembles(parts, out, allow_code=allow_code)
         answer(ensemble_document(result, out), ensemble_data(result, out), as_json=json)
+        return
+    if out is not None and any(map(is_audit, parts)):
+        audit, findings = merge_audits(parts, out)
+        answer(audit_document(audit, findings), {**audit_data(audit), "machines": findings}, as_json=json)
         return
     run = merged(parts, allow_code=allow_code)
     if history is not None:

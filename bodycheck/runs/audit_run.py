@@ -13,6 +13,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError, UnavailableError, WorkerLostError
 from bodycheck._util.formatting import meant
+from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import (
     HeldLink,
     ImportRequest,
@@ -47,11 +48,24 @@ _IMPORT_S = 1.0  # time limit per link, beyond a start
 
 @dataclass(frozen=True)
 class AuditOptions:
-    """engines: names or NAME==VERSION, none for the linter alone. timeout_s: of one import."""
+    """engines: names or NAME==VERSION, none for the linter alone. timeout_s: of one import.
+
+    shard: the part of the links to spin; every shard imports and compares all links.
+    """
 
     engines: Sequence[str] | None = None
     spins: bool = True
     timeout_s: float = TIMEOUT_S
+    shard: Shard | None = None
+
+    def spins_link(self, name: str) -> bool:
+        """Whether to spin a link."""
+        return self.spins and (self.shard is None or spins_in(self.shard, name))
+
+
+def spins_in(shard: Shard, link: str) -> bool:
+    """Whether a shard spins a link."""
+    return shard.has("spin", link)
 
 
 @dataclass
@@ -84,7 +98,13 @@ def imported_audit(
     if options.spins and imported:
         from bodycheck.runs.audit_spins import with_spins
 
-        links = with_spins(pool, model, links, [one.column for one in imported], options.timeout_s)
+        columns = [one.column for one in imported]
+        links = [
+            with_spins(pool, model, link, columns, options.timeout_s)
+            if options.spins_link(link.name)
+            else link
+            for link in links
+        ]
     return Audit(
         str(model.path),
         model.format,

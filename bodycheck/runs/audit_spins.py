@@ -35,19 +35,9 @@ METHODS = {"mujoco": "rk4", "pybullet": "multibody", "dart": "semi-implicit"}
 
 
 def with_spins(
-    pool: EnginePool,
-    model: ModelFile,
-    links: Sequence[LinkAudit],
-    columns: Sequence[Column],
-    timeout_s: float,
-) -> list[LinkAudit]:
-    """Return the links with their spins in every importer that read the file."""
-    return [_spun(pool, model, link, columns, timeout_s) for link in links]
-
-
-def _spun(
     pool: EnginePool, model: ModelFile, link: LinkAudit, columns: Sequence[Column], timeout_s: float
 ) -> LinkAudit:
+    """Return a link with its spins in every importer that read the file."""
     if link.stated is None or not link.stated.possible:
         return link
     truth = truth_of(link.stated)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import platform
 from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -17,7 +16,7 @@ from bodycheck.reports.run_files.ensemble_dataset import SCHEMA_VERSION, Dataset
 from bodycheck.reports.run_files.sentinels import write_sentinels
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
 from bodycheck.runs.ensemble_result import EnsembleResult, Key, MethodStatistics, words_of
-from bodycheck.runs.manifest import machine
+from bodycheck.runs.manifest import machine, software
 from bodycheck.scenarios.ensemble import scenario_text
 
 _COMMON = {"schema_version": SCHEMA_VERSION}
@@ -48,10 +47,8 @@ def write_summaries(result: EnsembleResult, folder: Path, out: Path) -> None:
     write_sentinels(result.sentinels, folder)
     manifest = {
         "schema_version": SCHEMA_VERSION,
-        "bodycheck": version("bodycheck"),
-        "python": platform.python_version(),
+        **software(),
         **machine(),
-        "libraries": {name: version(name) for name in ("numpy", "numba", "scipy", "pandas")},
         "created": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
         "request": asdict(result.request),
         "distribution": asdict(result.ensemble.distribution),

@@ -61,11 +61,9 @@ def manifest_of(
     return {
         "run_id": identity.run_id,
         "created": identity.created.isoformat(timespec="seconds"),
-        "bodycheck": version("bodycheck"),
+        **software(),
         "commit": commit(),
-        "python": platform.python_version(),
         **(machine() if options.timing is None else options.timing.machine),
-        "libraries": {name: version(name) for name in ("numpy", "numba", "scipy", "pandas")},
         "engines": engines,
         "dt_s": selection.dt_s,
         "tolerances": selection.tolerances,
@@ -88,6 +86,15 @@ def _shard(selection: Selection, whole: Selection) -> dict[str, Any]:
         "scenarios": {scenario.name: scenario_spec for scenario_spec, scenario in whole.scenarios},
         "methods": [[engine.name, method.name] for engine, method in whole.methods],
         "off_centre_only": sorted(map(list, whole.off_centre_only)),
+    }
+
+
+def software() -> dict[str, Any]:
+    """Return the versions of bodycheck, Python and the libraries that compute."""
+    return {
+        "bodycheck": version("bodycheck"),
+        "python": platform.python_version(),
+        "libraries": {name: version(name) for name in ("numpy", "numba", "scipy", "pandas")},
     }
 
 

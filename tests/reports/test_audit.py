@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from bodycheck._util.errors import InputError
+from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import HeldLink
 from bodycheck.reports.audit.audit import Audit, Body, Difference
 from bodycheck.reports.audit.audit_document import audit_data, failures, sarif
+from bodycheck.reports.audit.audit_files import read_audit
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.audit.causes import body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
 from bodycheck.reports.document import json_text
+from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
 from bodycheck.scenarios.model_files.exact import Frame, doubles
 from bodycheck.scenarios.model_files.model import Joint, ModelLink
@@ -183,3 +191,119 @@ def test_lint_command_exits_by_fail_on(tmp_path: Path) -> None:
     path = _file(tmp_path, inertia='ixx="1" iyy="1" izz="5" ixy="0" ixz="0" iyz="0"')
     assert run_bodycheck(tmp_path, "audit", path.name, "--lint", "--quiet").returncode == 0
     assert run_bodycheck(tmp_path, "audit", path.name, "--lint", "--fail-on", "error").returncode == 1
+
+
+# ------------------------------------------------------------------------------------------------ shards
+
+
+@pytest.fixture(scope="module")
+def shards(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Audit]:
+    """Return a folder with a file, the shards `part-1` and `part-2` of its audit, and the whole audit."""
+    folder = tmp_path_factory.mktemp("audits")
+    path = folder / "robot.urdf"
+    links = (_LINK.format(name=f"link_{k}", mass=2.0 + k, inertia=_GOOD, more="") for k in range(4))
+    inner = "".join(link.replace('<robot name="r">', "").replace("</robot>", "") for link in links)
+    origin = '<origin xyz="0 0 1"/>'
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute">{origin}<parent link="link_{k}"/><child link="link_{k + 1}"/>'
+        '<axis xyz="0 0 1"/><limit effort="1" velocity="1" lower="-1" upper="1"/></joint>'
+        for k in range(3)
+    )
+    path.write_text(f'<robot name="r">{inner}{joints}</robot>')
+    options = AuditOptions(["mujoco"])
+    for k in (1, 2):
+        shard = Shard(k, 2)
+        write_shard(audit(path, replace(options, shard=shard)), shard, folder / f"part-{k}")
+    return folder, audit(path, options)
+
+
+@pytest.mark.slow
+def test_merged_shards_equal_one_audit(shards: tuple[Path, Audit], tmp_path: Path) -> None:
+    """In all data; each shard spins some of the links, and each link is spun by one."""
+    folder, whole = shards
+    found, findings = merge_audits([folder / "part-2", folder / "part-1"], tmp_path / "whole")
+    assert json_text(audit_data(found)) == json_text(audit_data(whole))
+    assert findings == []
+    spun = [[bool(link.spins) for link in read_audit(folder / f"part-{k}")[0].links] for k in (1, 2)]
+    assert [one != other for one, other in zip(*spun, strict=True)] == [True] * 4
+    assert all(any(shard) for shard in spun)
+    assert (tmp_path / "whole/audit.html").read_text() == audit_page(found)
+
+
+def _damaged(folder: Path, tmp_path: Path, change: Callable[[dict[str, Any]], None]) -> list[Path]:
+    parts = [Path(shutil.copytree(folder / f"part-{k}", tmp_path / f"part-{k}")) for k in (1, 2)]
+    path = parts[1] / "audit.json"
+    told = json.loads(path.read_text())
+    change(told)
+    path.write_text(json.dumps(told))
+    return parts
+
+
+@pytest.mark.slow
+def test_merging_reports_importers_that_disagree(shards: tuple[Path, Audit], tmp_path: Path) -> None:
+    """All shards import all links: other numbers are reported with link, importer, shards and digits."""
+
+    def change(told: dict[str, Any]) -> None:
+        told["machine"]["cpu"] = "another"
+        told["audit"]["links"][1]["held"]["mujoco:default"]["held"]["mass_kg"] *= 1.0 + 1e-6
+
+    parts = _damaged(shards[0], tmp_path, change)
+    machine, held = merge_audits(parts, tmp_path / "whole")[1]
+    assert machine.endswith("another in shard 2/2")
+    assert held == "mujoco:default: link_1 as held in shard 2/2 agrees with shard 1/2 to 6.0 digits"
+
+
+def _another_file(told: dict[str, Any]) -> None:
+    told["audit"]["sha256"] = "0"
+
+
+def _same_shard(told: dict[str, Any]) -> None:
+    told["shard"] = "1/2"
+
+
+def _no_shard(told: dict[str, Any]) -> None:
+    del told["shard"]
+
+
+def _no_body(told: dict[str, Any]) -> None:
+    told["audit"]["links"][0]["stated"]["centre_m"] = [1.0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (_another_file, "another content of "),
+        (_same_shard, "all are shard 1/2"),
+        (_no_shard, "a whole audit"),
+        (_no_body, "not a shard of an audit"),
+    ],
+)
+def test_shards_of_different_audits_are_refused(
+    change: Callable[[dict[str, Any]], None], named: str, shards: tuple[Path, Audit], tmp_path: Path
+) -> None:
+    """The message names the folder and the fault, and nothing is written."""
+    parts = _damaged(shards[0], tmp_path, change)
+    with pytest.raises(InputError) as refused:
+        merge_audits(parts, tmp_path / "whole")
+    assert named in str(refused.value)
+    assert "part-2" in str(refused.value)
+    assert not (tmp_path / "whole").exists()
+
+
+@pytest.mark.slow
+def test_audit_command_writes_shards_that_merge_puts_together(
+    shards: tuple[Path, Audit], tmp_path: Path
+) -> None:
+    """A shard requires a folder; the answer of merge is that of the whole audit."""
+    path = shards[0] / "robot.urdf"
+    for k in (1, 2):
+        words = ("--engine", "mujoco", "--shard", f"{k}/2", "--quiet")
+        ended = run_bodycheck(tmp_path, "audit", str(path), *words, "--out", f"part-{k}")
+        assert ended.returncode == 0, ended.stderr
+    assert run_bodycheck(tmp_path, "audit", str(path), *words).returncode == 2
+    ended = run_bodycheck(tmp_path, "merge", "part-1", "part-2", "--out", "whole", "--json")
+    assert ended.returncode == 0, ended.stderr
+    told = json.loads(ended.stdout)
+    assert told.pop("machines") == []
+    assert told == json.loads(json_text(audit_data(shards[1])))

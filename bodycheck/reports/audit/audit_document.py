@@ -19,12 +19,16 @@ _FLOOR_RAD = 1e-9
 _DIGITS = 17
 
 
-def audit_document(audit: Audit) -> Document:
-    """Return the document: importers, differences, spins that differ, findings."""
+def audit_document(audit: Audit, machines: Sequence[str] = ()) -> Document:
+    """Return the document: importers, differences, spins that differ, findings.
+
+    machines: how the machines of merged shards differ.
+    """
     return Document(
         f"{Path(audit.file).name}: import audit",
         (
             *_head(audit),
+            *map(Sentence, machines),
             _importers(audit),
             _differences(audit),
             _spins(audit),

@@ -1,0 +1,136 @@
+"""Merge the shards of an audit: the spins of all links, and whether the machines' importers agree."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck._util.shard import Shard, division_faults
+from bodycheck.reports.audit.audit import Audit, Body, Difference
+from bodycheck.reports.audit.audit_files import AUDIT_FILE, read_audit, write_audit
+from bodycheck.reports.audit.audit_page import audit_page
+from bodycheck.reports.run_files.sentinels import differing_facts, machine_facts
+from bodycheck.reports.run_files.writer import whole_folder
+from bodycheck.runs.audit_run import spins_in
+from bodycheck.runs.manifest import machine, software
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A shard as stored."""
+
+    folder: Path
+    shard: Shard
+    audit: Audit
+    facts: dict[str, str]
+
+
+def write_shard(audit: Audit, shard: Shard, out: Path) -> None:
+    """Write a shard of an audit to a new folder."""
+    with whole_folder(out) as folder:
+        write_audit(audit, folder, shard=str(shard), machine={**software(), **machine()})
+
+
+def is_audit(folder: Path) -> bool:
+    """Whether a folder was written by `bodycheck audit --shard`."""
+    return (folder / AUDIT_FILE).is_file()
+
+
+def merge_audits(folders: Sequence[Path], out: Path) -> tuple[Audit, list[str]]:
+    """Write the audit that these shards are parts of, and its page, to `out`; return it and the findings.
+
+    Raises InputError where a folder is not a shard, a shard is missing or given twice, or the shards are not
+    of one request.
+    """
+    parts = _parts(folders)
+    first = parts[0].audit
+    links = [
+        replace(link, spins=_owner(parts, link.name).audit.links[place].spins)
+        for place, link in enumerate(first.links)
+    ]
+    audit = replace(first, links=tuple(links))
+    findings = [*differing_facts({str(part.shard): part.facts for part in parts}), *_disagreements(parts)]
+    with whole_folder(out) as folder:
+        write_audit(audit, folder, bodycheck=version("bodycheck"), findings=findings)
+        (folder / "audit.html").write_text(audit_page(audit), encoding="utf-8")
+    return audit, findings
+
+
+def _parts(folders: Sequence[Path]) -> list[_Part]:
+    parts = [_part(folder) for folder in folders]
+    if twice := [folder for folder, times in Counter(map(Path.resolve, folders)).items() if times > 1]:
+        raise InputError(f"{twice[0]}: is given twice")
+    faults = list(division_faults({part.folder: part.shard for part in parts}))
+    first, *others = parts
+    for part in others:
+        faults += [f"{part.folder}: {what} than in {first.folder}" for what in _different(part, first)]
+    if faults:
+        raise InputError("\n".join(faults))
+    return sorted(parts, key=lambda part: part.shard.index)
+
+
+def _part(folder: Path) -> _Part:
+    audit, told = read_audit(folder)
+    if not isinstance(told.get("shard"), str) or not isinstance(told.get("machine"), dict):
+        raise InputError(f"{folder}: a whole audit (expected a folder written with --shard)")
+    engines = {column.engine: column.version for column in audit.columns}
+    return _Part(folder, Shard.parse(told["shard"]), audit, machine_facts(told["machine"]) | engines)
+
+
+def _different(one: _Part, other: _Part) -> Iterator[str]:
+    """Yield in what the requests of two shards differ."""
+    if one.audit.sha256 != other.audit.sha256:
+        yield f"another content of {one.audit.file}"
+    elif [link.name for link in one.audit.links] != [link.name for link in other.audit.links]:
+        yield "other links"
+    if [column.name for column in one.audit.columns] != [column.name for column in other.audit.columns]:
+        yield "other importers"
+
+
+def _owner(parts: Sequence[_Part], link: str) -> _Part:
+    return next(part for part in parts if spins_in(part.shard, link))
+
+
+def _disagreements(parts: Sequence[_Part]) -> Iterator[str]:
+    """Yield which importers hold other numbers, or end otherwise, on some machines than on the first.
+
+    All shards import the whole file: its links are the sentinels.
+    """
+    first, *others = parts
+    for other in others:
+        for place, column in enumerate(first.audit.columns):
+            its = other.audit.columns[place]
+            if its.outcome != column.outcome:
+                yield (
+                    f"{column.name}: ended {its.outcome} in shard {other.shard}, and {column.outcome} in "
+                    f"shard {first.shard}"
+                )
+        for mine, link in zip(first.audit.links, other.audit.links, strict=True):
+            for name in mine.held.keys() & link.held.keys():
+                digits = _digits(mine.held[name].held, link.held[name].held)
+                if digits is not None:
+                    yield (
+                        f"{name}: {link.name} as held in shard {other.shard} agrees with shard "
+                        f"{first.shard} to {digits:.1f} digits"
+                    )
+
+
+def _digits(one: Body | None, other: Body | None) -> float | None:
+    """Return to how many digits two bodies agree, None where they have the same bits or neither is held."""
+    if one is None or other is None:
+        return None if one is other else 0.0
+    if _bits(one) == _bits(other):
+        return None
+    gap = Difference.between(one, other).largest
+    return -math.log10(gap) if 0.0 < gap < 1.0 else 0.0
+
+
+def _bits(body: Body) -> bytes:
+    return np.array([body.mass_kg, *body.centre_m, *body.inertia_kg_m2.flat]).tobytes()
