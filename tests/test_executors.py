@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
@@ -134,11 +135,14 @@ class FakeClient:
 
     def __init__(self) -> None:
         self.tasks: list[FakeTask] = []
+        self.busy: dict[str, tuple[str, ...]] = {}
+        self.last_seen = {"a": 1.0, "b": 1.0}
         self.workers: list[Any] = []
         self.submitted = threading.Semaphore(0)
 
-    def submit(self, function: Any, *arguments: Any, workers: Any = None, **_: Any) -> FakeTask:
-        """Return a task."""
+    def submit(self, function: Any, *arguments: Any, key: str, workers: Any = None, **_: Any) -> FakeTask:
+        """Return a task, which the first of the allowed workers gets."""
+        self.busy = {(workers or ["a"])[0]: (key,)}
         self.tasks.append(FakeTask(function, arguments))
         self.workers.append(workers)
         self.submitted.release()
@@ -149,8 +153,13 @@ class FakeClient:
         return {"a": 1, "b": 1}
 
     def processing(self) -> dict[str, tuple[str, ...]]:
-        """Return nothing: no worker is known to be at work."""
-        return {}
+        """Return the worker of the last task."""
+        return self.busy
+
+    def scheduler_info(self, n_workers: int) -> dict[str, Any]:
+        """Return when the scheduler heard from the workers."""
+        assert n_workers == -1
+        return {"workers": {name: {"last_seen": seen} for name, seen in self.last_seen.items()}}
 
     def cancel(self, tasks: Any, **_: Any) -> None:
         """Ignore it: a task may end although it was cancelled."""
@@ -221,6 +230,29 @@ def test_late_task_is_sent_again_and_counts_once(
     for task in client.tasks[::-1]:
         task.end("finished")
     assert results == [1]
+
+
+def test_silent_worker_gets_no_further_task_until_it_is_heard(
+    client: FakeClient, executor: dask_cluster.DaskExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Requests that follow one another would wait for it each time; a worker that is heard gets tasks."""
+    monkeypatch.setattr(dask_cluster, "_LATE_S", 0.01)
+    monkeypatch.setattr(dask_cluster, "_COUNTED_AGAIN_S", 0.0)
+    executor.submit(abs, -1)
+    waited(client, 2)
+    client.tasks[1].end("finished")
+    later = executor.submit(abs, -2)
+    waited(client)
+    assert client.workers == [None, ["b"], ["b"]]
+    client.tasks[2].end("finished")
+    assert later.result(60.0) == 2
+    client.last_seen["a"] = 2.0
+    monkeypatch.setattr(dask_cluster, "_LATE_S", 3600.0)
+    while executor._silent:
+        time.sleep(0.01)
+    executor.submit(abs, -3)
+    waited(client)
+    assert client.workers[3] is None
 
 
 def test_calls_fail_when_the_connection_is_lost(

@@ -156,8 +156,9 @@ class DaskExecutor(Executor):
     """Calls of functions with one argument, on a Dask cluster, in batches.
 
     The result of each call is set once, by the first task that returns it. Dask runs the tasks of a lost
-    worker again; a task of which nothing is heard for long is sent to another worker too. An argument may
-    have `kind` and `steps`: calls of one kind are expected to take a time proportional to the steps.
+    worker again; a task of which nothing is heard for long is sent to another worker too, and the first
+    worker gets no further ones until the scheduler hears from it. An argument may have `kind` and `steps`:
+    calls of one kind are expected to take a time proportional to the steps.
     resources, workers: required of, or the only ones for, every task.
     """
 
@@ -177,6 +178,7 @@ class DaskExecutor(Executor):
         self._changed = threading.Condition()
         self._arrived_s, self._closed = 0.0, False
         self._counted_s, self._threads = -math.inf, {"": 1}
+        self._silent: dict[str, float] = {}
         self._thread = threading.Thread(target=self._serve, name="bodycheck-cluster", daemon=True)
         self._thread.start()
 
@@ -270,11 +272,18 @@ class DaskExecutor(Executor):
             key=key,
             pure=False,
             resources=self._resources,
-            workers=None if (only := workers or self._workers) is None else list(only),
+            workers=self._allowed(workers or self._workers),
         )
         batch.copies[key] = task
         items = [item for item in batch.items if not item.future.done()]
         task.add_done_callback(lambda done: self._ended(batch, key, items, done))
+
+    def _allowed(self, workers: Collection[str] | None) -> list[str] | None:
+        """Return the workers for a task, None for any: not those from which nothing is heard, if possible."""
+        heard = set(self._threads if workers is None else workers) - self._silent.keys()
+        if heard and self._silent:
+            return sorted(heard)
+        return None if workers is None else list(workers)
 
     def _ended(self, batch: _Batch, key: str, items: list[_Item], task: Any) -> None:
         """Set the results of a task, or run its calls again one by one; called by Dask's threads."""
@@ -346,13 +355,19 @@ class DaskExecutor(Executor):
             ]
         if not late:
             return
-        processing = self._client.processing()
+        processing, seen_s = self._client.processing(), self._last_seen()
         for batch in late:
             busy = {address for address, keys in processing.items() if batch.copies.keys() & set(keys)}
+            self._silent |= {address: seen_s[address] for address in busy & seen_s.keys()}
             if others := set(self._workers or self._threads) - busy:
                 self._send(batch, others)
             else:
                 batch.sent_s = now
+
+    def _last_seen(self) -> dict[str, float]:
+        """Return when the scheduler last heard from each worker, in s of its clock."""
+        told = self._client.scheduler_info(n_workers=-1)["workers"]
+        return {address: facts["last_seen"] for address, facts in told.items()}
 
     def _count_threads(self) -> None:
         now = time.monotonic()
@@ -366,6 +381,10 @@ class DaskExecutor(Executor):
                 for address, threads in found.items()
                 if self._workers is None or address in self._workers
             }
+            if self._silent:
+                seen_s = self._last_seen()
+                silent = self._silent.items()
+                self._silent = {address: last for address, last in silent if seen_s.get(address) == last}
 
     def _break(self, why: str) -> None:
         """Fail all calls: the cluster does not answer any more."""
