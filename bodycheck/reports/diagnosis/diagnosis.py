@@ -247,8 +247,15 @@ class _Search:
         singles = sorted(fitted(few, base, at, _starts(at)), key=lambda fit: _score(fit, few))
         best = singles[0]
         pairs: list[Fit] = []
-        if best.cost > _AT_ROUND_OFF * few.round_off:
-            pairs = sorted(fitted(few, base, at, _pair_starts(singles, at)), key=lambda fit: _score(fit, few))
+        if best.cost > _AT_ROUND_OFF * few.round_off or best.is_general:
+            # beside a general fault, two of fewer parameters say more
+            ones = (
+                [fit for fit in singles if fit.complexity < best.complexity] if best.is_general else singles
+            )
+            starts = _pair_starts(ones, at, general=best.is_general)
+            pairs = sorted(fitted(few, base, at, starts), key=lambda fit: _score(fit, few))
+            if specific := _specific(pairs[0], singles, at):
+                pairs = sorted([*pairs, *fitted(few, base, at, specific)], key=lambda fit: _score(fit, few))
             if substitutes := _substitutes(pairs[0], singles):
                 pairs += fitted(few, base, at, substitutes)
         return self._conclusion(base, few, whole, singles, pairs)
@@ -260,7 +267,8 @@ class _Search:
         best, rivals = singles[0], singles
         if pairs:
             pair = pairs[0]
-            if _share(pair, before) >= _EXPLAINED and _BETTER * pair.cost < best.cost:
+            is_as_good = pair.cost <= _AT_ROUND_OFF * round_off and pair.complexity < best.complexity
+            if _share(pair, before) >= _EXPLAINED and (is_as_good or _BETTER * pair.cost < best.cost):
                 best, rivals = pair, pairs
         described = Diagnosis(
             "unexplained", base.name, base.words, before=before, after=before, round_off=round_off,
@@ -314,15 +322,18 @@ def _combined(faults: tuple[Fault, ...], at: Circumstances) -> list[Start]:
     return [(faults, [value for start in each for value in start]) for each in starts]
 
 
-def _pair_starts(singles: Sequence[Fit], at: Circumstances) -> list[Start]:
-    """Return the pairs of the eight best single faults, and those of the best one with all others."""
+def _pair_starts(singles: Sequence[Fit], at: Circumstances, *, general: bool) -> list[Start]:
+    """Return the pairs of the eight best single faults, and those of the best one with all others.
+
+    general: whether these others may be general.
+    """
     leaders = _distinct(singles)[:_PAIRED]
     found = {}
     for one, other in combinations(leaders, 2):
         found[one.faults[0].name, other.faults[0].name] = (one, other)
     for one in leaders[:1]:
         for other in singles:
-            if other is not one and not other.faults[0].is_general:
+            if other is not one and (general or not other.is_general):
                 names = one.faults[0].name, other.faults[0].name
                 if names[::-1] not in found:
                     found[names] = (one, other)
@@ -342,6 +353,17 @@ def _substitutes(pair: Fit, singles: Sequence[Fit]) -> list[Start]:
         rest, values = pair.parts[1 - place]
         same = (fit for fit in singles if fit is not alone and _is_same(fit, alone))
         found += [((*fit.faults, rest), (*fit.values, *values)) for fit in same if fit.faults[0] is not rest]
+    return found
+
+
+def _specific(pair: Fit, singles: Sequence[Fit], at: Circumstances) -> list[Start]:
+    """Return the pairs in which a specific fault stands for a general one."""
+    found: list[Start] = []
+    for place, (fault, _) in enumerate(pair.parts):
+        rest, values = pair.parts[1 - place]
+        if fault.is_general and not rest.is_general:
+            others = (one.faults[0] for one in singles if not one.is_general and one.faults[0] is not rest)
+            found += [((one, rest), (*start, *values)) for one in others for start in one.starts(at)]
     return found
 
 

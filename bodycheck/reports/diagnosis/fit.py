@@ -58,6 +58,11 @@ class Fit:
         return len(self.values)
 
     @property
+    def is_general(self) -> bool:
+        """Whether a fault contains others as special cases."""
+        return any(fault.is_general for fault in self.faults)
+
+    @property
     def complexity(self) -> int:
         """The number of parameters without particular values, such as 0; general faults count for more."""
         special = sum(bool(fault.special_words(values)) for fault, values in self.parts)
