@@ -43,6 +43,9 @@ _SOLVERS = {
         "TrapezoidalIndex2", 2, None, "implicit trapezoidal rule (Newmark, beta 1/4, gamma 1/2)"
     ),
 }
+_NO_CONTROL = 1e30
+_ROUND_OFF = 64.0 * float(np.finfo(np.float64).eps)
+_ITERATIONS = 50
 
 
 def _method_of(name: str, solver: _Solver) -> Method:
@@ -55,7 +58,7 @@ def _method_of(name: str, solver: _Solver) -> Method:
         lasting="every stage",
         keeps="R^T R = 1",
         source=f"Exudyn, DynamicSolverType.{solver.called}; Gerstmayr (2023), Multibody Syst. Dyn.",
-        changed_defaults=("fixed steps", "full Newton iterations"),
+        changed_defaults=("fixed steps, also of DOPRI5", "full Newton iterations, to round-off"),
         snippet=f"settings.timeIntegration.numberOfSteps = round(endTime / {{dt_s}}); "
         f"mbs.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.{solver.called})",
     )
@@ -142,7 +145,9 @@ class ExudynSimulation:
             settings.solutionSettings.writeSolutionToFile = False
         steps = settings.timeIntegration
         steps.verboseMode, steps.automaticStepSize, steps.adaptiveStep = 0, False, False
+        steps.absoluteTolerance = _NO_CONTROL  # DOPRI5 controls its error whatever automaticStepSize is
         steps.newton.useModifiedNewton = False
+        steps.newton.relativeTolerance, steps.newton.maxIterations = _ROUND_OFF, _ITERATIONS
         return settings
 
     def _wrench(self, t_s: float) -> tuple[Array, Array]:
@@ -150,6 +155,13 @@ class ExudynSimulation:
         position, velocity, turn, omega = self._state()
         force, torque = self._loads.at(t_s, position, turn, velocity, turn @ omega)
         return force, turn @ torque
+
+    def _largest_force(self, t_s: float) -> float:
+        """Return the sum of the norms of forces in N and torques in N m, to which residuals are rounded."""
+        omega, body = self._state()[3], self._scene.body
+        loads = self._wrench(t_s) if self._scene.loads else ()
+        terms = (body.mass * self._scene.gravity, np.cross(omega, body.inertia @ omega), *loads)
+        return float(sum(np.linalg.norm(term) for term in terms))
 
     def _state(self) -> tuple[Array, Array, Array, Array]:
         """Return position, velocity, rotation (3, 3) and omega in body axes, of the node."""
@@ -166,7 +178,7 @@ class ExudynSimulation:
         for configuration in (self._exu.ConfigurationType.Initial, self._exu.ConfigurationType.Current):
             data.SetODE2Coordinates(pose, configuration)
             data.SetODE2Coordinates_t(rates, configuration)
-        self._steps_made = 0
+        self._steps_made, self._size = 0, 0.0
         self.apply(NO_WRENCH)
 
     def apply(self, wrench: Wrench) -> None:
@@ -179,6 +191,8 @@ class ExudynSimulation:
         times.startTime, times.numberOfSteps = self._steps_made * self._dt_s, steps
         self._steps_made += steps
         times.endTime = self._steps_made * self._dt_s
+        self._size = max(self._size, self._largest_force(times.startTime))
+        times.newton.absoluteTolerance = _ROUND_OFF * self._size
         self._system.SolveDynamic(self._settings, solverType=self._solver, updateInitialValues=True)
 
     def read(self) -> Reading:
