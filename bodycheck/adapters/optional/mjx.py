@@ -88,7 +88,9 @@ class _Port:
 
         from bodycheck.adapters.optional.mujoco_ports import mj_model
 
-        jax.config.update("jax_enable_x64", double)  # of the process; a case is built before it is stepped
+        if jax.config.jax_enable_x64 != double:  # of the process; a case is built before it is stepped
+            jax.config.update("jax_enable_x64", double)
+            jax.clear_caches()  # they hold functions of the other precision, which fail to compile in rk4
         self._jax: Any = jax
         self._model = mjx.put_model(mj_model(scene, integrator, dt_s))
         self._data = mjx.make_data(self._model)
@@ -101,6 +103,10 @@ class _Port:
         real = self._data.qpos.dtype
         held = {name: self._jax.numpy.asarray(value, dtype=real) for name, value in state.items()}
         self._data = self._data.replace(**held)
+
+    def put_gear(self, gear: Array) -> None:
+        real = self._data.qpos.dtype
+        self._model = self._model.replace(actuator_gear=self._jax.numpy.asarray(gear, dtype=real))
 
     def step(self, steps: int) -> None:
         self._data = self._stepped(self._model, self._data, steps)

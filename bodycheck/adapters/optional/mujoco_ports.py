@@ -6,6 +6,7 @@ origin in world axes and omega in the frame's axes. The frame's origin is the ce
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -13,7 +14,7 @@ import mujoco
 import numpy as np
 
 from bodycheck.adapters.contract import ReadBack, Reading, Stepping
-from bodycheck.adapters.mujoco.mj_model import BODY, compiled, matrix_of
+from bodycheck.adapters.mujoco.mj_model import BODY, Point, compiled, loaded_points, matrix_of
 from bodycheck.adapters.optional.between_steps import array
 from bodycheck.adapters.stage_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
@@ -28,7 +29,10 @@ class Port(Protocol):
         """Return an object with body_mass, body_inertia, body_iquat and opt, as the port holds them."""
 
     def put(self, **state: Array) -> None:
-        """Set qpos (7,), qvel (6,), qfrc_applied (6,) or xfrc_applied (2, 6)."""
+        """Set qpos (7,), qvel (6,), ctrl (nu,), qfrc_applied (6,) or xfrc_applied (2, 6)."""
+
+    def put_gear(self, gear: Array) -> None:
+        """Set actuator_gear (nu, 6)."""
 
     def step(self, steps: int) -> None:
         """Make the steps."""
@@ -40,15 +44,19 @@ class Port(Protocol):
 def mj_model(scene: Scene, integrator: str, dt_s: float) -> mujoco.MjModel:
     """Compile the scene's body without geometry."""
     found = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
-    return compiled(scene, found, dt_s, (), (), "aligned")
+    return compiled(scene, found, dt_s, loaded_points(scene), (), "aligned")
 
 
 class PortSimulation:
-    """A scene in a port: constant torques and world forces at every stage, other loads held over the step."""
+    """A scene in a port: constant torques and forces at every stage, continuous loads held over the step.
+
+    As in MuJoCo's adapter, a force in body axes or off the centre of mass is the gear of an actuator.
+    """
 
     def __init__(self, scene: Scene, dt_s: float, port: Port, stepping: Stepping) -> None:
         self._scene, self._dt_s, self._port, self.stepping = scene, dt_s, port, stepping
         self._loads = StageLoads(replace(scene, gravity=np.zeros(3)))
+        self._points = loaded_points(scene)
         self.reset()
 
     def reset(self) -> None:
@@ -62,13 +70,19 @@ class PortSimulation:
         self.apply(NO_WRENCH)
 
     def apply(self, wrench: Wrench) -> None:
-        """Write what the port rotates at every stage itself; keep what is to be renewed in each step."""
-        nothing = np.zeros(3)
+        """Write the wrench to inputs that the port itself rotates into body axes at every stage.
+
+        Raises ValueError for a load at a point where the scene has none.
+        """
         self._at_stages = np.concatenate([wrench.force_world, wrench.torque_world])
-        self._torque = np.concatenate([nothing, wrench.torque_body])
-        self._loads.wrench = replace(wrench, force_world=nothing, torque_world=nothing, torque_body=nothing)
-        self._is_renewed = not self._loads.wrench.is_zero or bool(self._scene.lasting_loads)
+        self._torque = np.concatenate([np.zeros(3), wrench.torque_body])
         self._push(np.zeros(6))
+        if self._points:
+            gear = np.zeros((len(self._points), 6))
+            for point, force in _forces_at_points(wrench):
+                gear[self._points.index(point), :3] += force
+            self._port.put(ctrl=np.ones(len(self._points)))
+            self._port.put_gear(gear)
 
     def _push(self, more: Array) -> None:
         """Apply a wrench (6,) in world axes in addition to the constant one."""
@@ -77,8 +91,8 @@ class PortSimulation:
         self._port.put(qfrc_applied=self._torque, xfrc_applied=xfrc)
 
     def advance(self, steps: int) -> None:
-        """Make the steps in one call, unless loads are to be renewed in each."""
-        if not self._is_renewed:
+        """Make the steps in one call, unless continuous loads are to be renewed in each."""
+        if not self._scene.lasting_loads:
             self._port.step(steps)
             self._steps_made += steps
             return
@@ -107,3 +121,11 @@ class PortSimulation:
 
     def close(self) -> None:
         """Do nothing; the port is freed with this object."""
+
+
+def _forces_at_points(wrench: Wrench) -> Iterator[tuple[Point, Array]]:
+    """Yield the forces that need an actuator: of the points of `loaded_points`."""
+    if np.any(wrench.force_body):
+        yield None, wrench.force_body
+    for at, force in wrench.point_forces:
+        yield tuple(at), force

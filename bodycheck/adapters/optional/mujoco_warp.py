@@ -98,6 +98,9 @@ class _Port:
         for name, value in state.items():
             getattr(self._data, name).assign(value[None])
 
+    def put_gear(self, gear: Array) -> None:
+        self._model.actuator_gear.assign(gear[None])
+
     def step(self, steps: int) -> None:
         for _ in range(steps):
             self._warp.step(self._model, self._data)
