@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import duckdb
+import mujoco
 import numpy as np
 import pandas as pd
 import pytest
@@ -20,6 +22,7 @@ from bodycheck.adapters.contract import Adapter, Engine, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.mujoco import MuJoCo
 from bodycheck.adapters.mujoco import rollouts as mujoco_rollouts
+from bodycheck.adapters.optional.mujoco_ports import record_worlds
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol
 from bodycheck.adapters.workers.case_messages import batch_message, batch_of
@@ -113,6 +116,54 @@ def test_mujoco_rollouts_equal_single_cases(method: str, monkeypatch: pytest.Mon
     assert "ok" in alone.endings
     assert np.array_equal(together.quaternion, alone.quaternion, equal_nan=True)
     assert np.array_equal(together.omega_body, alone.omega_body, equal_nan=True)
+
+
+class Worlds:
+    """Bodies in MuJoCo, stepped one after the other, as a port of it holds them together."""
+
+    def __init__(self, models: Sequence[mujoco.MjModel]) -> None:
+        self.models, self.bodies = models, [mujoco.MjData(model) for model in models]
+
+    def model(self) -> SimpleNamespace:
+        """Return the fields of all models."""
+        names = ("body_mass", "body_inertia", "body_iquat")
+        fields = {name: np.array([getattr(model, name) for model in self.models]) for name in names}
+        return SimpleNamespace(**fields, opt=self.models[0].opt)
+
+    def put(self, **state: np.ndarray) -> None:
+        """Set the state."""
+        for name, values in state.items():
+            for data, value in zip(self.bodies, values, strict=True):
+                getattr(data, name)[:] = value
+
+    def step(self, steps: int) -> None:
+        """Make the steps."""
+        for model, data in zip(self.models, self.bodies, strict=True):
+            mujoco.mj_step(model, data, steps)
+
+    def get(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return copies of the state."""
+        return np.array([data.qpos for data in self.bodies]), np.array([data.qvel for data in self.bodies])
+
+
+def test_worlds_of_a_port_have_the_motions_of_single_cases() -> None:
+    """Each body has its own model and state, and those that hold another body are invalid."""
+    asked = batch("rk4")
+    together = record_worlds(asked, "rk4", "float64", Worlds)
+    alone = one_by_one(MuJoCo(), asked)
+    assert together.endings == alone.endings
+    assert np.array_equal(together.quaternion, alone.quaternion)
+    assert np.array_equal(together.omega_body, alone.omega_body)
+
+    def wrong(models: Sequence[mujoco.MjModel]) -> Worlds:
+        models[3].body_inertia[1] *= 1.001
+        return Worlds(models)
+
+    found = record_worlds(asked, "rk4", "float64", wrong)
+    assert [row for row, ending in enumerate(found.endings) if ending == "invalid"] == [3]
+    assert found.messages[3].startswith("inertia")
+    assert np.isnan(found.quaternion[3]).all()
+    assert np.array_equal(found.quaternion[4], alone.quaternion[4])
 
 
 @pytest.mark.parametrize("method", ["m1", "rk4", "dop853"])

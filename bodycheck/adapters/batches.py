@@ -111,7 +111,7 @@ class BatchingAdapter(Adapter, Protocol):
     """An engine that steps many bodies in one call."""
 
     def record_batch(self, batch: Batch) -> BatchAnswer | None:
-        """Return the motions, the same to the last bit as one by one; None where it has no such call.
+        """Return the motions, the same to round-off as one by one; None where it has no such call.
 
         The adapter compares the models that it reads back with the batch.
         """

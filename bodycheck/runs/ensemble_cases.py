@@ -27,7 +27,11 @@ from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES, r
 from bodycheck.reports.probes.replay import OTHER_BITS, SAME_BITS
 
 _STEPS_TOGETHER, _STEPS_ALONE = 2_000_000, 200_000  # per request: some 10 s of most engines
-_BATCHING = ("mujoco",)  # engines whose request may hold more, as they step it in one call
+_BATCHING = (
+    "mujoco",
+    "mjx",
+    "mujoco-warp",
+)  # engines whose request may hold more, as they step it in one call
 
 
 @dataclass(frozen=True, eq=False)

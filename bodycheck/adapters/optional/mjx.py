@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import VARIANT, Method, Simulation
 from bodycheck.adapters.optional.between_steps import array, only_free
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
+
+if TYPE_CHECKING:
+    import mujoco
 
 _FLOAT64 = f"{VARIANT}float64"
 _M1 = "omega += h I^-1 (tau - omega x I omega); q = q exp(h omega)"
@@ -78,6 +84,25 @@ class Mjx:
         integrator, _, variant = method.partition(VARIANT)
         return PortSimulation(scene, dt_s, _Port(scene, integrator, dt_s, double=bool(variant)), "native")
 
+    def record_batch(self, batch: Batch) -> BatchAnswer | None:
+        """Step free bodies by vmap; None for other batches."""
+        from bodycheck.adapters.optional.mujoco_ports import record_worlds
+
+        if not batch.is_free or self.unsupported(batch.template, batch.method):
+            return None
+        integrator, _, variant = batch.method.partition(VARIANT)
+        worlds = partial(_Worlds, double=bool(variant))
+        return record_worlds(batch, integrator, self.methods[batch.method].precision, worlds)
+
+
+def _set_precision(*, double: bool) -> None:
+    """Set the precision of the process; a case is built before it is stepped."""
+    import jax
+
+    if jax.config.jax_enable_x64 != double:
+        jax.config.update("jax_enable_x64", double)
+        jax.clear_caches()  # they hold functions of the other precision, which fail to compile in rk4
+
 
 class _Port:
     """A model in JAX, stepped by one compiled loop."""
@@ -88,9 +113,7 @@ class _Port:
 
         from bodycheck.adapters.optional.mujoco_ports import mj_model
 
-        if jax.config.jax_enable_x64 != double:  # of the process; a case is built before it is stepped
-            jax.config.update("jax_enable_x64", double)
-            jax.clear_caches()  # they hold functions of the other precision, which fail to compile in rk4
+        _set_precision(double=double)
         self._jax: Any = jax
         self._model = mjx.put_model(mj_model(scene, integrator, dt_s))
         self._data = mjx.make_data(self._model)
@@ -116,13 +139,79 @@ class _Port:
         return array(self._data.qpos), array(self._data.qvel)
 
 
+_GROWTH = 4
+"""Numbers of bodies that are compiled for: powers of this number; the rest is filled with the last body."""
+
+
+class _Worlds:
+    """Models of one shape in JAX, with an axis for the bodies in all fields that differ."""
+
+    def __init__(self, models: Sequence[mujoco.MjModel], *, double: bool) -> None:
+        import jax
+        from mujoco import mjx
+
+        from bodycheck.adapters.optional.mujoco_ports import OF_BODY
+
+        _set_precision(double=double)
+        self._jax: Any = jax
+        self._bodies, filled = len(models), 1
+        while filled < self._bodies:
+            filled *= _GROWTH
+        every = [*models, *[models[-1]] * (filled - self._bodies)]
+        first = mjx.put_model(models[0])
+        data = mjx.make_data(first)
+        self._real = data.qpos.dtype
+        own = {
+            name: jax.numpy.asarray(np.array([getattr(model, name) for model in every]), dtype=self._real)
+            for name in OF_BODY
+        }
+        self._model = first.replace(**own)
+        self._data = jax.tree_util.tree_map(lambda one: jax.numpy.stack([one] * filled), data)
+        self._stepped = _worlds_stepper()
+
+    def model(self) -> Any:
+        return self._model
+
+    def put(self, **state: Array) -> None:
+        more = len(self._data.qpos) - self._bodies
+        held = {}
+        for name, value in state.items():
+            every = np.concatenate([value, value[-1:].repeat(more, axis=0)])
+            held[name] = self._jax.numpy.asarray(every, dtype=self._real)
+        self._data = self._data.replace(**held)
+
+    def step(self, steps: int) -> None:
+        self._data = self._stepped(self._model, self._data, steps)
+        self._data.qpos.block_until_ready()
+
+    def get(self) -> tuple[Array, Array]:
+        return array(self._data.qpos)[: self._bodies], array(self._data.qvel)[: self._bodies]
+
+
+def _steps(model: Any, data: Any, steps: Any) -> Any:
+    import jax
+    from mujoco import mjx
+
+    return jax.lax.fori_loop(0, steps, lambda _, held: mjx.step(model, held), data)
+
+
 @cache
 def _stepper() -> Any:
     """Return (model, data, steps) -> data, which is compiled once per integrator and precision."""
     import jax
-    from mujoco import mjx
+
+    return jax.jit(_steps)
+
+
+@cache
+def _worlds_stepper() -> Any:
+    """Return the same for models and data of many bodies, compiled once per number of bodies too."""
+    import jax
+
+    from bodycheck.adapters.optional.mujoco_ports import OF_BODY
 
     def stepped(model: Any, data: Any, steps: Any) -> Any:
-        return jax.lax.fori_loop(0, steps, lambda _, held: mjx.step(model, held), data)
+        axes = jax.tree_util.tree_map(lambda _: None, model).replace(**dict.fromkeys(OF_BODY, 0))
+        return jax.vmap(_steps, in_axes=(axes, 0, None))(model, data, steps)
 
     return jax.jit(stepped)

@@ -6,14 +6,15 @@ origin in world axes and omega in the frame's axes. The frame's origin is the ce
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 
-from bodycheck.adapters.contract import ReadBack, Reading, Stepping
+from bodycheck.adapters.batches import Batch, BatchAnswer
+from bodycheck.adapters.contract import Precision, ReadBack, Reading, Stepping, read_back_mismatch
 from bodycheck.adapters.mujoco.mj_model import BODY, Point, compiled, loaded_points, matrix_of
 from bodycheck.adapters.optional.between_steps import array
 from bodycheck.adapters.stage_loads import StageLoads
@@ -47,6 +48,65 @@ def mj_model(scene: Scene, integrator: str, dt_s: float) -> mujoco.MjModel:
     return compiled(scene, found, dt_s, loaded_points(scene), (), "aligned")
 
 
+class Worlds(Protocol):
+    """m free bodies with models of one shape, stepped together by a port."""
+
+    def model(self) -> Any:
+        """Return an object like that of `Port.model`, with a first axis of length m for the bodies."""
+
+    def put(self, **state: Array) -> None:
+        """Set qpos (m, 7) and qvel (m, 6)."""
+
+    def step(self, steps: int) -> None:
+        """Make the steps."""
+
+    def get(self) -> tuple[Array, Array]:
+        """Return copies of qpos (m, 7) and qvel (m, 6)."""
+
+
+OF_BODY = (
+    *("body_mass", "body_subtreemass", "body_inertia", "body_iquat", "body_ipos"),
+    *("body_invweight0", "dof_invweight0"),
+)
+"""The fields of a model that differ from body to body."""
+
+
+def record_worlds(
+    batch: Batch,
+    integrator: str,
+    precision: Precision,
+    worlds: Callable[[Sequence[mujoco.MjModel]], Worlds],
+) -> BatchAnswer:
+    """Step all bodies of a batch of free bodies in the worlds of their models."""
+    dt_s, scenes = batch.dt_s, list(batch.scenes())
+    assert dt_s is not None
+    together = worlds([mj_model(scene, integrator, dt_s) for scene in scenes])
+    starts = [start_of(scene) for scene in scenes]
+    together.put(qpos=np.array([one for one, _ in starts]), qvel=np.array([one for _, one in starts]))
+    answer = BatchAnswer.none(batch, "ok", "")
+    states = [together.get()]
+    model, (qpos, qvel) = together.model(), states[0]
+    endings, messages = list(answer.endings), list(answer.messages)
+    for row, scene in enumerate(scenes):
+        held = _held(model, row, _reading(qpos[row], qvel[row]))
+        if fault := read_back_mismatch(scene, dt_s, held, precision):
+            endings[row], messages[row] = "invalid", fault
+    for _ in range(batch.template.samples - 1):
+        together.step(batch.steps_per_sample)
+        states.append(together.get())
+    valid = np.array(endings) == "ok"
+    answer.quaternion[valid] = np.stack([qpos[:, 3:] for qpos, _ in states], axis=1)[valid]
+    answer.omega_body[valid] = np.stack([qvel[:, 3:] for _, qvel in states], axis=1)[valid]
+    return BatchAnswer(answer.quaternion, answer.omega_body, tuple(endings), tuple(messages))
+
+
+def start_of(scene: Scene) -> tuple[Array, Array]:
+    """Return qpos (7,) and qvel (6,) at the start."""
+    start = scene.initial
+    qpos = np.concatenate([start.position, start.quaternion])
+    return qpos, np.concatenate([start.velocity, start.omega_body])
+
+
 class PortSimulation:
     """A scene in a port: constant torques and forces at every stage, continuous loads held over the step.
 
@@ -61,11 +121,8 @@ class PortSimulation:
 
     def reset(self) -> None:
         """Restore the initial state at t = 0, without a wrench."""
-        start = self._scene.initial
-        self._port.put(
-            qpos=np.concatenate([start.position, start.quaternion]),
-            qvel=np.concatenate([start.velocity, start.omega_body]),
-        )
+        qpos, qvel = start_of(self._scene)
+        self._port.put(qpos=qpos, qvel=qvel)
         self._steps_made = 0
         self.apply(NO_WRENCH)
 
@@ -107,20 +164,32 @@ class PortSimulation:
 
     def read(self) -> Reading:
         """Return copies of the state."""
-        qpos, qvel = self._port.get()
-        return Reading(qpos[:3], qvel[:3], quaternion=qpos[3:], omega_body=qvel[3:])
+        return _reading(*self._port.get())
 
     def read_back(self) -> ReadBack:
         """Return the model and the state as the port holds them."""
-        model = self._port.model()
-        axes = matrix_of(array(model.body_iquat).reshape(-1, 4)[BODY])
-        inertia = axes @ np.diag(array(model.body_inertia).reshape(-1, 3)[BODY]) @ axes.T
-        mass = float(array(model.body_mass).ravel()[BODY])
-        timestep, gravity = float(array(model.opt.timestep).ravel()[0]), array(model.opt.gravity).ravel()[:3]
-        return ReadBack(mass, inertia, timestep, gravity, self.read())
+        return _held(self._port.model(), 0, self.read())
 
     def close(self) -> None:
         """Do nothing; the port is freed with this object."""
+
+
+def _reading(qpos: Array, qvel: Array) -> Reading:
+    return Reading(qpos[:3], qvel[:3], quaternion=qpos[3:], omega_body=qvel[3:])
+
+
+def _held(model: Any, row: int, reading: Reading) -> ReadBack:
+    """Return what the port holds of a body; a field without a first axis for the bodies is that of all."""
+
+    def field(values: Any, *shape: int) -> Array:
+        found = array(values).reshape(-1, *shape)
+        return np.asarray(found[row] if len(found) > 1 else found[0])
+
+    bodies = BODY + 1
+    axes = matrix_of(field(model.body_iquat, bodies, 4)[BODY])
+    inertia = axes @ np.diag(field(model.body_inertia, bodies, 3)[BODY]) @ axes.T
+    mass = float(field(model.body_mass, bodies)[BODY])
+    return ReadBack(mass, inertia, float(field(model.opt.timestep)), field(model.opt.gravity, 3), reading)
 
 
 def _forces_at_points(wrench: Wrench) -> Iterator[tuple[Point, Array]]:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import Method, Simulation
 from bodycheck.adapters.optional.between_steps import array, only_free
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
+
+if TYPE_CHECKING:
+    import mujoco
 
 _EULER = Method(
     name="euler",
@@ -69,24 +75,36 @@ class MuJoCoWarp:
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Put MuJoCo's model of one body into Warp."""
-        from bodycheck.adapters.optional.mujoco_ports import PortSimulation
+        from bodycheck.adapters.optional.mujoco_ports import PortSimulation, mj_model
 
-        return PortSimulation(scene, dt_s, _Port(scene, method, dt_s), "python")
+        return PortSimulation(scene, dt_s, _Port(mj_model(scene, method, dt_s)), "python")
+
+    def record_batch(self, batch: Batch) -> BatchAnswer | None:
+        """Step free bodies as worlds of one data object; None for other batches."""
+        from bodycheck.adapters.optional.mujoco_ports import record_worlds
+
+        if not batch.is_free or self.unsupported(batch.template, batch.method):
+            return None
+        return record_worlds(batch, batch.method, self.methods[batch.method].precision, _Worlds)
 
 
-class _Port:
-    """A model and one world of data in Warp."""
+class _Worlds:
+    """Bodies in Warp, each in a world of its own."""
 
-    def __init__(self, scene: Scene, integrator: str, dt_s: float) -> None:
+    def __init__(self, models: Sequence[mujoco.MjModel]) -> None:
         import mujoco
         import mujoco_warp
+        import warp
 
-        from bodycheck.adapters.optional.mujoco_ports import mj_model
+        from bodycheck.adapters.optional.mujoco_ports import OF_BODY
 
-        compiled = mj_model(scene, integrator, dt_s)
+        first = models[0]
         self._warp: Any = mujoco_warp
-        self._model = mujoco_warp.put_model(compiled)
-        self._data = mujoco_warp.put_data(compiled, mujoco.MjData(compiled))
+        self._model = mujoco_warp.put_model(first)
+        for name in OF_BODY:
+            values = np.array([getattr(model, name) for model in models], dtype=np.float32)
+            setattr(self._model, name, warp.array(values, dtype=getattr(self._model, name).dtype))
+        self._data = mujoco_warp.put_data(first, mujoco.MjData(first), nworld=len(models))
 
     def model(self) -> Any:
         held = self._model
@@ -96,14 +114,28 @@ class _Port:
 
     def put(self, **state: Array) -> None:
         for name, value in state.items():
-            getattr(self._data, name).assign(value[None])
-
-    def put_gear(self, gear: Array) -> None:
-        self._model.actuator_gear.assign(gear[None])
+            getattr(self._data, name).assign(value)
 
     def step(self, steps: int) -> None:
         for _ in range(steps):
             self._warp.step(self._model, self._data)
 
     def get(self) -> tuple[Array, Array]:
-        return array(self._data.qpos.numpy()[0]), array(self._data.qvel.numpy()[0])
+        return array(self._data.qpos.numpy()), array(self._data.qvel.numpy())
+
+
+class _Port(_Worlds):
+    """One body in Warp."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        super().__init__([model])
+
+    def put(self, **state: Array) -> None:
+        super().put(**{name: value[None] for name, value in state.items()})
+
+    def put_gear(self, gear: Array) -> None:
+        self._model.actuator_gear.assign(gear[None])
+
+    def get(self) -> tuple[Array, Array]:
+        qpos, qvel = super().get()
+        return qpos[0], qvel[0]
