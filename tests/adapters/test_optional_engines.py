@@ -274,6 +274,16 @@ def test_pin_selects_the_release_of_the_engine(
     assert environments.requirements_of(Pin(name, version)) == requirements
 
 
+def test_javascript_engine_runs_its_worker_by_node(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the folder of its packages; an engine in Python has no program."""
+    monkeypatch.setattr(environments, "_made", lambda pin: Path("/made") / pin.name)
+    program = environments.program_in(Pin("cannon-es", None))
+    assert program is not None
+    assert program.command == ["node", str(NODE / "cannon.mjs")]
+    assert program.environment == {environments.NODE_PACKAGES: "/made/cannon-es"}
+    assert environments.program_in(Pin("drake", None)) is None
+
+
 # ----------------------------------------------------------------------------- environments of plug-ins
 
 PLUG_IN = """
@@ -320,6 +330,29 @@ def needy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield wheels
     registry._plugged_in.cache_clear()
     registry._import.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("origin", "requirements", "folder"),
+    [
+        (None, ["needy-plugin==0.1"], None),
+        ("https://example.org/needy.whl", ["needy-plugin==0.1"], None),
+        ("file:///home/me/my%20needy", ["toy-engine>=2", "numpy"], "/home/me/my needy"),
+    ],
+)
+def test_plug_in_is_installed_from_where_it_is(
+    origin: str | None, requirements: list[str], folder: str | None, needy: Path
+) -> None:
+    """A plug-in of a local folder is built there, without extras; any other one comes from the index."""
+    facts = next((needy.parent / "here").glob("*.dist-info"))
+    if origin is not None:
+        (facts / "direct_url.json").write_text(json.dumps({"url": origin}))
+    with (facts / "METADATA").open("a") as file:
+        file.write(
+            'Requires-Dist: toy-engine>=2\nRequires-Dist: numpy\nRequires-Dist: pytest; extra == "test"\n'
+        )
+    found, place = environments._plug_in(Pin("needy", None))
+    assert ([one.replace("_", "-") for one in found], place) == (requirements, folder)
 
 
 @pytest.mark.slow
