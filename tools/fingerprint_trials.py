@@ -24,7 +24,7 @@ def main(engines: list[str]) -> None:
             ratio = (row["runner_up_distance"] or 0.0) / (row["agreement"] or 1.0)
             print(f"{who:32s} {row['fingerprint']}, {row['agreement']}, runner-up {ratio:.2g} times farther")
             own = [one for one in checked if one["method"] == row["method"] and one["verdict"] != "property"]
-            worst = max((one["size"] / one["tolerance"] for one in own if "size" in one), default=0.0)
+            worst = max((one["size"] / one["tolerance"] for one in own if one.get("tolerance")), default=0.0)
             broken = [one["law"] for one in own if one["verdict"] == "broken"]
             print(f"{'':32s} laws: {worst:.2g} of the tolerance, broken: {', '.join(broken) or 'none'}")
         again = time.process_time() - named
