@@ -54,10 +54,13 @@ def motion_of(scenario: str, base: str, faults: Sequence[str] = ()) -> Trajector
     return found
 
 
-def diagnosis_of(scenario: str, motion: Trajectory, order: int) -> Diagnosis:
-    """Return the diagnosis of a motion."""
+def diagnosis_of(
+    scenario: str, motion: Trajectory, order: int, known_faults: Sequence[tuple[str, ...]] = ()
+) -> Diagnosis:
+    """Return the diagnosis of a motion; known_faults: those of other motions of the method."""
     problem = problem_of(scenario)
-    found = diagnosed(problem.scenario.scene, motion, problem.scales, STEPS[scenario], order=order)
+    scene, dt_s = problem.scenario.scene, STEPS[scenario]
+    found = diagnosed(scene, motion, problem.scales, dt_s, order=order, known_faults=known_faults)
     assert found is not None
     return found
 
@@ -116,6 +119,35 @@ def test_pybullet_untouched_is_damped_and_clamped() -> None:
     found = diagnosis_of("fast-flight", motion, 1)
     fitted = {fault.name: fault.parameters[0].value for fault in found.faults}
     assert fitted == pytest.approx({"velocities-clamped": 100.0, "damping-bullet": 0.04}, rel=1e-6)
+
+
+def test_of_two_known_faults_only_those_with_an_effect_are_named() -> None:
+    """A limit that another motion of the method reaches, and this one does not, explains nothing here."""
+    motion = motion_of("full-tensor", "m1", ["damping-angular-1e-3"])
+    found = diagnosis_of("full-tensor", motion, 1, [("velocities-clamped", "damping-angular")])
+    assert [fault.name for fault in found.faults] == ["damping-angular"]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "base", "planted_names", "names"),
+    [
+        ("powered-flight", "m1", ("moment-1-percent", "moment-1e-4"), {"largest-moment", "smallest-moment"}),
+        (
+            "fast-flight",
+            "m2",
+            ("damping-quadratic", "gravity-axes"),
+            {"damping-quadratic-linear", "gravity-axes-xzy"},
+        ),
+    ],
+)
+def test_two_specific_faults_are_named_rather_than_a_general_one(
+    scenario: str, base: str, planted_names: tuple[str, str], names: set[str]
+) -> None:
+    """A free tensor and a free vector of gravity contain both, with more parameters."""
+    found = diagnosis_of(scenario, motion_of(scenario, base, planted_names), 1)
+    assert names in [{fault.name for fault in found.faults}, *map(set, found.alike_names)]
+    assert not {"inertia-tensor", "gravity-vector"} & {fault.name for fault in found.faults}
+    assert found.share > 0.9999
 
 
 @pytest.mark.slow

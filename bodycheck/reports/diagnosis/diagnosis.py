@@ -199,12 +199,15 @@ class _Search:
             if not by_name.keys() >= set(names):
                 continue
             faults = tuple(by_name[name] for name in names)
-            fits = fitted(few, base, at, _combined(faults, at))
-            if fits[0].cost <= _AT_ROUND_OFF * few.round_off:
-                singles = (
-                    fits if len(names) == 1 else fitted(few, base, at, [((faults[0],), fits[0].parts[0][1])])
-                )
-                return self._conclusion(base, few, whole, singles, fits if len(names) > 1 else [])
+            # one of two faults may have no effect here, such as a limit that is not reached
+            singles = fitted(few, base, at, [one for fault in faults for one in _combined((fault,), at)])
+            best = min(singles, key=lambda fit: _score(fit, few))
+            if best.cost <= _AT_ROUND_OFF * few.round_off:
+                return self._conclusion(base, few, whole, [best], [])
+            if len(faults) > 1:
+                pairs = fitted(few, base, at, _combined(faults, at))
+                if pairs[0].cost <= _AT_ROUND_OFF * few.round_off:
+                    return self._conclusion(base, few, whole, [best], pairs)
         return None
 
     def _best_base(self, bases: Sequence[Base]) -> Base:
