@@ -150,6 +150,19 @@ def test_two_specific_faults_are_named_rather_than_a_general_one(
     assert found.share > 0.9999
 
 
+def test_each_pair_that_makes_the_same_motion_is_named_once() -> None:
+    """Either fault of a pair has a twin here: four pairs are the same, whatever the order of their faults."""
+    motion = motion_of("body-torque", "m1", ["torque-frozen", "first-step-free"])
+    found = diagnosis_of("body-torque", motion, 1)
+    pairs = [frozenset(fault.name for fault in found.faults), *map(frozenset, found.alike_names)]
+    assert len(pairs) == len(set(pairs))
+    assert set(pairs) == {
+        frozenset((torque, start))
+        for torque in ("torque-frozen", "torque-body-as-world")
+        for start in ("first-step-free", "load-late-1")
+    }
+
+
 @pytest.mark.slow
 def test_an_unknown_fault_is_unexplained() -> None:
     """A motion whose omega is replaced by noise is not made by any fault."""

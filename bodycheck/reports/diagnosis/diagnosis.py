@@ -280,24 +280,27 @@ class _Search:
         if _share(best, before) < _EXPLAINED:
             return described
         alike = _alike(best, rivals, few)
-        if len(best.faults) > 1 and len({one.faults for one in alike}) > len(_PAIR_LIMIT):
+        if len(best.faults) > 1 and len(alike) > _MOST_PAIRS:
             return described
-        fine = self._refitted(base, whole, best)
+        fine, *others = self._refitted(base, whole, [best, *alike])
         return Diagnosis(
             "explained", base.name, base.words, _described(fine), _share(best, before),
-            tuple("; and ".join(fault.words(values) for fault, values in one.parts) for one in alike),
-            tuple(tuple(fault.name for fault in one.faults) for one in alike),
+            tuple("; and ".join(fault.words(values) for fault, values in one.parts) for one in others),
+            tuple(tuple(fault.name for fault in one.faults) for one in others),
             before=before, after=best.cost, round_off=round_off, fit=fine,
             circumstances=self._circumstances(base, whole),
         )  # fmt: skip
 
-    def _refitted(self, base: Base, whole: Transitions, best: Fit) -> Fit:
-        """Return the fit on more transitions."""
-        at = self._circumstances(base, whole)
-        return fitted(whole, base, at, [(best.faults, tuple(best.values))], sweeps=3)[0]
+    def _refitted(self, base: Base, whole: Transitions, alike: Sequence[Fit]) -> list[Fit]:
+        """Return the fits on more transitions, without those that these tell from the best one."""
+        starts: list[Start] = [(one.faults, tuple(one.values)) for one in alike]
+        found = fitted(whole, base, self._circumstances(base, whole), starts, sweeps=3)
+        if found[0].cost > _AT_ROUND_OFF * whole.round_off:
+            found.sort(key=lambda fit: _score(fit, whole))
+        return [found[0], *_alike(found[0], found[1:], whole)]
 
 
-_PAIR_LIMIT = range(6)  # more pairs that fit equally well are no explanation
+_MOST_PAIRS = 6  # more pairs that fit equally well are no explanation
 
 
 def _healthy(transitions: Transitions, base: Base) -> Array:
@@ -348,15 +351,18 @@ def _pair_starts(singles: Sequence[Fit], at: Circumstances, *, general: bool) ->
 
 
 def _substitutes(pair: Fit, singles: Sequence[Fit]) -> list[Start]:
-    """Return the pairs in which a fault stands for one that makes the same motion alone."""
+    """Return the pairs in which faults stand for those that make the same motion alone."""
     by_name = {fit.faults[0].name: fit for fit in singles}
-    found: list[Start] = []
-    for place, (fault, _) in enumerate(pair.parts):
+    choices: list[list[tuple[Fault, Array]]] = []
+    for fault, values in pair.parts:
         alone = by_name[fault.name]
-        rest, values = pair.parts[1 - place]
         same = (fit for fit in singles if fit is not alone and _is_same(fit, alone))
-        found += [((*fit.faults, rest), (*fit.values, *values)) for fit in same if fit.faults[0] is not rest]
-    return found
+        choices.append([(fault, values), *((fit.faults[0], fit.values) for fit in same)])
+    return [
+        ((one, other), (*values, *more))
+        for (one, values), (other, more) in list(product(*choices))[1:]
+        if one is not other
+    ]
 
 
 def _specific(pair: Fit, singles: Sequence[Fit], at: Circumstances) -> list[Start]:
@@ -395,11 +401,12 @@ def _alike(best: Fit, rivals: Iterable[Fit], transitions: Transitions) -> list[F
     with more parameters contain the best one.
     """
     limit = _TIE * max(best.cost, _AT_ROUND_OFF * transitions.round_off)
-    return [
-        fit
-        for fit in rivals
-        if fit is not best and fit.cost <= limit and fit.complexity <= best.complexity + 1
-    ]
+    found: dict[frozenset[str], Fit] = {}
+    for fit in rivals:
+        if fit.cost <= limit and fit.complexity <= best.complexity + 1:
+            found.setdefault(fit.names, fit)
+    found.pop(best.names, None)
+    return list(found.values())
 
 
 def _described(fit: Fit) -> tuple[FittedFault, ...]:

@@ -58,6 +58,11 @@ class Fit:
         return len(self.values)
 
     @property
+    def names(self) -> frozenset[str]:
+        """The names of the faults."""
+        return frozenset(fault.name for fault in self.faults)
+
+    @property
     def is_general(self) -> bool:
         """Whether a fault contains others as special cases."""
         return any(fault.is_general for fault in self.faults)
