@@ -1,0 +1,204 @@
+"""Write what runs measured into the engines' pages, and the list of all engines into docs/engines.md.
+
+python docs/engine_results.py RUN...: folders of runs, such as one of `bodycheck run smoke heavy-top
+off-centre-link --engine ...`. Rewrites what is between the two comments below, for each engine of the runs.
+An engine that two runs have is taken from the last.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bodycheck._util.formatting import scientific, step
+from bodycheck.reports.document import markdown_table
+from bodycheck.reports.measurement.measures import ORIENTATION
+from bodycheck.reports.run_files.run_reader import read_tables
+from bodycheck.reports.run_files.run_tables import RunTables
+from bodycheck.reports.summary.sentences import Summary
+
+PAGES = Path(__file__).parent
+BEGIN, END = "<!-- measured -->", "<!-- end of measured -->"
+MEASURED_ON = "free-flight"
+"""The scenario of the orders and floors: a free body that every engine can represent."""
+_HEAD = ("method", "verdict", "order", "least error, rad", "floor, rad", "predicted floor, rad")
+_ALL = (
+    "engine",
+    "version",
+    "precision",
+    "methods",
+    "orders",
+    "least error, rad",
+    "does not represent",
+    "faults",
+)
+
+
+@dataclass(frozen=True)
+class MeasuredMethod:
+    """One method in the runs.
+
+    row: of methods.csv, the orientation error on free-flight; None where the method does not represent it.
+    verdicts: of the orientation error, by scenario. refused: why scenarios are not represented. faults: the
+    sentences of its findings, worst first, without properties of the engine's state.
+    """
+
+    name: str
+    version: str
+    precision: str
+    row: Mapping[str, Any] | None
+    verdicts: Mapping[str, str]
+    refused: tuple[str, ...]
+    faults: tuple[str, ...]
+
+
+def measured(runs: Iterable[RunTables]) -> dict[str, dict[str, MeasuredMethod]]:
+    """Return engine -> name -> method, of the last run that has the engine."""
+    found: dict[str, dict[str, MeasuredMethod]] = {}
+    for run in runs:
+        found |= _of_run(run)
+    return found
+
+
+def _of_run(run: RunTables) -> dict[str, dict[str, MeasuredMethod]]:
+    faults = {
+        one.method: tuple(result.sentence for result in one.results if result.kind != "property")
+        for one in Summary.of(run).worst
+    }
+    rows = run.methods[run.methods["quantity"] == ORIENTATION].to_dict("records")
+    refused: dict[tuple[str, str], dict[str, None]] = {}
+    for case in run.cases:
+        if case.columns["outcome"] == "unsupported":
+            key = (case.columns["engine"], case.columns["method"])
+            refused.setdefault(key, {})[case.columns["message"]] = None
+    found: dict[str, dict[str, MeasuredMethod]] = {}
+    for engine, facts in run.manifest["engines"].items():
+        for name, stated in facts.get("methods", {}).items():
+            mine = {r["scenario"]: r for r in rows if (r["engine"], r["method"]) == (engine, name)}
+            found.setdefault(engine, {})[name] = MeasuredMethod(
+                name,
+                facts["version"],
+                stated["precision"],
+                mine.get(MEASURED_ON),
+                {scenario: row["verdict"] for scenario, row in mine.items()},
+                tuple(refused.get((engine, name), ())),
+                faults.get(f"{engine}:{name}", ()),
+            )
+    return found
+
+
+def with_measured(page: str, lines: Sequence[str]) -> str:
+    """Return the page with what is between the comments replaced."""
+    before, _, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not end:
+        raise ValueError(f"no {BEGIN} ... {END} in the page")
+    return "\n".join([f"{before}{BEGIN}", *lines, f"{END}{after}"])
+
+
+def engine_lines(methods: Iterable[MeasuredMethod]) -> Iterator[str]:
+    """Yield the table of an engine's page, what it does not represent, and its faults."""
+    methods = list(methods)
+    yield f"Version {methods[0].version}; order, error and floors of the orientation on `{MEASURED_ON}`."
+    yield ""
+    yield from markdown_table(_HEAD, [_cells(one) for one in methods])
+    for title, of in (("Not represented", lambda m: m.refused), ("Faults found", lambda m: m.faults)):
+        yield ""
+        yield f"{title}:" + ("" if any(map(of, methods)) else " none.")
+        together: dict[str, list[str]] = {}
+        for one in methods:
+            for sentence in of(one):
+                together.setdefault(sentence, []).append(one.name)
+        if together:
+            yield ""
+        for sentence, names in together.items():
+            whose = "" if len(names) == len(methods) else f" (`{', '.join(names)}`)"
+            yield f"- {sentence}{whose}"
+
+
+def _cells(one: MeasuredMethod) -> tuple[str, ...]:
+    row = one.row or {}
+    at = _number(row.get("best_dt_s"))
+    least = _figure(row.get("least_error"))
+    return (
+        f"`{one.name}`",
+        _verdicts(one.verdicts.values()),
+        _order(row),
+        f"{least} at {step(at)} s" if least and at is not None else least or _figure(row.get("finest_error")),
+        _figure(row.get("measured_floor")),
+        _figure(row.get("predicted_floor")),
+    )
+
+
+def _verdicts(verdicts: Iterable[str]) -> str:
+    counts: dict[str, int] = {}
+    for verdict in verdicts:
+        counts[verdict] = counts.get(verdict, 0) + 1
+    return ", ".join(verdict if n == 1 else f"{verdict} {n}" for verdict, n in counts.items())
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None or value != value else float(value)
+
+
+def _figure(value: Any) -> str:
+    found = _number(value)
+    return "" if found is None else scientific(found)
+
+
+def _order(row: Mapping[str, Any]) -> str:
+    found = _number(row.get("order"))
+    return "" if found is None else f"{found:.2f}"
+
+
+def overview_lines(engines: Mapping[str, Mapping[str, MeasuredMethod]]) -> Iterator[str]:
+    """Yield the list of all engines."""
+    yield from markdown_table(
+        _ALL, [_overview(name, list(methods.values())) for name, methods in engines.items()]
+    )
+
+
+def _overview(engine: str, methods: Sequence[MeasuredMethod]) -> tuple[str, ...]:
+    orders = [found for one in methods if (found := _number((one.row or {}).get("order"))) is not None]
+    errors = [
+        found
+        for one in methods
+        if (found := _number((one.row or {}).get("least_error"))) is not None
+        or (found := _number((one.row or {}).get("finest_error"))) is not None
+    ]
+    wrong = [one.name for one in methods if one.faults]
+    return (
+        engine,
+        methods[0].version,
+        ", ".join(dict.fromkeys(one.precision for one in methods)),
+        str(len(methods)),
+        _range([f"{order:.1f}" for order in sorted(orders)]),
+        _range([scientific(error) for error in sorted(errors)]),
+        "; ".join(dict.fromkeys(reason for one in methods for reason in one.refused)) or "nothing of these",
+        ", ".join(f"{name}" for name in wrong) or "none",
+    )
+
+
+def _range(ordered: Sequence[str]) -> str:
+    if not ordered:
+        return ""
+    return ordered[0] if ordered[0] == ordered[-1] else f"{ordered[0]} to {ordered[-1]}"
+
+
+def main(folders: Sequence[str]) -> None:
+    """Rewrite the page of each engine of the runs, and the list of all."""
+    engines = measured(read_tables(Path(folder)) for folder in folders)
+    for engine, methods in engines.items():
+        _rewrite(PAGES / "engines" / f"{engine}.md", engine_lines(methods.values()))
+    _rewrite(PAGES / "engines.md", overview_lines(engines))
+
+
+def _rewrite(path: Path, lines: Iterable[str]) -> None:
+    path.write_text(with_measured(path.read_text(encoding="utf-8"), list(lines)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
