@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -95,15 +95,6 @@ class Mjx:
         return record_worlds(batch, integrator, self.methods[batch.method].precision, worlds)
 
 
-def _set_precision(*, double: bool) -> None:
-    """Set the precision of the process; a case is built before it is stepped."""
-    import jax
-
-    if jax.config.jax_enable_x64 != double:
-        jax.config.update("jax_enable_x64", double)
-        jax.clear_caches()  # they hold functions of the other precision, which fail to compile in rk4
-
-
 class _Port:
     """A model in JAX, stepped by one compiled loop."""
 
@@ -113,11 +104,10 @@ class _Port:
 
         from bodycheck.adapters.optional.mujoco_ports import mj_model
 
-        _set_precision(double=double)
+        jax.config.update("jax_enable_x64", double)  # of the process; a case is built before it is stepped
         self._jax: Any = jax
         self._model = mjx.put_model(mj_model(scene, integrator, dt_s))
         self._data = mjx.make_data(self._model)
-        self._stepped = _stepper()
 
     def model(self) -> Any:
         return self._model
@@ -132,7 +122,7 @@ class _Port:
         self._model = self._model.replace(actuator_gear=self._jax.numpy.asarray(gear, dtype=real))
 
     def step(self, steps: int) -> None:
-        self._data = self._stepped(self._model, self._data, steps)
+        self._data = _stepped(_steps, self._model, self._data, steps)
         self._data.qpos.block_until_ready()
 
     def get(self) -> tuple[Array, Array]:
@@ -152,7 +142,7 @@ class _Worlds:
 
         from bodycheck.adapters.optional.mujoco_ports import OF_BODY
 
-        _set_precision(double=double)
+        jax.config.update("jax_enable_x64", double)  # of the process; a case is built before it is stepped
         self._jax: Any = jax
         self._bodies, filled = len(models), 1
         while filled < self._bodies:
@@ -167,7 +157,6 @@ class _Worlds:
         }
         self._model = first.replace(**own)
         self._data = jax.tree_util.tree_map(lambda one: jax.numpy.stack([one] * filled), data)
-        self._stepped = _worlds_stepper()
 
     def model(self) -> Any:
         return self._model
@@ -181,7 +170,7 @@ class _Worlds:
         self._data = self._data.replace(**held)
 
     def step(self, steps: int) -> None:
-        self._data = self._stepped(self._model, self._data, steps)
+        self._data = _stepped(_worlds_steps, self._model, self._data, steps)
         self._data.qpos.block_until_ready()
 
     def get(self) -> tuple[Array, Array]:
@@ -189,29 +178,37 @@ class _Worlds:
 
 
 def _steps(model: Any, data: Any, steps: Any) -> Any:
+    """Return the data of one body after the steps."""
     import jax
     from mujoco import mjx
 
     return jax.lax.fori_loop(0, steps, lambda _, held: mjx.step(model, held), data)
 
 
-@cache
-def _stepper() -> Any:
-    """Return (model, data, steps) -> data, which is compiled once per integrator and precision."""
-    import jax
-
-    return jax.jit(_steps)
-
-
-@cache
-def _worlds_stepper() -> Any:
-    """Return the same for models and data of many bodies, compiled once per number of bodies too."""
+def _worlds_steps(model: Any, data: Any, steps: Any) -> Any:
+    """Return the data of many bodies after the steps."""
     import jax
 
     from bodycheck.adapters.optional.mujoco_ports import OF_BODY
 
-    def stepped(model: Any, data: Any, steps: Any) -> Any:
-        axes = jax.tree_util.tree_map(lambda _: None, model).replace(**dict.fromkeys(OF_BODY, 0))
-        return jax.vmap(_steps, in_axes=(axes, 0, None))(model, data, steps)
+    axes = jax.tree_util.tree_map(lambda _: None, model).replace(**dict.fromkeys(OF_BODY, 0))
+    return jax.vmap(_steps, in_axes=(axes, 0, None))(model, data, steps)
 
-    return jax.jit(stepped)
+
+_compiled: dict[Any, Any] = {}
+"""(precision, function, structure and types of its arguments) -> the compiled function."""
+
+
+def _stepped(function: Callable[..., Any], model: Any, data: Any, steps: int) -> Any:
+    """Call a function that is compiled once per integrator, number of loads and bodies, and precision."""
+    import jax
+
+    arguments = model, data, jax.numpy.asarray(steps, dtype=np.int32)
+    leaves, structure = jax.tree_util.tree_flatten(arguments)
+    double = bool(jax.config.jax_enable_x64)
+    key = (double, function, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
+    if key not in _compiled:
+        if _compiled and next(reversed(_compiled))[0] != double:
+            jax.clear_caches()  # rk4 fails to compile with functions that were traced in the other precision
+        _compiled[key] = jax.jit(function).lower(*arguments).compile()
+    return _compiled[key](*arguments)
