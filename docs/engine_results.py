@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.formatting import scientific, step
-from bodycheck.reports.document import markdown_table
+from bodycheck.reports.document import escaped_markdown, markdown_table
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import RunTables
 from bodycheck.reports.summary.sentences import Summary
+from bodycheck.reports.summary.worst_results import faulty
 
 PAGES = Path(__file__).parent
 BEGIN, END = "<!-- measured -->", "<!-- end of measured -->"
@@ -33,7 +34,7 @@ _ALL = (
     "orders",
     "least error, rad",
     "does not represent",
-    "faults",
+    "methods with findings",
 )
 
 
@@ -42,8 +43,8 @@ class MeasuredMethod:
     """One method in the runs.
 
     row: of methods.csv, the orientation error on free-flight; None where the method does not represent it.
-    verdicts: of the orientation error, by scenario. refused: why scenarios are not represented. faults: the
-    sentences of its findings, worst first, without properties of the engine's state.
+    verdicts: of the orientation error, by scenario. refused: why scenarios are not represented. finding: the
+    worst, and the number of others; "" for a healthy method, or one whose state has a property.
     """
 
     name: str
@@ -52,7 +53,7 @@ class MeasuredMethod:
     row: Mapping[str, Any] | None
     verdicts: Mapping[str, str]
     refused: tuple[str, ...]
-    faults: tuple[str, ...]
+    finding: str
 
 
 def measured(runs: Iterable[RunTables]) -> dict[str, dict[str, MeasuredMethod]]:
@@ -64,10 +65,7 @@ def measured(runs: Iterable[RunTables]) -> dict[str, dict[str, MeasuredMethod]]:
 
 
 def _of_run(run: RunTables) -> dict[str, dict[str, MeasuredMethod]]:
-    faults = {
-        one.method: tuple(result.sentence for result in one.results if result.kind != "property")
-        for one in Summary.of(run).worst
-    }
+    findings = {one.method: one.sentence for one in faulty(Summary.of(run).worst)}
     rows = run.methods[run.methods["quantity"] == ORIENTATION].to_dict("records")
     refused: dict[tuple[str, str], dict[str, None]] = {}
     for case in run.cases:
@@ -85,7 +83,7 @@ def _of_run(run: RunTables) -> dict[str, dict[str, MeasuredMethod]]:
                 mine.get(MEASURED_ON),
                 {scenario: row["verdict"] for scenario, row in mine.items()},
                 tuple(refused.get((engine, name), ())),
-                faults.get(f"{engine}:{name}", ()),
+                findings.get(f"{engine}:{name}", ""),
             )
     return found
 
@@ -105,18 +103,25 @@ def engine_lines(methods: Iterable[MeasuredMethod]) -> Iterator[str]:
     yield f"Version {methods[0].version}; order, error and floors of the orientation on `{MEASURED_ON}`."
     yield ""
     yield from markdown_table(_HEAD, [_cells(one) for one in methods])
-    for title, of in (("Not represented", lambda m: m.refused), ("Faults found", lambda m: m.faults)):
+    yield from _listed(
+        "Not represented", ((reason, one) for one in methods for reason in one.refused), methods
+    )
+    yield from _listed("Findings", ((one.finding, one) for one in methods if one.finding), methods)
+
+
+def _listed(
+    title: str, found: Iterable[tuple[str, MeasuredMethod]], methods: Sequence[MeasuredMethod]
+) -> Iterator[str]:
+    """Yield each sentence once, with the methods that it concerns unless these are all."""
+    together: dict[str, list[str]] = {}
+    for sentence, one in found:
+        together.setdefault(sentence, []).append(one.name)
+    yield from ("", f"{title}:" if together else f"{title}: none.")
+    if together:
         yield ""
-        yield f"{title}:" + ("" if any(map(of, methods)) else " none.")
-        together: dict[str, list[str]] = {}
-        for one in methods:
-            for sentence in of(one):
-                together.setdefault(sentence, []).append(one.name)
-        if together:
-            yield ""
-        for sentence, names in together.items():
-            whose = "" if len(names) == len(methods) else f" (`{', '.join(names)}`)"
-            yield f"- {sentence}{whose}"
+    for sentence, names in together.items():
+        whose = "" if len(names) == len(methods) else f"`{', '.join(names)}`: "
+        yield f"- {whose}{escaped_markdown(sentence)}"
 
 
 def _cells(one: MeasuredMethod) -> tuple[str, ...]:
@@ -169,7 +174,7 @@ def _overview(engine: str, methods: Sequence[MeasuredMethod]) -> tuple[str, ...]
         if (found := _number((one.row or {}).get("least_error"))) is not None
         or (found := _number((one.row or {}).get("finest_error"))) is not None
     ]
-    wrong = [one.name for one in methods if one.faults]
+    found = [one.name for one in methods if one.finding]
     return (
         engine,
         methods[0].version,
@@ -177,8 +182,8 @@ def _overview(engine: str, methods: Sequence[MeasuredMethod]) -> tuple[str, ...]
         str(len(methods)),
         _range([f"{order:.1f}" for order in sorted(orders)]),
         _range([scientific(error) for error in sorted(errors)]),
-        "; ".join(dict.fromkeys(reason for one in methods for reason in one.refused)) or "nothing of these",
-        ", ".join(f"{name}" for name in wrong) or "none",
+        "; ".join(dict.fromkeys(reason for one in methods for reason in one.refused)) or "all represented",
+        ", ".join(found) or "none",
     )
 
 

@@ -20,8 +20,9 @@ import typer
 import yaml
 
 import bodycheck
+from bodycheck._util.formatting import scientific
 from bodycheck.adapters.programs import named_programs
-from bodycheck.adapters.registry import get_adapter, optional_engines, stated_by
+from bodycheck.adapters.registry import get_adapter, optional_engines, registered, stated_by
 from bodycheck.cli.commands import app
 from bodycheck.reports.gates.gate import read_gates, read_thresholds
 from bodycheck.reports.gates.thresholds import THRESHOLD
@@ -29,6 +30,7 @@ from bodycheck.reports.recordings.column_map import read_map
 from bodycheck.reports.run_files.trajectory_files import trajectory_table
 from bodycheck.scenarios.reader import parse_members
 from tests.helpers.doc_pages import ROOT, Block, Command, blocks, commands, has_tests, pages, text_of
+from tests.helpers.planted_faults import Faulty
 
 NOT_RUN = {
     "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/bodycheck run": "installs; takes minutes",
@@ -396,6 +398,56 @@ def test_table_of_methods_equals_the_adapter(engine: str) -> None:
     page = text_of(f"docs/engines/{engine}.md")
     adapter = stated_by(engine) or get_adapter(engine)
     assert tables["with_tables"](page, adapter.methods.values()) == page
+
+
+def test_pages_of_engines_are_written_from_a_run() -> None:
+    """The tables have a run's orders, floors, refusals and faults; a second writing changes nothing."""
+    write = runpy.run_path(str(ROOT / "docs/engine_results.py"))
+    with registered(Faulty("m1")):
+        run = bodycheck.run(
+            ["free-flight", "heavy-top"],
+            engines=["reference:rk4-f32", "faulty-m1:sound", "faulty-m1:no-gyroscopic-term"],
+            speed=False,
+        )
+    engines = write["measured"]([run])
+    assert {name: list(methods) for name, methods in engines.items()} == {
+        "reference": ["rk4-f32"],
+        "faulty-m1": ["sound", "no-gyroscopic-term"],
+    }
+    page = "before\n<!-- measured -->\nold\n<!-- end of measured -->\nafter\n"
+    written = {
+        name: write["with_measured"](page, list(write["engine_lines"](methods.values())))
+        for name, methods in engines.items()
+    }
+    assert "old" not in written["faulty-m1"]
+    assert write["with_measured"](written["reference"], ["x"]) == page.replace("old", "x")
+
+    rows = run.methods[run.methods["quantity"] == "orientation_error_rad"]
+    rows = rows[rows["scenario"] == "free-flight"].set_index("method")
+    single = rows.loc["rk4-f32"]
+    figures = [scientific(single[name]) for name in ("least_error", "measured_floor", "predicted_floor")]
+    assert (
+        f"| {figures[0]} at {single['best_dt_s']:g} s | {figures[1]} | {figures[2]} |" in written["reference"]
+    )
+    assert "Findings: none." in written["reference"]
+    assert "Not represented: none." in written["reference"]
+    sound = f"| `sound` | converges | {rows.loc['sound']['order']:.2f} |"
+    assert sound in written["faulty-m1"]
+    assert "\n- no pivot\n" in written["faulty-m1"]
+    (fault,) = {line for line in written["faulty-m1"].splitlines() if "omega x I omega is missing" in line}
+    assert fault.startswith("- `no-gyroscopic-term`: orientation_error_rad does not converge")
+    overview = list(write["overview_lines"](engines))
+    assert [line.split(" | ")[0] for line in overview[2:]] == ["| reference", "| faulty-m1"]
+    assert overview[3].endswith(" | no pivot | no-gyroscopic-term |")
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference", *optional_engines()])
+def test_list_of_engines_has_each_with_the_version_of_its_page(engine: str) -> None:
+    """What a run measured is on the engine's page and in the list of all, of one version."""
+    page, listed = text_of(f"docs/engines/{engine}.md"), text_of("docs/engines.md")
+    version = re.search(r"<!-- measured -->\nVersion (\S+); ", page)
+    assert version is not None
+    assert re.search(rf"^\| {engine} \| {re.escape(version[1])} \| ", listed, re.MULTILINE)
 
 
 # --------------------------------------------------------------------------------------- what is found
