@@ -107,6 +107,7 @@ def test_added_damping_and_limits_are_named() -> None:
         ({"inertia": 'ixx="1" iyy="1" izz="5" ixy="0" ixz="0" iyz="0"'}, "triangle-inequality"),
         ({"inertia": 'ixx="-1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"'}, "not-positive"),
         ({"inertia": 'ixx="30" iyy="40" izz="50" ixy="4" ixz="-2" iyz="6"'}, "unit-slip"),
+        ({"inertia": 'ixx="1.5e308" iyy="1.5e308" izz="1.5e308" ixy="5e307" ixz="0" iyz="0"'}, "unit-slip"),
         ({"inertia": 'ixx="3e4" iyy="4e4" izz="5e4" ixy="0" ixz="0" iyz="0"'}, "unit-slip"),
         ({"inertia": 'ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"'}, "placeholder-inertia"),
         ({"mass": "0"}, "zero-mass"),

@@ -43,7 +43,7 @@ class Body:
             return np.full(3, np.nan), np.full((3, 3), np.nan)
         if not self.inertia_kg_m2.any():
             return np.zeros(3), np.eye(3)
-        return principal_axes(0.5 * (self.inertia_kg_m2 + self.inertia_kg_m2.T))
+        return principal_axes(0.5 * self.inertia_kg_m2 + 0.5 * self.inertia_kg_m2.T)
 
     @property
     def gyration_m(self) -> float:
@@ -54,13 +54,9 @@ class Body:
     @property
     def possible(self) -> bool:
         """Whether a rigid body can have these numbers, to 1e-12."""
-        moments = self.principal[0]
-        return bool(
-            math.isfinite(self.mass_kg)
-            and self.mass_kg > 0.0
-            and moments[0] > 0.0
-            and moments[0] + moments[1] >= moments[2] * (1.0 - 1e-12)
-        )
+        first, second, third = map(float, self.principal[0])
+        has_mass = 0.0 < self.mass_kg < math.inf
+        return has_mass and first > 0.0 and first + second >= third * (1.0 - 1e-12)
 
 
 @dataclass(frozen=True)

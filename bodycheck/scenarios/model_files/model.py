@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -137,5 +138,9 @@ class ModelFile:
 
 
 def triangle_excess(moments: Array) -> float:
-    """(J3 - J1 - J2) / J3 of ascending moments: positive where no body can have them."""
-    return float((moments[2] - moments[0] - moments[1]) / moments[2]) if moments[2] > 0.0 else 0.0
+    """(J3 - J1 - J2) / J3 of ascending moments: positive where no body can have them.
+
+    0 where none is positive, and where sums of large numbers in the file are infinite.
+    """
+    first, second, third = map(float, moments)
+    return (third - first - second) / third if 0.0 < third < math.inf else 0.0
