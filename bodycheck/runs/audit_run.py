@@ -85,7 +85,8 @@ def audit(path: Path, options: AuditOptions) -> Audit:
     """
     engines = checked_engines(options.engines)
     model = read_model(path)
-    with closing(EnginePool()) as pool:
+    # products of extreme numbers overflow: their differences are infinite
+    with closing(EnginePool()) as pool, np.errstate(all="ignore"):
         return imported_audit(pool, model, engines, options)
 
 

@@ -16,7 +16,7 @@ from bodycheck._util.formatting import number, vector
 from bodycheck.reports.audit.audit import Body, Finding
 from bodycheck.scenarios.model_files.exact import doubles
 from bodycheck.scenarios.model_files.model import ModelFile, ModelLink, triangle_excess
-from bodycheck.scenarios.model_files.shape_sizes import corners, uniform
+from bodycheck.scenarios.model_files.shape_sizes import corners, half_extents, uniform
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
 Confidence: TypeAlias = Literal["certain", "likely", "possible"]
@@ -26,6 +26,7 @@ _TOO_LARGE, _TOO_SMALL = (
     30.0,
     3e-3,
 )  # of max moment / (m r^2), r the reach of the shapes; a solid has 0.1 to 1
+_RANGE = (1e-45, 1e45)  # of numbers whose products, up to the square of m r^2, are doubles
 _UNITS = {1e3: "g, or mm in one factor", 1e6: "mm^2", 1e9: "g mm^2"}
 _SIDES = re.compile(r"(?<![a-z])(left|right|l|r)(?![a-z])", re.IGNORECASE)
 _OTHER_SIDE = {"left": "right", "right": "left", "l": "r", "r": "l"}
@@ -34,8 +35,33 @@ _OTHER_SIDE = {"left": "right", "right": "left", "l": "r", "r": "l"}
 def lint(model: ModelFile) -> Iterator[Finding]:
     """Yield the findings of a model, link by link."""
     for link in model.links:
-        for rule in RULES:
-            yield from rule(link, model)
+        extreme = list(_range(link, model))
+        yield from extreme
+        if not extreme:
+            for rule in RULES:
+                yield from rule(link, model)
+
+
+def _range(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
+    """Report numbers whose products leave the range of doubles, so that nothing else can be checked."""
+    if link.stated is None:
+        return
+    body = Body.of(link.stated.in_link)
+    boxes = [box for shape in link.collisions if (box := half_extents(shape, model)) is not None]
+    sizes = [size for _, half in boxes for size in half]
+    places = [*body.centre_m, *(place for middle, _ in boxes for place in middle)]
+    least, most = _RANGE
+    for what, unit, numbers, low in (
+        ("mass", "kg", [body.mass_kg], least),
+        ("moment", "kg m^2", np.diagonal(body.inertia_kg_m2), least),
+        ("product of inertia", "kg m^2", body.inertia_kg_m2.ravel(), 0.0),
+        ("size", "m", sizes, least),
+        ("position", "m", places, 0.0),
+    ):
+        if wrong := [x for x in map(float, numbers) if x != 0.0 and not low <= abs(x) <= most]:
+            told = f"a {what} of {number(wrong[0], 6)} {unit}"
+            yield _finding("number-range", "error", "certain", link, told, f"0, or from {low:g} to {most:g}")
+            return
 
 
 def _finding(
