@@ -199,6 +199,16 @@ def test_lint_command_exits_by_fail_on(tmp_path: Path) -> None:
     assert run_bodycheck(tmp_path, "audit", path.name, "--lint", "--fail-on", "error").returncode == 1
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("size", ["1e-320", "1e155", "1.7e308"])
+def test_extreme_numbers_are_audited_without_a_fault(size: str, tmp_path: Path) -> None:
+    """What an importer makes of them is compared; a body whose motion leaves the range is not spun."""
+    inertia = f'ixx="{size}" iyy="{size}" izz="{size}" ixy="0" ixz="0" iyz="0"'
+    found = audit(_file(tmp_path, inertia, mass=size, more=""), AuditOptions(["pybullet"]))
+    assert [one.rule for one in found.findings] == ["number-range"]
+    assert {column.outcome for column in found.columns} == {"ok"}
+
+
 # ------------------------------------------------------------------------------------------------ shards
 
 

@@ -22,6 +22,8 @@ SAME = 1e-9
 SINGLE = 2e-6
 """Relative difference up to which an import agrees as far as single precision can."""
 
+_LARGEST = 1e100  # kg, kg m^2: products of larger numbers leave the range of doubles
+
 
 @dataclass(frozen=True, eq=False)
 class Body:
@@ -53,10 +55,10 @@ class Body:
 
     @property
     def possible(self) -> bool:
-        """Whether a rigid body can have these numbers, to 1e-12."""
+        """Whether a rigid body can have these numbers, to 1e-12, and its motion can be computed in doubles."""
         first, second, third = map(float, self.principal[0])
-        has_mass = 0.0 < self.mass_kg < math.inf
-        return has_mass and first > 0.0 and first + second >= third * (1.0 - 1e-12)
+        in_range = 0.0 < self.mass_kg <= _LARGEST and 0.0 < first and third <= _LARGEST
+        return in_range and first + second >= third * (1.0 - 1e-12)
 
 
 @dataclass(frozen=True)
