@@ -55,9 +55,9 @@ class Body:
 
     @property
     def possible(self) -> bool:
-        """Whether a rigid body can have these numbers, to 1e-12, and its motion can be computed in doubles."""
+        """Whether a rigid body can have these numbers, to 1e-12, and its motion fits into doubles."""
         first, second, third = map(float, self.principal[0])
-        in_range = 0.0 < self.mass_kg <= _LARGEST and 0.0 < first and third <= _LARGEST
+        in_range = 0.0 < self.mass_kg <= _LARGEST and first > 0.0 and third <= _LARGEST
         return in_range and first + second >= third * (1.0 - 1e-12)
 
 
