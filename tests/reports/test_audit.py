@@ -200,6 +200,20 @@ def test_lint_command_exits_by_fail_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("quiet", ["", "<default><geom contype='0' conaffinity='0'/></default>"])
+def test_box_around_a_turned_capsule_is_named(quiet: str, tmp_path: Path) -> None:
+    """PyBullet takes the box around the capsule's own box, and ignores default classes."""
+    path = tmp_path / "capsule.xml"
+    path.write_text(
+        f"<mujoco>{quiet}<worldbody><body name='leg'><freejoint/>"
+        "<geom type='capsule' size='0.05 0.2' quat='0.939 0 0.344 0' pos='0.1 0 -0.1'/>"
+        "</body></worldbody></mujoco>"
+    )
+    held = audit(path, AuditOptions(["pybullet"], spins=False)).links[0].held["pybullet:default"]
+    assert "tensor discarded: recomputed from a box around the collision shapes" in " ".join(held.causes)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("size", ["1e-320", "1e155", "1.7e308"])
 def test_extreme_numbers_are_audited_without_a_fault(size: str, tmp_path: Path) -> None:
     """What an importer makes of them is compared; a body whose motion leaves the range is not spun."""

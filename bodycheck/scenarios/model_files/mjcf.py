@@ -286,7 +286,7 @@ class _Reader:
         if not body.joints:
             joint = Joint("", "mocap" if node.element.get("mocap") == "true" else "fixed", node.line)
         self.links[place] = replace(
-            link, stated=stated, unread=unread, joint=joint, collisions=tuple(body.shapes)
+            link, stated=stated, unread=unread, joint=joint, shapes=tuple(body.shapes)
         )
 
     def _replicate(
@@ -370,8 +370,8 @@ class _Reader:
         pose, size = self._geom_pose(node, own, kind)
         pose = frame @ pose
         sizes = tuple(float(value) for value in size)
-        if own.get("contype", "1") != "0" or own.get("conaffinity", "1") != "0":
-            body.shapes.append(Shape(kind, sizes, pose, own.get("mesh", "")))
+        collides = own.get("contype", "1") != "0" or own.get("conaffinity", "1") != "0"
+        body.shapes.append(Shape(kind, sizes, pose, own.get("mesh", ""), collides=collides))
         low, high = self.settings.groups
         group = _number(node, own, "group", 0.0)
         if not low <= group <= high or kind == "plane":

@@ -60,6 +60,7 @@ class Shape:
     frame: Frame
     mesh: str = ""
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    collides: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +74,13 @@ class ModelLink:
     pose: Frame
     joint: Joint | None
     stated: Stated | None
-    collisions: tuple[Shape, ...] = ()
+    shapes: tuple[Shape, ...] = ()
     unread: str = ""
+
+    @property
+    def collisions(self) -> tuple[Shape, ...]:
+        """The shapes that collide."""
+        return tuple(shape for shape in self.shapes if shape.collides)
 
 
 @dataclass(frozen=True, eq=False)

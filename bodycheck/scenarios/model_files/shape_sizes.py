@@ -93,15 +93,18 @@ def uniform(link: ModelLink, model: ModelFile) -> MassProperties | None:
 def bounding_boxes(link: ModelLink, model: ModelFile, mass: float, margin_m: float) -> list[Array]:
     """Return tensors (3, 3) in link axes of uniform boxes around all shapes, along the axes of each frame.
 
-    margin_m: added to each capsule, as Bullet does for those that a file gives by two points.
+    Once around the shapes that collide, and once around all: Bullet ignores the default classes of MJCF,
+    which may say that shapes do not collide. margin_m: added to each capsule, as Bullet does for those that
+    a file gives by two points.
     """
     found = []
-    for R in [np.eye(3), *(doubles(shape.frame.rotation) for shape in link.collisions)]:
-        spans = [span for shape in link.collisions if (span := _span(shape, model, R, margin_m)) is not None]
-        if spans:
-            low, high = np.min([one[0] for one in spans], axis=0), np.max([one[1] for one in spans], axis=0)
-            edges = high - low
-            found.append(R @ np.diag(mass / 12.0 * (edges @ edges - edges**2)) @ R.T)
+    for shapes in dict.fromkeys((link.collisions, link.shapes)):
+        for R in [np.eye(3), *(doubles(shape.frame.rotation) for shape in shapes)]:
+            spans = [span for shape in shapes if (span := _span(shape, model, R, margin_m)) is not None]
+            if spans:
+                low, high = np.min([a for a, _ in spans], axis=0), np.max([b for _, b in spans], axis=0)
+                edges = high - low
+                found.append(R @ np.diag(mass / 12.0 * (edges @ edges - edges**2)) @ R.T)
     return found
 
 
@@ -118,7 +121,7 @@ def _span(shape: Shape, model: ModelFile, R: Array, margin_m: float) -> tuple[Ar
         case "sphere":
             reach = half
         case "capsule":
-            reach = along * (half[2] - half[0]) + half[0] + margin_m
+            reach = np.abs(turned) @ half + margin_m  # Bullet: the box around the capsule, turned
         case "cylinder":
             reach = along * half[2] + np.sqrt(np.maximum(0.0, 1.0 - along**2)) * half[0]
         case _:
