@@ -43,8 +43,8 @@ class MeasuredMethod:
     """One method in the runs.
 
     row: of methods.csv, the orientation error on free-flight; None where the method does not represent it.
-    verdicts: of the orientation error, by scenario. refused: why scenarios are not represented. finding: the
-    worst, and the number of others; "" for a healthy method, or one whose state has a property.
+    verdicts: of the orientation error, by scenario. refused: why scenarios, or scenes of laws, are not
+    represented. finding: the worst, and the number of others; "" for a healthy method.
     """
 
     name: str
@@ -72,6 +72,10 @@ def _of_run(run: RunTables) -> dict[str, dict[str, MeasuredMethod]]:
         if case.columns["outcome"] == "unsupported":
             key = (case.columns["engine"], case.columns["method"])
             refused.setdefault(key, {})[case.columns["message"]] = None
+    for law in run.laws.to_dict("records"):
+        _, unsupported, reason = str(law["message"]).partition("unsupported: ")
+        if unsupported:
+            refused.setdefault((law["engine"], law["method"]), {})[reason] = None
     found: dict[str, dict[str, MeasuredMethod]] = {}
     for engine, facts in run.manifest["engines"].items():
         for name, stated in facts.get("methods", {}).items():

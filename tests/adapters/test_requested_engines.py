@@ -118,10 +118,14 @@ WRONG = [
     ("jolt-js", "semi-implicit@defaults"),
     ("cannon-es", "leapfrog@defaults"),
     ("newton", "semi-implicit@defaults"),
-    ("newton", "featherstone@defaults"),
     ("sapien", "physx@defaults"),
 ]
-HEALTHY = [("rapier", "semi-implicit@defaults"), ("rapier-js", "semi-implicit@defaults"), ("newton", "xpbd")]
+HEALTHY = [
+    ("rapier", "semi-implicit@defaults"),
+    ("rapier-js", "semi-implicit@defaults"),
+    ("newton", "xpbd"),
+    ("newton", "featherstone"),
+]
 
 
 @pytest.mark.parametrize(("engine", "method"), [*WRONG, *HEALTHY])

@@ -37,14 +37,11 @@ class _Solver:
 
 
 _EULER = "omega += h I^-1 (tau - omega x I omega); q = q + h omega q / 2, normalised"
-_UNDAMPED = {"angular_damping": 0.0}
-_MUJOCO = ("in MuJoCo Warp",)
 _SOLVERS = {
-    "semi-implicit": _Solver("SolverSemiImplicit", _UNDAMPED, _EULER, ("no angular damping",)),
+    "semi-implicit": _Solver("SolverSemiImplicit", {"angular_damping": 0.0}, _EULER, ("no angular damping",)),
     "xpbd": _Solver("SolverXPBD", {}, _EULER),
-    "featherstone": _Solver(
-        "SolverFeatherstone", _UNDAMPED, "articulated body algorithm, then " + _EULER, ("no angular damping",)
-    ),
+    # its argument angular_damping has no effect
+    "featherstone": _Solver("SolverFeatherstone", {}, "articulated body algorithm, then " + _EULER),
     "mujoco-euler": _Solver(
         "SolverMuJoCo",
         {"integrator": "euler"},
