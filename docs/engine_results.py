@@ -66,7 +66,7 @@ def measured(runs: Iterable[RunTables]) -> dict[str, dict[str, MeasuredMethod]]:
 
 def _of_run(run: RunTables) -> dict[str, dict[str, MeasuredMethod]]:
     findings = {one.method: one.sentence for one in faulty(Summary.of(run).worst)}
-    rows = run.methods[run.methods["quantity"] == ORIENTATION].to_dict("records")
+    rows: list[Any] = run.methods[run.methods["quantity"] == ORIENTATION].to_dict("records")
     refused: dict[tuple[str, str], dict[str, None]] = {}
     for case in run.cases:
         if case.columns["outcome"] == "unsupported":
@@ -178,7 +178,7 @@ def _overview(engine: str, methods: Sequence[MeasuredMethod]) -> tuple[str, ...]
         if (found := _number((one.row or {}).get("least_error"))) is not None
         or (found := _number((one.row or {}).get("finest_error"))) is not None
     ]
-    found = [one.name for one in methods if one.finding]
+    wrong = [one.name for one in methods if one.finding]
     return (
         engine,
         methods[0].version,
@@ -187,7 +187,7 @@ def _overview(engine: str, methods: Sequence[MeasuredMethod]) -> tuple[str, ...]
         _range([f"{order:.1f}" for order in sorted(orders)]),
         _range([scientific(error) for error in sorted(errors)]),
         "; ".join(dict.fromkeys(reason for one in methods for reason in one.refused)) or "all represented",
-        ", ".join(found) or "none",
+        ", ".join(wrong) or "none",
     )
 
 
