@@ -168,13 +168,15 @@ def newton(method: str) -> dict[str, Any]:
 _MJCF = """<mujoco><option integrator="{}" timestep="{}" gravity="0 0 0"/><worldbody><body><freejoint/>
 <inertial pos="0 0 0" mass="1" diaginertia="1 2 3"/></body></worldbody></mujoco>"""
 
+_SPELT = {"euler": "Euler", "rk4": "RK4"}
+
 
 def mujoco_warp(method: str) -> dict[str, Any]:
     """Put MuJoCo's model into Warp."""
     import mujoco
     import mujoco_warp as mjw
 
-    model = mujoco.MjModel.from_xml_string(_MJCF.format(method.replace("rk4", "RK4"), DT))
+    model = mujoco.MjModel.from_xml_string(_MJCF.format(_SPELT.get(method, method), DT))
     data = mujoco.MjData(model)
     data.qvel[3:] = OMEGA
     on_warp, state = mjw.put_model(model), mjw.put_data(model, data)
@@ -192,7 +194,7 @@ def mjx(method: str) -> dict[str, Any]:
 
     name, _, double = method.partition("@")
     jax.config.update("jax_enable_x64", bool(double))
-    model = mujoco.MjModel.from_xml_string(_MJCF.format(name.replace("rk4", "RK4"), DT))
+    model = mujoco.MjModel.from_xml_string(_MJCF.format(_SPELT.get(name, name), DT))
     on_jax = xla.put_model(model)
     data = xla.make_data(on_jax)
     data = data.replace(qvel=data.qvel.at[3:].set(np.array(OMEGA)))
