@@ -244,9 +244,19 @@ def test_packages_that_numba_imports_do_not_change_a_plug_in(
     assert (loaded.later() is not None) is counts
 
 
+def test_files_behind_a_link_are_recognised(tmp_path: Path) -> None:
+    """The system names a mapped library by its real path, and Python a module by the path of its folder."""
+    (tmp_path / "site").mkdir()
+    (tmp_path / "link").symlink_to("site")
+    link, site = (f"{tmp_path / name}{os.sep}" for name in ("link", "site"))
+    assert build_identity._prefixes([link.rstrip(os.sep)]) == (link, site)
+    assert build_identity._prefixes([site.rstrip(os.sep)]) == (site,)
+
+
 def test_variables_start_with_the_name_of_the_engine() -> None:
-    """In capitals, with an underscore in place of a hyphen."""
+    """In capitals, with an underscore in place of a hyphen; the names of its package count too."""
     assert build_identity._variables_of("my-engine") == ("MY_ENGINE_*",)
+    assert build_identity._variables_of("dart") == ("DART_*", "DARTPY_*")
 
 
 @pytest.mark.parametrize("linked", ["the folder", "the package"])

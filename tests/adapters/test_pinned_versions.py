@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import threading
 from importlib.metadata import version
 from pathlib import Path
 from subprocess import CompletedProcess
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 from bodycheck._util.errors import UnavailableError
 from bodycheck.adapters.mujoco.mj_model import methods_of
+from bodycheck.adapters.registry import stated_by
 from bodycheck.adapters.versions import environments, uv
 from bodycheck.adapters.versions.pins import Pin, engine_fault, pin_of
 from bodycheck.adapters.versions.uv import UvError, pip_settings
@@ -216,6 +217,73 @@ def test_uv_installs_wheels_of_the_release_only(fake: FakeUv) -> None:
     assert overrides.read_text() == "bodycheck ; python_version < '0'\n"
 
 
+def test_environment_of_another_python_or_library_is_another_one(
+    fake: FakeUv, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An update of either makes a new environment, as compiled packages may not fit the old one."""
+    places = [environments.python_of(PIN)]
+    for name in ("version", "base_prefix"):
+        facts = {"version": sys.version, "base_prefix": sys.base_prefix, name: "another"}
+        others = SimpleNamespace(**facts, executable=sys.executable, stderr=sys.stderr)
+        monkeypatch.setattr(environments, "sys", others)
+        places.append(environments.python_of(PIN))
+    for changed in ("numpy", "numba", "pydantic"):
+        monkeypatch.setattr(
+            environments, "version", lambda name, of=changed: "99" if name == of else version(name)
+        )
+        places.append(environments.python_of(PIN))
+        assert f"{changed}==99" in fake.constraints[-1].splitlines()
+    assert len({*places}) == len(places) == 6
+    assert all(place.parents[1].name.startswith("mujoco-3.6.0-") for place in places)
+
+
+@pytest.mark.usefixtures("fake")
+def test_cache_that_cannot_be_written_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line names the engine, the folder and the reason."""
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path / "file")
+    place = rf"{tmp_path}/file/environments/mujoco-3\.6\.0-\w+"
+    with pytest.raises(
+        UnavailableError, match=rf"^mujoco==3\.6\.0 cannot be installed: {place}: Not a directory$"
+    ):
+        environments.python_of(PIN)
+
+
+@pytest.mark.parametrize(
+    ("origin", "released", "local"),
+    [
+        (None, ["made-up-plugin==0.1"], []),
+        ({"url": "https://a.example/x.whl"}, ["made-up-plugin==0.1"], []),
+        ({"url": "file:///a%20folder/plugin"}, ["toy-engine>=2", "scipy"], ["/a folder/plugin"]),
+    ],
+)
+def test_plug_in_is_installed_with_its_engine(
+    origin: dict[str, str] | None,
+    released: list[str],
+    local: list[str],
+    fake: FakeUv,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In its release, or from its folder, without its extras and without checking its requirements again."""
+    facts = tmp_path / "site" / "made_up_plugin-0.1.dist-info"
+    facts.mkdir(parents=True)
+    needs = ("toy-engine>=2", "scipy", "pytest; extra == 'tests'")
+    lines = ("Metadata-Version: 2.1", "Name: made-up-plugin", "Version: 0.1")
+    told = (*lines, *(f"Requires-Dist: {need}" for need in needs))
+    (facts / "METADATA").write_text("\n".join(told) + "\n")
+    if origin is not None:
+        (facts / "direct_url.json").write_text(json.dumps(origin))
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    monkeypatch.setattr(environments, "plug_in_of", lambda _: "made-up-plugin")
+    python = environments.python_of(Pin("mujoco", "3.6.0"))
+    _, install, *more = fake.commands
+    overrides = install.index("--override") + 2
+    assert list(install[overrides:]) == ["mujoco==3.6.0", *released, "numpy", "numba", "pydantic"]
+    prefix = ("pip", "install", "--python", str(python).replace("/bin/", ".part/bin/"))
+    assert [tuple(command) for command in more] == [(*prefix, "--no-deps", place) for place in local]
+
+
 @pytest.mark.usefixtures("fake")
 def test_cache_folder_is_created(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The cache folder is created with its parents."""
@@ -414,6 +482,78 @@ def test_output_of_uv_is_one_line_of_limited_length() -> None:
     assert uv.in_one_line("x" * 401) == "x" * 400 + "..."
 
 
+class FakeNpm:
+    """Makes folders of JavaScript packages without a registry, or fails."""
+
+    def __init__(self, status: int = 0) -> None:
+        self.status = status
+        self.commands: list[list[str]] = []
+
+    def __call__(
+        self, command: list[str], *, capture_output: bool, text: bool, check: bool, cwd: Path
+    ) -> CompletedProcess[str]:
+        """Do as npm would: its message is read as text, and its status by the caller."""
+        assert (capture_output, text, check) == (True, True, False)
+        assert json.loads((cwd / "package.json").read_text()) == {"private": True}
+        self.commands.append(command)
+        (cwd / "node_modules").mkdir()
+        return CompletedProcess(command, self.status, "", "404 not\nfound")
+
+
+@pytest.fixture
+def npm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeNpm:
+    """Put a fake in npm's place, and the environments into a folder of the test."""
+    made = FakeNpm()
+    monkeypatch.setattr(environments.shutil, "which", lambda name: f"/bin/{name}")
+    monkeypatch.setattr(environments.subprocess, "run", made)
+    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path)
+    return made
+
+
+CANNON = Pin("cannon-es", "0.20.0")
+
+
+def test_javascript_engine_is_a_program_of_node(npm: FakeNpm) -> None:
+    """Its worker finds the packages by a variable; the folder is made once and listed like the others."""
+    assert not environments.is_made(CANNON)
+    program = environments.program_in(CANNON)
+    assert program is not None
+    assert environments.is_made(CANNON)
+    (found,) = environments.environments()
+    assert found.name == "cannon-es==0.20.0"
+    worker = stated_by("cannon-es").worker
+    assert worker.is_file()
+    assert program.command == ["node", str(worker)]
+    assert program.environment == {"BODYCHECK_NODE_PACKAGES": str(found.folder)}
+    assert environments.program_in(CANNON) == program
+    (command,) = npm.commands
+    assert command[:2] == ["npm", "install"]
+    assert command[-1] == "cannon-es@0.20.0"
+    assert Path(command[command.index("--prefix") + 1]).name == f"{found.folder.name}.part"
+    assert {"--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error"} <= set(command)
+
+
+def test_engine_of_python_packages_is_no_program(fake: FakeUv) -> None:
+    """Nothing is made to find that out."""
+    assert environments.program_in(PIN) is None
+    assert fake.commands == []
+
+
+def test_failed_npm_leaves_no_environment(npm: FakeNpm, tmp_path: Path) -> None:
+    """What npm prints is the reason, in one line."""
+    npm.status = 1
+    with pytest.raises(UnavailableError, match=r"^cannon-es==0.20.0 cannot be installed: 404 not found$"):
+        environments.program_in(CANNON)
+    assert [path for path in (tmp_path / "environments").iterdir() if path.is_dir()] == []
+
+
+def test_javascript_engine_always_needs_an_environment() -> None:
+    """Its packages are none of Python, even where one of the same name is installed."""
+    assert environments.needed_environment("cannon-es") == Pin("cannon-es", None)
+    assert environments.needed_environment("cannon-es==0.20.0") == CANNON
+    assert environments.needed_environment("mujoco") is None
+
+
 @pytest.mark.parametrize("missing", ["node", "npm"])
 def test_javascript_engine_needs_node_and_npm(
     missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -426,28 +566,3 @@ def test_javascript_engine_needs_node_and_npm(
         environments._npm_install(["cannon-es"], tmp_path)
     assert not refused.value.refused
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("status", [0, 1])
-def test_javascript_packages_are_installed_without_their_scripts(
-    status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Into the folder; what npm prints when it fails is the reason."""
-    asked: list[list[str]] = []
-
-    def run(command: list[str], *, capture_output: bool, text: bool, **_: Any) -> CompletedProcess[str]:
-        assert capture_output
-        assert text
-        asked.append(command)
-        return CompletedProcess(command, status, "", "404 not\nfound")
-
-    monkeypatch.setattr(environments.shutil, "which", lambda name: f"/bin/{name}")
-    monkeypatch.setattr(environments.subprocess, "run", run)
-    if status:
-        with pytest.raises(UvError, match="404 not found"):
-            environments._npm_install(["cannon-es@0.20"], tmp_path)
-    else:
-        environments._npm_install(["cannon-es@0.20"], tmp_path)
-    (command,) = asked
-    assert command[:2] == ["npm", "install"]
-    assert {"--ignore-scripts", "--prefix", str(tmp_path), "cannon-es@0.20"} <= set(command)

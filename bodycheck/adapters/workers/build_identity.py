@@ -19,7 +19,7 @@ import os
 import sys
 import sysconfig
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
@@ -49,7 +49,7 @@ class Loaded:
         self._engine, self._touched = adapter.name, False
         kind: BuildKind = "handed over" if handed_over else _kind(adapter)
         roots = dict(_roots(adapter))
-        self._roots = tuple(f"{root}{os.sep}" for root in (*roots.values(), *library_roots(), _own_package()))
+        self._roots = _prefixes((*roots.values(), *library_roots(), _own_package()))
         self._trusted = _site_packages() if kind == "installed" else _bystanders()
         parts = {
             **numeric_parts(),
@@ -180,16 +180,20 @@ def _variables_of(engine: str) -> tuple[str, ...]:
     return tuple(f"{name.upper().replace('-', '_')}_*" for name in sorted(names))
 
 
+def _prefixes(folders: Iterable[str]) -> tuple[str, ...]:
+    """Return what the paths of files in these folders begin with, also where the system resolves links."""
+    names = dict.fromkeys(name for folder in folders for name in (folder, os.path.realpath(folder)))
+    return tuple(f"{name}{os.sep}" for name in names)
+
+
 @cache
 def _standard_library() -> tuple[str, ...]:
-    paths = sysconfig.get_paths()
-    return tuple(f"{paths[key]}{os.sep}" for key in ("stdlib", "platstdlib"))
+    return _prefixes(map(sysconfig.get_path, ("stdlib", "platstdlib")))
 
 
 @cache
 def _site_packages() -> tuple[str, ...]:
-    paths = sysconfig.get_paths()
-    return tuple(f"{paths[key]}{os.sep}" for key in ("purelib", "platlib"))
+    return _prefixes(map(sysconfig.get_path, ("purelib", "platlib")))
 
 
 def _bystanders() -> tuple[str, ...]:
