@@ -5,19 +5,27 @@ from __future__ import annotations
 import re
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import bodycheck
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck.adapters import registry
-from bodycheck.adapters.contract import Engine, Method
+from bodycheck.adapters.contract import Control, Engine, Method
 from bodycheck.adapters.versions import environments, uv
 from bodycheck.adapters.versions.uv import releases
 from bodycheck.reports.comparison.measure_track import under_one_name
+from bodycheck.reports.comparison.release_results import Found
+from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.runs import version_search
+from bodycheck.runs.manifest import Identity
 from bodycheck.runs.run_options import RunOptions
+from bodycheck.runs.selection import Selection
+from bodycheck.runs.version_search import search
 from tests.helpers.gate_tables import make_tables
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.local_package_index import write_needed, write_toy, write_wheel
@@ -217,6 +225,159 @@ def test_releases_are_bisected_unless_every_one_is_requested(every: bool | None,
     }
     assert track.changes == (("3", "4"),)
     assert (found.versions, found.failed, found.every) == (tuple(ERRORS), {}, bool(every))
+
+
+def facts(name: str, control: Control = "dt", *, on_request: bool = False) -> Method:
+    """Return the facts of a method of the toy."""
+    tolerances = (1e-6, 1e-9) if control == "tolerance" else ()
+    return Method(
+        *(name, "", 1, 1, "every stage", "", ""),
+        control=control,
+        tolerances=tolerances,
+        only_on_request=on_request,
+    )
+
+
+METHODS = [facts("m"), facts("n", "tolerance"), facts("exact", "none"), facts("slow", on_request=True)]
+
+
+@pytest.fixture
+def selected(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Selection, dict[str, Any]]]:
+    """Return a list that gets what is run of each release: 1 lacks "n", 3 cannot be run."""
+    runs: list[tuple[Selection, dict[str, Any]]] = []
+
+    def announced(names: list[str]) -> dict[str, Engine | str]:
+        (name,) = names
+        release = name.removeprefix("toy==")
+        if release == "3":
+            return {name: f"{name} is spoilt"}
+        methods = {one.name: one for one in METHODS if (release, one.name) != ("1", "n")}
+        return {name: Engine(name, release, methods)}
+
+    def run_selection(selection: Selection, options: RunOptions, identity: Identity, **rest: Any) -> Tables:
+        assert options == RunOptions(jobs=1)
+        assert isinstance(identity, Identity)
+        runs.append((selection, rest))
+        ((_, scenario),) = selection.scenarios
+        cases = [
+            {"scenario": "intermediate-axis", "engine": "toy", "method": method.name}
+            | {"control": method.control, **vars(setting), "orientation_error_rad": 10.0**-place}
+            for engine, method in selection.methods
+            for place, setting in enumerate(selection.settings(scenario, engine, method))
+        ]
+        return make_tables(cases, scenarios={})
+
+    monkeypatch.setattr(version_search, "announced", announced)
+    monkeypatch.setattr(version_search, "run_selection", run_selection)
+    monkeypatch.setattr(version_search, "under_one_name", lambda tables, _: tables)
+    monkeypatch.setattr(version_search, "releases", lambda *_: ("1", "2", "3"))
+    return runs
+
+
+SEARCH_FIELDS = ("engine", "since", "until", "scenario", "method", "measure", "dt_s")
+
+
+def searched(**asked: Any) -> tuple[Found, list[str]]:
+    """Return the result of a search in releases 1 to 3, and the names with which progress was shown."""
+    shown: list[str] = []
+
+    @contextmanager
+    def progress(name: str, cases: int) -> Iterator[Any]:
+        shown.append(f"{name}: {cases}")
+        yield name
+
+    words = dict(zip(SEARCH_FIELDS, SEARCHED, strict=True)) | {"dt_s": None, **asked}
+    request = version_search.Search(**words)
+    return search(request, RunOptions(jobs=1), lambda _: None, lambda name: partial(progress, name)), shown
+
+
+def test_releases_are_run_with_all_methods_that_are_not_on_request(
+    selected: list[tuple[Selection, dict[str, Any]]],
+) -> None:
+    """At the scenario's steps, without a journal; a release that lacks a method has no value of it."""
+    found, shown = searched()
+    assert found.failed == {"3": "toy==3 is spoilt"}
+    assert [track.method for track in found.tracks] == ["m", "exact", "n"]
+    assert [[method.name for _, method in one.methods] for one, _ in selected] == [
+        ["m", "exact"],
+        ["m", "n", "exact"],
+    ]
+    ((_, scenario),) = selected[0][0].scenarios
+    for release, (selection, rest) in zip("12", selected, strict=True):
+        assert [(spec, one.name) for spec, one in selection.scenarios] == [("intermediate-axis",) * 2]
+        assert {engine.name for engine, _ in selection.methods} == {f"toy=={release}"}
+        assert (selection.dt_s, selection.tolerances, selection.unavailable) == (None, None, {})
+        assert rest == {"journal": None, "progress": f"toy=={release}"}
+    assert shown == [
+        f"toy=={release}: {one.cases_listed()}" for release, (one, _) in zip("12", selected, strict=True)
+    ]
+    values = {track.method: [one.value for one in track.findings.values()] for track in found.tracks}
+    finest = 10.0 ** (1 - len(scenario.steps))
+    assert values == {"m": [finest] * 2, "exact": [1.0] * 2, "n": ["no such method", 0.1]}
+    assert [track.changes for track in found.tracks] == [(), (), (("1", "2"),)]
+
+
+@pytest.mark.parametrize("method", ["slow", "m"])
+def test_requested_method_is_run_alone(method: str, selected: list[tuple[Selection, dict[str, Any]]]) -> None:
+    """One that runs on request only, too, at the requested steps."""
+    found, _ = searched(method=method, dt_s=STEPS)
+    assert [[one.name for _, one in selection.methods] for selection, _ in selected] == [[method]] * 2
+    assert [selection.dt_s for selection, _ in selected] == [tuple(STEPS)] * 2
+    assert [track.method for track in found.tracks] == [method]
+
+
+def test_release_without_the_requested_method_is_not_run(
+    selected: list[tuple[Selection, dict[str, Any]]],
+) -> None:
+    """It has no value of it, and the change is where the method came."""
+    found, shown = searched(method="n")
+    assert shown == ["toy==2: 2"]
+    assert len(selected) == 1
+    (track,) = found.tracks
+    assert track.changes == (("1", "2"),)
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ({"method": "x"}, r"^--method x: toy has no such method \(available: m, exact, slow, n\)$"),
+        ({"scenario": "smoke"}, r"^--scenario smoke: names 3 scenarios; give one of them$"),
+    ],
+)
+@pytest.mark.usefixtures("selected")
+def test_search_for_nothing_is_refused(asked: dict[str, Any], told: str) -> None:
+    """The line says what there is."""
+    with pytest.raises(InputError, match=told):
+        searched(**asked)
+
+
+def test_search_without_a_sound_release_has_the_reason_of_each(
+    selected: list[tuple[Selection, dict[str, Any]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line per release."""
+    monkeypatch.setattr(version_search, "announced", lambda names: {names[0]: f"{names[0]} is spoilt"})
+    with pytest.raises(InputError) as refused:
+        searched()
+    assert str(refused.value).splitlines() == [f"toy=={release} is spoilt" for release in "123"]
+    assert selected == []
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+@pytest.mark.usefixtures("selected")
+def test_search_runs_code_of_a_scenario_only_if_allowed(
+    allowed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a run does."""
+    asked: list[bool] = []
+    checked = version_search.checked_scenarios
+
+    def noted(*words: Any, allow_code: bool = False) -> Any:
+        asked.append(allow_code)
+        return checked(*words, allow_code=allow_code)
+
+    monkeypatch.setattr(version_search, "checked_scenarios", noted)
+    searched(allow_code=allowed)
+    assert asked == [allowed]
 
 
 @pytest.mark.slow
