@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -20,6 +22,7 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.cli import commands
 from bodycheck.reference_impl.rotations import quaternion_product
 from bodycheck.reference_impl.scene import Scene
+from bodycheck.reports.document import Document, Sentence
 from bodycheck.runs.run_options import TIMEOUT_S
 from tests.helpers.scenario_texts import SCENARIO
 from tests.helpers.temporary_engines import registered
@@ -133,7 +136,6 @@ def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
         ),
         (("history", "list", "kept"), "no nightly runs"),
         (("history", "query", "absent", "SELECT 1"), "no nightly runs"),
-        (("history", "prune", "kept", "--keep", "0"), "1 or more"),
     ],
 )
 def test_wrong_input_is_refused_in_one_line(folder: Path, words: tuple[str, ...], told: str) -> None:
@@ -168,6 +170,8 @@ REQUESTS: dict[str, tuple[list[str], dict[str, Any]]] = {
             "jobs": None,
             "timeout_s": TIMEOUT_S,
             "fresh": True,
+            "shard": None,
+            "speed_passes": 10,
             "allow_code": False,
         },
     ),
@@ -177,6 +181,7 @@ REQUESTS: dict[str, tuple[list[str], dict[str, Any]]] = {
     "jobs": (["--jobs", "3"], {"jobs": 3}),
     "timeout": (["--timeout-s", "7.5"], {"timeout_s": 7.5}),
     "code": (["--allow-code"], {"allow_code": True}),
+    "quiet": (["--quiet"], {}),
 }
 
 
@@ -193,13 +198,70 @@ def test_nightly_run_does_what_the_options_request(what: str, monkeypatch: pytes
         raise RequestedError(*requested)
 
     monkeypatch.setattr("bodycheck.runs.nightly_run.run_night", ended)
+    monkeypatch.setattr("bodycheck.cli.nightly.progress_of", lambda *, quiet: f"quiet: {quiet}")
     words, changed = REQUESTS[what]
     done = bodycheck("nightly", *words, "--history", "kept", "--threshold", "0.25")
     assert isinstance(done.exception, RequestedError), done.output
-    asked, history, _, thresholds = done.exception.args
+    asked, history, watching, thresholds = done.exception.args
     expected = {**REQUESTS["nothing"][1], **changed}
     assert {name: getattr(asked, name) for name in expected} == expected
     assert (history, thresholds.default) == (Path("kept"), 0.25)
+    assert watching == f"quiet: {what == 'quiet'}"
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("words", [[], ["--quiet"]])
+def test_shard_of_a_nightly_run_is_stored_in_its_own_folder(
+    words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is run with the same settings, and its report is named; `merge` judges the shards."""
+    requested: list[tuple[Any, ...]] = []
+
+    def run(*request: object) -> tuple[None, Path]:
+        requested.append(request)
+        return None, Path("part/report.html")
+
+    monkeypatch.setattr("bodycheck.runs.directory.run_to_folder", run)
+    monkeypatch.setattr("bodycheck.cli.nightly.progress_of", lambda *, quiet: f"quiet: {quiet}")
+    done = bodycheck("nightly", "tumble.toml", "--shard", "1/2", "--part", "part", *words)
+    assert (done.exit_code, done.stdout) == (0, "part/report.html\n"), done.output
+    ((asked, part, watching),) = requested
+    expected = {**REQUESTS["nothing"][1], "scenarios": ["tumble.toml"], "shard": "1/2"}
+    assert {name: getattr(asked, name) for name in expected} == expected
+    assert (part, watching) == (Path("part"), f"quiet: {bool(words)}")
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+@pytest.mark.parametrize(
+    ("status", "code"),
+    [("no regression", 0), ("regression", 1), ("nothing measured", 1), ("insufficient history", 3)],
+)
+def test_status_and_files_are_those_of_the_judgement(
+    status: str, code: int, as_json: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page is named after the text, and each file has the content of its suffix."""
+    night = folder / "kept" / "a night"
+    night.mkdir(parents=True)
+    (night / "night.html").write_text("a page\n")
+    (night / "night.md").write_text("a text\n")
+    judged = SimpleNamespace(status=status)
+    module = "bodycheck.reports.history.history_output"
+    monkeypatch.setattr("bodycheck.runs.nightly_run.run_night", lambda *_: (judged, night))
+    monkeypatch.setattr(f"{module}.night_document", lambda of: Document(of.status, (Sentence("Done."),)))
+    monkeypatch.setattr(f"{module}.night_data", lambda of: {"status": of.status})
+    out = [word for suffix in ("html", "md", "json") for word in ("--out", f"told.{suffix}")]
+    done = bodycheck("nightly", "--history", "kept", *out, *(["--json"] if as_json else []))
+    assert done.exit_code == code, done.output
+    data = {"status": status, "folder": str(night)}
+    if as_json:
+        assert json.loads(done.stdout) == data
+    else:
+        assert "Done." in done.stdout
+        assert done.stdout.splitlines()[-1] == str(night / "night.html")
+    assert (folder / "told.html").read_text() == "a page\n"
+    assert (folder / "told.md").read_text() == "a text\n"
+    assert (folder / "told.json").read_text().endswith("}\n")
+    assert json.loads((folder / "told.json").read_text()) == data
 
 
 @pytest.mark.usefixtures("folder")
@@ -212,6 +274,9 @@ def test_pruning_reports_a_run_of_the_future_apart_from_the_removed_ones(folder:
     assert (done.exit_code, done.stdout.split()) == (0, names[:1])
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"{Path('kept', names[2])}: is dated in the future")
+    assert sorted(path.name for path in (folder / "kept").glob("2*")) == names[1:]
+    refused = bodycheck("history", "prune", "kept", "--keep", "0")
+    assert str(refused.exception) == "--keep 0: must be 1 or more"
     assert sorted(path.name for path in (folder / "kept").glob("2*")) == names[1:]
 
 

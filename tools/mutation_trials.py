@@ -94,6 +94,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/cache/entries.py": ("cache/test_answers.py", "cache/test_cache.py"),
     "reports/cache/disk_cache.py": ("cache/test_cache.py", "../test_reuse.py"),
     "runs/nightly_run.py": (
+        "../test_nightly_run.py",
         *_NIGHTLY,
         f"{_PAST}::test_run_that_cannot_be_judged_is_stored",
         f"{_PAST}::test_internal_error_of_judging_loses_no_run",
@@ -147,11 +148,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "'address' -> 'address_'",
     ): "a field that is not read",
     (
-        "reports/cache/answers.py",
-        'asked = {"method": case.method, **vars(case.setting), "scene": scene_key(case.scene)}',
-        "'method' -> 'method_'",
-    ): "only equal keys are compared",
-    (
         "reports/cache/entries.py",
         'text = json.dumps(parts, sort_keys=True, separators=(",", ":"))',
         "separators=(',', ':') -> nothing",
@@ -161,11 +157,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()",
         "True -> False",
     ): "a report that is read has its keys in the order in which they were written",
-    (
-        "adapters/versions/environments.py",
-        '(unfinished / _FACTS).write_text(json.dumps(facts), encoding="utf-8")',
-        "'utf-8' -> 'utf-8_'",
-    ): "another name of the same encoding",
     (
         "adapters/versions/environments.py",
         'digest = sha256("\\n".join(rest).encode()).hexdigest()[:12]',
@@ -254,13 +245,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "abs(t[k] - end) > 1e-09 * scene.sample_interval_s -> "
         "abs(t[k] - end) >= 1e-09 * scene.sample_interval_s",
     ): "the billionth is slack for round-off: no switch is this very double beside a sample",
-    **{
-        ("adapters/versions/environments.py", line, "'utf-8' -> 'utf-8_'"): "a name of the same encoding"
-        for line in (
-            'within.write_text("\\n".join(constraints), encoding="utf-8")',
-            'without.write_text(_NEVER, encoding="utf-8")',
-        )
-    },
     (
         "adapters/versions/environments.py",
         'within, without = environment / "constraints.txt", environment / "overrides.txt"',
@@ -271,11 +255,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "done = subprocess.run(asked, capture_output=True, text=True, check=False)",
         "check=False -> nothing",
     ): "the default, written out for readers",
-    (
-        "adapters/versions/environments.py",
-        '(unfinished / _FACTS).write_text(json.dumps(facts), encoding="utf-8")',
-        "encoding='utf-8' -> nothing",
-    ): "this JSON is ASCII",
     (
         "adapters/workers/build_identity.py",
         "told = json.dumps(parts, sort_keys=True)",
@@ -288,7 +267,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "either is long before the process began",
     (
         "reports/history/baseline.py",
-        'path.write_text(json.dumps(told, indent=2) + "\\n", encoding="utf-8")',
+        'path.write_bytes(f"{json.dumps(told, indent=2)}\\n".encode())',
         "indent=2 -> nothing",
     ): "the file is the same to every reader but a human one",
     **{
@@ -306,7 +285,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "a system that does not count gives the same number each time",
     (
         "reports/cache/answers.py",
-        'return self._motion(engine_pool, engine, case, "sentinel", cached=False)',
+        'return self._motion(engine_pool, engine, case, "record", kept_as="sentinel", cached=False)',
         "'sentinel' -> 'sentinel_'",
     ): "another name that no other request has",
     (

@@ -198,8 +198,6 @@ def prune(
     """Remove all but the newest nightly runs, and print the names of the removed ones."""
     from bodycheck.reports.history.archive import History
 
-    if keep < 1:
-        raise InputError(f"--keep {keep}: must be 1 or more")
     history = History.existing(folder)
     for night in history.dated_in_future():
         print(f"{night}: is dated in the future; neither counted nor removed", file=sys.stderr)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 from bodycheck._util.errors import InputError
@@ -39,7 +38,7 @@ def run_night(
     folder: that of the history, created if it does not exist. thresholds: the size above which a change
     counts. Raises InputError if the input is wrong or cannot be written; the history is then unchanged.
     """
-    selection, options = asked.selection, replace(asked.options, speed_passes=SPEED_PASSES)
+    selection, options = asked.selection, asked.options
     history = History.at(folder)
     with watching(selection.cases_listed()) as progress:
         run = run_selection(selection, options, Identity.new(), journal=None, progress=progress)
@@ -82,6 +81,6 @@ def _judged(run: Run, history: History, folder: Path, thresholds: Thresholds) ->
     write_report_of_night(run, folder)
     judged = judge_night(history, read_tables(folder), thresholds)
     write_judgement(judged, folder)
-    (folder / "night.html").write_text(night_page(judged), encoding="utf-8")
-    (folder / "night.md").write_text(markdown(night_document(judged)), encoding="utf-8")
+    (folder / "night.html").write_bytes(night_page(judged).encode())
+    (folder / "night.md").write_bytes(markdown(night_document(judged)).encode())
     return judged

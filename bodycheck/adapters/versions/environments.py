@@ -33,7 +33,7 @@ _NEEDED = ("numpy", "numba", "pydantic")
 """The worker's imports, installed in the versions of the current environment if the engine allows it."""
 _FACTS = "bodycheck.json"
 """File in an environment: its engine and version, and the sources of its packages."""
-_NEVER = "bodycheck ; python_version < '0'\n"
+_NEVER = b"bodycheck ; python_version < '0'\n"
 """Overrides an adapter's requirement of bodycheck, because the worker uses the running bodycheck."""
 _PACKAGE = re.compile(r"@?[A-Za-z0-9._/-]+")
 NODE_PACKAGES = "BODYCHECK_NODE_PACKAGES"
@@ -166,7 +166,7 @@ def _make(pin: Pin, place: Path) -> None:
         else:
             _make_python(pin, unfinished)
         facts = {"engine": pin.engine, "version": pin.version, "from": _without_passwords(index_settings())}
-        (unfinished / _FACTS).write_text(json.dumps(facts), encoding="utf-8")
+        (unfinished / _FACTS).write_bytes(json.dumps(facts).encode())
         shutil.rmtree(place, ignore_errors=True)  # a remainder whose Python is missing
         unfinished.rename(place)
     finally:
@@ -190,7 +190,7 @@ def _npm_install(requirements: Sequence[str], folder: Path) -> None:
     for program in ("node", "npm"):
         if shutil.which(program) is None:
             raise UvError(f"it needs Node.js, and there is no {program} on the path", refused=False)
-    (folder / "package.json").write_text('{"private": true}', encoding="utf-8")
+    (folder / "package.json").write_bytes(b'{"private": true}')
     quiet = ("--no-audit", "--no-fund", "--ignore-scripts", "--loglevel=error")
     command = ["npm", "install", *quiet, "--prefix", str(folder), *requirements]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
@@ -222,7 +222,7 @@ def environments() -> list[Environment]:
 def _environment(folder: Path) -> Environment:
     size = sum(status.st_size for _, status in files_below(str(folder)).values())
     try:
-        facts = json.loads((folder / _FACTS).read_text(encoding="utf-8"))
+        facts = json.loads((folder / _FACTS).read_bytes())
         return Environment(folder, Pin(facts["engine"], facts["version"]).name, tuple(facts["from"]), size)
     except (OSError, ValueError, KeyError, TypeError):
         return Environment(folder, folder.name, (), size)
@@ -238,8 +238,8 @@ def remove(environment: Environment) -> None:
 
 def _install(pin: Pin, environment: Path, constraints: Sequence[str]) -> None:
     within, without = environment / "constraints.txt", environment / "overrides.txt"
-    within.write_text("\n".join(constraints), encoding="utf-8")
-    without.write_text(_NEVER, encoding="utf-8")
+    within.write_bytes("\n".join(constraints).encode())
+    without.write_bytes(_NEVER)
     install = ("pip", "install", "--python", str(environment / "bin" / "python"))
     released, local = _plug_in(pin)
     uv(

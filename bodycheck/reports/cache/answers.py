@@ -57,11 +57,11 @@ class Answers:
 
     def replay(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
         """Return the motion of a second run after `reset`, and the model read back after the first."""
-        return self._motion(engine_pool, engine, case, "replay", do="replay")
+        return self._motion(engine_pool, engine, case, "replay")
 
     def elsewhere(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
         """Return the answer to a case that was asked before; the caller has restarted the engine."""
-        return self._motion(engine_pool, engine, case, "another process")
+        return self._motion(engine_pool, engine, case, "record", kept_as="another process")
 
     def derived(
         self, engine_pool: EnginePool, engine: Engine, what: Any, derive: Callable[[Asker], Message]
@@ -91,23 +91,23 @@ class Answers:
 
     def sentinel(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
         """Return the answer that this machine gives to a case, never one of another run."""
-        return self._motion(engine_pool, engine, case, "sentinel", cached=False)
+        return self._motion(engine_pool, engine, case, "record", kept_as="sentinel", cached=False)
 
     def _motion(
         self,
         engine_pool: EnginePool,
         engine: Engine,
         case: Case,
-        kept_as: str,
+        do: str,
         *,
-        do: str = "record",
+        kept_as: str = "",
         cached: bool = True,
     ) -> Answer:
         return self._answered(
             engine_pool,
             engine,
             case,
-            _key(engine, case, kept_as),
+            _key(engine, case, kept_as or do),
             lambda: {"do": do, "case": case_messages.case_message(case)},
             lambda message: _read(message, case),
             cached=cached,
@@ -115,12 +115,13 @@ class Answers:
 
     def search(self, engine_pool: EnginePool, engine: Engine, search: Search) -> StableStep:
         """Return the result of a search for the largest stable step, also where the engine failed."""
+        do = "stable-step"
         return self._answered(
             engine_pool,
             engine,
             search.case,
-            _key(engine, search.case, "stable-step", **case_messages.search_bounds(search)),
-            lambda: {"do": "stable-step", **case_messages.search_message(search)},
+            _key(engine, search.case, do, **case_messages.search_bounds(search)),
+            lambda: {"do": do, **case_messages.search_message(search)},
             _read_search,
         )
 
@@ -144,7 +145,6 @@ class Answers:
         reused = entry is not None
         if entry is None:
             message = {**engine_pool.ask(engine.name, request(), self._timeout_s), "run": self._run_id}
-            message.pop("id", None)
             said = read(message)
             entry = Entry.of(key, protocol.kept(message, said))
             if cache and _lasting(said) and message.get("build", engine.build.id) == engine.build.id:
@@ -238,17 +238,17 @@ def _lasting(answer: Answer | StableStep) -> bool:
 
 
 def _key(engine: Engine, case: Case, what: str, **within: float | None) -> str:
-    asked = {"method": case.method, **vars(case.setting), "scene": scene_key(case.scene)}
+    asked = [case.method, vars(case.setting), scene_key(case.scene)]
     return key_of(what=what, protocol=protocol.VERSION, engine=_identity(engine), case=asked, **within)
 
 
-def _identity(engine: Engine) -> dict[str, Any]:
-    return {"name": engine.name, "version": engine.version, "build": engine.build.id}
+def _identity(engine: Engine) -> list[str]:
+    return [engine.name, engine.version, engine.build.id]
 
 
 def _derived_key(engine: Engine, what: Any) -> str:
-    code = {"code": own_code(), "reports": _code_of_reports(), "evaluated_by": numeric_parts()}
-    return key_of(derived=what, protocol=protocol.VERSION, engine=_identity(engine), **code)
+    code = [own_code(), _code_of_reports(), numeric_parts()]
+    return key_of(derived=what, protocol=protocol.VERSION, engine=_identity(engine), code=code)
 
 
 @cache

@@ -33,10 +33,10 @@ _PARQUET = b"PAR1"  # a complete file begins and ends with it
 def seal_night(folder: Path) -> None:
     """Add the SHA-256 sums of all files of a nightly run, and a seal, to its night.json."""
     path = folder / NIGHT_FILE
-    told = json.loads(path.read_text(encoding="utf-8"))
+    told = json.loads(path.read_bytes())
     told[_SUMS] = {file.name: _sum(file) for file in sorted(folder.iterdir()) if file != path}
     told[_SEAL] = _seal(told)
-    path.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    path.write_bytes(f"{json.dumps(told, indent=2)}\n".encode())
 
 
 def read_night_file(folder: Path) -> dict[str, Any]:

@@ -10,14 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bodycheck import reports
+from bodycheck._util.file_digests import digest_of
 from bodycheck.adapters.contract import Build, BuildKind, Engine, Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.stable_step import Search
 from bodycheck.adapters.workers import protocol
+from bodycheck.adapters.workers.case_messages import case_message, search_message
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
-from bodycheck.reports.cache.answers import Answers
+from bodycheck.reports.cache import answers as module
+from bodycheck.reports.cache.answers import Answers, Asker
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.reuse import Reuse
@@ -25,6 +29,8 @@ from bodycheck.reports.cache.reuse import Reuse
 START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.3, 1.0, 0.2]))
 SCENE = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), START, (), np.zeros(3), 1.0, 3)
 CASE = Case(SCENE, "m1", Setting(dt_s=0.1))
+LOAD = CallbackLoad("loads:f", lambda t, x, r, v, w: (-v, -w))  # noqa: ARG005 - the contract's arguments
+CALLING = replace(CASE, scene=replace(SCENE, loads=(LOAD,)))
 ENGINE = Engine("counted", "1", {}, Build("c0de", "installed"))
 GOOD = protocol.answer_message(record(Reference(), CASE))
 
@@ -218,6 +224,23 @@ def test_any_change_is_requested_again(what: str, tmp_path: Path) -> None:
     assert engine_pool.asked == 2
 
 
+def test_answer_by_another_protocol_is_requested_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is derived from such answers is derived again, too."""
+    engine_pool, answers = Counting(GOOD), Answers(None, Cache(tmp_path), 1.0)
+    answers.ask(engine_pool, ENGINE, CASE)
+    answers.keep(ENGINE, "the outcome", {"outcome": "ok"}, Asker(answers, engine_pool))
+    monkeypatch.setattr(protocol, "VERSION", protocol.VERSION + 1)
+    assert not answers.ask(engine_pool, ENGINE, CASE).reused
+    assert answers.known(ENGINE, "the outcome") is None
+
+
+def test_derived_rows_depend_on_the_sources_of_the_reports() -> None:
+    """The code of all reports counts, as it derives them."""
+    assert module._code_of_reports() == digest_of(Path(reports.__file__).parent)
+
+
 def test_fresh_run_replaces_the_stored_answers(tmp_path: Path) -> None:
     """The next run reads the new answers."""
     refused = Counting(LASTING["unsupported"])
@@ -336,20 +359,73 @@ def test_search_of_another_build_is_not_stored(tmp_path: Path) -> None:
     assert engine_pool.asked == 2
 
 
-def test_requests_are_those_of_the_protocol() -> None:
-    """A motion is recorded, a replay is recorded again after a reset, and a stable step is searched."""
-    requests: list[str] = []
+def test_requests_are_those_of_the_protocol(tmp_path: Path) -> None:
+    """A motion is recorded, recorded again after a reset or in another process, and a step is searched."""
+    requests: list[dict[str, Any]] = []
 
     class Noting(Counting):
         def ask(self, engine: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:
-            requests.append(request["do"])
+            assert (engine, timeout_s) == ("counted", 7.5)
+            requests.append(request)
             return super().ask(engine, request, timeout_s)
 
-    answers, engine_pool = Answers(None, None, 1.0), Noting(GOOD)
-    answers.ask(engine_pool, ENGINE, CASE)
-    answers.replay(engine_pool, ENGINE, CASE)
+    answers, engine_pool = Answers(None, Cache(tmp_path), 7.5), Noting(GOOD)
+    for ask in (answers.ask, answers.replay, answers.elsewhere, answers.sentinel):
+        assert ask(engine_pool, ENGINE, CASE).outcome == "ok"
     answers.search(engine_pool, ENGINE, SEARCH)
-    assert requests == ["record", "replay", "stable-step"]
+    recorded = {"do": "record", "case": case_message(CASE)}
+    searched = {"do": "stable-step", **search_message(SEARCH)}
+    replayed = {**recorded, "do": "replay"}
+    assert requests == [recorded, replayed, recorded, recorded, searched]
+
+
+def test_engine_is_asked_again_after_reset_and_in_another_process() -> None:
+    """Its worker is restarted for the second; every answer counts for what is derived."""
+    done: list[str] = []
+
+    class Noting(Counting):
+        def ask(self, engine: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:
+            done.append(request["do"])
+            return super().ask(engine, request, timeout_s)
+
+        def restart(self, engine: str) -> None:
+            done.append(f"restart {engine}")
+
+    for said, lasting in ((GOOD, True), ({**GOOD, "message": "ran twice"}, False)):
+        done.clear()
+        told = []
+        for place in range(2):
+            asker = Asker(Answers(None, None, 1.0), Noting(said))
+            for at, (how, again) in enumerate(asker.again(ENGINE)):
+                told += [how] if place else []
+                if at == place:
+                    assert again(ENGINE, CASE).outcome == "ok"
+            assert asker.is_lasting is lasting
+        assert told == ["after reset", "in another process"]
+        assert done == ["replay", "restart counted", "restart counted", "record"]
+
+
+def test_answer_with_a_user_function_is_not_derived_from() -> None:
+    """Its code may change."""
+    asker = Asker(Answers(None, None, 1.0), Counting(GOOD))
+    assert asker.ask(ENGINE, CALLING).outcome == "ok"
+    assert not asker.is_lasting
+
+
+@pytest.mark.parametrize("part", ["own_code", "_code_of_reports", "numeric_parts", "an engine", "a question"])
+def test_derived_rows_depend_on_all_code_that_derives_them(
+    part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The engine and the question count too; rows of an engine that may change are not read."""
+    answers, asker = Answers(None, Cache(tmp_path), 1.0), Asker(Answers(None, None, 1.0), Counting(GOOD))
+    answers.keep(ENGINE, "the outcome", {"outcome": "ok"}, asker)
+    assert answers.known(ENGINE, "the outcome") == {"outcome": "ok"}
+    if part.startswith("a"):
+        engine = replace(ENGINE, name="another") if part == "an engine" else ENGINE
+        assert answers.known(engine, "the outcome" if part == "an engine" else "another") is None
+    else:
+        monkeypatch.setattr(module, part, lambda: "another")
+        assert answers.known(ENGINE, "the outcome") is None
 
 
 def test_sentinel_is_measured_by_every_run(tmp_path: Path) -> None:
@@ -372,12 +448,11 @@ def test_failed_search_is_requested_again(said: dict[str, Any], tmp_path: Path) 
 
 def test_answer_with_a_user_function_is_not_stored(tmp_path: Path) -> None:
     """Its code may change under the same name."""
-    load = CallbackLoad("loads:f", lambda t, x, r, v, w: (-v, -w))  # noqa: ARG005 - the contract's arguments
-    case, engine_pool = replace(CASE, scene=replace(SCENE, loads=(load,))), Counting(GOOD)
+    engine_pool = Counting(GOOD)
     for _ in range(2):
         with Journal(tmp_path / "journal") as journal:
             answers = Answers(journal, Cache(tmp_path), 1.0)
-            assert answers.ask(engine_pool, ENGINE, case).outcome == "ok"
-            assert answers.laps(ENGINE, case) is None
-            answers.keep_laps(ENGINE, case, {"cpu_s": [0.5]})
+            assert answers.ask(engine_pool, ENGINE, CALLING).outcome == "ok"
+            assert answers.laps(ENGINE, CALLING) is None
+            answers.keep_laps(ENGINE, CALLING, {"cpu_s": [0.5]})
     assert engine_pool.asked == 2

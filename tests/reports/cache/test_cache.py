@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bodycheck._util.checksummed_json import sealed
-from bodycheck.reference_impl.scene import RigidBody, Scene, State
+from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
 from bodycheck.reference_impl.truth import certification as truth
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reports.cache import truths
@@ -197,6 +198,32 @@ def test_truth_is_computed_once_and_stored_bit_for_bit(
         known_truth(spinning(0.3), times, cache)
     assert len(solved) == 4 + len(installed)
     assert {"python", "numpy", "numba", "llvmlite", "processor", "environment"} <= installed.keys()
+
+
+@pytest.mark.parametrize("what", ["no cache", "a user's function"])
+def test_truth_that_may_change_is_solved_each_time(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a cache, and under a function whose code may change, nothing is stored or known."""
+    solved: list[Scene] = []
+    answer = object()
+
+    def solve(scene: Scene, t_s: np.ndarray) -> object:
+        assert t_s is times
+        solved.append(scene)
+        return answer
+
+    monkeypatch.setattr(truth, "solve_truth", solve)
+    monkeypatch.setattr(truths, "closed_forms_compiled", lambda: True)
+    cache, times, scene = Cache(tmp_path), np.array([0.0, 1.0]), spinning(0.3)
+    if what != "no cache":
+        load = CallbackLoad("loads:f", lambda *_: (np.zeros(3), np.zeros(3)))
+        scene = replace(scene, loads=(load,))
+    for _ in range(2):
+        assert known_truth(scene, times, None if what == "no cache" else cache) is answer
+    assert solved == [scene, scene]
+    assert list(tmp_path.iterdir()) == []
+    assert not is_known(scene, times, cache)
 
 
 def test_stored_truth_is_reported_as_known(tmp_path: Path) -> None:
