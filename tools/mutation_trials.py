@@ -91,7 +91,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/cache/truths.py": ("cache/test_cache.py",),
     "reports/cache/answers.py": ("cache/test_answers.py",),
     "reports/cache/journal.py": ("cache/test_journal.py",),
-    "reports/cache/entries.py": ("cache/test_answers.py", "cache/test_cache.py"),
+    "reports/cache/entries.py": ("cache/test_journal.py", "cache/test_answers.py", "cache/test_cache.py"),
     "reports/cache/disk_cache.py": ("cache/test_cache.py", "../test_reuse.py"),
     "runs/nightly_run.py": (
         "../test_nightly_run.py",
@@ -153,11 +153,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "separators=(',', ':') -> nothing",
     ): "only equal keys are compared",
     (
-        "reports/history/baseline.py",
-        "return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()",
-        "True -> False",
-    ): "a report that is read has its keys in the order in which they were written",
-    (
         "adapters/versions/environments.py",
         'digest = sha256("\\n".join(rest).encode()).hexdigest()[:12]',
         "12 -> 13",
@@ -172,11 +167,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "newest = max((max(s.st_mtime_ns, s.st_ctime_ns) for _, (_, s) in named), default=0)",
         "0 -> 1",
     ): "both are long ago",
-    (
-        "reports/history/baseline.py",
-        "return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()",
-        "sort_keys=True -> nothing",
-    ): "a report that is read has its keys in the order in which they were written",
     (
         "reports/comparison/change.py",
         'return "moved" if before == after else "improved" if after > before else "worse"',
@@ -265,11 +255,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "self._touched |= max(times, default=0) > _BEGIN_NS",
         "0 -> 1",
     ): "either is long before the process began",
-    (
-        "reports/history/baseline.py",
-        'path.write_bytes(f"{json.dumps(told, indent=2)}\\n".encode())',
-        "indent=2 -> nothing",
-    ): "the file is the same to every reader but a human one",
     **{
         (
             "adapters/workers/build_identity.py",

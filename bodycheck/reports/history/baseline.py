@@ -81,7 +81,7 @@ def _check_parquet(path: Path) -> None:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if not (len(content) > 2 * len(_PARQUET) and content.startswith(_PARQUET) and content.endswith(_PARQUET)):
+    if not (content.startswith(_PARQUET) and content.endswith(_PARQUET)):
         raise InputError(f"{path}: is damaged")
     try:
         with duckdb.connect() as database:
@@ -194,7 +194,7 @@ def readable_nights(nights: Sequence[Path], tables: Sequence[str] = ()) -> tuple
 def told_of(folder: Path) -> dict[str, Any]:
     """Return night.json of a nightly run: status and counts of changes; InputError if it is unreadable."""
     path, told = folder / NIGHT_FILE, read_night_file(folder)
-    if lacking := [name for name in _NEEDED if not isinstance(told, dict) or name not in told]:
+    if lacking := [name for name in _NEEDED if name not in told]:
         raise InputError(f"{path}: is damaged: missing key {lacking[0]}")
     if strange := [name for name in TOLD if isinstance(told.get(name), list | dict)]:
         raise InputError(f"{path}: is damaged: {strange[0]} must be text or a number")

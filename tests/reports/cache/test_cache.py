@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from bodycheck._util.checksummed_json import sealed
 from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
 from bodycheck.reference_impl.truth import certification as truth
 from bodycheck.reference_impl.truth.truth import Truth
-from bodycheck.reports.cache import truths
+from bodycheck.reports.cache import disk_cache, truths
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.entries import key_of
 from bodycheck.reports.cache.truths import is_known, known_truth
@@ -108,7 +109,7 @@ def test_pruning_removes_what_was_not_used_for_a_month(tmp_path: Path) -> None:
     used = place_of(tmp_path, KEY).stat().st_mtime
     cache.prune(now_s=used + 29.9 * DAY_S)
     assert (cache.get(KEY), cache.get(OTHER)) == (MESSAGE, None)
-    cache.prune(now_s=used + 30.1 * DAY_S)
+    cache.prune(now_s=used + 30.0 * DAY_S)
     assert cache.get(KEY) is None
 
 
@@ -132,11 +133,12 @@ def test_unreadable_folder_is_not_pruned(tmp_path: Path, monkeypatch: pytest.Mon
     assert Cache(tmp_path).get(KEY) == MESSAGE
 
 
-def test_time_of_use_is_updated_once_a_day(tmp_path: Path) -> None:
+def test_time_of_use_is_updated_once_a_day(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It stays within a day, and becomes the present after that, also from the future."""
-    cache, now = Cache(tmp_path), time.time()
+    cache, now = Cache(tmp_path), float(int(time.time()))
     cache.put(KEY, MESSAGE)
-    for age, marked in ((0.5 * DAY_S, False), (1.5 * DAY_S, True), (-1.5 * DAY_S, True)):
+    monkeypatch.setattr(disk_cache, "time", SimpleNamespace(time=lambda: now))
+    for age, marked in ((DAY_S, False), (DAY_S + 1.0, True), (-DAY_S, False), (-1.5 * DAY_S, True)):
         os.utime(place_of(tmp_path, KEY), (now - age, now - age))
         assert cache.get(KEY) == MESSAGE
         found = place_of(tmp_path, KEY).stat().st_mtime
@@ -156,6 +158,21 @@ def test_pruning_removes_the_longest_unused_above_its_size(
     monkeypatch.setattr("bodycheck.reports.cache.disk_cache._MOST_BYTES", 2 * size)
     cache.prune(now_s=1000.0)
     assert [key for key in keys if place_of(tmp_path, key).exists()] == keys[:2]
+
+
+def test_cache_has_at_most_two_gigabytes_after_pruning(tmp_path: Path) -> None:
+    """One byte more, and the entry that was not used for longest goes."""
+    cache = Cache(tmp_path)
+    for age, key in enumerate((KEY, OTHER)):
+        cache.put(key, MESSAGE)
+        os.truncate(place_of(tmp_path, key), 1_000_000_000)
+        os.utime(place_of(tmp_path, key), (1000.0 - age, 1000.0 - age))
+    cache.prune(now_s=1000.0)
+    assert [place_of(tmp_path, key).exists() for key in (KEY, OTHER)] == [True, True]
+    os.truncate(place_of(tmp_path, OTHER), 1_000_000_001)
+    os.utime(place_of(tmp_path, OTHER), (999.0, 999.0))
+    cache.prune(now_s=1000.0)
+    assert [place_of(tmp_path, key).exists() for key in (KEY, OTHER)] == [True, False]
 
 
 def spinning(rate: float) -> Scene:

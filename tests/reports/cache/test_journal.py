@@ -94,8 +94,9 @@ def test_full_disk_leaves_complete_lines(room: int, torn: bytes, tmp_path: Path)
     """The entry without room is refused in one line; with room the journal continues."""
     path = tmp_path / "journal"
     lines = written(path)
-    path.write_bytes(b"".join(lines[:2]) + torn)
+    path.write_bytes(lines[0] + torn)
     with Journal(path) as journal:
+        journal.put("b", ENTRIES["b"])
         with (
             file_size_limit(len(b"".join(lines[:2])) + room),
             pytest.raises(

@@ -92,6 +92,48 @@ def test_concurrent_processes_lose_nothing(tmp_path: Path) -> None:
     assert [(night / "results.csv").read_text() for night in nights] == [f"{k}\n" for k in range(40)]
 
 
+def test_stored_run_is_flushed_to_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its files and its folder before it is renamed, and the history afterwards: power may fail."""
+    flushed: list[str] = []
+
+    def fsync(descriptor: int) -> None:
+        path = Path(f"/proc/self/fd/{descriptor}").readlink()
+        flushed.append(path.relative_to(tmp_path).as_posix())
+        assert (tmp_path / name(1)).exists() is (not path.is_relative_to(tmp_path / f".unfinished-{name(1)}"))
+
+    monkeypatch.setattr("bodycheck.reports.history.archive.os.fsync", fsync)
+    write(tmp_path, 1)
+    unfinished = f".unfinished-{name(1)}"
+    files = [f"{unfinished}/manifest.json", f"{unfinished}/results.csv"]
+    assert sorted(flushed[:2]) == files
+    assert flushed[2] == unfinished
+    assert flushed[-1] == "."
+
+
+def test_unfinished_file_of_another_program_stops_nothing(tmp_path: Path) -> None:
+    """What cannot be removed is left."""
+    (tmp_path / ".unfinished-notes").write_text("mine")
+    write(tmp_path, 1)
+    assert [night.name for night in History(tmp_path).nights()] == [name(1)]
+
+
+def test_runs_of_the_future_are_later_than_now_and_than_the_given_run(tmp_path: Path) -> None:
+    """A run that began in the same second as the given one is not of its future."""
+    seconds = [f"2999010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
+    for run_id in ("20260101T000000Z-000000", *seconds):
+        (tmp_path / run_id).mkdir()
+    found = History(tmp_path).dated_in_future
+    assert [night.name for night in found()] == seconds
+    assert [night.name for night in found("29990102T000000Z-ffffff")] == seconds[2:]
+
+
+def test_unreadable_history_is_reported(tmp_path: Path) -> None:
+    """The line names the folder and the reason."""
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"file: cannot be read: Not a directory$"):
+        History(tmp_path / "file").nights()
+
+
 def test_pruning_keeps_the_newest(tmp_path: Path) -> None:
     """The oldest runs are removed and their names returned; nothing else is changed."""
     history = History.at(tmp_path)

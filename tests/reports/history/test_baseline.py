@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
 from bodycheck._util.errors import InputError
@@ -21,6 +22,7 @@ from bodycheck.reports.history.baseline import (
     seal_night,
     told_of,
 )
+from bodycheck.reports.run_files.table_formats import as_parquet
 
 MANIFEST: dict[str, Any] = {
     "cpu": "a processor",
@@ -74,11 +76,67 @@ def test_sealed_run_holds_what_sha256sum_prints(sealed: Path) -> None:
     """Runs stored by other releases are checked by the same keys and the same sums."""
     told = json.loads((sealed / "night.json").read_text())
     assert told["sha256"] == {"night.html": hashlib.sha256(b"a page\n").hexdigest()}
-    assert len(told["seal"]) == 64
+    content = {name: value for name, value in told.items() if name != "seal"}
+    assert told["seal"] == hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
     assert {name: told[name] for name in TOLD} == TOLD
     read = told_of(sealed)
     assert read == {**TOLD, "sha256": told["sha256"]}
     check_files(sealed, read)
+
+
+def test_sealed_report_is_written_for_readers(sealed: Path) -> None:
+    """One line per entry, indented by two spaces, with a newline at the end."""
+    text = (sealed / "night.json").read_text()
+    assert '\n  "status": "no regression",\n' in text
+    assert text.endswith("}\n")
+
+
+def test_control_characters_of_a_sealed_report_are_escaped(tmp_path: Path) -> None:
+    """They reach no terminal, and are no damage."""
+    (tmp_path / "night.json").write_text(json.dumps({**TOLD, "engines": "red \x1b[31m"}))
+    seal_night(tmp_path)
+    assert told_of(tmp_path)["engines"] == "red \\x1b[31m"
+
+
+@pytest.mark.parametrize("name", TOLD)
+@pytest.mark.parametrize("value", [[], {}])
+def test_report_with_nested_data_is_damaged(name: str, value: object, tmp_path: Path) -> None:
+    """An entry that is listed is text or a number."""
+    (tmp_path / "night.json").write_text(json.dumps({**TOLD, name: value}))
+    with pytest.raises(InputError, match=rf"night\.json: is damaged: {name} must be text or a number$"):
+        told_of(tmp_path)
+
+
+SOUND = as_parquet(pd.DataFrame({"x": [1.0, 2.0]}))
+TORN = {
+    "empty": b"",
+    "cut off": SOUND[:-4],
+    "without its beginning": SOUND[4:],
+    "without its footer": b"PAR1",
+    "without a table": b"PAR1PAR1",
+    "with another footer": SOUND[:-200] + bytes(100) + SOUND[-100:],
+}
+
+
+@pytest.mark.parametrize("names", [None, ["results.parquet"]])
+@pytest.mark.parametrize("what", TORN)
+def test_torn_table_of_a_run_without_sums_is_named(
+    what: str, names: list[str] | None, tmp_path: Path
+) -> None:
+    """Runs that were stored before there were sums are read completely."""
+    (tmp_path / "results.parquet").write_bytes(SOUND)
+    check_files(tmp_path, {}, names)
+    (tmp_path / "results.parquet").write_bytes(TORN[what])
+    with pytest.raises(InputError, match=r"results\.parquet: is damaged"):
+        check_files(tmp_path, {}, names)
+
+
+@pytest.mark.parametrize("sums", [{}, {"sha256": {"results.parquet": "0"}}])
+def test_table_that_is_gone_cannot_be_read(sums: dict[str, Any], tmp_path: Path) -> None:
+    """The line names it and the reason; files that are not requested are not read."""
+    with pytest.raises(InputError, match=r"results\.parquet: cannot be read: No such file or directory$"):
+        check_files(tmp_path, sums, ["results.parquet"])
+    check_files(tmp_path, sums, [])
 
 
 @pytest.mark.parametrize("name", [*TOLD, "sha256", "seal"])
@@ -126,6 +184,39 @@ def test_only_unchanged_scenarios_are_the_same() -> None:
     assert night.same_scenarios({"scenarios": other}) == {"brick", "rod"}
 
 
+@pytest.fixture
+def sound(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have every stored run undamaged and on one machine."""
+    monkeypatch.setattr(baseline, "read_manifest", lambda _: MANIFEST)
+    monkeypatch.setattr(baseline, "told_of", lambda _: {})
+    monkeypatch.setattr(baseline, "check_files", lambda *_: None)
+
+
+@pytest.mark.usefixtures("sound")
+def test_sixty_runs_of_the_same_machine_are_the_baseline(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The newest ones; of another machine none."""
+    monkeypatch.setattr(Night, "accepted", property(lambda _: object()))
+    names = [f"20260101T0000{second:02d}Z-000000" for second in range(60)] + ["20260102T000000Z-000000"]
+    for name in names:
+        (tmp_path / name).mkdir()
+    past = past_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004"})
+    assert [night.name for night in past.nights] == names[:0:-1]
+    other = past_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004", "cores": 8})
+    assert (other.nights, other.left_out) == ((), ())
+
+
+def test_night_reads_the_tables_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its accepted levels are those of its tables."""
+    monkeypatch.setattr(baseline, "read_tables", lambda folder: f"tables of {folder}")
+    monkeypatch.setattr(baseline, "read_accepted", lambda *words: words)
+    night: Any = Night(tmp_path, {}, {})
+    assert night.tables == f"tables of {tmp_path}"
+    assert night.accepted == (tmp_path, night.tables)
+
+
+@pytest.mark.usefixtures("sound")
 def test_only_the_newest_run_needs_readable_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The next run is compared with its accepted levels; of older runs only recorded errors are used."""
     names = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
@@ -138,13 +229,9 @@ def test_only_the_newest_run_needs_readable_tables(tmp_path: Path, monkeypatch: 
         return object()
 
     monkeypatch.setattr(Night, "accepted", property(accepted))
-    monkeypatch.setattr(baseline, "read_manifest", lambda _: {"machine": {}})
-    monkeypatch.setattr(baseline, "told_of", lambda _: {})
-    monkeypatch.setattr(baseline, "check_files", lambda *_: None)
-    monkeypatch.setattr(baseline, "machine_class", lambda _: "a class")
     for name in names:
         (tmp_path / name).mkdir()
-    past = past_of(History(tmp_path), {"run_id": "20260104T000000Z-000004"})
+    past = past_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004"})
     assert [night.name for night in past.nights] == [names[1], names[0]]
     assert past.left_out == (f"{tmp_path / names[2]}: is damaged",)
     assert read == [names[2], names[1]]
