@@ -148,26 +148,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "'address' -> 'address_'",
     ): "a field that is not read",
     (
-        "reports/cache/entries.py",
-        'text = json.dumps(parts, sort_keys=True, separators=(",", ":"))',
-        "separators=(',', ':') -> nothing",
-    ): "only equal keys are compared",
-    (
-        "adapters/versions/environments.py",
-        'digest = sha256("\\n".join(rest).encode()).hexdigest()[:12]',
-        "12 -> 13",
-    ): "the name of a folder may be longer",
-    (
-        "_util/file_digests.py",
-        'memory = cache_home() / "digests" / hashlib.sha256(label.encode()).hexdigest()[:32]',
-        "32 -> 33",
-    ): "the name of a cache file may be longer",
-    (
-        "_util/file_digests.py",
-        "newest = max((max(s.st_mtime_ns, s.st_ctime_ns) for _, (_, s) in named), default=0)",
-        "0 -> 1",
-    ): "both are long ago",
-    (
         "reports/comparison/change.py",
         'return "moved" if before == after else "improved" if after > before else "worse"',
         "after > before -> after >= before",
@@ -236,25 +216,10 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "abs(t[k] - end) >= 1e-09 * scene.sample_interval_s",
     ): "the billionth is slack for round-off: no switch is this very double beside a sample",
     (
-        "adapters/versions/environments.py",
-        'within, without = environment / "constraints.txt", environment / "overrides.txt"',
-        "'overrides.txt' -> 'overrides.txt_'",
-    ): "uv is given the name of the file, whatever it is",
-    (
         "adapters/versions/uv.py",
         "done = subprocess.run(asked, capture_output=True, text=True, check=False)",
         "check=False -> nothing",
     ): "the default, written out for readers",
-    (
-        "adapters/workers/build_identity.py",
-        "told = json.dumps(parts, sort_keys=True)",
-        "True -> False",
-    ): "the parts are always made in one order; sorted, the hash survives another order of the code",
-    (
-        "adapters/workers/build_identity.py",
-        "self._touched |= max(times, default=0) > _BEGIN_NS",
-        "0 -> 1",
-    ): "either is long before the process began",
     **{
         (
             "adapters/workers/build_identity.py",
@@ -264,20 +229,10 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         for name, kind in (("headers", "c_void_p"), ("header_count", "c_uint16"))
     },
     (
-        "adapters/workers/build_identity.py",
-        "return found[0] if found else 0",
-        "0 -> 1",
-    ): "a system that does not count gives the same number each time",
-    (
         "reports/cache/answers.py",
         'return self._motion(engine_pool, engine, case, "record", kept_as="sentinel", cached=False)',
         "'sentinel' -> 'sentinel_'",
     ): "another name that no other request has",
-    (
-        "_util/file_digests.py",
-        "_RACY_NS = 2_000_000_000",
-        "2000000000 -> 2000000001",
-    ): "a nanosecond more than the 2 s of the coarsest time stamps",
     (
         "reports/cache/answers.py",
         '_Said = TypeVar("_Said", Answer, StableStep)',

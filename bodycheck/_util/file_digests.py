@@ -60,7 +60,7 @@ def content_digest(label: str, files: Mapping[str, Entry]) -> str:
     """
     named = sorted(files.items())
     state = _state(named)
-    memory = cache_home() / "digests" / hashlib.sha256(label.encode()).hexdigest()[:32]
+    memory = cache_home() / "digests" / hashlib.sha256(label.encode()).hexdigest()
     if (found := _remembered(memory, state)) is not None:
         return found
     begin_ns = time.time_ns()
@@ -68,8 +68,8 @@ def content_digest(label: str, files: Mapping[str, Entry]) -> str:
     for name, (path, _) in named:
         digest.update(f"{name}\0{_file_digest(path)}\n".encode())
     again = _state([(name, (path, _status(path))) for name, (path, _) in named])
-    newest = max((max(s.st_mtime_ns, s.st_ctime_ns) for _, (_, s) in named), default=0)
-    if again == state and newest < begin_ns - _RACY_NS:
+    settled = all(max(s.st_mtime_ns, s.st_ctime_ns) < begin_ns - _RACY_NS for _, (_, s) in named)
+    if again == state and settled:
         _remember(memory, state, digest.hexdigest())
     return digest.hexdigest()
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from bodycheck._util.file_digests import files_below
 from bodycheck._util.platform_identity import VARIABLES
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import build_identity
@@ -242,6 +243,26 @@ def test_packages_that_numba_imports_do_not_change_a_plug_in(
     module.__file__ = str(Path(sysconfig.get_path("purelib"), package, "made_up.py"))
     monkeypatch.setitem(sys.modules, "made_up_module", module)
     assert (loaded.later() is not None) is counts
+
+
+@pytest.mark.parametrize("time", ["modified", "changed"])
+def test_file_newer_than_the_process_leaves_no_identity(
+    time: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the nanosecond; a file of the very time at which the process began is not newer."""
+    (tmp_path / "a.py").touch()
+    if time == "changed":
+        os.utime(tmp_path / "a.py", (1e9, 1e9))
+    files = files_below(str(tmp_path))
+    ((_, status),) = files.values()
+    for early_ns in (0, 1):
+        loaded = build_identity.Loaded(Reference(), handed_over=True)
+        monkeypatch.setattr(
+            build_identity, "_BEGIN_NS", max(status.st_mtime_ns, status.st_ctime_ns) - early_ns
+        )
+        loaded._content("made up", files)
+        monkeypatch.undo()
+        assert (loaded._with_elsewhere(loaded.build).id == "") is bool(early_ns)
 
 
 def test_files_behind_a_link_are_recognised(tmp_path: Path) -> None:

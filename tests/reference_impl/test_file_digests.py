@@ -93,13 +93,15 @@ def test_equal_content_has_an_equal_digest_anywhere(folder: Path, tmp_path: Path
     assert digest(folder.rename(tmp_path / "elsewhere")) == before
 
 
-@pytest.mark.parametrize(("age_s", "reads"), [(0.0, 2), (1.9, 2), (2.1, 1), (-5.0, 2)])
+@pytest.mark.parametrize(
+    ("age_ns", "reads"), [(0, 2), (2_000_000_000, 2), (2_000_000_001, 1), (-5_000_000_000, 2)]
+)
 def test_recently_changed_file_is_not_cached(
-    age_s: float, reads: int, folder: Path, hashed: list[str], monkeypatch: pytest.MonkeyPatch
+    age_ns: int, reads: int, folder: Path, hashed: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It may change again within the resolution of its times; so may one dated in the future."""
     newest = max(max(s.st_mtime_ns, s.st_ctime_ns) for _, s in files_below(str(folder)).values())
-    monkeypatch.setattr(file_digests.time, "time_ns", lambda: newest + int(age_s * 1e9))
+    monkeypatch.setattr(file_digests.time, "time_ns", lambda: newest + age_ns)
     assert digest(folder) == digest(folder)
     assert hashed == ["a.py", "b.so"] * reads
 

@@ -97,13 +97,13 @@ class Loaded:
         files = {name: file for name, path in self._files.items() for file in files_at([path])}
         parts = {**build.parts, "loaded": self._content(f"loaded {sys.prefix}", files)}
         unknown = self._touched or any(path.endswith(_DELETED) for path in self._files.values())
-        told = json.dumps(parts, sort_keys=True)
+        told = json.dumps(parts)
         return Build("" if unknown else hashlib.sha256(told.encode()).hexdigest(), build.kind, parts)
 
     def _content(self, label: str, files: Mapping[str, Entry]) -> str:
         """Return a hash of files, and remember if one of them is newer than this process."""
         times = (max(status.st_mtime_ns, status.st_ctime_ns) for _, status in files.values())
-        self._touched |= max(times, default=0) > _BEGIN_NS
+        self._touched |= any(time_ns > _BEGIN_NS for time_ns in times)
         return content_digest(f"{self._engine} {label}", files)[:16]
 
 
@@ -249,4 +249,4 @@ def _libraries_ever_loaded() -> int:
 
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).dl_iterate_phdr(_Visit(visit), None)
-    return found[0] if found else 0
+    return sum(found)

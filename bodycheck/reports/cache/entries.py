@@ -33,5 +33,5 @@ class Entry:
 
 def key_of(**parts: Any) -> str:
     """Return the hash of plain data: equal if and only if all the data are equal."""
-    text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
+    text = json.dumps(parts, sort_keys=True)
     return sha256(text.encode()).hexdigest()
