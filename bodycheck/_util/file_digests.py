@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -12,6 +11,7 @@ from pathlib import Path
 
 from bodycheck._util.cache_dir import cache_home
 from bodycheck._util.checksummed_json import opened, sealed
+from bodycheck._util.files import atomic_write
 
 _RACY_NS = 2_000_000_000
 """A file modified this recently may change again within one time stamp: FAT has a resolution of 2 s."""
@@ -111,15 +111,7 @@ def _remember(memory: Path, state: str, digest: str) -> None:
     """Write the cache file atomically, because other processes may write it at the same time."""
     with suppress(OSError):
         memory.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, unfinished = tempfile.mkstemp(dir=memory.parent, prefix=f".{memory.name}-")
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(sealed({"state": state, "digest": digest}))
-            Path(unfinished).replace(memory)
-        except BaseException:
-            with suppress(OSError):
-                Path(unfinished).unlink()
-            raise
+        atomic_write(memory, sealed({"state": state, "digest": digest}))
 
 
 def digest_of(folder: Path) -> str:

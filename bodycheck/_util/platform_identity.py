@@ -105,7 +105,7 @@ def _build(name: str, folders: Iterable[str]) -> str | None:
 def processor() -> str:
     """Return the processor's name and a hash of its features, by which numpy, numba and libm dispatch."""
     try:
-        block = _CPUINFO.read_text(encoding="utf-8").partition("\n\n")[0]
+        block = _CPUINFO.read_bytes().decode().partition("\n\n")[0]
     except OSError:
         return f"{platform.processor()} {platform.machine()}".strip()
     lines = (line.partition(":") for line in block.splitlines())

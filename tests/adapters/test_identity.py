@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import _ctypes
+import ctypes
 import json
 import os
 import shutil
@@ -16,6 +18,7 @@ from typing import Any
 
 import pytest
 
+import bodycheck
 from bodycheck._util.file_digests import files_below
 from bodycheck._util.platform_identity import VARIABLES
 from bodycheck.adapters.reference import Reference
@@ -272,6 +275,22 @@ def test_files_behind_a_link_are_recognised(tmp_path: Path) -> None:
     link, site = (f"{tmp_path / name}{os.sep}" for name in ("link", "site"))
     assert build_identity._prefixes([link.rstrip(os.sep)]) == (link, site)
     assert build_identity._prefixes([site.rstrip(os.sep)]) == (site,)
+
+
+def test_own_package_is_hashed_by_its_sources() -> None:
+    """So that no module of it counts as loaded from elsewhere."""
+    assert build_identity._own_package() == str(Path(bodycheck.__file__).parent)
+
+
+@needs_proc
+def test_each_loaded_library_is_counted_once(tmp_path: Path) -> None:
+    """Of all that were loaded, also by other libraries."""
+    before = build_identity._libraries_ever_loaded()
+    assert before >= len(dict(build_identity._mapped())) > 0
+    for number in (1, 2):
+        copy = shutil.copy(_ctypes.__file__, tmp_path / f"{number}.so")
+        ctypes.CDLL(str(copy))
+        assert build_identity._libraries_ever_loaded() == before + number
 
 
 def test_variables_start_with_the_name_of_the_engine() -> None:

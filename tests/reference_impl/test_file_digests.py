@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bodycheck._util import file_digests
-from bodycheck._util.file_digests import content_digest, files_at, files_below
+from bodycheck._util.file_digests import content_digest, digest_of, files_at, files_below
 
 OLD_NS = 10**18
 
@@ -159,6 +159,35 @@ def test_bytecode_and_hidden_folders_do_not_count(folder: Path) -> None:
     assert [path for path, _ in files_at([str(folder / "a.py"), str(folder / "gone")])] == [
         str(folder / "a.py")
     ]
+
+
+def test_linked_folder_is_not_entered(folder: Path) -> None:
+    """A link may lead back to the folder itself."""
+    (folder / "inner" / "loop").symlink_to(folder)
+    assert list(files_below(str(folder))) == ["a.py", "inner/b.so", "inner/loop"]
+
+
+def test_cache_folder_has_one_file_per_label(folder: Path) -> None:
+    """It is created with its parents, and nothing unfinished is left in it."""
+    for label in ("one", "one", "two"):
+        content_digest(label, files_below(str(folder)))
+    assert len(list((folder.parent / "cache/digests").iterdir())) == 2
+    assert len(list(folder.parent.rglob("*"))) == 8
+
+
+def test_digest_of_sources_has_their_places(tmp_path: Path) -> None:
+    """A module that is moved or changed is other code; other files are none."""
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "a.py").write_text("a = 1\n")
+    found = [digest_of(tmp_path)]
+    (tmp_path / "notes.txt").touch()
+    assert [digest_of(tmp_path)] == found
+    assert len(found[0]) == 64
+    (tmp_path / "a.py").rename(tmp_path / "inner/a.py")
+    found.append(digest_of(tmp_path))
+    (tmp_path / "inner/a.py").write_text("a = 2\n")
+    found.append(digest_of(tmp_path))
+    assert len({*found}) == 3
 
 
 def test_no_files_have_a_digest_too(folder: Path) -> None:

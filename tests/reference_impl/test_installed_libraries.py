@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from importlib.metadata import distribution, version
@@ -22,27 +23,39 @@ def test_library_is_its_version_and_a_hash_of_its_code(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["numpy", "numba", "llvmlite", "scipy"])
 def test_hashed_folders_of_a_library_have_its_code(name: str) -> None:
-    """Its package counts; the folder of its bundled libraries exists in wheels only."""
+    """Its package counts, and the folder of its bundled libraries, which exists in wheels only."""
     site = Path(str(distribution(name).locate_file("")))
-    folders = [site / folder for folder in platform_identity._FOLDERS[name] if not folder.endswith(".libs")]
+    listed = [site / folder for folder in platform_identity._FOLDERS[name]]
+    assert {*site.glob(f"{name}.libs")} <= {*listed}
+    folders = [folder for folder in listed if folder.suffix != ".libs"]
     assert folders
     assert all(any(folder.rglob("*.py")) for folder in folders)
+
+
+def test_library_that_is_not_installed_has_no_identity(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither a build nor a folder."""
+    monkeypatch.setattr(platform_identity, "_FOLDERS", {"numpy": ("numpy",), "no_such_library": ("x",)})
+    assert [*platform_identity.library_builds.__wrapped__()] == ["numpy"]
+    site = Path(str(distribution("numpy").locate_file("")))
+    assert platform_identity.library_roots() == (str(site / "numpy"), str(site / "numpy.libs"))
 
 
 def test_patched_library_has_another_identity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its sources and shared libraries count, wherever they lie; its data do not."""
     package = tmp_path / "made_up"
     (package / "core").mkdir(parents=True)
-    for name in ("__init__.py", "core/typing.py", "core/fast.so", "core/linked.so.3"):
+    code = ("core/typing.py", *(f"core/fast.{kind}" for kind in ("so", "so.3", "pyd", "dll", "dylib")))
+    for name in ("__init__.py", *code):
         (package / name).touch()
     monkeypatch.syspath_prepend(str(tmp_path))
     found = [platform_identity._build("made_up", ("made_up",))]
     (package / "core/notes.txt").write_text("data")
     assert platform_identity._build("made_up", ("made_up",)) == found[0]
-    for name in ("core/typing.py", "core/fast.so", "core/linked.so.3"):
+    for name in code:
         (package / name).write_text("changed")
         found.append(platform_identity._build("made_up", ("made_up",)))
-    assert len({*found}) == 4
+    assert len({*found}) == len(found) == 7
+    assert all(re.fullmatch("of no distribution [0-9a-f]{16}", build) for build in found)
     assert platform_identity._build("no_such_library", ()) is None
 
 
@@ -89,6 +102,16 @@ def test_environment_variable_is_part_of_the_identity(name: str, monkeypatch: py
     assert len(found) == 5
 
 
+def test_variables_above_500_characters_are_hashed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Up to there they are listed as they are."""
+    monkeypatch.setenv("MADE_A", "1")
+    monkeypatch.setenv("MADE_B", 484 * "x")
+    listed = platform_identity.environment(["MADE_*"])
+    assert (listed, len(listed)) == (f"MADE_A=1 MADE_B={484 * 'x'}", 500)
+    monkeypatch.setenv("MADE_B", 485 * "x")
+    assert re.fullmatch("2 variables [0-9a-f]{16}", platform_identity.environment(["MADE_*"]))
+
+
 @pytest.mark.parametrize("name", ["NUMBA_CACHE_DIR", "PYTHONHASHSEED", "HOME", "OMPX"])
 def test_irrelevant_variable_is_not_part_of_the_identity(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its value does not count."""
@@ -127,6 +150,16 @@ def test_processor_is_its_name_and_its_features(
         monkeypatch.setattr(platform_identity, "_CPUINFO", file)
         found.append(platform_identity.processor.__wrapped__())
     assert found[0] == found[1] != found[2]
-    assert found[0].startswith("one ")
-    monkeypatch.setattr(platform_identity, "_CPUINFO", tmp_path / "none")
-    assert isinstance(platform_identity.processor.__wrapped__(), str)
+    assert re.fullmatch("one [0-9a-f]{8}", found[0])
+
+
+def test_processor_that_is_not_listed_has_the_name_of_the_platform(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ARM lists features without a name, and other systems list nothing."""
+    monkeypatch.setattr(platform_identity.platform, "machine", lambda: "arm64")
+    monkeypatch.setattr(platform_identity.platform, "processor", lambda: "")
+    monkeypatch.setattr(platform_identity, "_CPUINFO", tmp_path / "cpuinfo")
+    assert platform_identity.processor.__wrapped__() == "arm64"
+    (tmp_path / "cpuinfo").write_text("processor : 0\nFeatures : fp\n")
+    assert re.fullmatch("arm64 [0-9a-f]{8}", platform_identity.processor.__wrapped__())

@@ -165,9 +165,7 @@ def _roots(adapter: Adapter) -> Iterator[tuple[str, str]]:
 
 def _package_folder(name: str) -> str | None:
     """Return the folder of a package; None for a single-file module, which is hashed as a file."""
-    found = sys.modules.get(name)
-    places = getattr(found, "__path__", None)
-    return next(iter(places), None) if places else None
+    return next(iter(getattr(sys.modules.get(name), "__path__", ())), None)
 
 
 def _own_package() -> str:
@@ -218,7 +216,7 @@ def _imported() -> Iterator[tuple[str, str]]:
 def _mapped() -> Iterator[tuple[str, str]]:
     """Yield (name, file) of the files with mapped code; none without /proc."""
     with suppress(OSError):
-        for line in _MAPS.read_text(encoding="utf-8", errors="surrogateescape").splitlines():
+        for line in os.fsdecode(_MAPS.read_bytes()).splitlines():
             fields = line.split(None, 5)
             if len(fields) == 6 and "x" in fields[1] and fields[5].startswith("/"):
                 yield f"library {Path(fields[5]).name}", fields[5]
@@ -245,7 +243,7 @@ def _libraries_ever_loaded() -> int:
 
     def visit(seen: Any, size: int, data: int | None) -> int:  # noqa: ARG001 - the system's signature
         found.append(seen.contents.adds)
-        return 1  # stop: every object has the total count
+        return len(found)  # not 0, so stop: every object has the total count
 
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).dl_iterate_phdr(_Visit(visit), None)
