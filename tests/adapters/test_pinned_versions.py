@@ -27,6 +27,13 @@ def test_pin_is_written_as_for_pip() -> None:
     assert pin_of("mujoco==3.6.0") == Pin("mujoco", "3.6.0")
     assert Pin("mujoco", "3.6.0").name == "mujoco==3.6.0"
     assert pin_of("mujoco") is None
+    assert pin_of("cmd:./worker --release==2") is None
+
+
+def test_program_is_valid_where_it_exists() -> None:
+    """Else the line says what is missing."""
+    assert engine_fault("cmd:true") is None
+    assert engine_fault("cmd:./no-such-worker") == "cmd:./no-such-worker: no such program: ./no-such-worker"
 
 
 @pytest.mark.parametrize(
@@ -202,6 +209,39 @@ def test_environment_has_the_python_that_the_adapter_requires(
     monkeypatch.setattr(environments, "stated_by", lambda _: stated)
     assert environments.python_of(PIN) != here
     assert asked == [(sys.executable, False), ("==3.12.*", True)]
+
+
+def test_other_requirements_of_an_adapter_make_another_environment(
+    fake: FakeUv, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the same release; the requirement of the engine's package is that release."""
+    places = []
+    for requires in (("mujoco>=3", "jax"), ("mujoco>=3", "jax>=0.9"), ("mujoco>=3.1", "jax>=0.9")):
+        stated = SimpleNamespace(requires=requires)
+        monkeypatch.setattr(environments, "stated_by", lambda _, stated=stated: stated)
+        places.append(environments.python_of(PIN))
+    assert [place == places[-1] for place in places] == [False, True, True]
+    assert [command[-5:-3] for command in fake.commands if command[0] == "pip"] == [
+        ("mujoco==3.6.0", "jax"),
+        ("mujoco==3.6.0", "jax>=0.9"),
+    ]
+
+
+def test_index_that_cannot_be_reached_is_no_reason_for_older_libraries(
+    fake: FakeUv, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The environment is not tried again without constraints."""
+
+    def unreachable(*words: str, downloads: bool = False) -> str:
+        fake(*words, downloads=downloads)
+        if words[0] == "pip":
+            raise UvError("no route to the index", refused=False)
+        return ""
+
+    monkeypatch.setattr(environments, "uv", unreachable)
+    with pytest.raises(UnavailableError, match=r"^mujoco==3.6.0 cannot be installed: no route to the index$"):
+        environments.python_of(PIN)
+    assert len(fake.commands) == 2
 
 
 def test_uv_installs_wheels_of_the_release_only(fake: FakeUv) -> None:
