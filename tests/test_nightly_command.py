@@ -283,7 +283,10 @@ def test_pruning_reports_a_run_of_the_future_apart_from_the_removed_ones(folder:
 @pytest.mark.parametrize("name", ["list", "query", "prune"])
 def test_help_of_a_history_command_names_its_folder(name: str) -> None:
     """In capitals, as an argument that must be given; the group's help lists the command."""
-    assert f"history {name} [OPTIONS] {{HISTORY}}" in bodycheck("history", name, "--help").stdout
+    told = bodycheck("history", name, "--help").stdout
+    assert f"history {name} [OPTIONS] {{HISTORY}}" in told
+    assert "Folder of a history." in told
+    assert bodycheck("history").output == bodycheck("history", "--help").output
     about, _, listed = bodycheck("history", "--help").stdout.partition("\nCommands:")
     assert "nightly runs" in about
     assert f"\n  {name} " in listed
