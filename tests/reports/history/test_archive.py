@@ -128,7 +128,8 @@ def test_runs_of_the_future_are_later_than_now_and_than_the_given_run(tmp_path: 
 
 
 def test_unreadable_history_is_reported(tmp_path: Path) -> None:
-    """The line names the folder and the reason."""
+    """The line names the folder and the reason; one that does not exist has no runs."""
+    assert History(tmp_path / "absent").nights() == []
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=r"file: cannot be read: Not a directory$"):
         History(tmp_path / "file").nights()
