@@ -282,6 +282,42 @@ def test_own_package_is_hashed_by_its_sources() -> None:
     assert build_identity._own_package() == str(Path(bodycheck.__file__).parent)
 
 
+MAPS = b"""\
+7f00-7f01 r--p 00000000 fe:01 1 /opt/data.bin
+7f01-7f02 r-xp 00000000 fe:01 2 /opt/a folder/a.so
+7f02-7f03 r--p 00001000 fe:01 2 /opt/a folder/a.so
+7f03-7f04 r-xp 00001000 fe:01 2 /opt/a folder/a.so
+7f04-7f05 r-xp 00000000 fe:01 3 /opt/\xff/a.so
+7f05-7f06 rwxp 00000000 00:00 0
+7f06-7f07 r-xp 00000000 00:00 0 [vdso]
+"""
+
+
+def test_libraries_are_the_mapped_files_with_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of the name of another has its path in its name; without /proc there are none."""
+    (tmp_path / "maps").write_bytes(MAPS)
+    loaded = build_identity.Loaded(Reference())
+    monkeypatch.setattr(build_identity, "_imported", lambda: ())
+    monkeypatch.setattr(build_identity, "_MAPS", tmp_path / "maps")
+    first, other = "/opt/a folder/a.so", "/opt/\udcff/a.so"
+    assert loaded._elsewhere() == {"library a.so": first, f"library a.so {other}": other}
+    monkeypatch.setattr(build_identity, "_MAPS", tmp_path / "none")
+    assert loaded._elsewhere() == {}
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_files_of_python_and_of_the_system_are_trusted(installed: bool) -> None:
+    """Those of other packages only for an installed engine; files elsewhere never."""
+    loaded = build_identity.Loaded(Reference(), handed_over=not installed)
+    site, standard = sysconfig.get_path("purelib"), sysconfig.get_path("stdlib")
+    assert loaded.build.kind == ("installed" if installed else "handed over")
+    assert loaded._is_trusted(f"{site}/jinja2/sandbox.py") is installed
+    assert loaded._is_trusted(f"{site}/coverage/data.py")
+    assert all(loaded._is_trusted(path) for path in (f"{standard}/wave.py", "/usr/lib/x.so", "/lib64/x.so"))
+    assert not loaded._is_trusted("/opt/x.so")
+    assert not loaded._is_trusted("/usr/library/x.so")
+
+
 @needs_proc
 def test_each_loaded_library_is_counted_once(tmp_path: Path) -> None:
     """Of all that were loaded, also by other libraries."""
