@@ -250,12 +250,11 @@ class _Search:
         singles = sorted(fitted(few, base, at, _starts(at)), key=lambda fit: _score(fit, few))
         best = singles[0]
         pairs: list[Fit] = []
-        if best.cost > _AT_ROUND_OFF * few.round_off or best.is_general:
-            # beside a general fault, two of fewer parameters say more
-            ones = (
-                [fit for fit in singles if fit.complexity < best.complexity] if best.is_general else singles
-            )
-            starts = _pair_starts(ones, at, general=best.is_general)
+        is_whole = best.cost <= _AT_ROUND_OFF * few.round_off
+        if best.is_general or not is_whole:
+            # where a general fault explains all, two of fewer parameters say more
+            ones = [fit for fit in singles if fit.complexity < best.complexity] if is_whole else singles
+            starts = _pair_starts(ones, at, general=is_whole)
             pairs = sorted(fitted(few, base, at, starts), key=lambda fit: _score(fit, few))
             if specific := _specific(pairs[0], singles, at):
                 pairs = sorted([*pairs, *fitted(few, base, at, specific)], key=lambda fit: _score(fit, few))
@@ -329,9 +328,9 @@ def _combined(faults: tuple[Fault, ...], at: Circumstances) -> list[Start]:
 
 
 def _pair_starts(singles: Sequence[Fit], at: Circumstances, *, general: bool) -> list[Start]:
-    """Return the pairs of the eight best single faults, and those of the best one with all others.
+    """Return the pairs of the eight best single faults, and those of the best one with all specific faults.
 
-    general: whether these others may be general.
+    general: with all general faults instead.
     """
     leaders = _distinct(singles)[:_PAIRED]
     found = {}
@@ -339,7 +338,7 @@ def _pair_starts(singles: Sequence[Fit], at: Circumstances, *, general: bool) ->
         found[one.faults[0].name, other.faults[0].name] = (one, other)
     for one in leaders[:1]:
         for other in singles:
-            if other is not one and (general or not other.is_general):
+            if other is not one and other.is_general == general:
                 names = one.faults[0].name, other.faults[0].name
                 if names[::-1] not in found:
                     found[names] = (one, other)
