@@ -17,7 +17,7 @@ from bodycheck.adapters.contract import Setting
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.pybullet import PyBullet
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.diagnosis.diagnosis import Diagnosis, diagnosed
+from bodycheck.reports.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
 from bodycheck.reports.diagnosis.document import similar_issues, upstream_issues
 from bodycheck.reports.diagnosis.faults import FAULTS, Circumstances
 from bodycheck.reports.diagnosis.fit import planted
@@ -119,6 +119,13 @@ def test_pybullet_untouched_is_damped_and_clamped() -> None:
     found = diagnosis_of("fast-flight", motion, 1)
     fitted = {fault.name: fault.parameters[0].value for fault in found.faults}
     assert fitted == pytest.approx({"velocities-clamped": 100.0, "damping-bullet": 0.04}, rel=1e-6)
+
+
+@pytest.mark.parametrize(("order", "name"), [(4, "rk4"), (2, "midpoint")])
+def test_maps_of_the_order_of_the_method_come_first(order: int, name: str) -> None:
+    """Of maps that a fault fits about equally well, the first is taken."""
+    assert bases_for(order)[0].name == name
+    assert {base.name for base in bases_for(order)} == {"midpoint", "rk4", "exact"}
 
 
 def test_of_two_known_faults_only_those_with_an_effect_are_named() -> None:

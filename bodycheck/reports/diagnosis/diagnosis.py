@@ -97,12 +97,13 @@ def _percent(share: float) -> str:
 
 
 def bases_for(order: int | None) -> tuple[Base, ...]:
-    """Return the maps that a method of this order may be."""
+    """Return the maps that a method of this order may be, those of the same order first."""
     if order is None:
         return tuple(BASES.values())
     if order == 1:
         return tuple(base for base in BASES.values() if base.order == 1)
-    return tuple(base for base in BASES.values() if base.order > 1)
+    higher = (base for base in BASES.values() if base.order > 1)
+    return tuple(sorted(higher, key=lambda base: base.order != order))
 
 
 def diagnosed(
