@@ -449,12 +449,13 @@ def test_slower_engine_is_reported_once(night_run: Run, tmp_path: Path) -> None:
     assert all(8 <= number <= 12 for number, _ in alarms)
 
 
-def test_step_in_the_speed_is_reported_with_its_size() -> None:
-    """A method that takes a fifth more time from the eighth run on: one change, of log10 1.2 decades."""
+@pytest.mark.parametrize(("factor", "status"), [(1.2, "worse"), (1.0 / 1.2, "improved")])
+def test_step_in_the_speed_is_reported_with_its_size(factor: float, status: str) -> None:
+    """A method that takes a fifth more or less time from the eighth run on: one change, of its decades."""
     names = [f"night {number}" for number in range(14)]
     case = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "control": "dt", "dt_s": 0.01}
     rows = [
-        {**case, "night": name, "tolerance": None, "relative_cpu": 1.2 if number >= 8 else 1.0}
+        {**case, "night": name, "tolerance": None, "relative_cpu": factor if number >= 8 else 1.0}
         for number, name in enumerate(names)
     ]
     reported = [
@@ -463,8 +464,9 @@ def test_step_in_the_speed_is_reported_with_its_size() -> None:
         for change in speeds_of(names[: last + 1], pd.DataFrame(rows[: last + 1])).changes
     ]
     (change,) = reported
-    assert (change.kind, change.engine, change.method, change.status) == ("speed", "mujoco", "rk4", "worse")
-    assert change.decades == pytest.approx(math.log10(1.2), rel=1e-6)
+    assert (change.kind, change.engine, change.method, change.status) == ("speed", "mujoco", "rk4", status)
+    assert (change.quantity, change.scenario, change.fineness) == ("relative_cpu", None, None)
+    assert change.decades == pytest.approx(math.log10(factor), rel=1e-6)
 
 
 @pytest.mark.slow
