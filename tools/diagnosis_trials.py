@@ -126,6 +126,10 @@ NAMES: dict[str, tuple[set[str], float | None]] = {
     "position-by-old-velocity": ({"position-by-old-velocity"}, None),
 }
 """Planted fault -> the names that are right, and the first parameter."""
+INERTIA = {"smallest-moment", "middle-moment", "largest-moment", "inertia-scaled", "off-diagonals"} | {
+    "inertia-axes-rotated", "inertia-axes-yzx", "inertia-sphere",
+}  # fmt: skip
+"""The faults that change the tensor alone."""
 
 
 def problem_of(name: str) -> Problem:
@@ -263,6 +267,8 @@ def _pair_word(one: Trial) -> str:
     if one.found.verdict != "explained":
         return one.found.verdict
     first, second = (NAMES[fault.name][0] for fault in one.faults)
+    if (first | second) <= INERTIA and {"inertia-tensor"} in one.names:
+        return "both"  # as one tensor, that of both
     if any(len(names) == 2 and names & first and names & second for names in one.names):
         return "both"
     return "one of them" if any(names <= first | second for names in one.names) else "THIRD"

@@ -45,7 +45,8 @@ _EPS = float(np.finfo(np.float64).eps)
 _EPS_SINGLE = float(np.finfo(np.float32).eps)
 _ROUND_OFF = 4.0  # multiples of eps: of the worst operation of a step, and of a reading
 _FAR_OFF = 1e3  # a difference that is not finite
-_SWEEPS = 8  # of the fixed point that finds a state from quantities of two instants
+_SWEEPS = 20  # at most, of the fixed point that finds a state from quantities of two instants
+_SETTLED = 1e-15  # relative change of that fixed point that is round-off
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,14 +250,25 @@ class Transitions:
         now = read
         for _ in range(_SWEEPS):
             now = flow.step(before, -1, dt)
+            largest = 0.0
             for name in "xvw":
-                rows = present[name]
-                getattr(before, name)[:, rows] += (getattr(read, name) - getattr(now, name))[:, rows]
+                rows, value = present[name], getattr(before, name)
+                change = (getattr(read, name) - getattr(now, name))[:, rows]
+                value[:, rows] += change
+                largest = max(largest, _relative(change, value[:, rows]))
             rows = present["q"]
             gap = product(conjugated(now.q[:, rows]), read.q[:, rows])
             turned = product(before.q[:, rows], gap)
             before.q[:, rows] = turned / np.sqrt((turned**2).sum(axis=0))
+            if max(largest, _relative(gap[1:], gap)) <= _SETTLED:
+                break
         return now
+
+
+def _relative(change: Array, value: Array) -> float:
+    """Return the largest change over the largest value; 0 without values."""
+    largest = float(np.max(np.abs(change), initial=0.0))
+    return largest / float(np.max(np.abs(value))) if largest else 0.0
 
 
 def _reads_now(name: str, model: Model) -> bool:
