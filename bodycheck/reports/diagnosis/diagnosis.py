@@ -23,6 +23,7 @@ ALL_QUANTITIES = frozenset({"position", "velocity", "attitude", "omega"})
 
 _FIRST_LOOK, _SCREENED, _FITTED = 6, 20, 120  # transitions: to choose a map, to screen faults, for the result
 _FIRST_SWEEPS, _LEADERS = 3, 3  # of all faults; of them, those that are fitted to the end
+_SAME_LEADERS = 16  # faults that are tried with further maps of the same order
 _AT_ROUND_OFF = 30.0  # multiples of the round-off that count as it
 _EXPLAINED = 0.95  # share of the differences: less is no explanation
 _TIE = 3.0  # a rival is as good if its cost is at most so many times that of the best
@@ -218,8 +219,13 @@ class _Search:
             looks.remove((bases[0], True))
             looks.insert(1, (bases[0], True))
         costs: list[float] = []
+        first: dict[tuple[int, bool], list[Start]] = {}
         for base, general in looks:
-            costs.append(self._first_cost(base, general=general))
+            fits = self._first_look(base, first.get((base.order, general)), general=general)
+            costs.append(fits[0].cost)
+            if base.order > 1:  # maps of a higher order differ little, so that the same faults fit
+                leaders: list[Start] = [(fit.faults, tuple(fit.values)) for fit in fits[:_SAME_LEADERS]]
+                first.setdefault((base.order, general), leaders)
             if costs[-1] <= _AT_ROUND_OFF * self._some(base, _FIRST_LOOK).round_off:
                 return base
             best, _ = looks[int(np.argmin(costs))]
@@ -233,14 +239,18 @@ class _Search:
         assert transitions is not None
         return transitions.some(most)
 
-    def _first_cost(self, base: Base, *, general: bool) -> float:
-        """Return the least cost of a map with a single fault, specific or general, on a few transitions."""
+    def _first_look(self, base: Base, starts: Sequence[Start] | None, *, general: bool) -> list[Fit]:
+        """Return the best fits of a single fault, specific or general, on a few transitions.
+
+        starts: from which the fits start; None: from those of all faults.
+        """
         few = self._some(base, _FIRST_LOOK)
         at = self._circumstances(base, few)
-        starts = [start for start in _starts(at) if start[0][0].is_general == general]
+        if starts is None:
+            starts = [start for start in _starts(at) if start[0][0].is_general == general]
         fits = sorted(fitted(few, base, at, starts, sweeps=_FIRST_SWEEPS), key=lambda fit: fit.cost)
         leaders: list[Start] = [(fit.faults, tuple(fit.values)) for fit in fits[:_LEADERS]]
-        return min(fit.cost for fit in fitted(few, base, at, leaders))
+        return sorted([*fitted(few, base, at, leaders), *fits[_LEADERS:]], key=lambda fit: fit.cost)
 
     def _healthy_cost(self, base: Base) -> float:
         few = self._some(base, _FIRST_LOOK)
