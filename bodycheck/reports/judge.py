@@ -20,7 +20,7 @@ from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.diagnosis.diagnosis import diagnosed
 from bodycheck.reports.diagnosis.explain import ExplainedCase
 from bodycheck.reports.document import Column, Document, Sentence, Table
-from bodycheck.reports.measurement.case import CaseResult, stable_motion
+from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, stable_motion
 from bodycheck.reports.measurement.convergence import Convergence, Judged, Point, convergence_of
 from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
 from bodycheck.reports.measurement.measures import (
@@ -198,7 +198,7 @@ def explained_file(
         scene = _sampled_at(scene, t_s, dt_s)
     found = diagnosed(scene, trajectory, problem.scales, dt_s, known=known)
     columns = {"scenario": scenario.name, "control": "none" if dt_s is None else "dt", "dt_s": dt_s}
-    case = CaseResult({**columns, "engine": path.name, "method": ""}, trajectory)
+    case = CaseResult({**columns, "engine": path.name, "method": ""}, MeasuredMotion(trajectory))
     return ExplainedCase(problem, (path.name,), case, (), found)
 
 

@@ -267,16 +267,16 @@ def test_samples_beyond_the_comparison_do_not_count() -> None:
     """Errors and invariants are those of the first three samples."""
     found = still(quaternion=turned(0.0, 0.1, 0.05, 3.0), position_m=PLACE + at(3, 9.0, 0.0, 0.0))
     x = Invariant("x", frozenset(), lambda motion: 2.0 * motion.position_m[:, 0], lambda _: 2.0)
-    measured = measured_by(problem(3, False, [x]), found, Motion.of(scene(), found))
-    columns, series = measured.columns, measured.series
-    assert {len(values) for values in measured.departures.values()} == {3}
+    columns, moved = measured_by(problem(3, False, [x]), found, Motion.of(scene(), found))
+    series = moved.series
+    assert {len(values) for values in moved.departures.values()} == {3}
     assert columns["orientation_error_rad"] == pytest.approx(0.1)
     assert columns["orientation_error_final_rad"] == pytest.approx(0.05)
     assert (columns["position_error"], columns["invariant"], columns["invariant_drift"]) == (0.0, "x", 0.0)
     assert {len(values) for values in series.values()} == {3}
     assert "horizon_s" not in columns
-    measured = measured_by(problem(4, False, [x]), found, Motion.of(scene(), found))
-    columns, series = measured.columns, measured.series
+    columns, moved = measured_by(problem(4, False, [x]), found, Motion.of(scene(), found))
+    series = moved.series
     assert (columns["invariant_drift_abs"], columns["invariant_drift"]) == (18.0, 9.0)
     assert series["invariant_drift"].tolist() == [0.0, 0.0, 0.0, 9.0]
 
@@ -290,8 +290,8 @@ def test_horizon_is_the_last_time_before_an_error_of_0_3_rad(
 ) -> None:
     """It is the end without such an error; only a chaotic motion has one."""
     found = still(quaternion=turned(*angles))
-    measured = measured_by(problem(4, True, []), found, Motion.of(scene(), found))
-    columns, series = measured.columns, measured.series
+    columns, moved = measured_by(problem(4, True, []), found, Motion.of(scene(), found))
+    series = moved.series
     assert columns["horizon_s"] == horizon
     assert "invariant" not in columns
     assert "invariant_drift" not in series

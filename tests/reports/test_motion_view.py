@@ -75,7 +75,7 @@ def test_frames_reach_from_the_first_sample_to_the_last(samples: int) -> None:
 def case(engine: str, dt_s: float, error: float, outcome: str = "ok") -> CaseResult:
     """Return a case with as much as the choice of shown ones looks at."""
     columns = {"engine": engine, "dt_s": dt_s, "outcome": outcome, "orientation_error_rad": error}
-    return CaseResult(columns, trajectory=object())  # type: ignore[arg-type]
+    return CaseResult(columns)
 
 
 def test_each_engine_is_shown_where_it_is_worst() -> None:

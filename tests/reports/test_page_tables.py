@@ -328,7 +328,7 @@ def test_what_an_engine_read_back_stands_in_its_cell(html: str, run: Run) -> Non
 def test_a_run_without_speed_says_so(run: Run) -> None:
     """Where no processor time was measured there is a sentence in place of the plots."""
     cases = tuple(
-        CaseResult({k: v for k, v in case.columns.items() if not k.startswith("cpu_")}, series=case.series)
+        CaseResult({k: v for k, v in case.columns.items() if not k.startswith("cpu_")}, case.motion)
         for case in run.cases
     )
     page = Page(render_report(replace(run, cases=cases)))

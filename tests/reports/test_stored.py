@@ -156,7 +156,7 @@ def test_damaged_or_foreign_folder_is_refused_in_one_line(
     damage, message = DAMAGES[what]
     damage(folder)
     with pytest.raises(InputError) as refused:
-        read_run(folder, cache=Cache.default())
+        _ = [case.trajectory for case in read_run(folder, cache=Cache.default()).cases]
     assert message in str(refused.value)
     assert "run" in str(refused.value)
 

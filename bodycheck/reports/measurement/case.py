@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -45,20 +45,55 @@ ALLOW_CODE = "--allow-code"
 
 
 @dataclass(frozen=True, eq=False)
-class CaseResult:
-    """The result of a case: its columns (all of results.csv but run_id) and its trajectory, if any.
+class MeasuredMotion:
+    """The trajectory of a case, if any, and its measures over time.
 
-    series: every measure over time (compared,), in SI units; that of the invariant over its size. departures:
-    the signed departure from the truth (compared, k) of each judged measure, over its scale. floors: the
-    error of a measure in this case besides the truth's. read_back: the parameters as the engine reports them.
+    series: every measure (compared,), in SI units; that of the invariant over its size. departures: the
+    signed departure from the truth (compared, k) of each judged measure, over its scale. floors: the error of
+    a measure in this case besides the truth's.
+    """
+
+    trajectory: Trajectory | None = None
+    series: Mapping[str, Array] = field(default_factory=dict)
+    departures: Mapping[str, Array] = field(default_factory=dict)
+    floors: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class CaseResult:
+    """The result of a case: its columns (all of results.csv but run_id) and its motion.
+
+    motion: a function where it is read from a file when first needed. read_back: the parameters as the engine
+    reports them.
     """
 
     columns: dict[str, Any]
-    trajectory: Trajectory | None = None
-    series: Mapping[str, Array] = field(default_factory=dict)
-    departures: dict[str, Array] = field(default_factory=dict)
-    floors: dict[str, float] = field(default_factory=dict)
+    motion: MeasuredMotion | Callable[[], MeasuredMotion] = MeasuredMotion()
     read_back: ReadBack | None = None
+
+    @cached_property
+    def _motion(self) -> MeasuredMotion:
+        return self.motion if isinstance(self.motion, MeasuredMotion) else self.motion()
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The motion as the engine returned it; None if it returned none."""
+        return self._motion.trajectory
+
+    @property
+    def series(self) -> Mapping[str, Array]:
+        """Every measure over time, (compared,) in SI units; empty unless the case ended well."""
+        return self._motion.series
+
+    @property
+    def departures(self) -> Mapping[str, Array]:
+        """The signed departures from the truth (compared, k) of the judged measures, over their scales."""
+        return self._motion.departures
+
+    @property
+    def floors(self) -> Mapping[str, float]:
+        """The errors of measures in this case besides the truth's."""
+        return self._motion.floors
 
     @cached_property
     def setting(self) -> Setting:
@@ -95,7 +130,7 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
 
     def ended(outcome: str, message: str) -> CaseResult:
         ending = {**columns, "outcome": outcome, "message": message}
-        return CaseResult(ending, answer.trajectory, read_back=answer.read_back)
+        return CaseResult(ending, MeasuredMotion(answer.trajectory), answer.read_back)
 
     trajectory, held = answer.trajectory, answer.read_back
     if trajectory is None or held is None:
@@ -105,10 +140,10 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
     motion = stable_motion(scene, trajectory, problem.motion)
     if isinstance(motion, str):
         return ended("unstable", motion)
-    found = measured_by(problem, trajectory, motion)
-    columns |= found.columns
+    measured, moved = measured_by(problem, trajectory, motion)
+    columns |= measured
     columns |= {"outcome": "ok", "message": _note(problem, plan, answer.message)}
-    return replace(found, columns=columns, trajectory=trajectory, read_back=held)
+    return CaseResult(columns, moved, held)
 
 
 def origin_of(answer: Answer) -> dict[str, Any]:
@@ -128,8 +163,10 @@ def stable_motion(scene: Scene, trajectory: Trajectory, true: Motion) -> Motion 
     return energy_blowup(motion.kinetic, kinetic_limit(true.kinetic), trajectory.t_s) or motion
 
 
-def measured_by(problem: Problem, trajectory: Trajectory, motion: Motion) -> CaseResult:
-    """Return every measure of a trajectory as columns, series and departures.
+def measured_by(
+    problem: Problem, trajectory: Trajectory, motion: Motion
+) -> tuple[dict[str, Any], MeasuredMotion]:
+    """Return every measure of a trajectory: as columns, and over time.
 
     motion: energy and momentum along the trajectory.
     """
@@ -145,9 +182,9 @@ def measured_by(problem: Problem, trajectory: Trajectory, motion: Motion) -> Cas
     if worst := worst_drift(compared.invariant_drifts):
         columns |= worst.columns
     judged = {name: scale_of(problem.columns, name) for name in QUANTITIES if name in columns}
-    return CaseResult(
-        columns,
-        series=series,
+    return columns, MeasuredMotion(
+        trajectory,
+        series,
         departures={name: departures[name][:n] / scale for name, scale in judged.items()},
         floors={name: MEASURES[name].floor(compared) / scale for name, scale in judged.items()},
     )

@@ -22,6 +22,7 @@ from bodycheck.reports.measurement.case import (
     SWITCH_NOTE,
     Asking,
     CaseResult,
+    MeasuredMotion,
     origin_of,
     run_case,
 )
@@ -160,8 +161,8 @@ def restored(
         if _hash_of(answer.trajectory) != one["motion"]:
             return None
         columns = {**columns, **origin_of(answer)}
-        series = _PackedSeries(one["series"])
-        cases.append(CaseResult(columns, answer.trajectory, series, read_back=answer.read_back))
+        motion = MeasuredMotion(answer.trajectory, _PackedSeries(one["series"]))
+        cases.append(CaseResult(columns, motion, answer.read_back))
         case_done()
     searching = search if adaptive and method.control == "dt" else None
     return _with_stability(problem, engine, method, cases, stored["method_rows"], searching)

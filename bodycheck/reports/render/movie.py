@@ -90,7 +90,7 @@ def filmed_cases(
     chosen = [
         case for case in cases if not engines or {case.columns["engine"], method_name(case)} & {*engines}
     ]
-    moved = [case for case in chosen if case.ok and case.dt_s is not None and case.trajectory is not None]
+    moved = [case for case in chosen if case.ok and case.dt_s is not None]
     steps = sorted({case.dt_s for case in moved if case.dt_s is not None})
     if dt_s is not None and dt_s not in steps:
         known = ", ".join(map(step, steps)) or "none"

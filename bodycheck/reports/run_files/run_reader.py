@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from bodycheck.adapters.workers.protocol import read_back_of
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.measurement.case import CaseResult, measured_by, scenario_spec
+from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, measured_by, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
@@ -186,10 +187,10 @@ def _case(row: dict[str, Any]) -> CaseResult:
 
 
 def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = None) -> Run:
-    """Read a whole run: solve its truths again and measure every motion again.
+    """Read a whole run: solve its truths again, and measure a motion again when it is first needed.
 
     allow_code: the run's scenarios may name functions, whose code is executed. Raises InputError as
-    read_tables does, and where a motion is missing or does not match its row.
+    read_tables does; the trajectory of a case raises it where its file is damaged or does not match its row.
     """
     tables = read_tables(folder)
     cases = _with_read_backs(folder, tables.cases)
@@ -243,22 +244,27 @@ def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[Case
 
 
 def _with_motion(folder: Path, problem: Problem, case: CaseResult) -> CaseResult:
-    """Return a case with its trajectory if it has one, and its measures over time if it ended well."""
+    """Return a case whose motion is read when it is needed; the case itself if it has none."""
     path = folder / "trajectories" / trajectory_file(case)
     if not case.ok and not path.exists():
         return case
+    return replace(case, motion=partial(_motion, path, problem, case))
+
+
+def _motion(path: Path, problem: Problem, case: CaseResult) -> MeasuredMotion:
+    """Return the trajectory in a file, with its measures over time if the case ended well."""
     arrays = read_arrays(path)
     try:
         trajectory = Trajectory(**arrays)
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: not the trajectory of a case: {error}") from None
     if not case.ok:
-        return replace(case, trajectory=trajectory)
+        return MeasuredMotion(trajectory)
     if not np.array_equal(trajectory.t_s, problem.truth.trajectory.t_s):
         raise InputError(f"{path}: t_s differs from the sample times of {problem.scenario.name}")
-    found = measured_by(problem, trajectory, Motion.of(problem.scenario.scene, trajectory))
-    angle, told = found.columns["orientation_error_rad"], case.columns.get("orientation_error_rad", math.nan)
+    columns, motion = measured_by(problem, trajectory, Motion.of(problem.scenario.scene, trajectory))
+    angle, told = columns["orientation_error_rad"], case.columns.get("orientation_error_rad", math.nan)
     slack = 2.0 * problem.largest(problem.truth.bound_rad)
     if not math.isclose(angle, told, rel_tol=_SAME, abs_tol=slack):
         raise InputError(f"{path}: its error is {angle:.4g} rad, but results.csv has {told:.4g} rad")
-    return replace(found, columns=case.columns, trajectory=trajectory, read_back=case.read_back)
+    return motion

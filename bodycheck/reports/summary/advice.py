@@ -175,12 +175,16 @@ def _at(curve: ErrorCurve, dt_s: float) -> Estimate | None:
 
 
 def _measured(curve: ErrorCurve, case: CaseResult) -> Option:
-    return _option(curve, Estimate(case.setting.fineness, largest_error(case, curve.quantity), "measured"))
+    found = Estimate(case.setting.fineness, largest_error(case, curve.quantity), "measured")
+    return _option(curve, found, case if case.columns.get("cpu_s") is not None else None)
 
 
-def _option(curve: ErrorCurve, found: Estimate) -> Option:
-    """Return the option of an estimate; its cost is that of the nearest timed step, in proportion."""
-    near = _nearest_timed(curve, found.setting)
+def _option(curve: ErrorCurve, found: Estimate, timed: CaseResult | None = None) -> Option:
+    """Return the option of an estimate; its cost is that of the nearest timed step, in proportion.
+
+    timed: the case of this setting, if its CPU time was measured.
+    """
+    near = timed or _nearest_timed(curve, found.setting)
     columns, setting, cpu_s = near.columns, found.setting, near.columns.get("cpu_s")
     dt_s = setting if curve.control == "dt" else None
     evaluations = columns.get("rhs_evaluations")

@@ -50,8 +50,8 @@ def _measured_until(case: CaseResult, problem: Problem) -> CaseResult:
     if not case.ok or case.trajectory is None:
         return case
     motion = Motion.of(problem.scenario.scene, case.trajectory)
-    found = measured_by(problem, case.trajectory, motion)
-    return replace(found, columns=case.columns | problem.columns | found.columns, trajectory=case.trajectory)
+    measured, moved = measured_by(problem, case.trajectory, motion)
+    return CaseResult(case.columns | problem.columns | measured, moved)
 
 
 def _rows(run: Run, cases: tuple[CaseResult, ...], problems: dict[str, Problem]) -> Iterator[dict[str, Any]]:

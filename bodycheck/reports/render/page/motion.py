@@ -72,7 +72,7 @@ def shown_cases(cases: Sequence[CaseResult], at_s: float | None) -> list[CaseRes
     """Return, for each engine, the case at that step that is farthest from the truth."""
     worst: dict[str, CaseResult] = {}
     for case in cases:
-        if case.ok and case.dt_s == at_s and case.trajectory is not None:
+        if case.ok and case.dt_s == at_s:
             engine = case.columns["engine"]
             least = worst.get(engine)
             if least is None or _error(case) > _error(least):
@@ -92,7 +92,7 @@ def played_cases(cases: Sequence[CaseResult], at_s: float | None) -> list[CaseRe
         case
         for dt_s in steps
         for case in cases
-        if case.dt_s == dt_s and case.ok and case.trajectory is not None
+        if case.dt_s == dt_s and case.ok
         if case.columns["engine"] != REFERENCE
     ]
     plotted = [case for case in engines if case.dt_s == common_step(cases)]
