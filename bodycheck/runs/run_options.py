@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.cache.reuse import Reuse
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 TIMEOUT_S = 120.0
 """Default time limit of one case."""
