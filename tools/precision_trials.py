@@ -1,6 +1,7 @@
 """How well the floors of the reference's float32 methods are predicted, and whether casts are detected.
 
     python tools/precision_trials.py
+    python tools/precision_trials.py --engine rapier:semi-implicit --dt 2e-3,1e-3,5e-4
 
 Runs rk4-f32 and m1-f32 on the suite `standard`, and prints for each scenario the best step, its orientation
 error, and the predicted floor where the floor was reached. Then it fits both branches of the error to all
@@ -8,16 +9,22 @@ steps but the two finest, and predicts these. An error on the floor scatters by 
 that differ by a hundredth, so the fit is made of single cases and of the geometric means of five neighbouring
 steps. Then it rounds one quantity of one stage of a float64 rk4 to float32, and checks what the probe says.
 Ends with status 1 where a method is invalid or accused, or a figure misses its target.
+
+With --engine, prints the floors of these methods only, and their rounding bias: the median over the scenarios
+of the least mean rounding error of omega per step that explains an error at the floor, (e / u - S) / (R N).
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, median
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -33,6 +40,7 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
 from bodycheck.reports.probes.precision import precision_finding
 from bodycheck.reports.probes.probe import built_in_probes
+from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.scenarios.library import load_scenarios
 from tests.helpers.reported_results import reported_results
 from tests.helpers.single_stages import PARTS, STAGES, rk4_with_a_single_stage
@@ -48,27 +56,41 @@ _WITHOUT_EFFECT = ("velocity", "position")  # a constant acceleration, and a pos
 
 def main() -> int:
     """Print the figures; return the exit status."""
-    missed = [_floors(), _predictions(), _casts()]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--engine", help="methods as NAME:METHOD,...; only their floors and biases")
+    parser.add_argument("--dt", help="steps in s, separated by commas [default: those of each scenario]")
+    asked = parser.parse_args()
+    steps = None if asked.dt is None else [float(step) for step in asked.dt.split(",")]
+    if asked.engine is not None:
+        return int(_floors(asked.engine.split(","), steps))
+    missed = [_floors([f"reference:{name}" for name in _METHODS], steps), _predictions(), _casts()]
     return int(any(missed))
 
 
-def _floors() -> bool:
-    run = bodycheck.run(["standard"], engines=[f"reference:{name}" for name in _METHODS], speed=False)
+def _floors(engines: list[str], steps: list[float] | None) -> bool:
+    run = bodycheck.run(["standard"], engines=engines, dt_s=steps, speed=False)
     rows = run.methods[run.methods["quantity"] == ORIENTATION]
-    within, reached = dict.fromkeys(_METHODS, 0), dict.fromkeys(_METHODS, 0)
+    within: Counter[str] = Counter()
+    reached: Counter[str] = Counter()
+    biases: dict[str, list[float]] = {}
     for row in rows.to_dict("records"):
+        name = f"{row['engine']}:{row['method']}"
         ratio = row["least_error"] / row["predicted_floor"]
         floor = "not reached"
         if row["measured_floor"] == row["measured_floor"]:
-            reached[row["method"]] += 1
-            within[row["method"]] += 0.1 <= ratio <= 10.0
-            floor = f"least over predicted {ratio:.2g}"
+            reached[name] += 1
+            within[name] += 0.1 <= ratio <= 10.0
+            biases.setdefault(name, []).append(bias := _bias(run, row))
+            floor = f"least over predicted {ratio:.2g}, bias {bias:.2g}"
         print(
-            f"{row['scenario']:18} {row['method']:8} {row['verdict']:19} best step {row['best_dt_s']:.3g} s, "
+            f"{row['scenario']:18} {name:24} {row['verdict']:19} best step {row['best_dt_s']:.3g} s, "
             f"error {row['least_error']:.1e}, predicted floor {row['predicted_floor']:.1e}: {floor}"
         )
     for name, count in reached.items():
-        print(f"{name}: floor within a factor of 10 of the formula in {within[name]} of {count} scenarios")
+        print(
+            f"{name}: floor within a factor of 10 of the formula in {within[name]} of {count} scenarios; "
+            f"median bias {median(biases[name]):.2g}"
+        )
     outcomes = run.results["outcome"].value_counts().to_dict()
     print("outcomes: " + ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()))
     accused = [one for results in reported_results(run).values() for one in results if one.kind not in _TRUE]
@@ -76,6 +98,14 @@ def _floors() -> bool:
         print(f"accused: {one.sentence}\n    {one.reproduce}")
     total, right = sum(reached.values()), sum(within.values())
     return bool(accused) or "invalid" in outcomes or right < _SHARE * total
+
+
+def _bias(run: Run, row: dict[str, Any]) -> float:
+    """Return the bias that explains the error of a method at the finest step that ended well."""
+    problem = next(one for one in run.problems if one.scenario.name == row["scenario"])
+    formula = RoundOff.of(problem, ORIENTATION, "float32")
+    steps = problem.scenario.duration_s / row["finest_dt_s"]
+    return float(row["finest_error"] / formula.unit - formula.largest) / (formula.typical * steps)
 
 
 def _predictions() -> bool:

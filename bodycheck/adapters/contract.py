@@ -47,8 +47,10 @@ class Method:
     control: what the caller sets: the step size, a tolerance, or nothing. tolerances: the defaults of a run.
     snippet: the statements with which a user's own program selects this method, such as
     "world.setTimeStep({dt_s})"; {dt_s} stands for the step in s.
-    precision: of the state and the arithmetic. only_on_request: the method runs only if requested by name, as
-    every variant does.
+    precision: of the state and the arithmetic. rounding_bias: the mean rounding error of omega per step, in
+    unit round-offs, where it has the same direction at every step, as where omega is turned into body axes
+    and back; 0 where rounding errors only scatter. only_on_request: the method runs only if requested by
+    name, as every variant does.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Method:
     lasting: Literal["every stage", "held over the step", "in closed form"] = "held over the step"
     snippet: str = ""
     precision: Precision = "float64"
+    rounding_bias: float = 0.0
     only_on_request: bool = False
 
     @classmethod

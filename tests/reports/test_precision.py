@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bodycheck import StepState
 from bodycheck.adapters.contract import Engine, Precision, Setting, read_back_mismatch
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
@@ -21,8 +22,9 @@ from bodycheck.reference_impl.kernels.jit import in_single_precision
 from bodycheck.reference_impl.loads.kinds.drag import Drag
 from bodycheck.reference_impl.single_precision import SINGLE_PRECISION
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.measurement.case import CaseResult
+from bodycheck.reports.measurement.case import CaseResult, measured_by
 from bodycheck.reports.measurement.convergence import Judged, Point, convergence_of
+from bodycheck.reports.measurement.measures import Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
 from bodycheck.reports.measurement.study import Study, study
@@ -179,6 +181,30 @@ def test_the_floor_is_proportional_to_the_unit_round_off_where_roundings_are_ind
     """At a coarse step the floors of float32 and float64 differ by 2^29."""
     single, double = (RoundOff.of(problem_of("tumbling"), ERROR, kind) for kind in ("float32", "float64"))
     assert single.at(1e-2) == pytest.approx(2.0**29 * double.at(1e-2), rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["tumbling", "symmetric-top", "full-tensor"])
+@pytest.mark.parametrize("bias", [3.0, 30.0])
+def test_a_bias_of_rounding_errors_grows_with_the_steps(name: str, bias: float) -> None:
+    """A Runge-Kutta 4 whose every step makes omega too small by B u has the error predicted for this B."""
+    problem, dt_s = problem_of(name), 1e-2
+    advance = rk4_with_a_single_stage(problem.scenario.scene, None, "position", of_rate=True)
+
+    def step(state: StepState, dt: float) -> StepState:
+        state = advance(state, dt)
+        return replace(state, omega_body=state.omega_body * (1.0 - bias * SINGLE))
+
+    predicted = RoundOff.of(problem, ERROR, "float32", bias).at(dt_s)
+    unbiased = RoundOff.of(problem, ERROR, "float32").at(dt_s)
+    errors = []
+    for function in (step, advance):
+        found = record(StepFunction(function), Case(problem.scenario.scene, "step", Setting(dt_s=dt_s)))
+        assert found.trajectory is not None
+        motion = Motion.of(problem.scenario.scene, found.trajectory)
+        errors.append(measured_by(problem, found.trajectory, motion)[0][ERROR])
+    assert errors[1] < 0.1 * errors[0]  # of the method itself
+    assert 1.0 / 3.0 < errors[0] / predicted < 3.0
+    assert predicted > 3.0 * unbiased
 
 
 @pytest.mark.parametrize("level", [0.2, 1.0, 5.0])

@@ -27,13 +27,17 @@ from bodycheck.reference_impl.scene import Scene, State
 
 @dataclass(frozen=True)
 class _Solver:
-    """A class of newton.solvers with its options: fair ones, and which of them change a default."""
+    """A class of newton.solvers with its options: fair ones, and which of them change a default.
+
+    bias: its rounding bias, the median over the standard suite (tools/precision_trials.py).
+    """
 
     name: str
     options: Mapping[str, Any]
     formula: str
     changed: tuple[str, ...] = ()
     order: int | None = 1
+    bias: float = 1.0
 
 
 _EULER = "omega += h I^-1 (tau - omega x I omega); q = q + h omega q / 2, normalised"
@@ -41,7 +45,7 @@ _SOLVERS = {
     "semi-implicit": _Solver("SolverSemiImplicit", {"angular_damping": 0.0}, _EULER, ("no angular damping",)),
     "xpbd": _Solver("SolverXPBD", {}, _EULER),
     # its argument angular_damping has no effect
-    "featherstone": _Solver("SolverFeatherstone", {}, "articulated body algorithm, then " + _EULER),
+    "featherstone": _Solver("SolverFeatherstone", {}, "articulated body algorithm, then " + _EULER, bias=0.0),
     "mujoco-euler": _Solver(
         "SolverMuJoCo",
         {"integrator": "euler"},
@@ -73,6 +77,7 @@ def _methods() -> dict[str, Method]:
             snippet=f"newton.solvers.{solver.name}(model{_words(solver.options)})"
             ".step(s0, s1, None, None, {dt_s})",
             precision="float32",
+            rounding_bias=solver.bias,
         )
         found[name] = method
         if solver.changed:

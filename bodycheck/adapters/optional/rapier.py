@@ -32,6 +32,7 @@ _STEP = Method(
     changed_defaults=("no sleeping", "no cap of the angular and linear speed"),
     snippet="world.integration_parameters.dt = {dt_s}; body.gyroscopic_forces_enabled = True",
     precision="float32",
+    rounding_bias=4.0,
 )
 _DEFAULTS = replace(_STEP, name=f"{_STEP.name}{DEFAULTS}", changed_defaults=())
 

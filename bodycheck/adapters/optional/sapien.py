@@ -32,6 +32,7 @@ _PHYSX = Method(
     changed_defaults=("no damping", "no sleeping", "no limits of velocities"),
     snippet="system.timestep = {dt_s}; body.linear_damping = body.angular_damping = 0",
     precision="float32",
+    rounding_bias=2.5,
 )
 _DEFAULTS = replace(
     _PHYSX,

@@ -66,6 +66,7 @@ class MethodMessage(BaseModel):
     lasting: Text = "held over the step"
     snippet: Text = ""
     precision: Precision = "float64"
+    rounding_bias: Annotated[float, Field(strict=True, ge=0.0, le=1000.0)] = 0.0
     only_on_request: Annotated[bool, Field(strict=True)] = False
 
 

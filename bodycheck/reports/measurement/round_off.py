@@ -1,10 +1,11 @@
 """The error of a method from its arithmetic alone, predicted before a step is made, and fitted to its cases.
 
-e(h) = u (S + C sqrt((R G)^2 + N)) with the unit round-off u of the arithmetic, N = T / h steps, and S and R,
-the maximum and the root mean square over time of the motion's sensitivity. G^2 = sum over the components of
-share^2 N n. A rounding error repeats until the increment of a component has changed by a unit in the last
-place, in n = u max|x| / (h^2 |x''|) steps: n = 1 gives the square root of N, a random walk (Brouwer 1937,
-Astron. J. 46, 149), and n = N, the increments being constant, gives N.
+e(h) = u (S + C sqrt((R G)^2 + N) + B R N) with the unit round-off u of the arithmetic, N = T / h steps, and S
+and R, the maximum and the root mean square over time of the motion's sensitivity. G^2 = sum over the
+components of share^2 N n. A rounding error repeats until the increment of a component has changed by a unit
+in the last place, in n = u max|x| / (h^2 |x''|) steps: n = 1 gives the square root of N, a random walk
+(Brouwer 1937, Astron. J. 46, 149), and n = N, the increments being constant, gives N. B is the mean rounding
+error of omega in one step over u, which the method states; it is 0 where errors only scatter.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class RoundOff:
 
     largest, typical: S and R. components: share of the norm, and curvature |x''| / max|x| in 1/s^2, root mean
     square over time, of each component of the motion that is added to; of omega, or of position and velocity.
-    rotates: whether sums of an attitude add N under the root.
+    rotates: whether sums of an attitude add N under the root. bias: B, in unit round-offs.
     """
 
     unit: float
@@ -50,10 +51,11 @@ class RoundOff:
     typical: float
     components: tuple[tuple[tuple[float, float], ...], ...]
     rotates: bool
+    bias: float = 0.0
 
     @classmethod
     @lru_cache(maxsize=128)  # all methods on a problem share it
-    def of(cls, problem: Problem, quantity: str, precision: Precision) -> RoundOff:
+    def of(cls, problem: Problem, quantity: str, precision: Precision, bias: float = 0.0) -> RoundOff:
         """Derive the prediction from the truth and its sensitivity; a norm of the state has neither."""
         kind = BOUND_KINDS.get(quantity)
         unit, duration_s = UNIT_ROUND_OFF[precision], problem.scenario.duration_s
@@ -69,15 +71,22 @@ class RoundOff:
         summed = translates.get(kind, (motion.omega_body,))
         rotates = kind not in translates
         components = tuple(_components(motion.t_s, values) for values in summed)
-        return cls(unit, duration_s, largest, typical if rotates else 1.0, components, rotates=rotates)
+        return cls(
+            unit,
+            duration_s,
+            largest,
+            typical if rotates else 1.0,
+            components,
+            rotates=rotates,
+            bias=bias if rotates else 0.0,
+        )
 
     def at(self, dt_s: float) -> float:
         """Return the predicted error at a step in s."""
         steps = self.duration_s / dt_s
         walk = self.typical * max((self._walk(each, dt_s, steps) for each in self.components), default=0.0)
-        return self.unit * (
-            self.largest + _PER_STEP * math.hypot(walk, math.sqrt(steps) if self.rotates else 1.0)
-        )
+        scattered = _PER_STEP * math.hypot(walk, math.sqrt(steps) if self.rotates else 1.0)
+        return self.unit * (self.largest + scattered + self.bias * self.typical * steps)
 
     def _walk(self, components: tuple[tuple[float, float], ...], dt_s: float, steps: float) -> float:
         total = 0.0

@@ -217,7 +217,7 @@ def _judged(cases: Sequence[CaseResult], problem: Problem, method: Method, quant
     steps = max((case.columns.get("steps") or 0 for case in ended), default=0)
     floors = [limit(problem, quantity), *(case.floors.get(quantity, 0.0) for case in ended)]
     if method.precision != "float64" and method.control != "dt":
-        round_off = RoundOff.of(problem, quantity, method.precision)
+        round_off = _arithmetic(problem, quantity, method)
         floors.append(round_off.at(problem.scenario.duration_s / max(steps, 1)))
     # a quantity too small to be measured in the finest case did not stop shrinking at the coarser ones
     lost = bool(ended) and quantity not in ended[-1].columns
@@ -250,6 +250,11 @@ def _with_step_change(coarser: CaseResult, case: CaseResult) -> CaseResult:
     return replace(case, columns=columns)
 
 
+def _arithmetic(problem: Problem, quantity: str, method: Method) -> RoundOff:
+    """Return what predicts the error of a quantity from the arithmetic of a method."""
+    return RoundOff.of(problem, quantity, method.precision, method.rounding_bias)
+
+
 @lru_cache(maxsize=64)  # the refinement asks for what the rows ask for again
 def _points(
     cases: tuple[CaseResult, ...], problem: Problem, method: Method, quantity: str
@@ -261,7 +266,7 @@ def _points(
     )
     if method.precision == "float64" or method.control != "dt":
         return points
-    round_off = RoundOff.of(problem, quantity, method.precision)
+    round_off = _arithmetic(problem, quantity, method)
     return tuple(replace(point, round_off=round_off.at(point.dt_s)) for point in points)
 
 
@@ -281,7 +286,7 @@ def method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) -
             "quantity": quantity,
             "expected_order": expected,
             **finest,
-            **_best(points, RoundOff.of(problem, quantity, method.precision), found.order or expected),
+            **_best(points, _arithmetic(problem, quantity, method), found.order or expected),
             **vars(found),
             **vars(growth),
         }
