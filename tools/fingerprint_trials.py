@@ -6,15 +6,18 @@ of a break to its tolerance over all laws that a method must obey, and the proce
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 
 from bodycheck.runs.identify import fingerprints, laws
 
 
-def main(engines: list[str]) -> None:
-    """Print one line per method."""
-    for engine in engines or ["mujoco", "pybullet", "dart", "reference"]:
+def main() -> None:
+    """Print two lines per method, and one per engine."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    installed = ["mujoco", "pybullet", "dart", "reference"]
+    parser.add_argument("engines", nargs="*", default=installed, help="NAME[==VERSION][:METHOD]")
+    for engine in parser.parse_args().engines:
         begin = time.process_time()
         rows = fingerprints(engine, timeout_s=600.0)
         named = time.process_time()
@@ -32,4 +35,4 @@ def main(engines: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()
