@@ -28,18 +28,19 @@ _interpreted_s = 0.0
 def compile_kernels(
     scenes: Iterable[Scene],
     integrators: Sequence[str] = (),
-    is_solved: Callable[[Scene], bool] = lambda scene: False,  # noqa: ARG005 - called with each scene
+    unsolved: Sequence[Scene] | None = None,
     *,
     never_cached: Mapping[str, Scene] = MappingProxyType({}),
     compiled: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005 - called with both
 ) -> None:
     """Call the kernels of these scenes' truths and of the named integrators once.
 
-    never_cached: further scenes by name, to which is_solved does not apply. compiled: called with the number
-    of kernels done and of those expected, only while something is compiled.
+    unsolved: the scenes whose truths are still to be solved [default: all]. never_cached: further scenes by
+    name. compiled: called with the number of kernels done and of those expected, only while something is
+    compiled.
 
     Another process compiles half of them in parallel. Kernels compiled before cost next to nothing, and
-    nothing at all if none is missing and is_solved reports that the scene's truth was solved before.
+    nothing at all if none is missing and all truths were solved before.
     """
     scenes = list(scenes)
     names = [*[_CLOSED_FORMS] * any(scene.is_free_rotation for scene in scenes), *integrators]
@@ -60,15 +61,14 @@ def compile_kernels(
     if missing:
         report()
     try:
-        closed_last = sorted(scenes, key=lambda scene: scene.is_free_rotation)
+        solving = scenes if unsolved is None or other is not None else unsolved
+        closed_last = sorted(solving, key=lambda scene: scene.is_free_rotation)
         if _CLOSED_FORMS in missing:
             from bodycheck.reference_impl.free_rotation.precompilation import compile_tumbling
 
             with _reporting(report):
                 compile_tumbling()
         for scene in closed_last:
-            if other is None and is_solved(scene):
-                continue
             if other is not None and scene.is_free_rotation:
                 _wait_for(marks[0], other, report)  # the closed forms
             _solve_shortly(scene, report)

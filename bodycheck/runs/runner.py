@@ -134,14 +134,14 @@ def run_selection(
     }
 
     def table(rows: Iterable[Mapping[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
-        return as_table(({"run_id": run_id, **row} for row in rows), columns)
+        return as_table([{"run_id": run_id, **row} for row in rows], columns)
 
-    rows = (row for studied in found.studies for row in studied.method_rows)
+    rows = [row for studied in found.studies for row in studied.method_rows]
     method_rows = identified(rows, found.fingerprints, found.laws)
-    stability_rows = (studied.stability_row for studied in found.studies if studied.stability_row is not None)
+    stability_rows = [studied.stability_row for studied in found.studies if studied.stability_row is not None]
     return Run(
         run_id=run_id,
-        results=table((case.columns for case in cases), RESULT_COLUMNS),
+        results=table([case.columns for case in cases], RESULT_COLUMNS),
         methods=table(method_rows, METHOD_COLUMNS),
         stability=table(stability_rows, STABILITY_COLUMNS),
         manifest=manifest_of(identity, selection, options, cases, seconds, quietness),
@@ -190,13 +190,13 @@ def _compile(selection: Selection, cache: Cache, progress: Progress) -> bool:
     scenes = [scenario.scene for _, scenario in selection.scenarios]
     # a user's function is first called when its truth is solved, which reports its errors
     scenes = [scene for scene in scenes if not scene.has_callback_load]
-    free = [scene for scene in scenes if scene.is_free_rotation]
-    unsolved = [scene.samples for scene in free if not is_known(scene, scene.sample_times, cache)]
+    unsolved = [scene for scene in scenes if not is_known(scene, scene.sample_times, cache)]
+    free = [scene.samples for scene in unsolved if scene.is_free_rotation]
     solves_truths = any(
         (engine.name, method.name) == ("reference", "exact") for engine, method in selection.methods
     )
-    if not solves_truths and interprets_closed_forms(unsolved):
-        scenes = [scene for scene in scenes if not scene.is_free_rotation]
+    if not solves_truths and interprets_closed_forms(free):
+        scenes, unsolved = ([one for one in some if not one.is_free_rotation] for some in (scenes, unsolved))
     probes = {f"probe-{name}": load_scenario(name).scene for name in PROBES if solves_truths}
     integrators = [
         method.name
@@ -206,7 +206,7 @@ def _compile(selection: Selection, cache: Cache, progress: Progress) -> bool:
     compile_kernels(
         scenes,
         integrators,
-        lambda scene: is_known(scene, scene.sample_times, cache),
+        unsolved,
         never_cached=probes,
         compiled=compiled,
     )

@@ -95,7 +95,7 @@ def compile_for(case: Message) -> None:
         if not stepped:
             compile_kernels([scene])
         elif lasting:
-            compile_kernels([scene], [case["method"]], lambda _: True)
+            compile_kernels([scene], [case["method"]], unsolved=[])
         else:
             compile_kernels([], [case["method"]])
         _compiled.add(kind)
