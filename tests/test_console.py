@@ -315,7 +315,7 @@ def test_every_command_is_in_a_named_group_of_the_help() -> None:
 def test_help_has_groups_and_examples(folder: Path) -> None:
     """Commands and options in groups; the examples one per line."""
     commands = run_bodycheck(folder, "--help").stdout
-    for group in ("Measure:", "Questions on stored runs:", "Detect changes:"):
+    for group in ("Measure:", "Query stored runs:", "Detect changes:"):
         assert group in commands.splitlines()
     options = run_bodycheck(folder, "run", "--help").stdout.splitlines()
     for group in ("Arguments:", "What to run:", "How to run:", "Output:", "Examples:"):

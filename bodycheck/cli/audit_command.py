@@ -18,7 +18,7 @@ _FAIL_ON = ("never", "note", "warning", "error", "difference")
 
 
 @auditing.command(
-    short_help="Compare what a URDF or MJCF file states with what importers hold.",
+    short_help="Compare a URDF or MJCF file with the bodies that importers make of it.",
     **described(
         MEASURE,
         "bodycheck audit robot.urdf",
@@ -86,7 +86,7 @@ def audit(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Compare mass, centre of mass and inertia of each link in a file with what importers hold.
+    """Compare mass, centre of mass and inertia of each link in a file with those of the imported bodies.
 
     The file is read in 40-digit arithmetic; each engine imports it in a process of its own. Then each link
     is spun freely against the exact motion of the body in the file.

@@ -118,7 +118,9 @@ def run(
     ] = None,
     tls_ca_file: Annotated[
         str | None,
-        typer.Option(help="Certificate of the cluster's authority, PEM.", rich_help_panel=HOW),
+        typer.Option(
+            help="Certificate of the authority that signed the cluster's, PEM.", rich_help_panel=HOW
+        ),
     ] = None,
     tls_cert: Annotated[
         str | None, typer.Option(help="Certificate of this client, PEM.", rich_help_panel=HOW)

@@ -191,7 +191,7 @@ def _run(request: EnsembleRequest, out: Path | None, *, as_json: bool, quiet: bo
 
 
 @ensemble_commands.command(
-    short_help="Search for the start at which a method does worst.",
+    short_help="Search for the initial state with the largest error.",
     **described(
         MEASURE,
         "bodycheck hunt intermediate-axis --engine mujoco:rk4 --dt 1e-2 --out worst",

@@ -76,7 +76,7 @@ def gate(
 ) -> None:
     """Check engines against the bounds of a file.
 
-    The exit status is 1 if a gate fails or measured nothing.
+    The exit status is 1 if a gate fails or nothing was measured for it.
     """
     _check(update=update, margin=margin, loosen=loosen)
     if run is not None and scenarios:

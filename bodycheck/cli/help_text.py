@@ -6,7 +6,7 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
-MEASURE, ASK, WATCH = "Measure", "Questions on stored runs", "Detect changes"
+MEASURE, ASK, WATCH = "Measure", "Query stored runs", "Detect changes"
 ADAPTERS = "Add an engine"
 """The groups of commands."""
 

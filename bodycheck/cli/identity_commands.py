@@ -23,7 +23,7 @@ _Engine = Annotated[
 
 
 @identity_commands.command(
-    short_help="Print which known one-step map a method is.",
+    short_help="Name the known one-step map that equals a method.",
     **described(
         MEASURE,
         "bodycheck fingerprint mujoco",

@@ -17,7 +17,7 @@ merging = typer.Typer()
 
 
 @merging.command(
-    short_help="Put the shards of a run, an ensemble or an audit together.",
+    short_help="Combine the shards of a run, an ensemble or an audit.",
     **described(
         MEASURE,
         "bodycheck merge part-* --out whole",
@@ -49,7 +49,7 @@ def merge(
     allow_code: AllowCode = False,
     json: Json = False,
 ) -> None:
-    """Put the shards of a run, an ensemble or an audit together, and write what the whole would have written.
+    """Combine the shards of a run, an ensemble or an audit, and write what the whole would have written.
 
     The tables are those of one run, but for speeds. Differences between the machines are reported: versions,
     and sentinel cases, which every shard runs, with different results.

@@ -93,8 +93,8 @@ Fresh: TypeAlias = Annotated[
     typer.Option(
         "--fresh/--reuse",
         help="Run every case again, or reuse results of earlier runs by the same build of an engine.  "
-        "[default: gate runs again; run and versions reuse for installed engines and run plug-ins and "
-        "editable installs again]",
+        "[default: --fresh for gate; --reuse for run and versions, but --fresh for plug-ins and editable "
+        "installs]",
         show_default=False,
         rich_help_panel=HOW,
     ),

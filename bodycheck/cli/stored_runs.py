@@ -130,7 +130,7 @@ def advise(
     dt: Annotated[
         float | None,
         typer.Option(
-            help="Instead of --error: a step size in s, to print each method's error.", show_default=False
+            help="Instead of --error: a step size in s. Prints the error of each method.", show_default=False
         ),
     ] = None,
     quantity: Annotated[
@@ -144,11 +144,14 @@ def advise(
         float | None,
         typer.Option(
             help="Time in s over which the error counts.",
-            show_default="the duration of each scenario; 10 rotations of a body given here",
+            show_default="the duration of each scenario; 10 rotations for --mass-kg",
         ),
     ] = None,
     search: Annotated[
-        bool, typer.Option("--search", help="Measure until every recommended setting is a measured one.")
+        bool,
+        typer.Option(
+            "--search", help="Run each recommended setting until all of them are measured, not predicted."
+        ),
     ] = False,
     mass_kg: Annotated[
         float | None,
@@ -156,7 +159,9 @@ def advise(
     ] = None,
     inertia_kg_m2: Annotated[
         str | None,
-        typer.Option(help="Its principal moments in kg m^2, like 0.002,0.003,0.004.", show_default=False),
+        typer.Option(
+            help="Principal moments of that body in kg m^2, like 0.002,0.003,0.004.", show_default=False
+        ),
     ] = None,
     spin_rad_s: Annotated[
         str | None,
@@ -178,8 +183,8 @@ def advise(
 ) -> None:
     """Print the cheapest engine, method and step size that meet an error tolerance.
 
-    Settings between and beyond the measured steps are predicted from the order. Without a tolerance, --dt
-    prints the error of each method at a step.
+    Settings between and beyond the measured steps are predicted from the order. With --dt
+    instead of --error, prints the error of each method at that step.
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.summary.advice_document import advice_document

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import nearest
@@ -16,15 +17,6 @@ from bodycheck.scenarios.reader import Members, parse_members, read_members
 
 _LIBRARY = files("bodycheck.scenarios") / "library"
 
-_FORCINGS = (
-    *("lagrange-top", "sleeping-top", "heavy-top", "kovalevskaya-top", "torsion-spring", "compass"),
-    *("satellite-libration", "self-excited", "detumbling", "spring-pendulum", "sine-torque", "damped-fall"),
-)
-_HARD = (
-    *("separatrix", "near-symmetric", "needle", "tilted-plate", "turn-per-step", "fast-spin"),
-    *("light-and-heavy", "far-from-origin", "long-tumble", "slow-day"),
-    *("stiff-spring", "stiff-drag", "off-grid-torque", "chaotic-top"),
-)
 PROBES = ("probe", "probe-free")
 """Scenarios that every run uses to probe each method, besides the requested ones; part of no suite."""
 RECORDED = ("nesc-tumbling-brick",)
@@ -38,14 +30,18 @@ def scenario_names() -> tuple[str, ...]:
 
 @cache
 def suites() -> dict[str, tuple[str, ...]]:
-    """Return the suites: name -> scenario names."""
-    special = _FORCINGS + _HARD
+    """Return the suites: name -> scenario names.
+
+    The tags "forcings" and "hard" put a scenario into the suite of that name; standard has those without.
+    """
     full = tuple(name for name in scenario_names() if name not in (*PROBES, *RECORDED))
+    tags = {name: _file(name).get("tags", ()) for name in full}
+    forcings, hard = (tuple(name for name in full if tag in tags[name]) for tag in ("forcings", "hard"))
     return {
         "smoke": ("free-flight", "powered-flight", "fast-flight"),
-        "standard": tuple(name for name in full if name not in special),
-        "forcings": _FORCINGS,
-        "hard": _HARD,
+        "standard": tuple(name for name in full if name not in (*forcings, *hard)),
+        "forcings": forcings,
+        "hard": hard,
         "full": full,
     }
 
@@ -58,8 +54,11 @@ def as_suite(names: Sequence[str]) -> Sequence[str]:
 
 def scenario_summaries() -> dict[str, str]:
     """Return name -> one-line summary of the built-in scenarios, without computing their bodies."""
-    texts = ((name, (_LIBRARY / f"{name}.toml").read_text(encoding="utf-8")) for name in scenario_names())
-    return {name: tomllib.loads(text)["summary"] for name, text in texts}
+    return {name: _file(name)["summary"] for name in scenario_names()}
+
+
+def _file(name: str) -> dict[str, Any]:
+    return tomllib.loads((_LIBRARY / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def load_scenario(name: str | Path, *, allow_code: bool = False) -> Scenario:

@@ -14,7 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from bodycheck.adapters.contract import Adapter, Reading, Simulation, read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.loads import load_kinds
 from bodycheck.reference_impl.loads.kinds.magnetic_dipole import MagneticDipole
+from bodycheck.reference_impl.loads.load import ContinuousLoad
 from bodycheck.reference_impl.scene import (
     CallbackLoad,
     Drag,
@@ -161,6 +163,8 @@ def wrench_at(scene: Scene, t: float, x: Array, r: Array, v: Array, omega: Array
             case CallbackLoad():
                 push, turn = load.function(t, x, r, v, r @ omega)
                 force, torque = force + push, torque + turn
+            case _:
+                raise NotImplementedError(f"wrench_at has no formula of {load.kind}")
     return force, torque
 
 
@@ -186,6 +190,12 @@ def seen(scene: Scene, x: Array, r: Array, v: Array, w: Array) -> tuple[Array, A
     arm = r @ -scene.pivot
     place = scene.initial.position + scene.initial.rotation @ scene.pivot
     return place + arm, np.cross(r @ w, arm)
+
+
+def test_loads_contain_every_continuous_kind() -> None:
+    """Each kind of continuous load is among those of these tests."""
+    kinds = {kind for kind, load in load_kinds().items() if issubclass(load, ContinuousLoad)}
+    assert {load.kind for loads in LOADS.values() for load in loads} >= kinds
 
 
 # ------------------------------------------------------------------------------------------ the maps

@@ -33,7 +33,10 @@ class ExpectedMessage:
         """Compare a message, in which FOLDER replaces the path of a folder; raises AssertionError."""
         found = message if folder is None else message.replace(str(folder), "FOLDER")
         if not matches(expected := self._stored(), found):
-            assert self._update, f"expected: {expected}\nfound: {found}\nin {FILE.name}: {self._test}"
+            assert self._update, (
+                f"expected: {expected}\nfound: {found}\nin {FILE.name}: {self._test}\n"
+                f"if the change is intended: pytest --update-messages tests/{self._file}"
+            )
             _store(self._file, self._test, found)
 
     def _stored(self) -> str:

@@ -117,6 +117,8 @@ def exact_wrench(
                 torque = 3 * n**2 * cross(u, r * mp.matrix(INERTIA.tolist()) * r.T * u)
             case MagneticDipole():
                 torque = cross(r * vector(load.moment), vector(load.field))
+            case _:
+                raise NotImplementedError(f"exact_wrench has no formula of {load.kind}")
         return np.array(force.T.tolist()[0], dtype=float), np.array(torque.T.tolist()[0], dtype=float)
 
 

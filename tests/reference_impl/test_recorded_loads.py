@@ -128,6 +128,7 @@ FORMULAS: dict[str, Callable[[Instants], Array]] = {
     "quotients": lambda at: (1.0 / (2.0 + at.t) + at.t / 3.0) / (at.position[..., 2] ** 2 + 1.0),
     "roots": lambda at: np.sqrt(1.0 + at.omega[..., 2] ** 2),
     "circles": lambda at: np.sin(3.0 * at.t) * np.cos(at.position[..., 0] - at.t) + np.cos(3.0 * at.t),
+    "an index after arithmetic": lambda at: (np.sin(2.0 * at.t)[..., None] * np.array([0.5, 2.0]))[..., 1],
     "no motion": lambda at: 0.0 * at.t + 1.5,
 }
 

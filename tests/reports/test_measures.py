@@ -45,6 +45,7 @@ from bodycheck.reports.measurement.invariants import (
     symmetry_axis,
     worst_drift,
 )
+from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.measurement.measures import SCALES, Compared, Motion, departures_of, reduced, series_of
 from bodycheck.reports.measurement.scales import Scales, scene_scales
 from bodycheck.reports.measurement.work import power, work_done, working_loads
@@ -203,6 +204,13 @@ def test_each_measure_is_divided_by_its_own_scale() -> None:
         "orientation_error_rad": 3.0,
         "orientation_error_final_rad": 0.25,
     }
+
+
+@pytest.mark.parametrize(("measure", "bound"), [("energy_drift", 1e-12), ("rotational_energy_drift", 4e-12)])
+def test_bound_of_an_energy_is_relative_to_the_scale_of_its_measure(measure: str, bound: float) -> None:
+    """1e-12 of the whole 8 J is 8e-12 J: 4e-12 of a rotational energy of 2 J."""
+    columns = {"truth_bound_energy": 1e-12, "energy_scale_j": 8.0, "rotational_energy_scale_j": 2.0}
+    assert bound_of(columns, measure) == pytest.approx(bound, rel=1e-15)
 
 
 def test_balance_starts_with_the_first_sample_of_the_motion() -> None:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from bodycheck._util.errors import InputError
+from bodycheck.reference_impl.loads import load_kinds
+from bodycheck.reference_impl.loads.load import ContinuousLoad
 from bodycheck.reference_impl.scene import (
     CallbackLoad,
     Drag,
@@ -545,6 +547,20 @@ def test_suites_contain_built_in_scenarios() -> None:
     parts = (suites()[part] for part in ("standard", "forcings", "hard"))
     whole = [name for name in scenario_names() if name not in (*PROBES, *RECORDED)]
     assert sorted(name for part in parts for name in part) == sorted(suites()["full"]) == whole
+
+
+def test_tag_selects_the_suite() -> None:
+    """The members of forcings and hard are those with the tag; no member of standard has either."""
+    for name, scenario in load_scenarios(["full"]):
+        (suite,) = {"forcings", "hard"} & {*scenario.tags} or {"standard"}
+        assert scenario.family in suites()[suite], name
+
+
+def test_every_continuous_load_has_a_scenario() -> None:
+    """The suite forcings contains each kind of continuous load but a function, which is code of a user."""
+    found = {load.kind for _, scenario in load_scenarios(["forcings"]) for load in scenario.scene.loads}
+    kinds = {kind for kind, load in load_kinds().items() if issubclass(load, ContinuousLoad)}
+    assert kinds - found == {CallbackLoad.kind}
 
 
 def test_names_suites_and_paths_may_be_mixed(tmp_path: Path) -> None:

@@ -1,15 +1,11 @@
 """The fixed-step integrators, one module each.
 
-To add an integrator:
-
-1. Add a module to this package that assigns an `Integrator` to METHOD. The registry, the reference engine and
-   `bodycheck list methods` find it there. An explicit Runge-Kutta method needs only its tableau and its
-   facts, as in `midpoint.py`. Any other method needs a kernel: the one in `explicit_gyro.py` holds loads
-   constant over the step (zero-order hold), the one in `cf4.py` evaluates them at every stage.
-2. Add its line to `docs/engines/reference.md`.
-3. Run `pytest tests/reference_impl tests/adapters -k NAME`. The facts select the laws that the method must
-   obey: order, turn per step, preserved structure. For a method without a tableau, add its formula in numpy
-   to FORMULAS in `tests/reference_impl/test_integrators.py`, which compares one step of the kernel with it.
+To add an integrator, add a module to this package that assigns an `Integrator` to METHOD. The registry, the
+reference engine and `bodycheck list methods` find it there. An explicit Runge-Kutta method needs only its
+tableau and its facts, as in `midpoint.py`. Any other method needs a kernel: the one in `explicit_gyro.py`
+holds loads constant over the step (zero-order hold), the one in `cf4.py` evaluates them at every stage. The
+facts select the laws that the tests apply: order, turn per step, preserved structure. CONTRIBUTING.md lists
+what to run.
 """
 
 from __future__ import annotations

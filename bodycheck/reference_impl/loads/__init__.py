@@ -13,9 +13,8 @@ derived from `ContinuousLoad`, with
    restrictions and saves time.
 
 Scenario files, messages to workers, all engines, the integrators of the reference, the Taylor series, the
-certified truth, the energy balance and motions about a pivot then support it. Add its table to
-docs/scenarios.md, and a test of its motion against an independent solution, as in
-tests/reference_impl/test_magnetic_dipole.py.
+certified truth, the energy balance and motions about a pivot then support it. CONTRIBUTING.md lists the
+tests, the tables of the docs and the scenario that it needs.
 
 Only torques and forces can switch on and off. A load whose formula branches cannot be recorded: it needs its
 own kernels, as the springs do (`continuous_loads.py`, `taylor/spring_terms.py`), or must be supplied as a

@@ -99,6 +99,10 @@ class Symbol:
 
     __lt__ = __le__ = __gt__ = __ge__ = _ordered
 
+    def __getitem__(self, index: Any) -> Any:
+        """Return what a numpy scalar returns for this index: x[..., None] has the shape (1,)."""
+        return np.array(self, dtype=object)[index]
+
     def sqrt(self) -> Symbol:
         """Return the square root; np.sqrt calls this."""
         return self.tape.record(_Step(ROOT, self.operand))

@@ -16,7 +16,7 @@ TRUTH_BOUNDS = {measure: f"truth_bound_{kind}" for measure, kind in BOUND_KINDS.
 """Measure -> column of results.csv."""
 
 _SCALES = {"omega_rad_s": "omega_scale_rad_s", "m": "length_scale_m", "m_s": "speed_scale_m_s"}
-"""Bounds in SI units -> the scale that their measures are divided by; other bounds are already relative."""
+"""Bounds in SI units -> the scale that they are divided by; other bounds are already relative."""
 
 FLOOR_BOUNDS = 3.0
 """Two errors below this many bounds of the truth cannot be distinguished."""
@@ -31,9 +31,10 @@ def relative(value: float, columns: Mapping[str, Any], measure: str) -> float:
     """
     kind = BOUND_KINDS[measure]
     scale = columns.get(_SCALES[kind], 0.0) if kind in _SCALES else 1.0
-    if measure == "rotational_energy_drift":  # the truth's bound is relative to the total kinetic energy
+    own = MEASURES[measure].scale
+    if kind == "energy" and own not in (None, "energy_scale_j"):  # the bound is relative to that scale
         whole = columns.get("energy_scale_j", 0.0)
-        scale = columns.get("rotational_energy_scale_j", 0.0) / whole if whole else 0.0
+        scale = columns.get(own, 0.0) / whole if whole else 0.0
     return float(value / scale) if scale else 0.0
 
 

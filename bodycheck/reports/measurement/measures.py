@@ -33,6 +33,12 @@ _RESOLVED = 3.0  # multiples of the error of the work: a smaller imbalance count
 _DIRECTED = 0.1  # of its largest value: a smaller vector has no reliable direction
 
 BoundKind: TypeAlias = Literal["rad", "energy", "momentum", "omega_rad_s", "m", "m_s"]
+"""The truth's error bounds, `truth_bound_KIND` in results.csv.
+
+A measure's floor is its bound as a fraction of a scale of the true motion: rad, of the attitude, itself;
+energy and momentum, over the largest kinetic energy and |L|; omega_rad_s, m and m_s, in SI units, over the
+scales of omega, length and speed, whether the measure is divided by that scale or, as an angle, by none.
+"""
 Judgement: TypeAlias = Literal["limit", "property"]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from bodycheck.adapters.contract import Engine, Method
@@ -10,7 +10,7 @@ from bodycheck.adapters.registry import default_engines, optional_engines, state
 from bodycheck.adapters.versions.environments import is_made, needed_environment, requirements_of
 from bodycheck.adapters.workers.engine_pool import announced
 from bodycheck.reports.document import Column, Document, Table
-from bodycheck.reports.measurement.measures import MEASURES
+from bodycheck.reports.measurement.measures import MEASURES, Measure
 from bodycheck.scenarios.library import scenario_summaries, suites
 
 
@@ -41,10 +41,16 @@ def catalogue_document(what: str, entries: Sequence[Entry]) -> Document:
 
 
 def _measure_rows() -> list[tuple[str, str]]:
-    return [
-        (name, measure.formula + (f"; as {name}_abs in {measure.unit}" if measure.unit else ""))
-        for name, measure in MEASURES.items()
-    ]
+    return [(name, "; ".join(_stated(measure))) for name, measure in MEASURES.items()]
+
+
+def _stated(measure: Measure) -> Iterator[str]:
+    """Yield the formula, the column in SI units, and whether no verdict is given."""
+    yield measure.formula
+    if measure.unit:
+        yield f"as {measure.name}_abs in {measure.unit}"
+    if measure.judged is None:
+        yield "not judged"
 
 
 def _engine_rows() -> list[tuple[str, str]]:
