@@ -37,7 +37,7 @@ class _Solver:
     formula: str
     changed: tuple[str, ...] = ()
     order: int | None = 1
-    bias: float = 1.0
+    bias: float = 1.4
 
 
 _EULER = "omega += h I^-1 (tau - omega x I omega); q = q + h omega q / 2, normalised"
