@@ -239,17 +239,19 @@ def test_shard_of_a_nightly_run_is_stored_in_its_own_folder(
 def test_status_and_files_are_those_of_the_judgement(
     status: str, code: int, as_json: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The page is named after the text, and each file has the content of its suffix."""
+    """The page is named after the text, and each file has the content of its suffix, with links that work."""
     night = folder / "kept" / "a night"
     night.mkdir(parents=True)
-    (night / "night.html").write_text("a page\n")
     (night / "night.md").write_text("a text\n")
     judged = SimpleNamespace(status=status)
     module = "bodycheck.reports.history.history_output"
     monkeypatch.setattr("bodycheck.runs.nightly_run.run_night", lambda *_: (judged, night))
     monkeypatch.setattr(f"{module}.night_document", lambda of: Document(of.status, (Sentence("Done."),)))
     monkeypatch.setattr(f"{module}.night_data", lambda of: {"status": of.status})
-    out = [word for suffix in ("html", "md", "json") for word in ("--out", f"told.{suffix}")]
+    monkeypatch.setattr(f"{module}.night_page", lambda of, place: f"{of.status}: {place}report.html")
+    (folder / "public").mkdir()
+    files = ("public/page.html", *(f"told.{suffix}" for suffix in ("html", "md", "json")))
+    out = [word for file in files for word in ("--out", file)]
     done = bodycheck("nightly", "--history", "kept", *out, *(["--json"] if as_json else []))
     assert done.exit_code == code, done.output
     data = {"status": status, "folder": str(night)}
@@ -258,7 +260,8 @@ def test_status_and_files_are_those_of_the_judgement(
     else:
         assert "Done." in done.stdout
         assert done.stdout.splitlines()[-1] == str(night / "night.html")
-    assert (folder / "told.html").read_text() == "a page\n"
+    assert (folder / "told.html").read_text() == f"{status}: kept/a night/report.html"
+    assert (folder / "public/page.html").read_text() == f"{status}: ../kept/a night/report.html"
     assert (folder / "told.md").read_text() == "a text\n"
     assert (folder / "told.json").read_text().endswith("}\n")
     assert json.loads((folder / "told.json").read_text()) == data

@@ -486,11 +486,12 @@ def test_mujocos_4_0_0_improved_and_3_17_0_is_worse(
     status, out, error = command(*words, "mujoco==4.0.0", "--out", "told.md")
     assert status == 0, out + error
     first, headline, *_ = out.splitlines()
-    assert first == "No regression."
+    assert first == "No regression; mujoco:rk4 improved."
     improved = r"mujoco 3.17.0 -> 4.0.0: rk4 improved, order 2 -> 4, error at 1 ms 4.3e-7 -> 2.\de-13 rad "
-    assert re.match(improved + r"\(factor 1.\de6\)(; 4 methods moved in the 1\dth digit)?\.$", headline), (
-        headline
-    )
+    renamed = ", one-step map RK4 on the rotation group, stages averaged -> RK4 Munthe-Kaas"
+    assert re.match(
+        improved + rf"\(factor 1.\de6\){renamed}(; 4 methods moved in the 1\dth digit)?\.$", headline
+    ), headline
     search = (
         "bodycheck versions mujoco --since 3.17.0 --until 4.0.0 --scenario intermediate-axis --method rk4"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from os.path import relpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -128,14 +129,20 @@ def _run_shard(asked: RunRequest, part: Path | None, history: Path | None, watch
 def tell_night(judged: Judgement, night: Path, out: Sequence[Path] | None, *, json: bool) -> None:
     """Print the judgement of a stored nightly run, write the files of --out, and exit with its status."""
     from bodycheck.reports.document import answer, json_text
-    from bodycheck.reports.history.history_output import night_data, night_document
+    from bodycheck.reports.history.history_output import night_data, night_document, night_page
 
     data = {**night_data(judged), "folder": night}
     answer(night_document(judged), data, as_json=json)
     if not json:
         print(night / "night.html")
-    texts = {".html": (night / "night.html").read_text, ".md": (night / "night.md").read_text}
-    write_out_files(out, {**texts, ".json": lambda: json_text(data) + "\n"})
+    write_out_files(
+        out,
+        {
+            ".html": lambda path: night_page(judged, relpath(night, path.parent) + "/"),
+            ".md": lambda _: (night / "night.md").read_text(),
+            ".json": lambda _: json_text(data) + "\n",
+        },
+    )
     raise typer.Exit(_EXITS[judged.status])
 
 

@@ -212,12 +212,12 @@ def check_out_files(paths: Sequence[Path] | None) -> None:
         check_file("--out", path)
 
 
-def write_out_files(paths: Sequence[Path] | None, texts: Mapping[str, Callable[[], str]]) -> None:
-    """Write each file that --out names, by its suffix; texts: suffix -> function that returns the content."""
+def write_out_files(paths: Sequence[Path] | None, texts: Mapping[str, Callable[[Path], str]]) -> None:
+    """Write each file that --out names, by its suffix; texts: suffix -> function path -> content."""
     from bodycheck._util.files import write_whole
 
     for path in paths or ():
-        write_whole(path, texts[path.suffix or ".md"]().encode())
+        write_whole(path, texts[path.suffix or ".md"](path).encode())
 
 
 PICTURES = (".png", ".svg", ".pdf")

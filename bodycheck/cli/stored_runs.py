@@ -95,9 +95,9 @@ def compare(
     comparison = compared(read_tables(before), read_tables(after), thresholds)
     document, data = comparison_document(comparison), comparison_data(comparison)
     texts = {
-        ".html": lambda: comparison_page(comparison),
-        ".md": lambda: as_markdown(document),
-        ".json": lambda: json_text(data) + "\n",
+        ".html": lambda _: comparison_page(comparison),
+        ".md": lambda _: as_markdown(document),
+        ".json": lambda _: json_text(data) + "\n",
     }
     write_out_files(out, texts)
     answer(document, data, as_json=json)

@@ -112,6 +112,7 @@ def test_the_bodies_of_a_film_move(run: Run) -> None:
             frames.append(
                 np.asarray(shown.convert("L"), dtype=float)[int(TITLE_SHARE * height) : -height // 5]
             )
+    assert shown.info["duration"] > 1500  # the last frame rests
     changed = [np.mean(np.abs(after - before) > 30.0) for before, after in pairwise(frames)]
     assert min(changed) > 1e-3
 

@@ -146,6 +146,14 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 
 
+def test_a_scenario_in_place_of_a_run_is_answered_by_the_command_that_runs_it() -> None:
+    """A name that is neither a folder nor a scenario is not."""
+    with pytest.raises(InputError, match="bodycheck run t-handle --out t-handle"):
+        read_tables(Path("t-handle"))
+    with pytest.raises(InputError, match=r"not a run folder$"):
+        read_tables(Path("t-handles"))
+
+
 @pytest.mark.parametrize("what", DAMAGES)
 def test_damaged_or_foreign_folder_is_refused_in_one_line(
     what: str, stored_run: Path, tmp_path: Path

@@ -174,13 +174,18 @@ def sentences(comparison: Comparison) -> list[str]:
     came, went = (
         sum(change.kind == "case" for change in comparison.of_status(status)) for status in ("new", "missing")
     )
-    compared = f"{count(comparison.paired, 'case')} compared, {comparison.timed} of them also by speed"
-    refined = f"; {comparison.refined} at steps that only one run chose" if comparison.refined else ""
+    timed = f", {comparison.timed} of them also by speed" if comparison.timed else ""
+    compared = f"{count(comparison.paired, 'case')} compared{timed}"
+    refined = (
+        f"; {comparison.refined} not compared, because only one of the runs chose their steps"
+        if comparison.refined
+        else ""
+    )
     return [*found, f"{compared}; {count(came, 'new case')}, {count(went, 'missing case')}{refined}."]
 
 
 def _collapsed(comparison: Comparison) -> str:
-    """Return how many changes improved, moved or are new; these are not listed."""
+    """Return how many changes improved, moved or are new, which only pages list."""
     parts = []
     if improved := comparison.of_status("improved"):
         parts.append(f"{len(improved)} improved")
@@ -188,7 +193,7 @@ def _collapsed(comparison: Comparison) -> str:
         parts.append(f"{len(moved)} moved{moved_text(moved, comparison.thresholds)}")
     if new := comparison.of_status("new"):
         parts.append(f"{len(new)} new")
-    return f"Changes not listed: {', '.join(parts)}." if parts else ""
+    return f"Single changes: {', '.join(parts)}." if parts else ""
 
 
 def _nothing(comparison: Comparison) -> str:

@@ -45,6 +45,12 @@ class MethodChanges:
         )
 
     @property
+    def map_change(self) -> str:
+        """The change of the one-step map, like ", one-step map M1 -> M2"; "" if it is the same."""
+        maps = [change for change in self.changes if change.kind == "fingerprint"]
+        return "".join(f", {change.quantity} {change.before} -> {change.after}" for change in maps)
+
+    @property
     def rank(self) -> tuple[bool, float]:
         """The sort key of methods: failing ones first, then by factor."""
         failing = bool(self.of("worse") or self.of("missing"))
@@ -93,10 +99,12 @@ def _clauses(methods: Sequence[MethodChanges], thresholds: Thresholds, *, severa
     clauses = [_clause(one, several=several) for one in told[:_MOST_METHODS]]
     rest = [one.net for one in told[_MOST_METHODS:]]
     clauses += [f"{count(rest.count(net), 'more method')} {net}" for net in dict.fromkeys(rest)]
-    if moved := [one for one in methods if one.net == "moved"]:
+    renamed = [one for one in methods if one.net in ("moved", "new") and one.map_change]
+    clauses += [f"{one.method} moved{one.map_change}" for one in renamed]
+    if moved := [one for one in methods if one.net == "moved" and one not in renamed]:
         size = moved_text((change for one in moved for change in one.of("moved")), thresholds)
         clauses.append(f"{count(len(moved), 'method')} moved{size}")
-    if new := [one for one in methods if one.net == "new"]:
+    if new := [one for one in methods if one.net == "new" and one not in renamed]:
         clauses.append(f"{', '.join(one.method for one in new)} new")
     return clauses
 
@@ -115,7 +123,7 @@ def _clause(one: MethodChanges, *, several: bool) -> str:
         for status, part in parts.items()
         if part
     ]
-    return f"{one.method} {first}{''.join(rest)}"
+    return f"{one.method} {first}{one.map_change}{''.join(rest)}"
 
 
 def _missing(changes: Sequence[Change]) -> str:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from bodycheck._util.formatting import count, number
 from bodycheck.reports.comparison.describe import HEADINGS, change_tables, searches, sentences
+from bodycheck.reports.comparison.headlines import by_method
 from bodycheck.reports.document import Column, Command, Document, Sentence, Table, page
 from bodycheck.reports.history.baseline import TOLD, machine_class
 from bodycheck.reports.history.nightly_files import versions_of
@@ -36,10 +37,17 @@ _STATUSES = {
 }
 """Status -> the tint and the text of its sentence."""
 
+_MOST_NAMED = 3
+
 
 def headline(judged: Judgement) -> str:
-    """Return the status in one sentence."""
-    return _STATUSES[judged.status][1]
+    """Return the status in one sentence, with the methods that improved."""
+    changes = () if judged.comparison is None else judged.comparison.changes
+    improved = [f"{one.engine}:{one.method}" for one in by_method(changes) if one.net == "improved"]
+    if judged.status != "no regression" or not improved:
+        return _STATUSES[judged.status][1]
+    who = ", ".join(improved) if len(improved) <= _MOST_NAMED else count(len(improved), "method")
+    return f"No regression; {who} improved."
 
 
 def night_sentences(judged: Judgement) -> list[str]:
@@ -125,8 +133,11 @@ def nights_document(nights: pd.DataFrame) -> Document:
 _PAGES = ("night.html", "report.html")
 
 
-def night_page(judged: Judgement) -> str:
-    """Return the self-contained HTML page of a nightly run; it links to report.html in the same folder."""
+def night_page(judged: Judgement, folder: str = "") -> str:
+    """Return the self-contained HTML page of a nightly run.
+
+    folder: that of the run, as seen from the page and ending in "/", for links; "" if the page is in it.
+    """
     manifests = [*(night.manifest for night in judged.past.nights[::-1]), judged.tonight.manifest]
     return page(
         night_document(judged),
@@ -140,4 +151,5 @@ def night_page(judged: Judgement) -> str:
             for night in judged.past.nights
         ],
         engine_colour=engine_colour,
+        folder=folder,
     )

@@ -11,6 +11,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import number, step
+from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
@@ -38,10 +39,12 @@ SUFFIXES = (".gif", ".mp4", ".svg")
 """The formats of a film."""
 
 _PLAY_S = 10.0
+_HOLD_S = 1.5
 _SLOWEST, _FASTEST = 2, 25  # frames per second
 _PANEL_IN = 2.4
 _MOST_IN_ROW = 4
 _DOTS_PER_INCH = 100
+_ARROW = 0.7  # in the units of the panels, whose half width is 0.75
 
 
 def check_movie(out: Path) -> None:
@@ -75,6 +78,7 @@ def movie(
 
         if suffix == ".svg":
             page = Figure(figsize=(WIDTHS_IN[2], 1.0), layout="constrained")
+            page.suptitle(f"{scenario}, dt {step(filmed[0].dt_s)} s", fontsize=8)
             draw_frames(page, problem, filmed)
             return figure_bytes(page, suffix)
         with tempfile.TemporaryDirectory() as folder:  # a writer of matplotlib needs a path
@@ -122,6 +126,8 @@ def _write_film(film: Path, page: Figure, problem: Problem, cases: Sequence[Case
         for k in frames:
             show(k)
             writer.grab_frame()
+        for _ in range(round(_HOLD_S * per_second)):  # a film that is repeated would else seem to jump back
+            writer.grab_frame()
 
 
 def film_frames(samples: int) -> range:
@@ -136,22 +142,41 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
     page.subplots_adjust(left=0.0, right=1.0, bottom=0.05, top=0.84, wspace=0.0)
     surface, truth = surface_of(problem.scenario.body), problem.truth.trajectory
     title = page.suptitle("", fontsize=9)
+    momentum = _momentum(problem)
+    arrow = "" if momentum is None else "; arrow: angular momentum"
     bodies: list[tuple[Any, Any]] = []
     told: list[Any] = []
     for place, case in enumerate(cases):
         axes: Any = page.add_subplot(rows, columns, place + 1, projection="3d")
+        axes.computed_zorder = False  # the order of distances, which changes while two bodies turn
         ghost = draw_body(axes, surface, np.eye(3), GHOST, 0.05, 0.3)
         body = draw_body(axes, surface, np.eye(3), COLOURS[engine_colour(case.columns["engine"])], 0.25, 0.85)
+        if momentum is not None:
+            axes.quiver(0.0, 0.0, 0.0, *momentum, color="black", linewidth=0.8, arrow_length_ratio=0.1)
         bare_axes(axes, 0.75, method_name(case), fontsize=8)
         assert case.trajectory is not None
         bodies += [(ghost, truth.rotation_matrices), (body, case.trajectory.rotation_matrices)]
         told.append(axes.text2D(0.5, 0.0, "", fontsize=8, ha="center", transform=axes.transAxes))
 
     def show(k: int) -> None:
-        title.set_text(f"{problem.scenario.name}, dt {step(cases[0].dt_s)} s: t = {truth.t_s[k]:.2f} s")
+        title.set_text(
+            f"{problem.scenario.name}, dt {step(cases[0].dt_s)} s: t = {truth.t_s[k]:.2f} s{arrow}"
+        )
         for body, rotations in bodies:
             body.set_verts(surface.polygons(rotations[k]))
         for text, case in zip(told, cases, strict=True):
-            text.set_text(f"{number(float(case.series[ORIENTATION][k]), 2)} rad from the truth (grey)")
+            error = float(case.series[ORIENTATION][k])
+            shown = number(error, 2) if error > problem.truth.bound_rad[k] else "0"
+            text.set_text(f"{shown} rad from the truth (grey)")
 
     return show
+
+
+def _momentum(problem: Problem) -> Array | None:
+    """Return an arrow along the angular momentum, (3,) in world axes; None where it is not constant."""
+    scene = problem.scenario.scene
+    if not scene.is_free_rotation:
+        return None
+    momentum = problem.motion.angular_momentum[0]
+    size = float(np.linalg.norm(momentum))
+    return momentum * (_ARROW / size) if size else None

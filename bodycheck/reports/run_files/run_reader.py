@@ -42,6 +42,7 @@ from bodycheck.reports.run_files.tables import (
 )
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.run_files.writer import file_name, trajectory_file
+from bodycheck.scenarios.library import scenario_names
 from bodycheck.scenarios.serialization import as_written
 
 if TYPE_CHECKING:
@@ -143,7 +144,9 @@ def _json(folder: Path, name: str) -> Any:
     try:
         return read_json(folder / name)
     except FileNotFoundError:
-        raise InputError(f"{folder / name}: missing: not a run folder") from None
+        scenario = not folder.exists() and str(folder) in scenario_names()
+        hint = f"; to run the scenario: bodycheck run {folder} --out {folder}" if scenario else ""
+        raise InputError(f"{folder / name}: missing: not a run folder{hint}") from None
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

@@ -54,6 +54,20 @@ def release(version: str, error: float, order: float, *, digits: float = 0.0, **
 OLD, NEW = release("3.17.0", 4.3e-7, 2.0), release("4.0.0", 2.3e-13, 4.0, digits=5e-12)
 
 
+def test_another_one_step_map_is_named() -> None:
+    """With the change of the error, and also where nothing else is worse or improved."""
+
+    def mapped(tables: Tables, **names: str) -> Tables:
+        rows = [{"engine": "mujoco", "method": who, "fingerprint": name} for who, name in names.items()]
+        return replace(tables, fingerprints=tables.fingerprints.from_records(rows))
+
+    before = mapped(OLD, rk4="RK4", euler="M1", implicit="M2")
+    after = mapped(NEW, rk4="RK4 Munthe-Kaas", euler="M1", implicit="implicit midpoint")
+    (told,) = headlines(compare(before, after))
+    assert "(factor 1.9e6), one-step map RK4 -> RK4 Munthe-Kaas; " in told
+    assert "; implicit moved, one-step map M2 -> implicit midpoint; 3 methods moved in the " in told
+
+
 def test_a_better_release_is_one_sentence() -> None:
     """Versions, method, order, error with its step and factor; what moved is counted, with its digit."""
     assert headlines(compare(OLD, NEW)) == [
@@ -166,7 +180,9 @@ def test_a_step_that_a_run_chose_itself_is_neither_new_nor_missing() -> None:
     more = run({"dt_s": 0.02}, {"dt_s": 0.01}, {"dt_s": 0.005}, {"dt_s": 0.05}, **asked)
     for found in (compare(few, more), compare(more, few)):
         assert (found.changes, found.refined) == ((), 2)
-    assert "2 at steps that only one run chose" in sentences(compare(few, more))[-1]
+    assert (
+        "2 not compared, because only one of the runs chose their steps" in sentences(compare(few, more))[-1]
+    )
     lost = run({"dt_s": 0.02}, **asked)
     assert [(one.status, one.fineness) for one in compare(few, lost).changes] == [("missing", 0.01)]
     assert [(one.status, one.fineness) for one in compare(lost, few).changes] == [("new", 0.01)]
