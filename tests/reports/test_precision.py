@@ -226,6 +226,15 @@ def points(errors: dict[float, float], level: float) -> list[Point]:
     return [Point(dt, error, None, level / math.sqrt(dt)) for dt, error in errors.items()]
 
 
+@pytest.mark.parametrize(
+    "steps", [(0.02, 0.01, 0.005, 0.002, 0.001), (0.02, 0.01, 0.005, 0.002, 0.001, 2e-4, 1e-5)]
+)
+def test_steps_dominated_by_round_off_do_not_hide_a_wrong_limit(steps: tuple[float, ...]) -> None:
+    """An error of 0.1 + 3 h, with a predicted round-off of 1e-7 / h, does not converge to the truth."""
+    made = [Point(dt, 0.1 + 3.0 * dt, None, 1e-7 / dt) for dt in steps]
+    assert convergence_of(made, Judged(floor=1e-14)).verdict == "does-not-converge"
+
+
 def test_the_verdict_names_the_floor_of_the_arithmetic() -> None:
     """Errors that finer steps do not reduce are at the floor only where the arithmetic explains them."""
     how, flat = Judged(floor=1e-14), {0.02: 3e-5, 0.01: 5e-6, 0.005: 7e-6, 0.002: 9e-6, 0.001: 8e-6}

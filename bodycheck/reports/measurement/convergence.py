@@ -183,14 +183,20 @@ def _convergence_of(points: tuple[Point, ...], how: Judged) -> Convergence:
 def _limit(ended: Sequence[Point], how: Judged) -> Limit | None:
     """Return the limit of the motions, from the finest case up to the first without one.
 
-    ended: the cases that ended well, coarsest step first.
+    Where the arithmetic is coarser than double precision, the finest steps are left out as far as that makes
+    the limit more certain. ended: the cases that ended well, coarsest step first.
     """
     fine_first = takewhile(lambda pair: pair[1] is not None, ((p, _motion_of(p)) for p in reversed(ended)))
-    known = [(point.dt_s, motion) for point, motion in fine_first if motion is not None][::-1]
-    steps, motions = [dt_s for dt_s, _ in known], [motion for _, motion in known]
-    round_off = ABOVE_FLOOR * max(p.round_off for p in ended)  # predicted to within a factor of 10
-    certain = max(how.floor, how.growing, round_off, _LEAST_CERTAIN)
-    return limit_of(steps, motions, certain, extrapolated=how.extrapolated)
+    known = [(point, motion) for point, motion in fine_first if motion is not None][::-1]
+    rounded = any(point.round_off for point, _ in known)
+    limits = []
+    for count in range(_LEAST_LIMIT_POINTS if rounded else len(known), len(known) + 1):
+        points, motions = [point for point, _ in known[:count]], [motion for _, motion in known[:count]]
+        round_off = ABOVE_FLOOR * max((p.round_off for p in points), default=0.0)  # predicted within that
+        certain = max(how.floor, how.growing, round_off, _LEAST_CERTAIN)
+        limits.append(limit_of([p.dt_s for p in points], motions, certain, extrapolated=how.extrapolated))
+    found = (limit for limit in limits if limit is not None)
+    return min(found, key=lambda limit: limit.uncertainty, default=None)
 
 
 def _motion_of(point: Point) -> Array | None:
