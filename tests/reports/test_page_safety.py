@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bodycheck.reports.measurement.case import MeasuredMotion
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_tables import Run
 from tests.helpers.copied_scenarios import with_scenarios
@@ -89,7 +90,8 @@ def test_a_large_run_stays_light(run: Run) -> None:
         cases += [replace(case, columns={**case.columns, "scenario": name}) for case in sound]
         methods.append(run.methods[run.methods["scenario"] == free.scenario.name].assign(scenario=name))
     noise = np.random.default_rng(0).lognormal(size=101)  # as many samples as most scenarios have
-    cases = [replace(case, series=dict.fromkeys(case.series, noise)) for case in cases]
+    drawn = [MeasuredMotion(case.trajectory, dict.fromkeys(case.series, noise)) for case in cases]
+    cases = [replace(case, motion=motion) for case, motion in zip(cases, drawn, strict=True)]
     begin = time.process_time()
     html = render_report(
         replace(
