@@ -130,6 +130,66 @@ def test_linter_reports_a_wrong_inertia_with_its_line(
     assert findings[0].expected
 
 
+def _robot(folder: Path, links: dict[str, str], joint: str = "continuous") -> Path:
+    """Write links, name -> content, in lines of their own; all but the first hang on that by a joint."""
+    first, *others = links
+    lines = [
+        '<robot name="r">',
+        *(f'<link name="{name}">{content}</link>' for name, content in links.items()),
+    ]
+    lines += [
+        f'<joint name="to_{name}" type="{joint}"><parent link="{first}"/><child link="{name}"/></joint>'
+        for name in others
+    ]
+    path = folder / "robot.urdf"
+    path.write_text("\n".join([*lines, "</robot>"]))
+    return path
+
+
+def _inertial(y: float, ixy: float) -> str:
+    tensor = f'ixx="0.03" iyy="0.04" izz="0.05" ixy="{ixy}" ixz="0.003" iyz="0"'
+    return f'<inertial><origin xyz="0.1 {y} 0"/><mass value="2"/><inertia {tensor}/></inertial>'
+
+
+@pytest.mark.parametrize(("joint", "severities"), [("continuous", ["warning"]), ("fixed", [])])
+def test_linter_reports_a_link_that_moves_and_has_no_inertia(
+    joint: str, severities: list[str], tmp_path: Path
+) -> None:
+    """Its line is that of the link; a welded link needs none."""
+    links = {"base": _inertial(0.0, 0.0), "arm": ""}
+    found = list(lint(read_model(_robot(tmp_path, links, joint))))
+    assert [(one.rule, one.link, one.line, one.severity) for one in found] == [
+        ("missing-inertial", "arm", 3, severity) for severity in severities
+    ]
+    assert all(one.confidence == "certain" and "mass" in one.expected for one in found)
+
+
+def test_linter_reports_a_root_without_inertia(tmp_path: Path) -> None:
+    """As a note: a fixed base needs none, and the file does not state which it is."""
+    (found,) = lint(read_model(_robot(tmp_path, {"base": "", "arm": _inertial(0.0, 0.0)})))
+    assert (found.rule, found.link, found.line, found.severity) == ("missing-inertial", "base", 2, "note")
+
+
+@pytest.mark.parametrize("names", [("left_arm", "right_arm"), ("arm_l", "arm_r"), ("Left", "Right")])
+def test_linter_reports_tensors_that_are_no_mirror_images(names: tuple[str, str], tmp_path: Path) -> None:
+    """Mirrored in y, Ixy changes its sign; the expected tensor is that of the first link so mirrored."""
+    for ixy, wrong in ((-0.004, False), (0.004, True)):
+        base = {"base": _inertial(0.0, 0.0)}
+        arms = dict(zip(names, (_inertial(0.2, 0.004), _inertial(-0.2, ixy)), strict=True))
+        found = list(lint(read_model(_robot(tmp_path, base | arms))))
+        assert [(one.rule, one.link, one.line) for one in found] == [("mirrored-axes", names[1], 4)] * wrong
+    assert found[0].confidence == "likely"
+    assert found[0].expected.startswith("(0.03, -0.004, 0.003, 0.04, 0, 0.05)")
+
+
+def test_linter_reports_a_mirrored_mesh(tmp_path: Path) -> None:
+    """A scale of negative determinant; one of two negative factors is a rotation."""
+    for scale, rules in (("1 -1 1", ["mirrored-axes"]), ("-1 -1 1", [])):
+        mesh = f'<collision><geometry><mesh filename="a.stl" scale="{scale}"/></geometry></collision>'
+        found = list(lint(read_model(_robot(tmp_path, {"base": _inertial(0.0, 0.0) + mesh}))))
+        assert [one.rule for one in found] == rules, scale
+
+
 def test_linter_reports_a_tensor_about_the_origin(tmp_path: Path) -> None:
     """A tensor that fits the shape only about the link's origin is found."""
     mass, arm, edges = 2.0, np.array([0.5, 0.0, 0.0]), np.array([0.2, 0.3, 0.4])
