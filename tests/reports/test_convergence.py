@@ -126,6 +126,21 @@ def test_coarser_steps_are_tried_while_errors_are_at_the_floor() -> None:
     assert verdict in ("converges", "too-few-points", "pre-asymptotic")
 
 
+def test_finer_steps_are_tried_where_large_errors_hardly_shrink() -> None:
+    """Three points are few, but coarser ones would not tell what errors like these converge to."""
+    points = [Point(0.02, 0.15), Point(0.01, 0.11), Point(0.005, 0.1)]
+    assert next_step_size(points, HOW, (0.02, 0.01, 0.005), 0.1, 10.0) == 0.002
+    falling = [Point(0.02, 0.015), Point(0.01, 0.0011), Point(0.005, 0.0001)]
+    assert next_step_size(falling, HOW, (0.02, 0.01, 0.005), 0.1, 10.0) == 0.05
+
+
+def test_three_steps_show_convergence_by_their_limit() -> None:
+    """An order needs four points; a limit at the truth needs three."""
+    found = convergence_of(power_law(2.0, 1e-1, (4e-3, 2e-3, 1e-3)), HOW)
+    assert (found.verdict, found.order) == ("converges", None)
+    assert convergence_of(power_law(2.0, 1e-1, (2e-3, 1e-3)), HOW).verdict == "too-few-points"
+
+
 def test_nothing_is_tried_when_the_order_shows() -> None:
     """Four clean points are enough."""
     assert climb((1.0, 1.0)) == ([], "converges")

@@ -10,7 +10,7 @@ import pytest
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.convergence import Judged, Point, convergence_of
-from bodycheck.reports.measurement.limits import limit_of
+from bodycheck.reports.measurement.limits import Limit, limit_of
 
 SAMPLES = np.linspace(0.0, 1.0, 61)
 LADDERS = (
@@ -51,6 +51,14 @@ def departures(
             part = np.sin(part)
         motions.append(limit * off + part + FLOOR * rng.normal(size=part.shape))
     return motions, own
+
+
+@pytest.mark.parametrize(
+    ("distance", "order", "is_truth"), [(0.01, 2.0, True), (0.2, 2.0, False), (0.01, 0.0, False)]
+)
+def test_a_limit_is_the_truth_if_near_and_approached(distance: float, order: float, is_truth: bool) -> None:
+    """Its distance is within its uncertainty, and the differences shrink."""
+    assert Limit(distance, 0.1, order, is_off=False).is_truth is is_truth
 
 
 def judged(steps: Sequence[float], motions: Sequence[Array], how: Judged | None = None) -> str:

@@ -36,7 +36,7 @@ from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.truth import Truth
 from bodycheck.reference_impl.wrench import plan_steps
 from bodycheck.reports.measurement import measures
-from bodycheck.reports.measurement.case import measured_by
+from bodycheck.reports.measurement.case import _horizon, measured_by
 from bodycheck.reports.measurement.invariants import (
     Invariant,
     InvariantDrift,
@@ -303,6 +303,13 @@ def test_horizon_is_the_last_time_before_an_error_of_0_3_rad(
     assert columns["horizon_s"] == horizon
     assert "invariant" not in columns
     assert "invariant_drift" not in series
+
+
+def test_an_error_of_0_3_rad_is_within_the_horizon() -> None:
+    """Only a larger one ends it."""
+    t_s = np.arange(3.0)
+    assert _horizon(t_s, np.array([0.0, 0.3, 0.4])) == 1.0
+    assert _horizon(t_s, np.array([0.0, 0.3, 0.3])) == 2.0
 
 
 # ---------------------------------------------------------------------------------------------- invariants
