@@ -58,7 +58,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/measurement/growth.py": ("test_growth.py",),
     "reports/measurement/refinement.py": ("test_convergence_laws.py", "test_convergence.py"),
     "reports/measurement/stability.py": ("test_state_laws.py",),
-    "reports/summary/worst_results.py": ("test_state_laws.py",),
+    "reports/summary/worst_results.py": ("test_state_laws.py", "test_summary.py"),
     "reports/run_files/run_tables.py": ("test_state_laws.py",),
     "reports/summary/cells.py": ("test_state_laws.py",),
     "adapters/stable_step.py": ("../adapters/test_stable_step.py",),

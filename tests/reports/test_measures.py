@@ -781,6 +781,29 @@ def test_drift_is_measured_as_a_vector_in_world_axes() -> None:
     assert columns["rotational_energy_drift"] < 1e-6
 
 
+def test_three_measures_have_no_verdict() -> None:
+    """Each of them says again what a judged one says."""
+    unjudged = {name for name, measure in measures.MEASURES.items() if measure.judged is None}
+    assert unjudged == {
+        "angular_momentum_direction_error_rad",
+        "determinant_error",
+        "orientation_error_final_rad",
+    }
+
+
+def test_a_small_momentum_has_no_direction() -> None:
+    """The angle counts where |L*| is at least a tenth of its largest value, and is 0 elsewhere."""
+    true = np.array([[10.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.9, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    momentum = true + np.array([0.0, 1.0, 0.0])
+    angles = measures._angle_between_momenta(
+        SimpleNamespace(  # type: ignore[arg-type]
+            motion=SimpleNamespace(angular_momentum=momentum), true=SimpleNamespace(angular_momentum=true)
+        )
+    )
+    assert angles is not None
+    assert angles == pytest.approx([math.atan(0.1), math.atan(1.0), 0.0, 0.0])
+
+
 def test_error_of_the_momentum_direction_is_an_angle() -> None:
     """A momentum rotated by 0.3 rad, and twice as long, has an error of 0.3 rad."""
     sound = stepped(SCENES["free"])

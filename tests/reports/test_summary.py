@@ -10,8 +10,11 @@ from bodycheck._util.formatting import names, number, scientific, step
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.run_files.run_tables import Run, common_step
+from bodycheck.reports.run_files.tables import LAW_COLUMNS, as_table
 from bodycheck.reports.summary.cells import Cell, summary_cells
 from bodycheck.reports.summary.sentences import Summary, verdict_sentences
+from bodycheck.reports.summary.worst_results import worst_results
+from tests.helpers.gate_tables import make_tables
 
 
 @pytest.mark.slow
@@ -35,6 +38,19 @@ def test_too_few_steps_do_not_read_as_a_failure() -> None:
     told = verdict_sentences(cells, [])
     assert len(told) == 1
     assert told[0].startswith("No verdict for 1 of 1 pair")
+
+
+def test_a_broken_law_is_a_finding() -> None:
+    """It names the law, what breaks it and the command; laws that hold are none."""
+    law = {"engine": "mujoco", "method": "rk4", "law": "boost", "message": "omega differs by 1", "size": 1.0}
+    rows = [
+        {**law, "verdict": verdict, "reproduce": "bodycheck laws mujoco:rk4"} for verdict in ("broken", "ok")
+    ]
+    run = replace(make_tables([{}]), laws=as_table(rows, LAW_COLUMNS))
+    (found,) = worst_results(run, {})
+    assert (found.kind, found.method, found.quantity) == ("inconsistent", "mujoco:rk4", "boost")
+    assert found.sentence == "law boost broken: omega differs by 1"
+    assert found.reproduce == "bodycheck laws mujoco:rk4"
 
 
 def test_every_verdict_and_outcome_has_its_word() -> None:
