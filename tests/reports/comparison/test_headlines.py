@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
 from markupsafe import escape
 
-from bodycheck.reports.comparison.change import Status
+from bodycheck.reports.comparison.change import Change, Status
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.comparison.describe import comparison_document, comparison_page, sentences
 from bodycheck.reports.comparison.environment_diff import is_refinement
@@ -66,6 +67,17 @@ def test_another_one_step_map_is_named() -> None:
     (told,) = headlines(compare(before, after))
     assert "(factor 1.9e6), one-step map RK4 -> RK4 Munthe-Kaas; " in told
     assert "; implicit moved, one-step map M2 -> implicit midpoint; 3 methods moved in the " in told
+
+
+def test_a_change_of_speed_is_a_factor() -> None:
+    """Larger relative times are slower, smaller ones faster."""
+    made = partial(Change, "speed", None, "mujoco", quantity="relative_cpu", before=1.0)
+    slower = made(method="rk4", after=2.0, status="worse", decades=math.log10(2.0))
+    faster = made(method="euler", after=0.25, status="improved", decades=-math.log10(4.0))
+    comparison = replace(compare(OLD, OLD), changes=(slower, faster))
+    assert headlines(comparison) == [
+        "mujoco 3.17.0: rk4 worse, 2 times slower; euler improved, 4 times faster."
+    ]
 
 
 def test_a_better_release_is_one_sentence() -> None:

@@ -202,6 +202,20 @@ def test_growth_is_compared_with_the_required_one(found: str | None, status: str
     assert one(asked, {}, methods=[row]).status == status
 
 
+def test_a_failed_order_has_the_error_at_each_step() -> None:
+    """The coarsest first, with the order between neighbours; a case that failed has its message."""
+    errors = {0.01: 1e-3, 0.02: 4e-3, 0.005: 5e-4}
+    cases = [{"dt_s": dt_s, "orientation_error_rad": error} for dt_s, error in errors.items()]
+    cases.append({"dt_s": 0.04, "outcome": "failed", "message": "no convergence"})
+    result = one(gate(measure="order.orientation_error_rad", lower=3.9), *cases, methods=[{"order": 1.5}])
+    assert result.worst is not None
+    lines = result.worst.row.errors
+    assert [line.split(":")[0] for line in lines] == ["dt 0.04 s", "dt 0.02 s", "dt 0.01 s", "dt 0.005 s"]
+    assert lines[0].endswith("failed: no convergence")
+    assert "order 2" in lines[2]
+    assert "order 1" in lines[3]
+
+
 def test_distance_is_in_decades_for_errors_and_plain_for_orders() -> None:
     """1e-2 is one decade beyond 1e-3; an order of 3.5 is 0.4 beyond 3.9."""
     error = one(gate(upper=1e-3), {"orientation_error_rad": 1e-2})
