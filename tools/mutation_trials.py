@@ -54,7 +54,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/measurement/convergence.py": ("test_convergence_laws.py", "test_convergence.py"),
     "reports/measurement/limits.py": ("test_limits.py",),
     "reports/measurement/order.py": ("test_order.py",),
-    "reports/measurement/verdicts.py": ("test_state_laws.py",),
+    "reports/measurement/verdicts.py": ("test_state_laws.py", "test_summary.py"),
     "reports/measurement/growth.py": ("test_growth.py",),
     "reports/measurement/refinement.py": ("test_convergence_laws.py", "test_convergence.py"),
     "reports/measurement/stability.py": ("test_state_laws.py",),

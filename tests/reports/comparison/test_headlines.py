@@ -312,6 +312,12 @@ def test_each_measure_has_its_own_threshold() -> None:
             "bodycheck versions mujoco --since 3.9.0 --until 3.10.0 --scenario brick --method rk4 "
             f"--measure order.{ERROR}",
         ),
+        (
+            run({}, methods=[of_order(2.0)], version="3.9.0"),
+            run({}, methods=[{**of_order(2.0), "verdict": "does-not-converge"}], version="3.10.0"),
+            "bodycheck versions mujoco --since 3.9.0 --until 3.10.0 --scenario brick --method rk4 "
+            f"--measure verdict.{ERROR}",
+        ),
         (run({ERROR: 1e-3}), run({ERROR: 1e-2}), None),  # the same release
         (run({}), run({}, version="4.0.0"), None),  # nothing changed with it
         (
