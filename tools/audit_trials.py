@@ -36,13 +36,14 @@ IMPORTERS = (("mujoco", "recommended"), ("pybullet", "recommended"), ("dart", "d
 
 
 def real(folders: list[Path], every: int) -> None:
-    """Audit real files without spins, and print outcomes, unexplained differences and the slowest ones."""
+    """Audit real files without spins; print outcomes, causes with an example, and the slowest files."""
     files = sorted(
         path for folder in folders for suffix in ("*.urdf", "*.xml") for path in folder.rglob(suffix)
     )
     files = [path for path in files if b"<robot" in (head := read_bytes(path)) or b"<mujoco" in head][::every]
     outcomes: Counter[str] = Counter()
     causes: Counter[str] = Counter()
+    examples: dict[str, str] = {}
     slow: list[tuple[float, str]] = []
     faults = 0
     for place, path in enumerate(files):
@@ -65,14 +66,17 @@ def real(folders: list[Path], every: int) -> None:
                 print(f"  {path.name} {column.name} {column.outcome}: {column.message[:150]}")
         for link, name, one in found.differing():
             for cause in one.causes:
-                causes[f"{name}: {_kind(cause)}"] += 1
+                kind = f"{name}: {_kind(cause)}"
+                causes[kind] += 1
+                examples.setdefault(kind, f"{path.name} {link.name}")
                 if "no known fault" in cause:
                     print(f"  unexplained: {path.name} {link.name} {name}: {cause}")
         if sys.stderr.isatty():
             print(f"{place + 1} of {len(files)}", end="\r", file=sys.stderr)
     print(f"{len(files)} files, {faults} faults of the audit itself")
     for what, amount in (*sorted(outcomes.items()), *causes.most_common()):
-        print(f"  {amount:6d}  {what}")
+        example = f", as in {examples[what]}" if what in examples else ""
+        print(f"  {amount:6d}  {what}{example}")
     slow.sort(reverse=True)
     print("slowest, s per link and importer:", [(round(s, 2), name) for s, name in slow[:5]])
 

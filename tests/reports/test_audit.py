@@ -58,7 +58,7 @@ def _causes(link: ModelLink, tensor: np.ndarray) -> tuple[str, ...]:
     assert link.stated is not None
     expected = Body.of(link.stated.in_link)
     held = Body(expected.mass_kg, expected.centre_m, tensor)
-    return body_causes([(link, Frame.of())], expected, held, Difference.between(expected, held), "", {})
+    return body_causes([(link, Frame.of())], expected, held, Difference.between(expected, held), "", {}, 0.0)
 
 
 def test_tensor_faults_are_named(tmp_path: Path) -> None:
@@ -271,6 +271,58 @@ def test_box_around_a_turned_capsule_is_named(quiet: str, tmp_path: Path) -> Non
     )
     held = audit(path, AuditOptions(["pybullet"], spins=False)).links[0].held["pybullet:default"]
     assert "tensor discarded: recomputed from a box around the collision shapes" in " ".join(held.causes)
+
+
+def _mjcf(folder: Path, body: str, compiler: str = "") -> Path:
+    path = folder / "model.xml"
+    path.write_text(
+        f"<mujoco><compiler {compiler}/><worldbody><body name='leg'><freejoint/>{body}</body></worldbody>"
+        "</mujoco>"
+    )
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("body", "cause"),
+    [
+        (
+            "<geom type='capsule' size='0.08' fromto='0 0 0 0.2 0.2 0' density='5'/>",
+            "mass recomputed: the volume of the shapes at 1000 kg/m^3",
+        ),
+        (
+            "<geom type='capsule' size='0.08' fromto='0 0 0 0.2 0.2 0'/>",
+            "recomputed from a box around the collision shapes, capsules 0.04 m wider on each side",
+        ),
+        (
+            "<inertial pos='0 0 0' mass='10' diaginertia='1 1 1'/><geom type='sphere' size='0.05'/>",
+            "mass of <inertial>, which the file overrules by its geoms",
+        ),
+    ],
+)
+def test_masses_and_boxes_of_bullet_are_named(body: str, cause: str, tmp_path: Path) -> None:
+    """PyBullet ignores density and inertiafromgeom, and widens capsules that are given by their ends."""
+    path = _mjcf(tmp_path, body, "inertiafromgeom='true'")
+    held = audit(path, AuditOptions(["pybullet"], spins=False)).links[0].held["pybullet:default"]
+    assert cause in "; ".join(held.causes)
+
+
+@pytest.mark.slow
+def test_mass_of_a_link_without_its_merged_links_is_named(tmp_path: Path) -> None:
+    """DART drops nameless bodies that are fixed to another, and their masses."""
+    fixed = "<body pos='0 0 0.3'><geom type='box' size='0.1 0.1 0.1'/></body>"
+    path = _mjcf(tmp_path, f"<geom type='box' size='0.2 0.1 0.1'/>{fixed}")
+    held = audit(path, AuditOptions(["dart"], spins=False)).links[0].held["dart:default"]
+    assert "mass of this link alone: that of the links merged into it is lost" in held.causes
+    assert "replaced by the identity" in held.causes
+
+
+@pytest.mark.slow
+def test_inertia_scaling_is_named(tmp_path: Path) -> None:
+    """Bullet multiplies the tensor by an element of its own, which no other importer reads."""
+    more = f'<contact><inertia_scaling value="3.0"/></contact>{_BOX}'
+    found = audit(_file(tmp_path, more=more), AuditOptions(["pybullet"], spins=False)).links[0]
+    assert found.held["pybullet:recommended"].causes == ("tensor times 3: <inertia_scaling> of the file",)
 
 
 @pytest.mark.slow

@@ -22,6 +22,8 @@ MARGINS_M = (0.0, 0.04)
 Boxes: TypeAlias = Mapping[float, Sequence[Array]]
 Member: TypeAlias = tuple[ModelLink, Frame]
 """A link, and its pose in the link that it is part of."""
+_WATER_KG_M3 = 1000.0
+"""The density of geoms that state none in MJCF, which some importers give to all."""
 _NEARLY_A_BOX = 0.05  # shapes of meshes have small margins
 
 
@@ -49,11 +51,13 @@ def body_causes(
     difference: Difference | None,
     discarded: str,
     boxes: Boxes,
+    volume_m3: float,
 ) -> tuple[str, ...]:
     """Return the named causes.
 
     members: the link and those merged into it. discarded: what a second import showed the tensor to come
     from, or "". boxes: margin in m -> tensors (3, 3) of boxes around the link's shapes with that margin.
+    volume_m3: of the link's shapes.
     """
     link = members[0][0]
     if expected is None or difference is None:
@@ -66,7 +70,7 @@ def body_causes(
             f"rounded: {scientific(difference.largest)}, as single precision or an unfinished iteration does",
         )
     if difference.mass > SINGLE:
-        found.append(_mass_cause(link, expected, held))
+        found.append(_mass_cause(members, expected, held, volume_m3))
     if difference.centre > SINGLE:
         found.append(_centre_cause(link, expected, held))
     if difference.inertia > SINGLE:
@@ -74,18 +78,26 @@ def body_causes(
     return tuple(dict.fromkeys(found))
 
 
-def _mass_cause(link: ModelLink, expected: Body, held: Body) -> str:
+def _mass_cause(members: Sequence[Member], expected: Body, held: Body, volume_m3: float) -> str:
+    def near(mass: float) -> bool:
+        return abs(mass - held.mass_kg) <= SINGLE * held.mass_kg
+
+    link = members[0][0]
     if held.mass_kg == 0.0:
         return "mass discarded: the link cannot move"
     if expected.mass_kg == 0.0:
         return f"mass invented: {number(held.mass_kg, 6)} kg"
     if held.mass_kg > expected.mass_kg and held.mass_kg in (1e-3, 1e-6, 1e-2, 0.1, 1.0):
         return f"mass clamped to {number(held.mass_kg, 6)} kg"
-    parts = () if link.stated is None else link.stated.parts
-    if len(parts) > 1 and any(
-        abs(float(part.mass) - held.mass_kg) <= SINGLE * held.mass_kg for part in parts
-    ):
-        return f"mass of one of {len(parts)} shapes only"
+    if (stated := link.stated) is not None:
+        if len(members) > 1 and near(float(stated.inertia.mass)):
+            return "mass of this link alone: that of the links merged into it is lost"
+        if len(stated.parts) > 1 and any(near(float(part.mass)) for part in stated.parts):
+            return f"mass of one of {len(stated.parts)} shapes only"
+        if stated.overruled_mass is not None and near(stated.overruled_mass):
+            return "mass of <inertial>, which the file overrules by its geoms"
+    if near(_WATER_KG_M3 * volume_m3):
+        return f"mass recomputed: the volume of the shapes at {_WATER_KG_M3:g} kg/m^3"
     return f"mass times {number(held.mass_kg / expected.mass_kg, 6)}"
 
 
@@ -110,6 +122,8 @@ def _centre_cause(link: ModelLink, expected: Body, held: Body) -> str:
 
 
 def _tensor_cause(members: Sequence[Member], expected: Body, held: Body, discarded: str, boxes: Boxes) -> str:
+    if np.array_equal(held.inertia_kg_m2, np.eye(3)):
+        return "replaced by the identity"
     size = max(float(np.max(np.abs(expected.inertia_kg_m2))), float(np.max(np.abs(held.inertia_kg_m2))))
     for what, tensor in _faults_of(members):
         other = float(np.max(np.abs(tensor - expected.inertia_kg_m2)))
@@ -122,7 +136,7 @@ def _tensor_cause(members: Sequence[Member], expected: Body, held: Body, discard
         if any(float(np.max(np.abs(box - held.inertia_kg_m2))) <= _NEARLY_A_BOX * moment for box in tensors):
             wider = f", capsules {margin:g} m wider on each side" if margin else ""
             return f"{DISCARDED}: recomputed from a box around the collision shapes{wider}"
-    return _by_moments(expected, held)
+    return _by_moments(members[0][0], expected, held)
 
 
 def _faults_of(members: Sequence[Member]) -> Iterator[tuple[str, Array]]:
@@ -167,7 +181,6 @@ def _faults(link: ModelLink, expected: Body) -> Iterator[tuple[str, Array]]:
     steiner = m * (c @ c * np.eye(3) - np.outer(c, c))
     yield "taken about the link's origin, not the centre of mass", expected.inertia_kg_m2 - steiner
     yield "held about the link's origin, not the centre of mass", expected.inertia_kg_m2 + steiner
-    yield "replaced by the identity", np.eye(3)
     moments, V = np.linalg.eigh(J)
     yield "made isotropic: each moment is the mean", np.eye(3) * moments.mean()
     for order in permutations(range(3)):
@@ -183,7 +196,7 @@ def _faults(link: ModelLink, expected: Body) -> Iterator[tuple[str, Array]]:
         yield "rotated by the inverse of inertial frame and principal axes", A.T @ R.T @ ordered @ R @ A
 
 
-def _by_moments(expected: Body, held: Body) -> str:
+def _by_moments(link: ModelLink, expected: Body, held: Body) -> str:
     """Return what the principal moments and axes alone tell."""
     given, got = expected.principal[0], held.principal[0]
     if not got.any():
@@ -197,7 +210,9 @@ def _by_moments(expected: Body, held: Body) -> str:
             np.max(np.abs(held.inertia_kg_m2 - factor * expected.inertia_kg_m2))
             <= SINGLE * abs(factor) * given[2]
         ):
-            return f"tensor times {number(factor, 6)}"
+            scaling = link.inertia_scaling
+            scaled = scaling != 1.0 and abs(factor - scaling) <= SINGLE * abs(scaling)
+            return f"tensor times {number(factor, 6)}" + (": <inertia_scaling> of the file" if scaled else "")
     raised = [k for k in range(3) if got[k] > given[k] * (1.0 + SINGLE)]
     kept = all(k in raised or abs(got[k] - given[k]) <= SINGLE * given[2] for k in range(3))
     if raised and kept and float(np.ptp(got[raised])) <= SINGLE * float(got[raised[0]]):

@@ -317,7 +317,8 @@ class _Reader:
         if from_geoms and parts:
             total = composite(parts)
             derived = f"from {len(parts)} geom{'s' if len(parts) > 1 else ''}"
-            stated = Stated(body.node.line, total, Frame.of(), derived, tuple(parts))
+            overruled = None if body.inertial is None else float(body.inertial.inertia.mass)
+            stated = Stated(body.node.line, total, Frame.of(), derived, tuple(parts), overruled)
         if stated is None and not (settings.least_mass or settings.least_inertia):
             return None, ""
         if stated is None:
@@ -371,7 +372,8 @@ class _Reader:
         pose = frame @ pose
         sizes = tuple(float(value) for value in size)
         collides = own.get("contype", "1") != "0" or own.get("conaffinity", "1") != "0"
-        body.shapes.append(Shape(kind, sizes, pose, own.get("mesh", ""), collides=collides))
+        by_ends = "fromto" in own
+        body.shapes.append(Shape(kind, sizes, pose, own.get("mesh", ""), collides=collides, by_ends=by_ends))
         low, high = self.settings.groups
         group = _number(node, own, "group", 0.0)
         if not low <= group <= high or kind == "plane":

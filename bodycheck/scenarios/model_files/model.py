@@ -20,6 +20,7 @@ class Stated:
     """An inertia as written: about the centre of mass, in the axes of an inertial frame of the link.
 
     derived: how it follows from the file if it is not written, such as "from 2 geoms", with its parts.
+    overruled_mass: in kg, of an element <inertial> that the file itself overrules by the geoms.
     """
 
     line: int
@@ -27,6 +28,7 @@ class Stated:
     frame: Frame
     derived: str = ""
     parts: tuple[ExactInertia, ...] = ()
+    overruled_mass: float | None = None
 
     @cached_property
     def in_link(self) -> ExactInertia:
@@ -53,7 +55,10 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A collision shape in link axes: its kind, sizes as in its format, pose, and mesh file if it has one."""
+    """A collision shape in link axes: its kind, sizes as in its format, pose, and mesh file if it has one.
+
+    by_ends: whether the file gives the two ends of its axis, as the attribute fromto of MJCF does.
+    """
 
     kind: str
     size: tuple[float, ...]
@@ -61,11 +66,15 @@ class Shape:
     mesh: str = ""
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
     collides: bool = True
+    by_ends: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class ModelLink:
-    """A link (URDF) or body (MJCF). stated None: without inertia; unread: why it cannot be computed here."""
+    """A link (URDF) or body (MJCF). stated None: without inertia; unread: why it cannot be computed here.
+
+    inertia_scaling: the factor of <contact><inertia_scaling>, an element that only Bullet reads.
+    """
 
     name: str
     line: int
@@ -76,6 +85,7 @@ class ModelLink:
     stated: Stated | None
     shapes: tuple[Shape, ...] = ()
     unread: str = ""
+    inertia_scaling: float = 1.0
 
     @property
     def collisions(self) -> tuple[Shape, ...]:

@@ -70,6 +70,16 @@ def uniform(link: ModelLink, model: ModelFile) -> MassProperties | None:
     if len(link.collisions) != 1 or link.stated is None:
         return None
     (shape,) = link.collisions
+    solid = _solid(shape, model)
+    if solid is None:
+        return None
+    mass = float(link.stated.inertia.mass)
+    solid = solid.rotated(doubles(shape.frame.rotation)).moved(doubles(shape.frame.position))
+    return solid.at_density(mass / solid.mass) if mass > 0.0 else None
+
+
+def _solid(shape: Shape, model: ModelFile) -> MassProperties | None:
+    """Return a shape at unit density in its axes, a mesh as the box around it; None if that is unknown."""
     box = half_extents(shape, model)
     if box is None or not np.all(box[1] > 0.0):
         return None
@@ -85,17 +95,21 @@ def uniform(link: ModelLink, model: ModelFile) -> MassProperties | None:
             solid = primitive("capsule", [half[0], 2.0 * (half[2] - half[0])])
         case _:
             solid = primitive("box", (2.0 * half).tolist())
-    mass = float(link.stated.inertia.mass)
-    solid = solid.moved(middle).rotated(doubles(shape.frame.rotation)).moved(doubles(shape.frame.position))
-    return solid.at_density(mass / solid.mass) if mass > 0.0 else None
+    return solid.moved(middle)
+
+
+def volume_m3(link: ModelLink, model: ModelFile) -> float:
+    """Return the sum of the volumes of a link's primitive shapes in m^3, overlaps counted twice."""
+    solids = (_solid(shape, model) for shape in link.shapes if shape.kind != "mesh")
+    return sum(solid.mass for solid in solids if solid is not None)
 
 
 def bounding_boxes(link: ModelLink, model: ModelFile, mass: float, margin_m: float) -> list[Array]:
     """Return tensors (3, 3) in link axes of uniform boxes around all shapes, along the axes of each frame.
 
     Once around the shapes that collide, and once around all: Bullet ignores the default classes of MJCF,
-    which may say that shapes do not collide. margin_m: added to each capsule, as Bullet does for those that
-    a file gives by two points.
+    which may say that shapes do not collide. margin_m: added to each capsule that a file gives by its ends,
+    as Bullet does.
     """
     found = []
     for shapes in dict.fromkeys((link.collisions, link.shapes)):
@@ -120,8 +134,10 @@ def _span(shape: Shape, model: ModelFile, R: Array, margin_m: float) -> tuple[Ar
     match shape.kind:
         case "sphere":
             reach = half
-        case "capsule":
-            reach = np.abs(turned) @ half + margin_m  # Bullet: the box around the capsule, turned
+        case "capsule" if shape.by_ends:  # Bullet makes it of two spheres, with a margin
+            reach = along * (half[2] - half[0]) + half[0] + margin_m
+        case "capsule":  # Bullet turns the box around the capsule
+            reach = np.abs(turned) @ half
         case "cylinder":
             reach = along * half[2] + np.sqrt(np.maximum(0.0, 1.0 - along**2)) * half[0]
         case _:

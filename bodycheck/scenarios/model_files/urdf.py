@@ -41,7 +41,12 @@ def read_urdf(root: Any, path: Path) -> ModelFile:
     for node, name in zip(nodes, names, strict=True):
         parent, pose, joint = parents.get(name, (None, Frame.of(), None))
         shapes = tuple(_shapes(node))
-        links.append(ModelLink(name, node.line, path, parent, pose, joint, _stated(node), shapes))
+        scaling = _inertia_scaling(node)
+        links.append(
+            ModelLink(
+                name, node.line, path, parent, pose, joint, _stated(node), shapes, inertia_scaling=scaling
+            )
+        )
     meshes = {mesh.text("filename") for mesh in _meshes(robot)}
     reads = tuple(sorted(resolved(name, path) for name in meshes))
     return ModelFile(path, "urdf", tuple(links), reads)
@@ -151,6 +156,12 @@ def _stated(link: Node) -> Stated | None:
             tensor[i, j] = tensor[j, i] = inertia.number(name, 0.0)
     body = ExactInertia(m, exact(np.zeros(3)), exact(tensor))
     return Stated(inertial.line, body, _origin(inertial))
+
+
+def _inertia_scaling(link: Node) -> float:
+    contact = link.child("contact")
+    scaling = contact.child("inertia_scaling") if contact is not None else None
+    return 1.0 if scaling is None else scaling.number("value", 1.0)
 
 
 def _shapes(link: Node) -> list[Shape]:
