@@ -35,12 +35,11 @@ from bodycheck.reports.audit.audit import (
     LinkAudit,
     State,
 )
-from bodycheck.reports.audit.causes import MARGINS_M, body_causes, joint_causes, with_issue
+from bodycheck.reports.audit.causes import body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
 from bodycheck.scenarios.model_files.model import ModelFile, ModelLink
 from bodycheck.scenarios.model_files.reader import read_model
 from bodycheck.scenarios.model_files.rewriting import Change, bare_text, changed_text
-from bodycheck.scenarios.model_files.shape_sizes import bounding_boxes, volume_m3
 
 TIMEOUT_S = 60.0
 _IMPORT_S = 1.0  # time limit per link, beyond a start
@@ -292,15 +291,8 @@ def _compared(model: ModelFile, link: ModelLink, imported: _Imported) -> Compari
         difference = Difference(0.0, 0.0, 0.0)  # where the centre of nothing is does not matter
     causes: tuple[str, ...] = ()
     if difference.largest > SAME:
-        boxes = {margin: bounding_boxes(link, model, body.mass_kg, margin) for margin in MARGINS_M}
         causes = body_causes(
-            members,
-            expected,
-            body,
-            difference,
-            imported.discarded.get(link.name, ""),
-            boxes,
-            volume_m3(link, model),
+            model, members, expected, body, difference, imported.discarded.get(link.name, "")
         )
     causes = tuple(with_issue(imported.column.engine, cause) for cause in causes)
     joint = joint_causes(link.joint, held)

@@ -25,7 +25,7 @@ from bodycheck.reports.document import json_text
 from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
 from bodycheck.scenarios.model_files.exact import Frame, doubles
-from bodycheck.scenarios.model_files.model import Joint, ModelLink
+from bodycheck.scenarios.model_files.model import Joint, ModelFile
 from bodycheck.scenarios.model_files.reader import read_model
 from tests.helpers.in_process_cli import run_bodycheck
 
@@ -50,20 +50,19 @@ def _file(folder: Path, inertia: str = _GOOD, mass: str = "2.0", name: str = "ar
     return path
 
 
-def _link(folder: Path) -> ModelLink:
-    return read_model(_file(folder)).links[0]
-
-
-def _causes(link: ModelLink, tensor: np.ndarray) -> tuple[str, ...]:
+def _causes(model: ModelFile, tensor: np.ndarray) -> tuple[str, ...]:
+    link = model.links[0]
     assert link.stated is not None
     expected = Body.of(link.stated.in_link)
     held = Body(expected.mass_kg, expected.centre_m, tensor)
-    return body_causes([(link, Frame.of())], expected, held, Difference.between(expected, held), "", {}, 0.0)
+    difference = Difference.between(expected, held)
+    return body_causes(model, [(link, Frame.of())], expected, held, difference, "")
 
 
 def test_tensor_faults_are_named(tmp_path: Path) -> None:
     """Each fault made with the numbers of the file is named, and the right tensor has no cause."""
-    link = _link(tmp_path)
+    model = read_model(_file(tmp_path))
+    link = model.links[0]
     assert link.stated is not None
     J, R = doubles(link.stated.inertia.tensor), doubles(link.stated.frame.rotation)
     diagonal = np.diag(np.diagonal(J))
@@ -76,7 +75,7 @@ def test_tensor_faults_are_named(tmp_path: Path) -> None:
         "replaced by the identity": np.eye(3),
     }
     for what, tensor in faults.items():
-        assert _causes(link, tensor) == (what,)
+        assert _causes(model, tensor) == (what,)
     assert (
         Difference.between(
             Body.of(link.stated.in_link), Body(2.0, np.array([0.1, 0.2, -0.1]), R @ J @ R.T)
@@ -295,6 +294,10 @@ def _mjcf(folder: Path, body: str, compiler: str = "") -> Path:
             "recomputed from a box around the collision shapes, capsules 0.04 m wider on each side",
         ),
         (
+            "<geom type='cylinder' size='0.2 0.1' density='5'/>",
+            "tensor scaled with the mass",
+        ),
+        (
             "<inertial pos='0 0 0' mass='10' diaginertia='1 1 1'/><geom type='sphere' size='0.05'/>",
             "mass of <inertial>, which the file overrules by its geoms",
         ),
@@ -305,6 +308,14 @@ def test_masses_and_boxes_of_bullet_are_named(body: str, cause: str, tmp_path: P
     path = _mjcf(tmp_path, body, "inertiafromgeom='true'")
     held = audit(path, AuditOptions(["pybullet"], spins=False)).links[0].held["pybullet:default"]
     assert cause in "; ".join(held.causes)
+
+
+@pytest.mark.slow
+def test_tensor_of_the_shape_in_place_of_the_file_is_named(tmp_path: Path) -> None:
+    """PyBullet's importer of MJCF discards the tensor of <inertial>."""
+    inertial = "<inertial pos='0 0 0' mass='2' diaginertia='1 1 1'/><geom type='sphere' size='0.1'/>"
+    held = audit(_mjcf(tmp_path, inertial), AuditOptions(["pybullet"], spins=False)).links[0].held
+    assert held["pybullet:default"].causes == ("tensor discarded: recomputed from the only shape",)
 
 
 @pytest.mark.slow

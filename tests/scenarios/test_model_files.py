@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from bodycheck._util.errors import InputError
@@ -81,6 +82,38 @@ def test_mjcf_classes_orientations_and_compiler_agree_with_mujoco(tmp_path: Path
             )
             centre = doubles(link.stated.in_link.centre)
             np.testing.assert_allclose(compiled.body_ipos[index], centre, atol=1e-13)
+
+
+@pytest.mark.parametrize("inertia", ["convex", "exact", "legacy"])
+def test_mesh_geom_is_placed_once(inertia: str, tmp_path: Path) -> None:
+    """A mesh of a box that is turned by 30 degrees and moved has R I R^T of the box, and is moved once."""
+    edges = np.array([0.2, 0.3, 0.5])
+    corners = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).reshape(3, -1).T * edges
+    hull = ConvexHull(corners)
+    turned = np.where(np.einsum("ij,ij->i", _normals(corners, hull.simplices), hull.equations[:, :3]) < 0)[0]
+    faces = hull.simplices.copy()
+    faces[turned] = faces[turned][:, [0, 2, 1]]
+    mesh = f"vertex='{_row(corners)}' face='{_row(faces)}' inertia='{inertia}'"
+    link = _read(
+        f"<mujoco><asset><mesh name='box' {mesh}/></asset><worldbody><body name='b'><frame pos='0 0 1'>"
+        "<geom type='mesh' mesh='box' mass='2' pos='0.1 0 0' euler='0 0 30'/></frame></body></worldbody>"
+        "</mujoco>",
+        tmp_path,
+    ).links[0]
+    assert link.stated is not None
+    R = Rotation.from_euler("z", 30, degrees=True).as_matrix()
+    expected = R @ np.diag(2.0 / 12.0 * (edges @ edges - edges**2)) @ R.T
+    np.testing.assert_allclose(doubles(link.stated.in_link.tensor), expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(doubles(link.stated.in_link.centre), [0.1, 0.0, 1.0], rtol=0, atol=1e-15)
+
+
+def _normals(corners: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    a, b, c = (corners[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _row(values: np.ndarray) -> str:
+    return " ".join(str(value) for value in values.ravel().tolist())
 
 
 @pytest.mark.parametrize(

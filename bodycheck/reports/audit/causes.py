@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import permutations, product
 from typing import TypeAlias
 
@@ -14,12 +15,12 @@ from bodycheck.adapters.importers import HeldLink
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite, doubles, exact, mp
-from bodycheck.scenarios.model_files.model import Joint, ModelLink
+from bodycheck.scenarios.model_files.model import Joint, ModelFile, ModelLink
+from bodycheck.scenarios.model_files.shape_sizes import bounding_boxes, uniform, volume_m3
 
 DISCARDED = "tensor discarded"
-MARGINS_M = (0.0, 0.04)
-"""Margins of collision shapes: none, and Bullet's default."""
-Boxes: TypeAlias = Mapping[float, Sequence[Array]]
+_MARGIN_M = 0.04
+"""Bullet's default margin of collision shapes."""
 Member: TypeAlias = tuple[ModelLink, Frame]
 """A link, and its pose in the link that it is part of."""
 _WATER_KG_M3 = 1000.0
@@ -45,19 +46,17 @@ def with_issue(engine: str, cause: str) -> str:
 
 
 def body_causes(
+    model: ModelFile,
     members: Sequence[Member],
     expected: Body | None,
     held: Body,
     difference: Difference | None,
     discarded: str,
-    boxes: Boxes,
-    volume_m3: float,
 ) -> tuple[str, ...]:
     """Return the named causes.
 
     members: the link and those merged into it. discarded: what a second import showed the tensor to come
-    from, or "". boxes: margin in m -> tensors (3, 3) of boxes around the link's shapes with that margin.
-    volume_m3: of the link's shapes.
+    from, or "".
     """
     link = members[0][0]
     if expected is None or difference is None:
@@ -70,15 +69,15 @@ def body_causes(
             f"rounded: {scientific(difference.largest)}, as single precision or an unfinished iteration does",
         )
     if difference.mass > SINGLE:
-        found.append(_mass_cause(members, expected, held, volume_m3))
+        found.append(_mass_cause(model, members, expected, held))
     if difference.centre > SINGLE:
         found.append(_centre_cause(link, expected, held))
     if difference.inertia > SINGLE:
-        found.append(_tensor_cause(members, expected, held, discarded, boxes))
+        found.append(_tensor_cause(model, members, expected, held, discarded))
     return tuple(dict.fromkeys(found))
 
 
-def _mass_cause(members: Sequence[Member], expected: Body, held: Body, volume_m3: float) -> str:
+def _mass_cause(model: ModelFile, members: Sequence[Member], expected: Body, held: Body) -> str:
     def near(mass: float) -> bool:
         return abs(mass - held.mass_kg) <= SINGLE * held.mass_kg
 
@@ -96,7 +95,7 @@ def _mass_cause(members: Sequence[Member], expected: Body, held: Body, volume_m3
             return f"mass of one of {len(stated.parts)} shapes only"
         if stated.overruled_mass is not None and near(stated.overruled_mass):
             return "mass of <inertial>, which the file overrules by its geoms"
-    if near(_WATER_KG_M3 * volume_m3):
+    if near(_WATER_KG_M3 * volume_m3(link, model)):
         return f"mass recomputed: the volume of the shapes at {_WATER_KG_M3:g} kg/m^3"
     return f"mass times {number(held.mass_kg / expected.mass_kg, 6)}"
 
@@ -121,7 +120,9 @@ def _centre_cause(link: ModelLink, expected: Body, held: Body) -> str:
     return f"centre of mass {number(float(np.linalg.norm(held.centre_m - expected.centre_m)), 3)} m off"
 
 
-def _tensor_cause(members: Sequence[Member], expected: Body, held: Body, discarded: str, boxes: Boxes) -> str:
+def _tensor_cause(
+    model: ModelFile, members: Sequence[Member], expected: Body, held: Body, discarded: str
+) -> str:
     if np.array_equal(held.inertia_kg_m2, np.eye(3)):
         return "replaced by the identity"
     size = max(float(np.max(np.abs(expected.inertia_kg_m2))), float(np.max(np.abs(held.inertia_kg_m2))))
@@ -131,12 +132,31 @@ def _tensor_cause(members: Sequence[Member], expected: Body, held: Body, discard
             return what
     if discarded:
         return f"{DISCARDED}: {discarded}"
+    if expected.mass_kg > 0.0 and held.mass_kg != expected.mass_kg:
+        scaled = expected.inertia_kg_m2 * (held.mass_kg / expected.mass_kg)
+        if float(np.max(np.abs(scaled - held.inertia_kg_m2))) <= SINGLE * size:
+            return "tensor scaled with the mass"
+    link = members[0][0]
     moment = float(np.max(np.abs(held.inertia_kg_m2)))
-    for margin, tensors in boxes.items():
-        if any(float(np.max(np.abs(box - held.inertia_kg_m2))) <= _NEARLY_A_BOX * moment for box in tensors):
-            wider = f", capsules {margin:g} m wider on each side" if margin else ""
-            return f"{DISCARDED}: recomputed from a box around the collision shapes{wider}"
-    return _by_moments(members[0][0], expected, held)
+    for what, tolerance, tensor in _of_shapes(link, model, held.mass_kg):
+        if moment > 0.0 and float(np.max(np.abs(tensor - held.inertia_kg_m2))) <= tolerance * moment:
+            return f"{DISCARDED}: recomputed from {what}"
+    return _by_moments(link, expected, held)
+
+
+def _of_shapes(link: ModelLink, model: ModelFile, mass_kg: float) -> Iterator[tuple[str, float, Array]]:
+    """Yield what importers compute tensors (3, 3) from in place of the file's, with a relative tolerance."""
+    solid = uniform(link, model)
+    if solid is not None:
+        yield "the only shape", SINGLE, solid.inertia * (mass_kg / solid.mass)
+    around = "a box around the collision shapes"
+    for box in bounding_boxes(link, model, mass_kg):
+        yield around, _NEARLY_A_BOX, box
+    for box in bounding_boxes(link, model, mass_kg, _MARGIN_M):
+        yield f"{around}, capsules {_MARGIN_M:g} m wider on each side", _NEARLY_A_BOX, box
+    for shape in link.shapes if len(link.shapes) > 1 else ():
+        for box in bounding_boxes(replace(link, shapes=(shape,)), model, mass_kg, _MARGIN_M):
+            yield f"a box around one of {len(link.shapes)} shapes", SINGLE, box
 
 
 def _faults_of(members: Sequence[Member]) -> Iterator[tuple[str, Array]]:

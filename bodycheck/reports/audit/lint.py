@@ -232,6 +232,8 @@ def _placeholder(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
         message = f"three equal moments of {first} kg m^2 look like a placeholder"
         yield _finding("placeholder-inertia", "warning", "likely", link, message, expected)
         return
+    if not body.inertia_kg_m2.any():  # not-positive reports it
+        return
     twins = [
         other.name
         for other in model.links

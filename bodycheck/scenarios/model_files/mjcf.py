@@ -424,8 +424,7 @@ class _Reader:
             self._solids[name] = self._mesh_solid(*self._meshes[name])
         volume, centre, tensor = self._solids[name]
         total = density * mp.mpf(volume) if mass is None else mass
-        unit = ExactInertia(total, centre, tensor * (total / mp.mpf(volume)))
-        return unit.placed(self._pose(node, own))
+        return ExactInertia(total, centre, tensor * (total / mp.mpf(volume)))
 
     def _mesh_solid(self, node: Node, own: dict[str, str]) -> tuple[float, Exact, Exact]:
         if own.get("inertia", "legacy") not in ("convex", "exact", "legacy", "shell"):

@@ -104,7 +104,7 @@ def volume_m3(link: ModelLink, model: ModelFile) -> float:
     return sum(solid.mass for solid in solids if solid is not None)
 
 
-def bounding_boxes(link: ModelLink, model: ModelFile, mass: float, margin_m: float) -> list[Array]:
+def bounding_boxes(link: ModelLink, model: ModelFile, mass: float, margin_m: float = 0.0) -> list[Array]:
     """Return tensors (3, 3) in link axes of uniform boxes around all shapes, along the axes of each frame.
 
     Once around the shapes that collide, and once around all: Bullet ignores the default classes of MJCF,
