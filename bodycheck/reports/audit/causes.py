@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import permutations, product
+from itertools import combinations, permutations, product
 from typing import TypeAlias
 
 import numpy as np
@@ -14,8 +14,16 @@ from bodycheck._util.formatting import number, scientific
 from bodycheck.adapters.importers import HeldLink
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
-from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite, doubles, exact, mp
-from bodycheck.scenarios.model_files.model import Joint, ModelFile, ModelLink
+from bodycheck.scenarios.model_files.exact import (
+    ExactInertia,
+    Frame,
+    composite,
+    doubles,
+    exact,
+    identity,
+    mp,
+)
+from bodycheck.scenarios.model_files.model import Joint, ModelFile, ModelLink, Shape
 from bodycheck.scenarios.model_files.shape_sizes import bounding_boxes, uniform, volume_m3
 
 DISCARDED = "tensor discarded"
@@ -25,6 +33,7 @@ Member: TypeAlias = tuple[ModelLink, Frame]
 """A link, and its pose in the link that it is part of."""
 _WATER_KG_M3 = 1000.0
 """The density of geoms that state none in MJCF, which some importers give to all."""
+_MOST_SUBSETS = 8  # shapes: 255 sums, of which one agrees with a mass by chance once in 1,000 times
 _NEARLY_A_BOX = 0.05  # shapes of meshes have small margins
 
 
@@ -95,9 +104,23 @@ def _mass_cause(model: ModelFile, members: Sequence[Member], expected: Body, hel
             return f"mass of one of {len(stated.parts)} shapes only"
         if stated.overruled_mass is not None and near(stated.overruled_mass):
             return "mass of <inertial>, which the file overrules by its geoms"
-    if near(_WATER_KG_M3 * volume_m3(link, model)):
-        return f"mass recomputed: the volume of the shapes at {_WATER_KG_M3:g} kg/m^3"
+    if counted := _counted(link, model, held.mass_kg):
+        some = "" if len(counted) == len(link.shapes) else f"{len(counted)} of {len(link.shapes)} "
+        return f"mass recomputed: the volume of {some or 'the '}shapes at {_WATER_KG_M3:g} kg/m^3"
     return f"mass times {number(held.mass_kg / expected.mass_kg, 6)}"
+
+
+def _counted(link: ModelLink, model: ModelFile, mass_kg: float) -> tuple[Shape, ...]:
+    """Return the shapes that have a mass at the density of water, or none; all of them if possible."""
+    volumes = [volume_m3(shape, model) for shape in link.shapes]
+    everything = range(len(volumes))
+    least = 1 if len(volumes) <= _MOST_SUBSETS else len(volumes)
+    for size in range(len(volumes), least - 1, -1):
+        for some in combinations(everything, size):
+            mass = _WATER_KG_M3 * sum(volumes[k] for k in some)
+            if mass > 0.0 and abs(mass - mass_kg) <= SINGLE * mass:
+                return tuple(link.shapes[k] for k in some)
+    return ()
 
 
 def _centre_cause(link: ModelLink, expected: Body, held: Body) -> str:
@@ -111,7 +134,9 @@ def _centre_cause(link: ModelLink, expected: Body, held: Body) -> str:
     if near(-expected.centre_m):
         return "centre of mass of the wrong sign"
     parts = () if link.stated is None else link.stated.parts
-    if len(parts) > 1 and any(near(doubles(part.centre)) for part in parts):
+    shapes = link.shapes if len(link.shapes) > 1 else ()
+    centres = (*(part.centre for part in parts), *(shape.frame.position for shape in shapes))
+    if len(centres) > 1 and any(near(doubles(centre)) for centre in centres):
         return "centre of mass of one shape only"
     if link.stated is not None:
         turned = doubles(link.stated.frame.rotation)
@@ -149,14 +174,21 @@ def _of_shapes(link: ModelLink, model: ModelFile, mass_kg: float) -> Iterator[tu
     solid = uniform(link, model)
     if solid is not None:
         yield "the only shape", SINGLE, solid.inertia * (mass_kg / solid.mass)
-    around = "a box around the collision shapes"
+    around, wider = "a box around the collision shapes", f", capsules {_MARGIN_M:g} m wider on each side"
     for box in bounding_boxes(link, model, mass_kg):
         yield around, _NEARLY_A_BOX, box
     for box in bounding_boxes(link, model, mass_kg, _MARGIN_M):
-        yield f"{around}, capsules {_MARGIN_M:g} m wider on each side", _NEARLY_A_BOX, box
-    for shape in link.shapes if len(link.shapes) > 1 else ():
-        for box in bounding_boxes(replace(link, shapes=(shape,)), model, mass_kg, _MARGIN_M):
-            yield f"a box around one of {len(link.shapes)} shapes", SINGLE, box
+        yield around + wider, _NEARLY_A_BOX, box
+    unturned = tuple(
+        shape if shape.by_ends else replace(shape, frame=Frame(identity(), shape.frame.position))
+        for shape in link.shapes
+    )
+    for box in bounding_boxes(replace(link, shapes=unturned), model, mass_kg, _MARGIN_M):
+        yield f"{around} without their rotations", SINGLE, box
+    counted = _counted(link, model, mass_kg)
+    if 0 < len(counted) < len(link.shapes):
+        for box in bounding_boxes(replace(link, shapes=counted), model, mass_kg, _MARGIN_M):
+            yield f"a box around {len(counted)} of {len(link.shapes)} shapes", SINGLE, box
 
 
 def _faults_of(members: Sequence[Member]) -> Iterator[tuple[str, Array]]:

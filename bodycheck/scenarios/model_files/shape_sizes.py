@@ -98,10 +98,10 @@ def _solid(shape: Shape, model: ModelFile) -> MassProperties | None:
     return solid.moved(middle)
 
 
-def volume_m3(link: ModelLink, model: ModelFile) -> float:
-    """Return the sum of the volumes of a link's primitive shapes in m^3, overlaps counted twice."""
-    solids = (_solid(shape, model) for shape in link.shapes if shape.kind != "mesh")
-    return sum(solid.mass for solid in solids if solid is not None)
+def volume_m3(shape: Shape, model: ModelFile) -> float:
+    """Return the volume of a shape in m^3; 0 for meshes and shapes whose size is unknown."""
+    solid = None if shape.kind == "mesh" else _solid(shape, model)
+    return 0.0 if solid is None else solid.mass
 
 
 def bounding_boxes(link: ModelLink, model: ModelFile, mass: float, margin_m: float = 0.0) -> list[Array]:
