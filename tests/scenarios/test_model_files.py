@@ -15,6 +15,7 @@ from bodycheck.scenarios.model_files.exact import composite, doubles
 from bodycheck.scenarios.model_files.model import ModelFile
 from bodycheck.scenarios.model_files.reader import read_model
 from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
+from bodycheck.scenarios.model_files.urdf import resolved
 from tests.helpers.model_texts import composite_50_digits, mutated, random_mjcf, random_urdf
 
 
@@ -82,6 +83,17 @@ def test_mjcf_classes_orientations_and_compiler_agree_with_mujoco(tmp_path: Path
             )
             centre = doubles(link.stated.in_link.centre)
             np.testing.assert_allclose(compiled.body_ipos[index], centre, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["meshes/a.stl", "package://arm/meshes/a.stl", "package:///arm/meshes/a.stl", "file://meshes/a.stl"],
+)
+def test_mesh_names_mean_files_of_the_package(name: str, tmp_path: Path) -> None:
+    """A mesh is looked for next to the model, or in the nearest folder with the name of its package."""
+    home = tmp_path / "arm"
+    folder = home if "package" not in name else home / "urdf"
+    assert resolved(name, folder / "robot.urdf") == home / "meshes" / "a.stl"
 
 
 @pytest.mark.parametrize("inertia", ["convex", "exact", "legacy"])

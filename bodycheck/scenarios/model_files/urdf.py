@@ -61,7 +61,7 @@ def resolved(name: str, model: Path) -> Path:
         name = name.removeprefix(scheme)
     if not name.startswith("package://"):
         return model.parent / name
-    package, _, rest = name.removeprefix("package://").partition("/")
+    package, _, rest = name.removeprefix("package://").lstrip("/").partition("/")
     for folder in model.absolute().parents:
         if folder.name == package:
             return folder / rest
