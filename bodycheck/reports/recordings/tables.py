@@ -21,6 +21,7 @@ from bodycheck.reports.run_files.trajectory_files import COLUMNS, MOST_BYTES, do
 
 if TYPE_CHECKING:
     from mcap.reader import McapReader
+    from mcap.records import Schema
 
 _MOST_COLUMNS = 10_000
 _DOUBLE_BYTES = 8
@@ -258,7 +259,7 @@ def _read_mcap(path: Path, topic: str) -> Recording:
             f"{path}: MCAP needs the package mcap: pip install 'bodycheck[mcap]'"
         ) from None
     with path.open("rb") as file, from_outside(path):
-        reader = make_reader(file, validate_crcs=True, decoder_factories=_decoders())
+        reader = make_reader(file, validate_crcs=True)
         chosen = _topic_of(path, reader, topic)
         columns = _columns_of(path, _messages(path, reader, chosen))
         for name in [name for name in columns if name.endswith(_STAMP)]:
@@ -287,31 +288,33 @@ def _topic_of(path: Path, reader: McapReader, topic: str) -> str:
     return topic or topics[0]
 
 
-def _decoders() -> list[Any]:
-    """Return the decoder of ROS 2 messages where it is installed."""
-    try:
-        from mcap_ros2.decoder import DecoderFactory
-    except ImportError:
-        return []
-    return [DecoderFactory()]
-
-
 def _messages(path: Path, reader: McapReader, topic: str) -> Iterator[dict[str, Any]]:
-    for number, (_, channel, message) in enumerate(reader.iter_messages(topics=[topic]), 1):
-        if channel.message_encoding == "json":
-            content = json.loads(message.data)
-        elif channel.message_encoding == "cdr" and (decoders := _decoders()):
-            schema = reader.get_summary().schemas[channel.schema_id]
-            decode = decoders[0].decoder_for(channel.message_encoding, schema)
-            content = _as_plain(decode(message.data))
-        else:
-            raise InputError(
-                f"{path}: topic {topic} has the encoding {channel.message_encoding!r} (supported: json; cdr "
-                "where the package mcap-ros2-support is installed)"
-            )
+    decoders: dict[int, Callable[[bytes], Any]] = {}
+    for number, (schema, channel, message) in enumerate(reader.iter_messages(topics=[topic]), 1):
+        decode = decoders.get(channel.id)
+        if decode is None:
+            decode = decoders[channel.id] = _decoder(path, topic, channel.message_encoding, schema)
+        content = decode(message.data)
         if not isinstance(content, dict):
             raise InputError(f"{path}: message {number}: is not a JSON object")
         yield {**_flat(content), **_stamps(content), f"log_time{_STAMP}": message.log_time}
+
+
+def _decoder(path: Path, topic: str, encoding: str, schema: Schema | None) -> Callable[[bytes], Any]:
+    """Return what decodes messages; raises InputError for an encoding or a schema that is not read."""
+    if encoding == "json":
+        return json.loads
+    written = "" if schema is None else f" with a schema in {schema.encoding!r}"
+    supported = "supported: json; cdr with a schema in 'ros2msg', by the package mcap-ros2-support"
+    unread = InputError(f"{path}: topic {topic} has the encoding {encoding!r}{written} ({supported})")
+    try:
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError:
+        raise unread from None
+    decode = DecoderFactory().decoder_for(encoding, schema)
+    if decode is None:
+        raise unread
+    return lambda data: _as_plain(decode(data))
 
 
 def _stamps(content: Mapping[str, Any], before: str = "") -> dict[str, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -310,9 +310,73 @@ def test_scenario_of_a_check_case_is_known_by_its_name(tmp_path: Path) -> None:
         bodycheck.judge(path.rename(tmp_path / "Atmos_03_sim_09.csv"), like="nesc")
 
 
-def test_odometry_in_mcap_needs_one_option(tmp_path: Path) -> None:
-    """A pose and a twist as ROS nests them, with its stamps, are judged as they stand."""
+def write_json_odometry(path: Path, messages: Sequence[Mapping[str, Any]]) -> None:
+    """Write messages of odometry, and of another topic, as JSON in MCAP."""
     writer_module = pytest.importorskip("mcap.writer", reason="MCAP is an optional format")
+    with path.open("wb") as file:
+        writer = writer_module.Writer(file)
+        writer.start()
+        schema = writer.register_schema("nav_msgs/msg/Odometry", "jsonschema", b"{}")
+        odometry = writer.register_channel("/odom", "json", schema)
+        other = writer.register_channel("/temperature", "json", schema)
+        for k, message in enumerate(messages):
+            writer.add_message(odometry, k + 7, json.dumps(message).encode(), k + 7)
+            writer.add_message(other, k + 8, b'{"celsius": 20}', k + 8)
+        writer.finish()
+
+
+ODOMETRY = """std_msgs/Header header
+geometry_msgs/PoseWithCovariance pose
+geometry_msgs/TwistWithCovariance twist
+===
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+===
+MSG: geometry_msgs/PoseWithCovariance
+geometry_msgs/Pose pose
+===
+MSG: geometry_msgs/Pose
+geometry_msgs/Vector3 position
+geometry_msgs/Quaternion orientation
+===
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+===
+MSG: geometry_msgs/TwistWithCovariance
+geometry_msgs/Twist twist
+===
+MSG: geometry_msgs/Twist
+geometry_msgs/Vector3 linear
+geometry_msgs/Vector3 angular
+===
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+""".replace("===", "=" * 80)
+
+
+def write_ros_odometry(path: Path, messages: Sequence[Mapping[str, Any]]) -> None:
+    """Write messages of odometry, and of another topic, as ROS 2 records them."""
+    writer_module = pytest.importorskip("mcap_ros2.writer", reason="MCAP is an optional format")
+    with path.open("wb") as file:
+        writer = writer_module.Writer(file)
+        odometry = writer.register_msgdef("nav_msgs/msg/Odometry", ODOMETRY)
+        other = writer.register_msgdef("sensor_msgs/msg/Temperature", "float64 celsius")
+        for k, message in enumerate(messages):
+            writer.write_message("/odom", odometry, message, k + 7)
+            writer.write_message("/temperature", other, {"celsius": 20.0}, k + 8)
+        writer.finish()
+
+
+@pytest.mark.parametrize("write", [write_json_odometry, write_ros_odometry])
+def test_odometry_in_mcap_needs_one_option(
+    write: Callable[[Path, Sequence[Mapping[str, Any]]], None], tmp_path: Path
+) -> None:
+    """A pose and a twist as ROS nests them, with its stamps, are judged as they stand."""
     t_s = np.linspace(0.0, 1.0, 11)
     true = bodycheck.truth(SCENARIO, list(t_s)).trajectory
     velocity = Rotation.from_quat(true.attitude, scalar_first=True).inv().apply(true.velocity_m_s)
@@ -320,21 +384,14 @@ def test_odometry_in_mcap_needs_one_option(tmp_path: Path) -> None:
     def of(names: str, values: Array) -> dict[str, float]:
         return dict(zip(names, values.tolist(), strict=True))
 
+    messages = []
+    for k in range(11):
+        stamp = {"sec": 1_700_000_000 + k // 10, "nanosec": (k % 10) * 100_000_000}
+        pose = {"position": of("xyz", true.position_m[k]), "orientation": of("wxyz", true.attitude[k])}
+        twist = {"linear": of("xyz", velocity[k]), "angular": of("xyz", true.omega_body[k])}
+        messages.append({"header": {"stamp": stamp}, "pose": {"pose": pose}, "twist": {"twist": twist}})
     path = tmp_path / "flight.mcap"
-    with path.open("wb") as file:
-        writer = writer_module.Writer(file)
-        writer.start()
-        schema = writer.register_schema("nav_msgs/msg/Odometry", "jsonschema", b"{}")
-        odometry = writer.register_channel("/odom", "json", schema)
-        other = writer.register_channel("/temperature", "json", schema)
-        for k in range(11):
-            stamp = {"sec": 1_700_000_000 + k // 10, "nanosec": (k % 10) * 100_000_000}
-            pose = {"position": of("xyz", true.position_m[k]), "orientation": of("wxyz", true.attitude[k])}
-            twist = {"linear": of("xyz", velocity[k]), "angular": of("xyz", true.omega_body[k])}
-            message = {"header": {"stamp": stamp}, "pose": {"pose": pose}, "twist": {"twist": twist}}
-            writer.add_message(odometry, k + 7, json.dumps(message).encode(), k + 7)
-            writer.add_message(other, k + 8, b'{"celsius": 20}', k + 8)
-        writer.finish()
+    write(path, messages)
     judged = bodycheck.judge(path, SCENARIO, like="mcap", column_map="topic=/odom")
     assert judged["orientation_error_rad"] < 1e-13
     assert judged["position_error"] < 1e-13
