@@ -291,7 +291,7 @@ def _mjcf(folder: Path, body: str, compiler: str = "") -> Path:
         ),
         (
             "<geom type='capsule' size='0.08' fromto='0 0 0 0.2 0.2 0'/>",
-            "recomputed from a box around the collision shapes, capsules 0.04 m wider on each side",
+            "recomputed from a box around the collision shapes with margins of 0.04 m",
         ),
         (
             "<geom type='cylinder' size='0.2 0.1' density='5'/>",

@@ -96,6 +96,23 @@ def test_mesh_names_mean_files_of_the_package(name: str, tmp_path: Path) -> None
     assert resolved(name, folder / "robot.urdf") == home / "meshes" / "a.stl"
 
 
+def test_nameless_bodies_are_named_by_their_places(tmp_path: Path) -> None:
+    """Bodies without a name in one line, or in the same line of two files, are different bodies."""
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.xml").write_text("<mujocoinclude><body/><body/></mujocoinclude>")
+    model = _read(
+        "<mujoco><worldbody><include file='a.xml'/><include file='b.xml'/><body/></worldbody></mujoco>",
+        tmp_path,
+    )
+    assert [link.name for link in model.links] == [
+        "body at a.xml:1",
+        "body at a.xml:1 (2)",
+        "body at b.xml:1",
+        "body at b.xml:1 (2)",
+        "body at line 1",
+    ]
+
+
 @pytest.mark.parametrize("inertia", ["convex", "exact", "legacy"])
 def test_mesh_geom_is_placed_once(inertia: str, tmp_path: Path) -> None:
     """A mesh of a box that is turned by 30 degrees and moved has R I R^T of the box, and is moved once."""

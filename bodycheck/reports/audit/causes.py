@@ -97,6 +97,8 @@ def _mass_cause(model: ModelFile, members: Sequence[Member], expected: Body, hel
         return f"mass invented: {number(held.mass_kg, 6)} kg"
     if held.mass_kg > expected.mass_kg and held.mass_kg in (1e-3, 1e-6, 1e-2, 0.1, 1.0):
         return f"mass clamped to {number(held.mass_kg, 6)} kg"
+    if held.mass_kg == 1.0 and np.array_equal(held.inertia_kg_m2, np.eye(3)):
+        return "mass discarded: 1 kg in its place"
     if (stated := link.stated) is not None:
         if len(members) > 1 and near(float(stated.inertia.mass)):
             return "mass of this link alone: that of the links merged into it is lost"
@@ -157,7 +159,7 @@ def _tensor_cause(
             return what
     if discarded:
         return f"{DISCARDED}: {discarded}"
-    if expected.mass_kg > 0.0 and held.mass_kg != expected.mass_kg:
+    if held.mass_kg > 0.0 and held.mass_kg != expected.mass_kg > 0.0:
         scaled = expected.inertia_kg_m2 * (held.mass_kg / expected.mass_kg)
         if float(np.max(np.abs(scaled - held.inertia_kg_m2))) <= SINGLE * size:
             return "tensor scaled with the mass"
@@ -174,7 +176,7 @@ def _of_shapes(link: ModelLink, model: ModelFile, mass_kg: float) -> Iterator[tu
     solid = uniform(link, model)
     if solid is not None:
         yield "the only shape", SINGLE, solid.inertia * (mass_kg / solid.mass)
-    around, wider = "a box around the collision shapes", f", capsules {_MARGIN_M:g} m wider on each side"
+    around, wider = "a box around the collision shapes", f" with margins of {_MARGIN_M:g} m"
     for box in bounding_boxes(link, model, mass_kg):
         yield around, _NEARLY_A_BOX, box
     for box in bounding_boxes(link, model, mass_kg, _MARGIN_M):

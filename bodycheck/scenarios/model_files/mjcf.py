@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -268,11 +269,7 @@ class _Reader:
     def _body(
         self, node: Node, parent: _Open | None, frame: Frame, childclass: str | None, suffix: str
     ) -> None:
-        name = node.element.get("name", "")
-        name = f"{name}{suffix}" if name else f"body at line {node.line}{suffix}"
-        if name in self._names:
-            raise InputError(f"{node.where}: another body has the name {name!r}")
-        self._names.add(name)
+        name = self._name(node, suffix)
         body = _Open(node, name)
         place = len(self.links)
         pose = frame @ self._pose(node, _raw(node))
@@ -289,19 +286,35 @@ class _Reader:
             link, stated=stated, unread=unread, joint=joint, shapes=tuple(body.shapes)
         )
 
+    def _name(self, node: Node, suffix: str) -> str:
+        """Return the name of a body, or its place; raises InputError if another body has its name."""
+        if own := node.element.get("name", ""):
+            name = f"{own}{suffix}"
+            if name in self._names:
+                raise InputError(f"{node.where}: another body has the name {name!r}")
+        else:
+            place = f"line {node.line}" if node.file == self.path else f"{node.file.name}:{node.line}"
+            name = first = f"body at {place}{suffix}"
+            for number in count(2):
+                if name not in self._names:
+                    break
+                name = f"{first} ({number})"
+        self._names.add(name)
+        return name
+
     def _replicate(
         self, node: Node, body: _Open | None, frame: Frame, childclass: str | None, suffix: str
     ) -> None:
-        count = node.numbers("count", 1)[0]
-        if not 0 <= count <= _MOST_COPIES or count != int(count):
-            raise InputError(f"{node.where}: count = {count:g} (expected an integer up to {_MOST_COPIES})")
+        copies = node.numbers("count", 1)[0]
+        if not 0 <= copies <= _MOST_COPIES or copies != int(copies):
+            raise InputError(f"{node.where}: count = {copies:g} (expected an integer up to {_MOST_COPIES})")
         offset = exact(node.numbers("offset", 3, "0 0 0"))
         euler = node.numbers("euler", 3, "0 0 0")
         step = Frame(self._euler(euler), offset)
         position = exact(np.zeros(3))
-        for k in range(int(count)):
+        for k in range(int(copies)):
             turned = self._euler([k * angle for angle in euler])
-            own = f"{node.text('sep', '')}{k:0{len(str(int(count)))}d}"
+            own = f"{node.text('sep', '')}{k:0{len(str(int(copies)))}d}"
             placed = frame @ Frame(turned, position)
             self.body_content(node, body, placed, node.element.get("childclass") or childclass, own + suffix)
             position = (Frame(turned, position) @ step).position
@@ -372,8 +385,8 @@ class _Reader:
         pose = frame @ pose
         sizes = tuple(float(value) for value in size)
         collides = own.get("contype", "1") != "0" or own.get("conaffinity", "1") != "0"
-        by_ends = "fromto" in own
-        body.shapes.append(Shape(kind, sizes, pose, own.get("mesh", ""), collides=collides, by_ends=by_ends))
+        mesh, scale = self._mesh_file(own.get("mesh", ""))
+        body.shapes.append(Shape(kind, sizes, pose, mesh, scale, collides, by_ends="fromto" in own))
         low, high = self.settings.groups
         group = _number(node, own, "group", 0.0)
         if not low <= group <= high or kind == "plane":
@@ -415,6 +428,14 @@ class _Reader:
             raise InputError(f"{node.where}: the points of fromto are too close")
         shape = [size[0], size[0], half] if kind in ("box", "ellipsoid") else [size[0], half]
         return Frame(rotation_to(along), (ends[:3] + ends[3:]) / 2), shape
+
+    def _mesh_file(self, name: str) -> tuple[str, tuple[float, ...]]:
+        """Return the file and the scale of a mesh; "" where it has none."""
+        node, own = self._meshes.get(name, (None, {}))
+        if node is None or "file" not in own:
+            return "", (1.0, 1.0, 1.0)
+        path = self._mesh_path(own["file"]).absolute()
+        return str(path), tuple(_numbers(node, own, "scale", "1 1 1", 3))
 
     def _mesh_part(self, node: Node, own: dict[str, str], mass: Any, density: Any) -> ExactInertia:
         name = own.get("mesh", "")

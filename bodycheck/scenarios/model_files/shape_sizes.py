@@ -30,7 +30,7 @@ def half_extents(shape: Shape, model: ModelFile) -> tuple[Array, Array] | None:
         case "cylinder" | "capsule" if len(size) >= 2:
             reach = (size[1] if half else size[1] / 2.0) + (size[0] if shape.kind == "capsule" else 0.0)
             return np.zeros(3), np.array([size[0], size[0], reach])
-        case "mesh" if model.format == "urdf" and len(shape.scale) == 3:
+        case "mesh" if shape.mesh and len(shape.scale) == 3:
             box = _mesh_box(resolved(shape.mesh, model.path))
             if box is not None:
                 low, high = np.array(box) * np.array(shape.scale)
@@ -108,12 +108,13 @@ def bounding_boxes(link: ModelLink, model: ModelFile, mass: float, margin_m: flo
     """Return tensors (3, 3) in link axes of uniform boxes around all shapes, along the axes of each frame.
 
     Once around the shapes that collide, and once around all: Bullet ignores the default classes of MJCF,
-    which may say that shapes do not collide. margin_m: added to each capsule that a file gives by its ends,
-    as Bullet does.
+    which may say that shapes do not collide. margin_m: added to each mesh, and to each capsule that a file
+    gives by its ends, as Bullet does.
     """
     found = []
     for shapes in dict.fromkeys((link.collisions, link.shapes)):
-        for R in [np.eye(3), *(doubles(shape.frame.rotation) for shape in shapes)]:
+        inertial = [] if link.stated is None else [doubles(link.stated.frame.rotation)]
+        for R in [np.eye(3), *inertial, *(doubles(shape.frame.rotation) for shape in shapes)]:
             spans = [span for shape in shapes if (span := _span(shape, model, R, margin_m)) is not None]
             if spans:
                 low, high = np.min([a for a, _ in spans], axis=0), np.max([b for _, b in spans], axis=0)
@@ -138,6 +139,8 @@ def _span(shape: Shape, model: ModelFile, R: Array, margin_m: float) -> tuple[Ar
             reach = along * (half[2] - half[0]) + half[0] + margin_m
         case "capsule":  # Bullet turns the box around the capsule
             reach = np.abs(turned) @ half
+        case "mesh":
+            reach = np.abs(turned) @ (half + margin_m)
         case "cylinder":
             reach = along * half[2] + np.sqrt(np.maximum(0.0, 1.0 - along**2)) * half[0]
         case _:
