@@ -24,7 +24,7 @@ from bodycheck._util.errors import InputError
 from bodycheck.adapters.importers import ImportRequest, importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
-from bodycheck.runs.audit_run import AuditOptions, audit, import_once
+from bodycheck.runs.audit_run import AuditOptions, audit, checked_engines, import_once, imported_audit
 from bodycheck.scenarios.model_files.reader import read_model
 from bodycheck.scenarios.model_files.rewriting import bare_text
 from bodycheck.scenarios.model_files.xml_file import read_bytes
@@ -46,10 +46,13 @@ def real(folders: list[Path], every: int) -> None:
     examples: dict[str, str] = {}
     slow: list[tuple[float, str]] = []
     faults = 0
+    pool = EnginePool()
+    engines = checked_engines(None)
     for place, path in enumerate(files):
         began = time.monotonic()
         try:
-            found = audit(path, AuditOptions(spins=False))
+            with np.errstate(all="ignore"):
+                found = imported_audit(pool, read_model(path), engines, AuditOptions(spins=False))
         except InputError as error:
             outcomes["refused by the reader"] += 1
             print(f"  {error}")
@@ -73,6 +76,7 @@ def real(folders: list[Path], every: int) -> None:
                     print(f"  unexplained: {path.name} {link.name} {name}: {cause}")
         if sys.stderr.isatty():
             print(f"{place + 1} of {len(files)}", end="\r", file=sys.stderr)
+    pool.close()
     print(f"{len(files)} files, {faults} faults of the audit itself")
     for what, amount in (*sorted(outcomes.items()), *causes.most_common()):
         example = f", as in {examples[what]}" if what in examples else ""
