@@ -400,6 +400,7 @@ def test_table_of_methods_equals_the_adapter(engine: str) -> None:
     assert tables["with_tables"](page, adapter.methods.values()) == page
 
 
+@pytest.mark.slow
 def test_pages_of_engines_are_written_from_a_run() -> None:
     """The tables have a run's orders, floors, refusals and faults; a second writing changes nothing."""
     write = runpy.run_path(str(ROOT / "docs/engine_results.py"))
@@ -482,6 +483,7 @@ def test_readme_findings_are_those_of_a_run() -> None:
             assert measured["angular_momentum_drift"] == pytest.approx(float(drift), rel=0.15)
 
 
+@pytest.mark.slow
 def test_small_body_behaves_as_the_readme_states() -> None:
     """PyBullet does not converge on the small body in maximal coordinates, and does in reduced ones."""
     pytest.importorskip("pybullet")

@@ -218,6 +218,7 @@ def test_calls_of_a_failed_task_run_again_one_by_one(
     assert str(futures[1].exception(60.0)) == "killed"
 
 
+@pytest.mark.slow
 def test_late_task_is_sent_again_and_counts_once(
     client: FakeClient, executor: dask_cluster.DaskExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -232,6 +233,7 @@ def test_late_task_is_sent_again_and_counts_once(
     assert results == [1]
 
 
+@pytest.mark.slow
 def test_silent_worker_gets_no_further_task_until_it_is_heard(
     client: FakeClient, executor: dask_cluster.DaskExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -231,6 +231,7 @@ def test_engine_that_cannot_be_imported_is_refused_in_one_line(
     assert all_gone(os.getpid())
 
 
+@pytest.mark.slow
 def test_adapter_that_cannot_be_pickled_runs_in_the_process(scenario: Path) -> None:
     """A class local to a function is measured too, and its exception is an outcome."""
 

@@ -179,6 +179,7 @@ def test_any_message_of_an_engine_fits_into_xml_and_json() -> None:
     assert json.loads(json_text(results_data(results, "t", "r")))["gates"][0]["status"] == "nothing"
 
 
+@pytest.mark.slow
 def test_update_tightens_the_bounds_and_prints_the_margin(folder: Path, stored_run: Path) -> None:
     """The bound becomes the worst value with the margin; a second update changes nothing."""
     words = ("--tolerances", "kept.toml", "--run", stored_run, "--update", "--margin", "0.5")

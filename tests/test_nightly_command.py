@@ -147,6 +147,7 @@ def test_wrong_input_is_refused_in_one_line(folder: Path, words: tuple[str, ...]
     assert not (folder / "kept").exists()
 
 
+@pytest.mark.slow
 def test_interrupted_nightly_run_stores_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C prints one line, and the history is unchanged."""
 

@@ -155,6 +155,7 @@ def test_engine_is_run_and_compared_with_bounds(inner: pytest.Pytester) -> None:
     )
 
 
+@pytest.mark.slow
 def test_step_function_is_measured_like_an_engine(inner: pytest.Pytester) -> None:
     """A user's RK4 has order 4 and converges; without its gyroscopic term it does not."""
     inner.makepyfile(
@@ -189,6 +190,7 @@ def test_lost(bodycheck):
     )
 
 
+@pytest.mark.slow
 def test_runs_are_kept_with_their_reports(inner: pytest.Pytester) -> None:
     """A failed order lists its errors and names the report; the stored run names the test to repeat."""
     inner.makepyfile(
@@ -224,6 +226,7 @@ def test_order(bodycheck):
     assert list(tables.results["dt_s"]) == [0.1, 0.05, 0.02, 0.01]
 
 
+@pytest.mark.slow
 def test_step_function_gets_time_body_and_state(inner: pytest.Pytester) -> None:
     """Times k dt and all arrays have the documented shapes; modifying them has no effect."""
     inner.makepyfile(

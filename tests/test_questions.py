@@ -40,6 +40,7 @@ def test_two_equal_runs_did_not_change(command: Command) -> None:
         assert "Nothing changed beyond round-off" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "words", "statuses"),
     [
@@ -177,6 +178,7 @@ def test_advice_predicts_and_a_search_measures(command: Command) -> None:
     assert float(measured[2]) <= float(most)
 
 
+@pytest.mark.slow
 def test_a_search_needs_the_engines_of_the_run(command: Command) -> None:
     """An engine that is not there any more is named."""
     status, out, err = command("advise", "--error", "3e-4", "--run", "run", "free", "--search")
@@ -196,6 +198,7 @@ def test_advice_gives_the_error_of_a_step(command: Command) -> None:
     assert "reference:exact: has no step" in lines
 
 
+@pytest.mark.slow
 def test_a_horizon_limits_the_time_over_which_errors_count(command: Command) -> None:
     """Errors of a method of order 1 grow with the time, so a horizon allows coarser steps."""
 
@@ -283,6 +286,7 @@ def test_a_table_is_printed_or_written(command: Command) -> None:
     assert Path("t.md").read_text().startswith("| scenario |\n| --- |\n| free |\n")
 
 
+@pytest.mark.slow
 def test_a_figure_is_drawn(command: Command) -> None:
     """Into the file that is named."""
     pytest.importorskip("matplotlib")

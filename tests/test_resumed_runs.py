@@ -212,6 +212,7 @@ def test_run_that_cannot_be_resumed_is_refused(command: Command, tmp_path: Path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.toml", "out.partial", "package"]
 
 
+@pytest.mark.slow
 def test_run_with_wrong_input_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A function that fails when the truth is computed leaves no folder that could be resumed."""
     monkeypatch.chdir(tmp_path)

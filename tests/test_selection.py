@@ -11,6 +11,7 @@ import bodycheck
 from bodycheck.runs.selection import select
 
 
+@pytest.mark.slow
 def test_steps_and_tolerances_may_be_an_array() -> None:
     """They become Python floats, whose repr is in the reproducing commands."""
     made = select(
@@ -48,6 +49,7 @@ def test_times_are_a_list_of_numbers(at: Any) -> None:
         bodycheck.truth("intermediate-axis", at)
 
 
+@pytest.mark.slow
 def test_variants_for_off_centre_links_run_only_there() -> None:
     """Naming an engine adds them where a link is off the centre of mass; naming a variant, everywhere."""
     selection = select(["off-centre-link", "sphere"], ["mujoco", "reference:rk4"])

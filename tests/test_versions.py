@@ -128,6 +128,7 @@ def test_versions_are_engines_of_their_own() -> None:
     assert list(run.manifest["engines"]) == ["toy==1.0", "toy==2.0", "toy"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_two_versions_are_compared_under_one_name() -> None:
     """Every table and case uses the common name; otherwise nothing could be compared."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -28,8 +29,13 @@ IDIOMS = {
 """Idiom -> what to write instead."""
 
 
-def prose() -> Iterator[tuple[str, str]]:
-    """Yield places and their texts: docs without code, HTML templates, strings that are not docstrings."""
+@cache
+def prose() -> list[tuple[str, str]]:
+    """Return places and their texts: docs without code, HTML templates, strings that are not docstrings."""
+    return list(_prose())
+
+
+def _prose() -> Iterator[tuple[str, str]]:
     for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))):
         if page.name == "naming.md":  # quotes them
             continue

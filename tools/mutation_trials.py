@@ -47,7 +47,18 @@ _NIGHTLY = (
     "../test_nightly_command.py",
     "history/test_damaged_history.py",
     "../test_nightly_command.py::test_nightly_run_fails_on_a_regression",
+    "../test_nightly_command.py::test_interrupted_nightly_run_stores_nothing",
 )
+_IDENTITY = tuple(
+    f"../adapters/test_identity.py::{name}"
+    for name in (
+        "test_identity_changes_with_each_part",
+        "test_identity_ignores_what_cannot_change_results",
+        "test_installed_engine_lists_its_parts",
+        "test_packages_that_numba_imports_do_not_change_a_plug_in",
+    )
+)
+_TWO_VERSIONS = "../test_versions.py::test_two_versions_are_compared_under_one_name"
 TESTS: dict[str, tuple[str, ...]] = {
     **{f"reports/measurement/{name}.py": ("test_measures.py",) for name in _MEASURES},
     "reports/measurement/work.py": ("test_measures.py", _SPLINES),
@@ -104,25 +115,36 @@ TESTS: dict[str, tuple[str, ...]] = {
         *_NIGHTLY,
         "../test_nightly_command.py::test_history_is_listed_queried_and_pruned",
     ),
-    "adapters/workers/build_identity.py": ("../adapters/test_identity.py",),
+    "adapters/workers/build_identity.py": ("../adapters/test_identity.py", *_IDENTITY),
     "_util/platform_identity.py": (
         "../reference_impl/test_installed_libraries.py",
         "../adapters/test_identity.py",
+        *_IDENTITY,
     ),
     "_util/file_digests.py": ("../reference_impl/test_file_digests.py",),
     **{
-        f"adapters/versions/{name}.py": ("../adapters/test_pinned_versions.py", "../test_versions.py")
+        f"adapters/versions/{name}.py": (
+            "../adapters/test_pinned_versions.py",
+            "../test_versions.py",
+            _TWO_VERSIONS,
+        )
         for name in ("pins", "uv")
     },
     "adapters/versions/environments.py": (
         "../adapters/test_pinned_versions.py",
         "../adapters/test_optional_engines.py",
+        "../adapters/test_optional_engines.py::test_optional_engines_run_only_if_named",
         "../test_versions.py",
+        _TWO_VERSIONS,
     ),
-    "reports/probes/replay.py": ("test_fingerprint.py",),
+    "reports/probes/replay.py": (
+        "test_fingerprint.py",
+        "test_fingerprint.py::test_an_unknown_map_is_described_by_its_leading_error",
+    ),
     "runs/version_search.py": (
         "../test_versions.py",
         "../test_versions.py::test_every_release_is_run_on_request",
+        _TWO_VERSIONS,
     ),
     "reports/history/regression.py": ("history/test_regression.py", "history/test_step_detection.py"),
 }

@@ -101,6 +101,7 @@ CHANGED: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
 }
 
 
+@pytest.mark.slow
 @needs_a_compiler
 @pytest.mark.parametrize("what", UNCHANGED)
 def test_identity_ignores_what_cannot_change_results(what: str, site: Path) -> None:
@@ -112,6 +113,7 @@ def test_identity_ignores_what_cannot_change_results(what: str, site: Path) -> N
     assert before["kind"] == "plug-in"
 
 
+@pytest.mark.slow
 @needs_a_compiler
 @pytest.mark.parametrize("what", CHANGED)
 def test_identity_changes_with_each_part(what: str, site: Path) -> None:
@@ -191,6 +193,7 @@ def test_file_changed_during_import_leaves_no_identity(site: Path) -> None:
     assert first["id"] == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "reference"])
 def test_installed_engine_lists_its_parts(engine: str, tmp_path: Path) -> None:
     """The build names Python, libraries, processor, bodycheck's code and the engine's distribution."""
@@ -233,6 +236,7 @@ def test_editable_engine_is_a_development_build(
     assert build_identity._kind(Reference()) == kind
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("package", "counts"),
     [("yaml", False), ("coverage", False), ("charset_normalizer", False), ("jinja2", True), ("yaml2", True)],

@@ -201,6 +201,7 @@ def test_javascript_protocol_announces_what_its_facts_state(node_worker: subproc
 # ------------------------------------------------------------------------------------ what runs, and where
 
 
+@pytest.mark.slow
 def test_optional_engines_run_only_if_named() -> None:
     """A run without --engine has none of them, and their names are known."""
     assert set(default_engines()).isdisjoint(optional_engines())

@@ -50,6 +50,7 @@ def test_an_unknown_engine_is_refused() -> None:
         registry.get_adapter("havok")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart"])
 def test_an_engine_is_announced_without_numba(engine: str) -> None:
     """It is half the start of a worker, and only a load that lasts needs it."""

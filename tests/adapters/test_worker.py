@@ -89,6 +89,7 @@ def test_search_of_the_docs_survives_its_message() -> None:
     assert protocol.stable_step_of(answer).outcome == "unsupported"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("worker", WORKERS)
 def test_worker_conforms(worker: str) -> None:
     """It announces itself, answers each request under its id, survives invalid input and ends with 0."""

@@ -275,6 +275,7 @@ def test_double_doubles_are_right_to_thirty_digits(name: str) -> None:
         assert np.max(distances(solution, row, expected)) <= 1e-28
 
 
+@pytest.mark.slow
 @every_load
 def test_doubles_are_right_to_their_round_off(name: str) -> None:
     """The same in doubles to ten times eps times the sensitivity, which is small within two seconds."""

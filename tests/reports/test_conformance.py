@@ -59,6 +59,7 @@ def test_mistake_of_an_adapter_is_described(name: str) -> None:
     assert next((check for check, _ in found if check != "model"), "model") == fault.check, found
 
 
+@pytest.mark.slow
 def test_example_adapter_passes_every_check() -> None:
     """The template of `new-adapter` fails nothing, and only its pivot is refused."""
     found = list(findings(Example(), "euler"))

@@ -48,6 +48,7 @@ def test_errors_fall_with_the_tolerance(obedient: bodycheck.Run) -> None:
         assert rows["steps"].is_monotonic_increasing
 
 
+@pytest.mark.slow
 def test_method_with_a_tolerance_has_a_verdict_and_no_order(obedient: bodycheck.Run) -> None:
     """It converges if its errors follow the tolerance; a slope over tolerances is not an order."""
     assert set(obedient.methods["verdict"]) <= {"converges", "at-floor"}

@@ -135,6 +135,7 @@ def test_of_two_known_faults_only_those_with_an_effect_are_named() -> None:
     assert [fault.name for fault in found.faults] == ["damping-angular"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "base", "planted_names", "names"),
     [

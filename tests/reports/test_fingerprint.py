@@ -140,6 +140,7 @@ def test_a_free_step_has_the_order_that_the_library_states(name: str) -> None:
     assert np.log2(errors[0] / errors[1]) == pytest.approx(one.order + 1, abs=0.35)
 
 
+@pytest.mark.slow
 def test_an_unknown_map_is_described_by_its_leading_error() -> None:
     """M1 with a drag torque of -0.04 I omega is unknown, of order 0, with the error -0.04 omega dt."""
 

@@ -7,8 +7,10 @@ import math
 import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
+from scipy.optimize import brentq
+from scipy.stats import norm
 
-from bodycheck.reports.measurement.order import observed_order, settled_order
+from bodycheck.reports.measurement.order import observed_order, predicted_error, settled_order
 
 LADDERS = {
     4: [1e-2, 5e-3, 2e-3, 1e-3],
@@ -91,6 +93,40 @@ def test_mean_and_variance_are_those_of_a_brute_force_integration() -> None:
             first += (density * p).sum()
     found = observed_order(steps.tolist(), errors.tolist(), 1e-30)
     assert found.order == pytest.approx(first / total, abs=2e-3)
+
+
+@pytest.mark.parametrize("dt_s", [5e-4, 3e-3, 4e-2])
+def test_predicted_error_is_that_of_conditioned_normal_distributions(dt_s: float) -> None:
+    """Mean and quantiles of a mixture of normal distributions with a wide prior of c and p, conditioned."""
+    from bodycheck.reports.measurement import order as module
+
+    steps = np.array(LADDERS[5])
+    errors = steps**2 * (1.0 + 0.3 * steps / steps[0]) * np.exp([0.01, -0.02, 0.0, 0.02, -0.01])
+    h = np.array([*steps, dt_s])
+    z = h / h.max()
+    x, y = np.log(h / steps[2]), np.log(errors) - np.log(errors[2])
+    wide = 1e3 * (1.0 + np.outer(x, x))
+    products = np.outer(z, z)
+    weights, means, deviations = [], [], []
+    for sigma in np.ravel(module._NOISES):
+        for tau in module._BENDS:
+            v = sigma**2 * np.eye(6) + tau**2 * products / (1.0 - 0.5 * products) + wide
+            gain = np.linalg.solve(v[:5, :5], v[:5, 5])
+            quadratic = y @ np.linalg.solve(v[:5, :5], y)
+            weights.append(-0.5 * (np.linalg.slogdet(v[:5, :5])[1] + quadratic))
+            means.append(gain @ y + math.log(errors[2]))
+            deviations.append(math.sqrt(v[5, 5] - gain @ v[:5, 5]))
+    shares = np.exp(np.array(weights) - max(weights))
+    shares /= shares.sum()
+
+    def quantile(part: float) -> float:
+        return float(
+            brentq(lambda q: shares @ norm.cdf(q, means, deviations) - part, -60.0, 20.0, xtol=1e-12)
+        )
+
+    found = predicted_error(steps.tolist(), errors.tolist(), 1e-30, dt_s)
+    expected = [shares @ np.array(means), quantile(0.025), quantile(0.975)]
+    np.testing.assert_allclose(np.log([found.error, found.low, found.high]), expected, rtol=0, atol=1e-4)
 
 
 def test_high_order_with_few_points_is_accepted() -> None:

@@ -41,6 +41,7 @@ def test_the_table_of_faults_is_long_and_clear() -> None:
         assert all(fault.undetectable.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", BASES)
 def test_probes_see_each_planted_fault_but_those_that_they_cannot(base: str) -> None:
     """A finding or a property for each; nothing for the sound base, nor where the table says so."""

@@ -183,6 +183,7 @@ def test_the_floor_is_proportional_to_the_unit_round_off_where_roundings_are_ind
     assert single.at(1e-2) == pytest.approx(2.0**29 * double.at(1e-2), rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tumbling", "symmetric-top", "full-tensor"])
 @pytest.mark.parametrize("bias", [3.0, 30.0])
 def test_a_bias_of_rounding_errors_grows_with_the_steps(name: str, bias: float) -> None:

@@ -121,6 +121,7 @@ def of_another_body(seed: int, scene: Scene) -> Scene:
     return replace(scene, body=body, initial=start, loads=loads)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("adapter", "method"), HEALTHY)
 def test_no_healthy_method_is_reported_for_any_body(adapter: Adapter, method: str) -> None:
     """For any mass, size, moments, axes, attitude and position: the tolerances follow the motion."""
@@ -354,6 +355,7 @@ def small_run() -> Any:
     return bodycheck.run(["sphere"], engines=["reference:m1", "reference:rk4"], dt_s=[0.1], speed=False)
 
 
+@pytest.mark.slow
 def test_every_run_has_the_probes_of_its_methods() -> None:
     """One row per method and check with its command, also if steps were specified."""
     table = small_run().probes

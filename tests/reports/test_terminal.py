@@ -107,6 +107,7 @@ def summary(run: Run, monkeypatch: pytest.MonkeyPatch, output: io.StringIO, colu
     return output.getvalue()
 
 
+@pytest.mark.slow
 def test_the_summary_has_each_method_and_the_worst_with_its_command(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -315,6 +315,7 @@ def ball_files(vertices: Array, triangles: Triangles) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["binary.stl", "text.stl", "text.obj", "text.ply"])
 def test_mesh_takes_at_most_200_bytes_per_triangle(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -381,6 +382,7 @@ def test_primitive_is_scaled_by_its_density() -> None:
     assert body.inertia[2, 2] == pytest.approx(5.0, rel=1e-15, abs=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", GOOD)
 @given(data=st.data())
 @settings(

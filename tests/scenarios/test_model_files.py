@@ -165,6 +165,7 @@ def test_wrong_file_gives_one_line_that_names_the_place(text: str, part: str, tm
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
     """Damaged files raise nothing but InputError with one line."""
     rng = random.Random(3)

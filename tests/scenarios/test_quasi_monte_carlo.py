@@ -124,6 +124,7 @@ def test_two_thin_walls_next_to_a_grid_point_are_found(sign: float) -> None:
     assert length == pytest.approx(4e-4 if sign > 0.0 else 2.0 - 4e-4, rel=1e-9, abs=0.0)
 
 
+@pytest.mark.slow
 def test_gaps_thinner_than_the_grid_are_found() -> None:
     """A slit of a thousandth of a block reduces its mass by that, within 1 %."""
     thin = plate(1e-3)

@@ -115,6 +115,7 @@ def worst_deviation(found: Estimate, truth: MassProperties) -> float:
     )
 
 
+@pytest.mark.slow
 def test_level_set_is_estimated_with_its_standard_errors() -> None:
     """A torus about y at 7 kg/m^3 is within 4 standard errors, each below 1e-3 of the whole."""
     truth = primitive("torus", TORUS, 7.0).rotated(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]))
@@ -125,6 +126,7 @@ def test_level_set_is_estimated_with_its_standard_errors() -> None:
     assert found.properties.notes == ()
 
 
+@pytest.mark.slow
 def test_level_set_may_modify_its_points() -> None:
     """A function that modifies its argument changes no result; a plate between grid points is found.
 
@@ -135,12 +137,14 @@ def test_level_set_may_modify_its_points() -> None:
     assert worst_deviation(found, primitive("box", [0.6, 0.6, 0.006], 7.0)) < 4.0
 
 
+@pytest.mark.slow
 def test_level_set_may_return_integers() -> None:
     """A ball of radius 0.35 may be given by 0 and 1."""
     found = estimated("counted", (-0.5, -0.5, -0.5, 0.5, 0.5, 0.5))
     assert worst_deviation(found, primitive("sphere", [0.35], 7.0)) < 4.0
 
 
+@pytest.mark.slow
 def test_solid_cut_by_the_box_has_a_note() -> None:
     """A slab wider than the box has a note that names the four sides."""
     found = estimated("slab", (-1.0, -2.0, -1.0, 1.0, 2.0, 1.0)).properties
@@ -171,6 +175,7 @@ def test_printed_body_can_be_used_in_a_scenario(shape: str) -> None:
     assert np.array_equal(pasted.inertia, solid.inertia)
 
 
+@pytest.mark.slow
 def test_printed_estimate_has_an_error_for_each_number() -> None:
     """Mass, centre and inertia are printed at full precision with their standard errors."""
     found = estimated("ring")
