@@ -819,3 +819,12 @@ def test_error_of_the_momentum_direction_is_an_angle() -> None:
     assert measured("free", sound)["angular_momentum_direction_error_rad"] < 1e-6
     found = measured("free", turned)["angular_momentum_direction_error_rad"]
     assert found == pytest.approx(0.3, rel=1e-6)
+
+
+def test_last_value_of_a_measure_has_the_bound_of_the_measure() -> None:
+    """Both are departures from the same truth."""
+    last = [one for one in measures.MEASURES.values() if one.last_of is not None]
+    assert last
+    for one in last:
+        assert one.last_of is not None
+        assert one.bound == measures.MEASURES[one.last_of].bound is not None

@@ -483,6 +483,19 @@ def test_each_difference_of_the_environment_is_named_once() -> None:
     assert circumstances(before, before) == ()
 
 
+def test_builds_of_one_version_are_named_with_the_parts_that_differ() -> None:
+    """An engine that was built again; without a differing part only its builds are named."""
+
+    def manifest(build: str, library: str) -> dict[str, Any]:
+        about = {"version": "3", "build": {"id": build, "parts": {"libmujoco.so": library, "mujoco.py": "x"}}}
+        return {"engines": {"mujoco": about}}
+
+    (other,) = circumstances(manifest("a" * 20, "1"), manifest("b" * 20, "2"))
+    assert other.endswith(f"mujoco 3: {'a' * 12} -> {'b' * 12} (libmujoco.so)")
+    (same,) = circumstances(manifest("a" * 20, "1"), manifest("b" * 20, "1"))
+    assert same.endswith(f"mujoco 3: {'a' * 12} -> {'b' * 12}")
+
+
 @pytest.mark.parametrize("idle", ["summary", "source", "tags", "steps_s"])
 def test_description_of_a_scenario_is_not_compared(idle: str) -> None:
     """Only what is simulated counts, of scenarios that both runs have."""

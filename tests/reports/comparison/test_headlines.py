@@ -12,7 +12,7 @@ import pytest
 from markupsafe import escape
 
 from bodycheck.reports.comparison.change import Change, Status
-from bodycheck.reports.comparison.compare import compare
+from bodycheck.reports.comparison.compare import compare, paired_versions
 from bodycheck.reports.comparison.describe import comparison_document, comparison_page, sentences
 from bodycheck.reports.comparison.environment_diff import is_refinement
 from bodycheck.reports.comparison.headlines import by_method, headlines
@@ -112,6 +112,22 @@ def test_two_versions_that_stand_alone_are_compared_under_one_name() -> None:
     assert headlines(compare(old, moved))[0].startswith("mujoco 3.17.0: ")
     assert compare(both, both).changes == ()
     assert {change.engine for change in compare(both, new).changes} == {"mujoco==3.17.0"}
+
+
+def test_both_names_of_an_engine_are_replaced_in_every_table() -> None:
+    """Cases, tables and manifest, of two single versions; two versions in either run keep their names."""
+    old = release("3.17.0", 4.3e-7, 2.0, engine="mujoco==3.17.0")
+    new = release("4.0.0", 2.3e-13, 4.0, engine="mujoco==4.0.0")
+    for tables in paired_versions(old, new):
+        assert {case.columns["engine"] for case in tables.cases} == {"mujoco"}
+        assert set(tables.results["engine"]) == set(tables.methods["engine"]) == {"mujoco"}
+        assert list(tables.manifest["engines"]) == ["mujoco"]
+
+    def two(other: str) -> Tables:
+        return replace(old, cases=old.cases + release("", 1.0, 2.0, engine=f"mujoco=={other}").cases)
+
+    for tables in paired_versions(two("3.18.0"), two("4.0.0")):
+        assert "mujoco" not in {case.columns["engine"] for case in tables.cases}
 
 
 def test_what_dominates_leads_and_a_real_worsening_is_named() -> None:
