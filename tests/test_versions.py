@@ -26,6 +26,7 @@ from bodycheck.runs.manifest import Identity
 from bodycheck.runs.run_options import RunOptions
 from bodycheck.runs.selection import Selection
 from bodycheck.runs.version_search import search
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.local_package_index import write_needed, write_toy, write_wheel
@@ -94,7 +95,7 @@ CONFIGURATIONS = {"uv.toml": "{line}", "pyproject.toml": "[tool.uv]\n{line}"}
 @pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize("name", CONFIGURATIONS)
 def test_configuration_of_the_working_directory_is_ignored(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
     """A checkout may name another index; the user's configuration counts."""
     monkeypatch.delenv("UV_FIND_LINKS")
@@ -106,7 +107,7 @@ def test_configuration_of_the_working_directory_is_ignored(
     line = f'find-links = ["{other}"]\n'
     (checkout / name).write_text(CONFIGURATIONS[name].format(line=line))
     monkeypatch.chdir(checkout)
-    with pytest.raises(InputError, match="no release that can be installed here"):
+    with expected_message.raises(InputError):
         releases("toy", "1.0", None)
     (tmp_path / "config/uv/uv.toml").write_text(line)
     assert releases("toy", "1.0", None) == ("9.9",)
@@ -185,9 +186,9 @@ def test_releases_are_listed_oldest_first(since: str, until: str | None, there: 
 
 
 @pytest.mark.usefixtures("toy")
-def test_missing_releases_are_reported() -> None:
+def test_missing_releases_are_reported(expected_message: ExpectedMessage) -> None:
     """The error names the engine."""
-    with pytest.raises(InputError, match="toy: no release that can be installed here"):
+    with expected_message.raises(InputError):
         releases("toy", "9.0", None)
 
 

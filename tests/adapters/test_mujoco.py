@@ -13,6 +13,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
 from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, SineTorque, State, Timed, Torque
 from bodycheck.reference_impl.wrench import wrench_between
+from tests.helpers.expected_messages import ExpectedMessage
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -45,12 +46,12 @@ def test_every_integrator_of_the_installed_version_is_a_method() -> None:
     assert {name for name, facts in MuJoCo.methods.items() if not facts.on_request} == names
 
 
-def test_compiler_still_refuses_what_the_adapter_works_around() -> None:
+def test_compiler_still_refuses_what_the_adapter_works_around(expected_message: ExpectedMessage) -> None:
     """MuJoCo's compiler refuses moments that violate the triangle inequality by one round-off."""
     spec = mujoco.MjSpec()
     body = spec.worldbody.add_body(mass=1.0, inertia=BEYOND_THE_LIMIT)
     body.add_freejoint()
-    with pytest.raises(ValueError, match="A \\+ B >= C"):
+    with expected_message.raises(ValueError):
         spec.compile()
 
 
@@ -96,10 +97,10 @@ def test_model_has_only_the_actuators_that_the_loads_need(loads: tuple[Timed, ..
     assert built(scene_of(np.eye(3), loads))._model.nu == actuators
 
 
-def test_force_at_a_point_without_actuator_is_refused() -> None:
+def test_force_at_a_point_without_actuator_is_refused(expected_message: ExpectedMessage) -> None:
     """A force at a point that the model has no actuator for is an error."""
     strange = scene_of(np.eye(3), (PointForce("world", np.ones(3), np.ones(3)),))
-    with pytest.raises(ValueError, match="no load of the scene"):
+    with expected_message.raises(ValueError):
         built(scene_of(np.eye(3))).apply(wrench_between(strange, 0.0, 1.0))
 
 
@@ -214,10 +215,10 @@ def test_callback_acts_on_its_own_model_only() -> None:
     np.testing.assert_array_equal(after.omega_body, before.omega_body)
 
 
-def test_unexpected_evaluations_are_reported() -> None:
+def test_unexpected_evaluations_are_reported(expected_message: ExpectedMessage) -> None:
     """It is an error if MuJoCo evaluates forces more often than a step has stages."""
     simulation = built(loaded_by_a_sine(), "rk4")
     lasting = simulation._lasting
     assert lasting is not None
-    with pytest.raises(RuntimeError, match="8 times, not 4"), lasting.acting_on(simulation._data, 1):
+    with expected_message.raises(RuntimeError), lasting.acting_on(simulation._data, 1):
         mujoco.mj_step(simulation._model, simulation._data, nstep=2)

@@ -41,6 +41,7 @@ from bodycheck.reference_impl.scene import (
     TorsionSpring,
 )
 from bodycheck.runs.selection import select
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.local_package_index import write_needed, write_wheel
 
 ROOT = Path(__file__).parents[2]
@@ -382,9 +383,11 @@ def test_plug_in_runs_in_an_environment_of_its_own(needy: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("needy")
-def test_engine_that_cannot_be_installed_is_unavailable_with_the_reason() -> None:
+def test_engine_that_cannot_be_installed_is_unavailable_with_the_reason(
+    expected_message: ExpectedMessage,
+) -> None:
     """Requesting it is an error in one line that names the missing package."""
-    with pytest.raises(InputError, match=r"needy cannot be installed: .*toy-engine") as error:
+    with expected_message.raises(InputError) as error:
         select(["free-flight"], ["needy"])
     assert "\n" not in str(error.value)
     assert environments.environments() == []

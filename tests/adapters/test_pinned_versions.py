@@ -125,11 +125,13 @@ def test_settings_of_uv_take_precedence(name: str, monkeypatch: pytest.MonkeyPat
     assert pip_settings() == {}
 
 
-def test_missing_uv_is_reported_with_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_uv_is_reported_with_the_command(
+    monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+) -> None:
     """The error is one line with the command that installs uv."""
     monkeypatch.setenv("PATH", "")
     monkeypatch.setattr(uv, "import_module", _no_module)
-    with pytest.raises(UnavailableError, match=r"require uv: pip install 'bodycheck\[versions\]'"):
+    with expected_message.raises(UnavailableError):
         uv.uv("--version")
 
 
@@ -228,7 +230,7 @@ def test_other_requirements_of_an_adapter_make_another_environment(
 
 
 def test_index_that_cannot_be_reached_is_no_reason_for_older_libraries(
-    fake: FakeUv, monkeypatch: pytest.MonkeyPatch
+    fake: FakeUv, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
     """The environment is not tried again without constraints."""
 
@@ -239,7 +241,7 @@ def test_index_that_cannot_be_reached_is_no_reason_for_older_libraries(
         return ""
 
     monkeypatch.setattr(environments, "uv", unreachable)
-    with pytest.raises(UnavailableError, match=r"^mujoco==3.6.0 cannot be installed: no route to the index$"):
+    with expected_message.raises(UnavailableError):
         environments.python_of(PIN)
     assert len(fake.commands) == 2
 
@@ -279,14 +281,13 @@ def test_environment_of_another_python_or_library_is_another_one(
 
 
 @pytest.mark.usefixtures("fake")
-def test_cache_that_cannot_be_written_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cache_that_cannot_be_written_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+) -> None:
     """One line names the engine, the folder and the reason."""
     (tmp_path / "file").touch()
     monkeypatch.setattr(environments, "cache_home", lambda: tmp_path / "file")
-    place = rf"{tmp_path}/file/environments/mujoco-3\.6\.0-[0-9a-f]{{12}}"
-    with pytest.raises(
-        UnavailableError, match=rf"^mujoco==3\.6\.0 cannot be installed: {place}: Not a directory$"
-    ):
+    with expected_message.raises(UnavailableError):
         environments.python_of(PIN)
 
 
@@ -362,10 +363,12 @@ def test_concurrent_requests_create_one_environment(fake: FakeUv) -> None:
     assert sum(words[0] == "venv" for words in fake.commands) == 1
 
 
-def test_incomplete_environment_is_never_used(fake: FakeUv, tmp_path: Path) -> None:
+def test_incomplete_environment_is_never_used(
+    fake: FakeUv, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """An environment whose packages failed is removed, and one that was cut off is replaced."""
     fake.refuses = "mujoco==3.6.0"
-    with pytest.raises(UnavailableError, match=r"^mujoco==3.6.0 cannot be installed: no such version$"):
+    with expected_message.raises(UnavailableError):
         environments.python_of(PIN)
     assert [path.name for path in (tmp_path / "environments").iterdir() if path.is_dir()] == []
     fake.refuses = "nothing"
@@ -580,10 +583,12 @@ def test_engine_of_python_packages_is_no_program(fake: FakeUv) -> None:
     assert fake.commands == []
 
 
-def test_failed_npm_leaves_no_environment(npm: FakeNpm, tmp_path: Path) -> None:
+def test_failed_npm_leaves_no_environment(
+    npm: FakeNpm, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """What npm prints is the reason, in one line."""
     npm.status = 1
-    with pytest.raises(UnavailableError, match=r"^cannon-es==0.20.0 cannot be installed: 404 not found$"):
+    with expected_message.raises(UnavailableError):
         environments.program_in(CANNON)
     assert [path for path in (tmp_path / "environments").iterdir() if path.is_dir()] == []
 
@@ -597,13 +602,13 @@ def test_javascript_engine_always_needs_an_environment() -> None:
 
 @pytest.mark.parametrize("missing", ["node", "npm"])
 def test_javascript_engine_needs_node_and_npm(
-    missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
 ) -> None:
     """The line names the program that is missing, and nothing is written."""
     monkeypatch.setattr(
         environments.shutil, "which", lambda name: None if name == missing else f"/bin/{name}"
     )
-    with pytest.raises(UvError, match=f"no {missing} on the path") as refused:
+    with expected_message.raises(UvError) as refused:
         environments._npm_install(["cannon-es"], tmp_path)
     assert not refused.value.refused
     assert list(tmp_path.iterdir()) == []

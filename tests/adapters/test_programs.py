@@ -18,6 +18,7 @@ from bodycheck.adapters.programs import program_of, split_method, with_method
 from bodycheck.adapters.registry import registered
 from bodycheck.adapters.versions.pins import pin_of
 from bodycheck.runs.selection import select
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.scenario_texts import tumbling
 
 WORKERS = Path(__file__).parents[2] / "docs/workers"
@@ -264,30 +265,32 @@ def test_step_function_of_a_module_gets_all_that_an_engine_gets(folder: Path) ->
     assert "--allow-code" in run.results["reproduce"][0]
 
 
-def test_code_of_a_module_runs_only_where_allowed(folder: Path) -> None:
+def test_code_of_a_module_runs_only_where_allowed(folder: Path, expected_message: ExpectedMessage) -> None:
     """The line names the function and the option; a module that is not there is an unknown engine."""
     (folder / "own_code.py").write_text("import pathlib\npathlib.Path('ran').touch()\n")
-    with pytest.raises(InputError, match="own_code:step: importing it runs its code; add --allow-code"):
+    with expected_message.raises(InputError):
         select(["mine.toml"], engines=["own_code:step"])
     assert not (folder / "ran").exists()
-    with pytest.raises(InputError, match="own_code:step: own_code has no function 'step'"):
+    with expected_message.raises(InputError):
         select(["mine.toml"], engines=["own_code:step"], allow_code=True)
-    with pytest.raises(InputError, match="unknown engine 'missing_code'"):
+    with expected_message.raises(InputError):
         select(["mine.toml"], engines=["missing_code:step"], allow_code=True)
 
 
-def test_module_needs_permission_in_each_run(folder: Path) -> None:
+def test_module_needs_permission_in_each_run(folder: Path, expected_message: ExpectedMessage) -> None:
     """A run with --allow-code permits nothing to the next one, which can name another function, too."""
     (folder / "permitted_steps.py").write_text(STEPS)
     select(["mine.toml"], engines=["permitted_steps:rk4"], allow_code=True)
     select(["mine.toml"], engines=["permitted_steps:again"], allow_code=True)
-    with pytest.raises(InputError, match="add --allow-code"):
+    with expected_message.raises(InputError):
         select(["mine.toml"], engines=["permitted_steps:rk4"])
 
 
-def test_file_of_engines_is_read_for_unknown_names_only(folder: Path) -> None:
+def test_file_of_engines_is_read_for_unknown_names_only(
+    folder: Path, expected_message: ExpectedMessage
+) -> None:
     """An invalid engines.toml refuses an engine that it may define, and no built-in one."""
     (folder / "engines.toml").write_text("[engines")
     select(["mine.toml"], engines=["reference:m1"])
-    with pytest.raises(InputError, match=r"engines\.toml: is not TOML"):
+    with expected_message.raises(InputError):
         select(["mine.toml"], engines=["other"])

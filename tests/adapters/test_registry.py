@@ -12,6 +12,7 @@ import pytest
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck.adapters import registry
 from bodycheck.adapters.reference import Reference
+from tests.helpers.expected_messages import ExpectedMessage
 
 
 @pytest.fixture
@@ -38,15 +39,15 @@ def test_engines_of_other_packages_are_found_by_entry_point() -> None:
 
 
 @pytest.mark.usefixtures("plugged_in")
-def test_an_engine_that_lacks_what_is_asked_of_it_is_unavailable() -> None:
+def test_an_engine_that_lacks_what_is_asked_of_it_is_unavailable(expected_message: ExpectedMessage) -> None:
     """A package of another age is not there, with the reason, and takes nothing else down."""
-    with pytest.raises(UnavailableError, match=r"aged cannot be imported: .*NoSuchName"):
+    with expected_message.raises(UnavailableError):
         registry.get_adapter("aged")
 
 
-def test_an_unknown_engine_is_refused() -> None:
+def test_an_unknown_engine_is_refused(expected_message: ExpectedMessage) -> None:
     """A name that nobody offers lists those that somebody does."""
-    with pytest.raises(InputError, match=r"unknown engine 'havok' \(available: mujoco, pybullet"):
+    with expected_message.raises(InputError):
         registry.get_adapter("havok")
 
 

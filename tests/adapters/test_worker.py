@@ -263,34 +263,36 @@ NO_ARRAYS: list[Any] = [
 
 
 @pytest.mark.parametrize("value", NO_ARRAYS, ids=str)
-def test_invalid_array_is_refused(value: Any) -> None:
+def test_invalid_array_is_refused(value: Any, expected_message: ExpectedMessage) -> None:
     """A wrong shape, a truncated text and a non-text are refused."""
-    with pytest.raises(protocol.ProtocolError, match="invalid array"):
+    with expected_message.raises(protocol.ProtocolError):
         protocol.unpacked(value)
 
 
 @pytest.mark.parametrize(
     "values", [["1.0"], [None], [1j], [True], [b"1"]], ids=["text", "object", "complex", "bool", "bytes"]
 )
-def test_only_real_numbers_are_packed(values: list[Any]) -> None:
+def test_only_real_numbers_are_packed(values: list[Any], expected_message: ExpectedMessage) -> None:
     """A text that looks like a number is refused."""
-    with pytest.raises(protocol.ProtocolError, match="not of real numbers"):
+    with expected_message.raises(protocol.ProtocolError):
         protocol.packed(np.array(values))
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), {1}, np.int64(1), b"x"], ids=str)
-def test_line_contains_only_json(value: Any) -> None:
+def test_line_contains_only_json(value: Any, expected_message: ExpectedMessage) -> None:
     """Values that other languages cannot read are refused."""
-    with pytest.raises(protocol.ProtocolError, match="JSON cannot hold"):
+    with expected_message.raises(protocol.ProtocolError):
         protocol.line_of({"value": value})
 
 
-def test_line_has_a_maximum_length(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_line_has_a_maximum_length(
+    monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+) -> None:
     """One byte more than the maximum is refused."""
     length = len(protocol.line_of({"text": "x" * 100}))
     monkeypatch.setattr(protocol, "LARGEST_MESSAGE", length)
     assert len(protocol.line_of({"text": "x" * 100})) == length
-    with pytest.raises(protocol.ProtocolError, match=f"a message of {length + 1} bytes, more than {length}"):
+    with expected_message.raises(protocol.ProtocolError):
         protocol.line_of({"text": "x" * 101})
 
 
@@ -523,10 +525,12 @@ def test_case_of_a_killed_worker_is_repeated_once(tmp_path: Path, monkeypatch: p
     assert answer == {"outcome": "failed", "message": "the worker was killed by SIGKILL"}
 
 
-def test_stopped_engine_pool_starts_no_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stopped_engine_pool_starts_no_worker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+) -> None:
     """No worker is started after a run was stopped."""
     employ(answering(FORGETFUL), tmp_path, monkeypatch)
     engine_pool = EnginePool()
     engine_pool.stop()
-    with pytest.raises(WorkerLostError, match="the run was stopped"):
+    with expected_message.raises(WorkerLostError):
         engine_pool.ask("drift", {"do": "record", "case": CASE}, 5.0)

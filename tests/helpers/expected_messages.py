@@ -1,7 +1,8 @@
 """Messages that tests compare word for word, in one file, so that a better sentence changes one line of it.
 
 `pytest --update-messages` writes the messages of the tests that it runs. `...` is any text, such as the words
-of a library: shorten a message by hand where another version may phrase it differently.
+of a library: shorten a message by hand where another version may phrase it differently. Where all parameters
+of a test give one message, store it by hand under the test's name alone, with {NAME} for a parameter's value.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import fcntl
 import json
 import re
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
@@ -18,19 +21,27 @@ import pytest
 FILE = Path(__file__).parents[1] / "expected_messages.toml"
 _HEADER = "# What tests expect of messages; `pytest --update-messages TEST` writes it, `...` is any text.\n"
 Messages = dict[str, dict[str, str | list[str]]]
-"""Test file below tests/ -> test, with its parameters -> its message, or the lines of it."""
+"""Test file below tests/ -> test, with or without its parameters -> its message, or the lines of it."""
 
 
 class ExpectedMessage:
-    """The message that one test expects: call it with the message that it got."""
+    """The messages that one test expects, in order: call it with each message that it got."""
 
     def __init__(self, request: pytest.FixtureRequest) -> None:
         self._file = request.path.relative_to(FILE.parent).as_posix()
-        self._test = request.node.name.removeprefix("test_")
+        self._name = request.node.name.removeprefix("test_")
+        self._parameters = request.node.callspec.params if hasattr(request.node, "callspec") else {}
+        self._calls = 0
+        self._folder: Path | None = request.node.funcargs.get("tmp_path")
         self._update = bool(request.config.getoption("--update-messages"))
 
     def __call__(self, message: str, folder: Path | None = None) -> None:
-        """Compare a message, in which FOLDER replaces the path of a folder; raises AssertionError."""
+        """Compare a message, in which FOLDER replaces the path of a folder; raises AssertionError.
+
+        folder: the temporary folder of the test, if none is given.
+        """
+        self._calls += 1
+        folder = folder or self._folder
         found = message if folder is None else message.replace(str(folder), "FOLDER")
         if not matches(expected := self._stored(), found):
             assert self._update, (
@@ -39,9 +50,25 @@ class ExpectedMessage:
             )
             _store(self._file, self._test, found)
 
+    @contextmanager
+    def raises(self, *errors: type[Exception]) -> Iterator[pytest.ExceptionInfo[Exception]]:
+        """Expect one of the errors, with the message that is stored for this test."""
+        with pytest.raises(errors) as caught:
+            yield caught
+        self(str(caught.value))
+
+    @property
+    def _test(self) -> str:
+        name, number = self._name.partition("[")[0], f" ({self._calls})" if self._calls > 1 else ""
+        shared = f"{name}{number}"
+        return shared if shared in stored_messages().get(self._file, {}) else f"{self._name}{number}"
+
     def _stored(self) -> str:
         stored = stored_messages().get(self._file, {}).get(self._test, "")
-        return stored if isinstance(stored, str) else "\n".join(stored)
+        text = stored if isinstance(stored, str) else "\n".join(stored)
+        for name, value in self._parameters.items():
+            text = text.replace(f"{{{name}}}", str(value))
+        return text
 
 
 def matches(expected: str, found: str) -> bool:

@@ -13,6 +13,7 @@ from bodycheck.reference_impl import elliptic
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.free_rotation import FreeRotation
 from bodycheck.reference_impl.rotations import rotate
+from tests.helpers.expected_messages import ExpectedMessage
 
 IDENTITY = [1.0, 0.0, 0.0, 0.0]
 
@@ -31,9 +32,9 @@ def test_detest_b5() -> None:
     assert elliptic.jacobi(20.0, 0.49) == pytest.approx(expected, rel=0.0, abs=1e-13)
 
 
-def test_detest_b5_is_no_body() -> None:
+def test_detest_b5_is_no_body(expected_message: ExpectedMessage) -> None:
     """No rigid body has a vanishing moment: B5 as a body is refused."""
-    with pytest.raises(ValueError, match="positive definite"):
+    with expected_message.raises(ValueError):
         FreeRotation.from_state(np.diag([1.0, 1.0, 0.0]), IDENTITY, [0.0, 1.0, 1.0])
 
 

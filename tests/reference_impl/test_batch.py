@@ -156,10 +156,10 @@ def test_flat_and_thin_bodies_are_bodies() -> None:
 
 
 @pytest.mark.parametrize("dt", [0.0, -0.1, math.nan, math.inf])
-def test_impossible_steps_are_refused(dt: float) -> None:
+def test_impossible_steps_are_refused(dt: float, expected_message: ExpectedMessage) -> None:
     """A step that is not a positive number of seconds is named."""
     state, moments, _ = bodies(2)
-    with pytest.raises(ValueError, match=rf"dt must be .* got {dt!r}"):
+    with expected_message.raises(ValueError):
         advance_batch(state, moments, dt, 1)
 
 
@@ -180,45 +180,47 @@ def test_unknown_method_is_refused(expected_message: ExpectedMessage) -> None:
     expected_message(str(refused.value))
 
 
-def test_wrong_shapes_are_refused() -> None:
+def test_wrong_shapes_are_refused(expected_message: ExpectedMessage) -> None:
     """Arrays of another shape than (13, n) and (3, n) are refused with their shape."""
     state, moments, torque = bodies(4)
-    with pytest.raises(ValueError, match=r"state must have shape \(13, n\), got \(4, 13\)"):
+    with expected_message.raises(ValueError):
         advance_batch(np.ascontiguousarray(state.T), moments, 0.1, 1)
-    with pytest.raises(ValueError, match=r"state must have shape \(13, n\), got \(13,\)"):
+    with expected_message.raises(ValueError):
         advance_batch(state[:, 0], moments, 0.1, 1)
-    with pytest.raises(ValueError, match=r"moments must have shape \(3, 4\) .* got \(3, 3\)"):
+    with expected_message.raises(ValueError):
         advance_batch(state, moments[:, :3], 0.1, 1)
-    with pytest.raises(ValueError, match=r"torque must have shape \(3, 4\) .* got \(3, 1\)"):
+    with expected_message.raises(ValueError):
         advance_batch(state, moments, 0.1, 1, torque=torque[:, :1])
 
 
-def test_state_that_cannot_be_stepped_in_place_is_refused() -> None:
+def test_state_that_cannot_be_stepped_in_place_is_refused(expected_message: ExpectedMessage) -> None:
     """Single precision, another memory order and read-only arrays are named."""
     state, moments, _ = bodies(4)
     frozen = state.copy()
     frozen.flags.writeable = False
     for bad in (state.astype(np.float32), np.asfortranarray(state), frozen):
-        with pytest.raises(ValueError, match="state must be writeable C-contiguous float64, got float"):
+        with expected_message.raises(ValueError):
             advance_batch(bad, moments, 0.1, 1)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_values_that_are_not_finite_are_refused(value: float) -> None:
+def test_values_that_are_not_finite_are_refused(value: float, expected_message: ExpectedMessage) -> None:
     """NaN and infinity are named with their row and body, and nothing has moved."""
     for name in ("state", "moments", "torque"):
         arrays = dict(zip(("state", "moments", "torque"), bodies(5), strict=True))
         arrays[name][1, 3] = value
         before = arrays["state"].copy()
-        with pytest.raises(ValueError, match=f"{name} must be finite, got {value} in row 1 of body 3"):
+        with expected_message.raises(ValueError):
             advance_batch(arrays["state"], arrays["moments"], 0.1, 1, torque=arrays["torque"])
         assert np.array_equal(arrays["state"], before, equal_nan=True)
 
 
 @pytest.mark.parametrize("moments", [(1.0, 1.0, 0.0), (1.0, 1.0, -1.0), (1.0, 1.0, 2.1)])
-def test_impossible_bodies_are_refused(moments: tuple[float, float, float]) -> None:
+def test_impossible_bodies_are_refused(
+    moments: tuple[float, float, float], expected_message: ExpectedMessage
+) -> None:
     """Moments that no body has are refused with the number of the body."""
     state, good, _ = bodies(5)
     good[:, 2] = moments
-    with pytest.raises(ValueError, match=r"no body has the principal moments \[1.0, 1.0, .*\] of body 2"):
+    with expected_message.raises(ValueError):
         advance_batch(state, good, 0.1, 1)

@@ -21,6 +21,7 @@ from bodycheck.reference_impl.rotations import (
 )
 from bodycheck.reference_impl.scene import RigidBody, State
 from bodycheck.reference_impl.wrench import Wrench
+from tests.helpers.expected_messages import ExpectedMessage
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -136,29 +137,29 @@ def test_no_samples_give_no_motion() -> None:
 
 
 @pytest.mark.parametrize("dt", [0.0, -0.1, math.nan, math.inf])
-def test_impossible_steps_are_refused(dt: float) -> None:
+def test_impossible_steps_are_refused(dt: float, expected_message: ExpectedMessage) -> None:
     """A step that is not a positive number of seconds is named."""
-    with pytest.raises(ValueError, match=rf"dt_s must be .* got {dt!r}"):
+    with expected_message.raises(ValueError):
         solve_black_box(BODY, START, held, np.array([0.0, 1.0]), dt)
 
 
 @pytest.mark.parametrize("times", [[0.0, 0.0], [1.0, 0.5], [0.0, math.nan], [[0.0, 1.0]]])
-def test_impossible_times_are_refused(times: list[float]) -> None:
+def test_impossible_times_are_refused(times: list[float], expected_message: ExpectedMessage) -> None:
     """Times that do not ascend are named."""
-    with pytest.raises(ValueError, match=r"t_s must be finite times in ascending order, got \["):
+    with expected_message.raises(ValueError):
         solve_black_box(BODY, START, held, np.array(times), 0.1)
 
 
-def test_nan_in_the_initial_state_is_refused() -> None:
+def test_nan_in_the_initial_state_is_refused(expected_message: ExpectedMessage) -> None:
     """NaN in the initial state is named."""
     bad = State(np.array([0.0, math.nan, 0.0]), START.quaternion, START.velocity, START.omega_body)
-    with pytest.raises(ValueError, match=r"initial state must be 13 finite numbers, got .*nan"):
+    with expected_message.raises(ValueError):
         solve_black_box(BODY, bad, held, np.array([0.0, 1.0]), 0.1)
 
 
 @pytest.mark.parametrize("value", [np.array([0.0, math.nan, 0.0]), np.zeros(2), np.array([math.inf, 0, 0])])
-def test_result_of_the_function_is_checked(value: Array) -> None:
+def test_result_of_the_function_is_checked(value: Array, expected_message: ExpectedMessage) -> None:
     """A force or a torque that is not three finite numbers is named, with its time."""
-    for name, answer in (("force", (value, np.zeros(3))), ("torque", (np.zeros(3), value))):
-        with pytest.raises(ValueError, match=f"the {name} at t = 0.0 s must be 3 finite numbers"):
+    for answer in ((value, np.zeros(3)), (np.zeros(3), value)):
+        with expected_message.raises(ValueError):
             solve_black_box(BODY, START, lambda *_, answer=answer: answer, np.array([0.0, 1.0]), 0.1)

@@ -39,6 +39,7 @@ from bodycheck.reference_impl.taylor.solution import Resolution, course_of, solv
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import distances
+from tests.helpers.expected_messages import ExpectedMessage
 
 MP = mpmath.MPContext()
 MP.dps = 60
@@ -545,26 +546,26 @@ def test_impossible_times_are_refused(name: str, bad: float) -> None:
 
 
 @pytest.mark.parametrize("name", ["spun up", "two sines", "sine of rate 0"])
-def test_times_beyond_the_known_angle_are_refused(name: str) -> None:
+def test_times_beyond_the_known_angle_are_refused(name: str, expected_message: ExpectedMessage) -> None:
     """A time at which the angle would have no known digit is refused with its value."""
-    with pytest.raises(ValueError, match=r"1e\+15 rad until t = 1e\+18 s"):
+    with expected_message.raises(ValueError):
         closed(SCENES[name]).at(np.array([0.0, 1e18]))
 
 
-def test_limit_on_the_angle_counts_the_whole_path() -> None:
+def test_limit_on_the_angle_counts_the_whole_path(expected_message: ExpectedMessage) -> None:
     """The angle rotated counts, not the final rate: a body may have stopped or swung back."""
     stopped = closed(scene_of(BRICK, (0, 0, 1e13), body_torque(0, 0, -2.5e10)))
     swung = closed(scene_of(BRICK, (0, 0, 0), sine("body", (0, 0, 1e6), 1.0, 0.0)))
     whole_turns_s = float(2 * MP.pi * 1600000000000)
     for motion, t_s in ((stopped, 1e3), (swung, whole_turns_s)):
-        with pytest.raises(ValueError, match="until t = "):
+        with expected_message.raises(ValueError):
             motion.at(np.array([t_s]))
 
 
-def test_impossible_body_is_refused() -> None:
+def test_impossible_body_is_refused(expected_message: ExpectedMessage) -> None:
     """An impossible tensor is refused with its value, free or under drag."""
     for loads in ((), (drag(0.0, [1, -2, 3]),)):
-        with pytest.raises(ValueError, match=r"positive definite.*-2.0"):
+        with expected_message.raises(ValueError):
             closed_form_of(scene_of(np.diag([1.0, -2.0, 3.0]), (0.1, 0.2, 0.3), *loads))
 
 

@@ -17,6 +17,7 @@ from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import distances
 from bodycheck.scenarios.library import load_scenario
 from tests.helpers.decimal_gauss_solver import DIGITS, Oracle, decimals, dot, norm, plus, rotation_of, times
+from tests.helpers.expected_messages import ExpectedMessage
 
 CASES = {
     "lagrange-top": (0.4, 1 / 64),
@@ -93,8 +94,8 @@ def test_series_of_a_pivoted_body_equals_the_truth(name: str) -> None:
     assert np.max(np.abs(places - places[0])) <= 1e-15
 
 
-def test_pivot_with_gravity_gradient_is_refused() -> None:
+def test_pivot_with_gravity_gradient_is_refused(expected_message: ExpectedMessage) -> None:
     """A body in orbit cannot have a pivot fixed in the world."""
     scene = replace(load_scenario("satellite-libration").scene, pivot=np.array([0.0, 0.0, 1.0]))
-    with pytest.raises(ValueError, match="no gravity gradient can act on it"):
+    with expected_message.raises(ValueError):
         solve_truth(scene, np.array([1.0]))

@@ -22,6 +22,7 @@ import pytest
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.free_rotation import FreeRotation, FreeRotations, motions
 from bodycheck.reference_impl.free_rotation.set_up import begin
+from tests.helpers.expected_messages import ExpectedMessage
 
 MP = mpmath.MPContext()
 MP.dps = 60
@@ -682,16 +683,16 @@ def test_no_bodies_have_no_motion() -> None:
     assert nobody.at([0.0, 1.0])[0].shape == (0, 2, 4)
 
 
-def test_one_impossible_body_is_named() -> None:
+def test_one_impossible_body_is_named(expected_message: ExpectedMessage) -> None:
     """Among many bodies the impossible one is refused with its number or its values."""
     inertia, quaternion, omega = all_cases()
     inertia[3] = np.diag([1.0, -2.0, 3.0])
-    with pytest.raises(ValueError, match=r"positive definite, got \[\[1.0, 0.0, 0.0\], \[0.0, -2.0"):
+    with expected_message.raises(ValueError):
         FreeRotations.from_states(inertia, quaternion, omega)
     omega[5, 1] = math.nan
-    with pytest.raises(ValueError, match=r"omega_body must be finite, got nan at \[5, 1\]"):
+    with expected_message.raises(ValueError):
         FreeRotations.from_states(inertia, quaternion, omega)
-    with pytest.raises(ValueError, match=r"quaternion must have shape \(42, 4\)"):
+    with expected_message.raises(ValueError):
         FreeRotations.from_states(inertia, quaternion[:-1], omega)
 
 

@@ -34,6 +34,7 @@ from bodycheck.reference_impl.scene import (
 from bodycheck.reference_impl.taylor.solution import Resolution, Solution, course_of, resolution_for, solve
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import potential_energy
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.kernel_programs import printed_json
 
 EPS = float(np.finfo(np.float64).eps)
@@ -430,17 +431,17 @@ def test_dense_output_equals_short_runs() -> None:
         assert np.max(np.abs((alone.high[0] - many.high[k]) + (alone.low[0] - many.low[k]))) <= 1e-29
 
 
-def test_motion_without_a_series_is_refused() -> None:
+def test_motion_without_a_series_is_refused(expected_message: ExpectedMessage) -> None:
     """A torsion spring wound to pi, and a spring shortened to length zero, have no truth."""
     wound = replace(scene_under(TorsionSpring(0.01)), gravity=np.zeros(3))
-    with pytest.raises(ValueError, match="turned by pi, where its torque jumps"):
+    with expected_message.raises(ValueError):
         solve_truth(wound, np.array([5.0]))
     start = replace(wound.initial, position=np.array([0.0, 0.0, 1.0]), velocity=np.zeros(3))
     through = replace(wound, initial=start, loads=(Spring(np.array([0.0, 0.0, 1.0]), np.zeros(3), 2.0, 0.5),))
     resting = solve_truth(through, np.array([1.0]))
     assert np.array_equal(resting.trajectory.position_m[0], start.position)
     pushed = replace(through, gravity=np.array([0.0, 0.0, -1.0]))
-    with pytest.raises(ValueError, match="at its anchor, where its force jumps"):
+    with expected_message.raises(ValueError):
         solve_truth(pushed, np.array([1.0]))
 
 

@@ -29,6 +29,7 @@ from bodycheck.reference_impl.scene import (
 )
 from bodycheck.reference_impl.truth import certification as truth_module
 from bodycheck.reference_impl.truth.certification import solve_truth
+from tests.helpers.expected_messages import ExpectedMessage
 
 ALIGNED = np.array([1.0, 0.0, 0.0, 0.0])
 BODY = RigidBody(1.0, np.diag([1.0, 2.0, 2.5]))
@@ -52,7 +53,7 @@ def spring(rest_length: float) -> Spring:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("x", [1.5, 1.001])
-def test_no_truth_beyond_the_anchor_of_a_spring(x: float) -> None:
+def test_no_truth_beyond_the_anchor_of_a_spring(x: float, expected_message: ExpectedMessage) -> None:
     """A body that swings through the anchor, or near it, has a truth until then and no longer."""
     scene = scene_of(spring(0.5), x=(x, 0.0, 0.0))
     rate = math.sqrt(3.0)
@@ -61,7 +62,7 @@ def test_no_truth_beyond_the_anchor_of_a_spring(x: float) -> None:
     assert before.trusted_until_s == math.inf
     found = 0.5 + (x - 0.5) * math.cos(rate * 0.99 * reached)
     assert before.trajectory.position_m[1, 0] == pytest.approx(found, abs=1e-15)
-    with pytest.raises(ValueError, match=r"a spring with a rest length is at its anchor"):
+    with expected_message.raises(ValueError):
         solve_truth(scene, np.array([0.0, 1.0, 1.0001 * reached]))
 
 
@@ -86,13 +87,13 @@ def test_truth_ends_at_a_start_next_to_the_anchor() -> None:
 
 
 @pytest.mark.nightly
-def test_no_truth_beyond_half_a_revolution_of_a_torsion_spring() -> None:
+def test_no_truth_beyond_half_a_revolution_of_a_torsion_spring(expected_message: ExpectedMessage) -> None:
     """A torsion spring at angle pi ends the truth with a message that names it."""
     scene = scene_of(TorsionSpring(0.01), omega=(0.0, 0.0, 3.0))
     rate = math.sqrt(0.01 / 2.5)
     reached = math.asin(math.pi * rate / 3.0) / rate  # angle = 3 / rate sin(rate t)
     assert solve_truth(scene, np.array([0.0, 0.999 * reached])).bound_rad[1] < 1e-15
-    with pytest.raises(ValueError, match=r"a torsion spring is turned by pi"):
+    with expected_message.raises(ValueError):
         solve_truth(scene, np.array([0.0, 0.5, 1.001 * reached]))
 
 
@@ -115,13 +116,15 @@ rest_length_m = 0.5
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("x", "why"), [("1.5", "at its anchor"), ("0.0", "ends before the second sample")])
-def test_run_without_a_truth_is_refused(x: str, why: str, tmp_path: Path) -> None:
+def test_run_without_a_truth_is_refused(
+    x: str, why: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """A run whose truth ends within it is refused with the reason; so is a truth beyond its end."""
     path = tmp_path / "through.toml"
     path.write_text(THROUGH.format(x=x), encoding="utf-8")
     with pytest.raises(InputError, match=why):
         bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.1], speed=False)
-    with pytest.raises(InputError, match=r"at its anchor|the truth ends before t = 10"):
+    with expected_message.raises(InputError):
         bodycheck.truth(path, [0.0, 10.0])
 
 

@@ -30,6 +30,7 @@ from bodycheck.reference_impl.wrench import wrench_of
 from bodycheck.reports.cache.truths import known_truth
 from bodycheck.reports.measurement.measures import Motion
 from bodycheck.reports.measurement.work import working_loads
+from tests.helpers.expected_messages import ExpectedMessage
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +77,9 @@ CONSUMERS: dict[str, Callable[[], object]] = {
 
 
 @pytest.mark.parametrize("name", CONSUMERS)
-def test_unknown_load_is_refused_by_name(name: str) -> None:
+def test_unknown_load_is_refused_by_name(name: str, expected_message: ExpectedMessage) -> None:
     """Each consumer raises an error with the load's kind and computes nothing."""
-    with pytest.raises(ValueError, match=r"does not know loads of the kind Magnet$"):
+    with expected_message.raises(ValueError):
         CONSUMERS[name]()
 
 
@@ -92,11 +93,13 @@ def test_unknown_load_is_refused_by_name(name: str) -> None:
         ("dart", "dartpy", "semi-implicit"),
     ],
 )
-def test_no_engine_steps_an_unknown_load(engine: str, module: str, method: str) -> None:
+def test_no_engine_steps_an_unknown_load(
+    engine: str, module: str, method: str, expected_message: ExpectedMessage
+) -> None:
     """An adapter refuses it when it builds its model, or makes its first step."""
     pytest.importorskip(module)
     setting = Setting(tolerance=1e-12) if method == "taylor" else Setting(dt_s=0.05)
-    with pytest.raises(ValueError, match="does not know loads of the kind Magnet"):
+    with expected_message.raises(ValueError):
         record(get_adapter(engine), Case(SCENE, method, setting))
 
 

@@ -23,6 +23,7 @@ from bodycheck.reference_impl.wrench import (
     wrench_between,
     wrench_of,
 )
+from tests.helpers.expected_messages import ExpectedMessage
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -268,10 +269,10 @@ def test_every_whole_fraction_of_the_interval_is_accepted(interval: float, n: in
     ],
 )
 def test_refused_step_names_the_nearest_that_divide(
-    interval: float, dt: float, named: tuple[float, ...]
+    interval: float, dt: float, named: tuple[float, ...], expected_message: ExpectedMessage
 ) -> None:
     """A step that does not divide the interval is refused with the nearest that do."""
-    with pytest.raises(ValueError, match="does not divide") as refusal:
+    with expected_message.raises(ValueError) as refusal:
         steps_per_sample(interval, dt)
     said = str(refusal.value)
     assert repr(dt) in said
@@ -282,16 +283,16 @@ def test_refused_step_names_the_nearest_that_divide(
 
 
 @pytest.mark.parametrize("dt", [0.0, -0.0, -0.1, math.nan, math.inf, -math.inf])
-def test_impossible_steps_are_refused(dt: float) -> None:
+def test_impossible_steps_are_refused(dt: float, expected_message: ExpectedMessage) -> None:
     """Zero, negative, infinite and undefined steps are refused, the value in the message."""
-    with pytest.raises(ValueError, match="positive number of seconds") as refusal:
+    with expected_message.raises(ValueError) as refusal:
         plan_steps(scene_with(), dt)
     assert repr(dt) in str(refusal.value)
 
 
 @pytest.mark.parametrize("dt", [1e-12, 1e-310, 5e-324])
-def test_tiny_steps_are_refused(dt: float) -> None:
+def test_tiny_steps_are_refused(dt: float, expected_message: ExpectedMessage) -> None:
     """A step so small that its count overflows or takes too long is refused with its value."""
-    with pytest.raises(ValueError, match="too fine") as refusal:
+    with expected_message.raises(ValueError) as refusal:
         steps_per_sample(1.0, dt)
     assert repr(dt) in str(refusal.value)

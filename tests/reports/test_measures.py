@@ -828,3 +828,11 @@ def test_last_value_of_a_measure_has_the_bound_of_the_measure() -> None:
     for one in last:
         assert one.last_of is not None
         assert one.bound == measures.MEASURES[one.last_of].bound is not None
+
+
+def test_measures_need_quantities_that_a_state_has() -> None:
+    """A measure that needed another would never be computed."""
+    start = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.ones(3))
+    scene = Scene(RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), start, (), np.zeros(3), duration_s=1.0, samples=3)
+    needed = set().union(*(one.needs(scene) for one in measures.MEASURES.values()))
+    assert needed == {"position", "attitude", "velocity", "omega"}

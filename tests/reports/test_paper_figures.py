@@ -95,18 +95,18 @@ def test_a_figure_is_as_wide_as_its_columns(figure: str, columns: int, run: Run)
     assert float(found[1]) == pytest.approx(72.0 * {1: 3.5, 2: 7.2}[columns])
 
 
-def test_only_selected_engines_are_drawn(run: Run) -> None:
+def test_only_selected_engines_are_drawn(run: Run, expected_message: ExpectedMessage) -> None:
     """An engine, or a method of it; a name that the run does not have is refused."""
     axes = figure_of(run, "order", Appearance(engines=("failing", "reference:rk4")))
     assert axes is not None
     names = {name for line in axes.lines for name in str(line.get_label()).split(" = ")}
     assert {name.partition(" ")[0].partition(":")[0] for name in names} >= {"failing", "reference"}
     assert not any(name.startswith("reference:m1") for name in names)
-    with pytest.raises(InputError, match=r"--engine nobody: not in this run \(available: .*reference:rk4"):
+    with expected_message.raises(InputError):
         check_engines(run, ["reference", "nobody"])
 
 
-def test_a_style_file_is_followed(run: Run, tmp_path: Path) -> None:
+def test_a_style_file_is_followed(run: Run, tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """Its settings change the figure; an unknown one, or a file that is not there, is refused."""
     style = tmp_path / "thick.mplstyle"
     style.write_text("axes.grid: False\naxes.linewidth: 3\n")
@@ -118,7 +118,7 @@ def test_a_style_file_is_followed(run: Run, tmp_path: Path) -> None:
     assert b"stroke-width: 3;" not in plain
     style.write_text("nonsense: 4\n")
     for wrong in (style, tmp_path / "absent"):
-        with pytest.raises(InputError, match=f"--style {wrong}: "):
+        with expected_message.raises(InputError):
             picture(run, "order", "free", "orientation_error_rad", ".svg", Appearance(style=wrong))
 
 
@@ -201,9 +201,9 @@ def test_a_drift_that_has_no_scale_is_drawn_in_its_unit(run: Run) -> None:
 
 
 @pytest.mark.parametrize("figure", [*FIGURES, STABILITY, *BODIES])
-def test_what_has_no_points_is_no_figure(figure: str, run: Run) -> None:
+def test_what_has_no_points_is_no_figure(figure: str, run: Run, expected_message: ExpectedMessage) -> None:
     """An empty picture would say that all is well."""
-    with pytest.raises(InputError, match="nothing to draw for nowhere"):
+    with expected_message.raises(InputError):
         picture(run, figure, "nowhere", "orientation_error_rad", ".svg")
 
 

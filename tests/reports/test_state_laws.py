@@ -14,7 +14,13 @@ from bodycheck.adapters.stable_step import Search, StableStep
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.stability import stability_row
-from bodycheck.reports.measurement.verdicts import QuantityVerdict, method_verdict, most_severe
+from bodycheck.reports.measurement.verdicts import (
+    STATES,
+    QuantityVerdict,
+    method_verdict,
+    most_severe,
+    severity,
+)
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.reports.run_files.run_tables import common_step, shown_case
 from bodycheck.reports.run_files.tables import PROBE_COLUMNS, as_table
@@ -352,3 +358,23 @@ def test_a_search_goes_from_the_coarsest_sound_step_to_a_turn(
     asked = (search.case.setting.dt_s, search.lowest_s, search.highest_s, search.kinetic_limit_j)
     assert asked == pytest.approx((start, lowest, highest, 300.0))
     assert search.case.method == "rk4"
+
+
+SEVERITIES = {
+    **dict.fromkeys(["converges", "at-floor", "at-precision-floor", "exact"], 0),
+    **dict.fromkeys(["pre-asymptotic", "lower-order", "too-few-points", "chaotic", "unsupported"], 1),
+    **dict.fromkeys(["does-not-converge", "off"], 2),
+    **dict.fromkeys(["unstable", "failed", "timeout", "invalid"], 3),
+}
+
+
+def test_each_state_has_a_severity() -> None:
+    """0 good, 1 undecided, 2 wrong, 3 broken."""
+    assert {word: severity(word) for word in STATES} == SEVERITIES
+    assert severity("unheard-of") == 1
+
+
+def test_property_of_the_state_has_its_order_in_two_digits() -> None:
+    """An engine that never normalises loses orthogonality with an order of its own."""
+    found = QuantityVerdict("orthogonality_error", "converges", 1e-3, order=1.987, floor=1e-15)
+    assert "order 2 (" in found.text

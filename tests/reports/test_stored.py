@@ -19,6 +19,7 @@ from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.directory import write_run
+from tests.helpers.expected_messages import ExpectedMessage
 
 
 @pytest.fixture(scope="module")
@@ -146,11 +147,13 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 
 
-def test_a_scenario_in_place_of_a_run_is_answered_by_the_command_that_runs_it() -> None:
+def test_a_scenario_in_place_of_a_run_is_answered_by_the_command_that_runs_it(
+    expected_message: ExpectedMessage,
+) -> None:
     """A name that is neither a folder nor a scenario is not."""
-    with pytest.raises(InputError, match="bodycheck run t-handle --out t-handle"):
+    with expected_message.raises(InputError):
         read_tables(Path("t-handle"))
-    with pytest.raises(InputError, match=r"not a run folder$"):
+    with expected_message.raises(InputError):
         read_tables(Path("t-handles"))
 
 
@@ -170,7 +173,9 @@ def test_damaged_or_foreign_folder_is_refused_in_one_line(
 
 
 @pytest.mark.slow
-def test_stored_callback_load_needs_permission_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stored_callback_load_needs_permission_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+) -> None:
     """Its code would run; a changed function is detected."""
     module = tmp_path / "loads_of_a_stored_run.py"
     module.write_text("def f(t, x, r, v, omega):\n    return -0.5 * v, -0.2 * omega\n")
@@ -184,11 +189,11 @@ def test_stored_callback_load_needs_permission_again(tmp_path: Path, monkeypatch
     called = tmp_path / "called.toml"
     run = bodycheck.run([called], engines=["reference:exact"], speed=False, allow_code=True)
     bodycheck.write_run(run, tmp_path / "run")
-    with pytest.raises(InputError, match="add --allow-code"):
+    with expected_message.raises(InputError):
         read_run(tmp_path / "run")
     assert len(read_run(tmp_path / "run", allow_code=True).cases) == 1
     import loads_of_a_stored_run  # type: ignore[import-not-found]
 
     monkeypatch.setattr(loads_of_a_stored_run, "f", lambda *state: (-0.5 * state[3], -0.1 * state[4]))
-    with pytest.raises(InputError, match="differs from the truth of called as solved now"):
+    with expected_message.raises(InputError):
         read_run(tmp_path / "run", allow_code=True)

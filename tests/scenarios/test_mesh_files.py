@@ -333,7 +333,9 @@ def test_mesh_takes_at_most_200_bytes_per_triangle(
     assert peak / len(triangles) < 200
 
 
-def test_file_changed_during_reading_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_changed_during_reading_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected_message: ExpectedMessage
+) -> None:
     """No solid is stored under the hash of other bytes."""
     monkeypatch.setattr(bodycheck.scenarios.shapes, "cache_directory", lambda: tmp_path / "cache")
     path = written(tmp_path, "a.obj", obj())
@@ -343,16 +345,16 @@ def test_file_changed_during_reading_is_refused(tmp_path: Path, monkeypatch: pyt
         return parse_mesh(*read)
 
     monkeypatch.setattr(shapes, "parse_mesh", changed)
-    with pytest.raises(InputError, match=r"a.obj: changed while it was read"):
+    with expected_message.raises(InputError):
         load_mesh(path, 1.0)
     assert not (tmp_path / "cache").exists()
 
 
-def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+def test_files_that_cannot_be_read_are_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """A missing file, and a folder, are refused by name."""
     (tmp_path / "folder.stl").mkdir()
     for name in ("missing.stl", "folder.stl"):
-        with pytest.raises(InputError, match=f"{name}: cannot be read: "):
+        with expected_message.raises(InputError):
             open_mesh(tmp_path / name)
 
 
@@ -366,12 +368,12 @@ def test_file_above_one_gibibyte_is_not_read(tmp_path: Path, expected_message: E
     expected_message(str(refused.value), tmp_path)
 
 
-def test_impossible_density_or_shape_is_refused(tmp_path: Path) -> None:
+def test_impossible_density_or_shape_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """The density of a mesh and the sizes of a primitive are refused in one line."""
     path = written(tmp_path, "a.obj", obj())
-    with pytest.raises(InputError, match=r"a.obj: density must be positive and finite, not nan"):
+    with expected_message.raises(InputError):
         load_mesh(path, float("nan"))
-    with pytest.raises(InputError, match="a sphere has 1 sizes"):
+    with expected_message.raises(InputError):
         primitive("sphere", [1.0, 2.0], 1.0)
 
 

@@ -139,20 +139,20 @@ def test_gaps_thinner_than_the_grid_are_found() -> None:
     assert solid.properties.mass - found.properties.mass == pytest.approx(1e-3, rel=0.02, abs=0.0)
 
 
-def test_estimate_from_a_few_points_is_refused() -> None:
+def test_estimate_from_a_few_points_is_refused(expected_message: ExpectedMessage) -> None:
     """A wall given by a mere sign, so thin that some ten points meet it, is refused."""
     thin = plate(1e-3)
     sign = LevelSet(
         lambda p: np.where(np.asarray(thin.function(p)) <= 0.0, -1.0, 1.0), thin.lower, thin.upper, 16
     )
-    with pytest.raises(ValueError, match=r"only \d+ points hit them: too few to estimate an error"):
+    with expected_message.raises(ValueError):
         estimate(sign, columns_log2=10)
 
 
 @pytest.mark.parametrize("columns_log2", [0, 7, 9])
-def test_too_few_columns_are_refused(columns_log2: int) -> None:
+def test_too_few_columns_are_refused(columns_log2: int, expected_message: ExpectedMessage) -> None:
     """Below 2^10 columns the intervals are unreliable, so nothing is estimated."""
-    with pytest.raises(ValueError, match="columns are too few for a reliable error: at least 2\\^10"):
+    with expected_message.raises(ValueError):
         estimate(UPRIGHT, columns_log2=columns_log2)
 
 

@@ -243,7 +243,7 @@ class MuJoCoSimulation:
 
     def _push(self, point: Point, force: Array) -> None:
         if point not in self._points:
-            raise ValueError(f"no load of the scene acts at {point}")
+            raise ValueError(f"no load of the scene acts at {np.asarray(point).tolist()}")
         self._model.actuator_gear[self._points.index(point), :3] += force
 
     def _raise_altering_warnings(self) -> None:

@@ -14,6 +14,7 @@ from bodycheck.reference_impl.mass_properties.containment import winding_number
 from bodycheck.reference_impl.mass_properties.mesh_check import checked_mesh
 from bodycheck.reference_impl.mass_properties.polyhedron import polyhedron
 from bodycheck.reference_impl.mass_properties.vertex_merge import merged
+from tests.helpers.expected_messages import ExpectedMessage
 
 
 def volume(mesh: Any) -> float:
@@ -129,18 +130,20 @@ def test_touching_parts_stay_separate(meshes: Any, joined: Any) -> None:
     assert volume(mesh) == 1.25
 
 
-def test_crossing_bars_are_refused(meshes: Any, joined: Any) -> None:
+def test_crossing_bars_are_refused(meshes: Any, joined: Any, expected_message: ExpectedMessage) -> None:
     """Two bars through each other cross, although neither has a corner inside the other."""
     along, across = meshes.box((-5, -1, -1), (5, 1, 1)), meshes.box((-0.5, -6, -0.5), (0.5, 6, 0.5))
-    with pytest.raises(ValueError, match=r"its closed surfaces at .* and .* cross, so that what they share"):
+    with expected_message.raises(ValueError):
         checked_mesh(*joined(along, across))
 
 
 @pytest.mark.parametrize("lift", [(0.0, 0.0, 1e-13), (1e-13, 1e-13, 1e-13)])
-def test_coincident_surfaces_are_refused(lift: Any, meshes: Any, joined: Any) -> None:
+def test_coincident_surfaces_are_refused(
+    lift: Any, meshes: Any, joined: Any, expected_message: ExpectedMessage
+) -> None:
     """A box present twice but for the last digits is neither inside itself nor two boxes."""
     vertices, triangles = meshes.box()
-    with pytest.raises(ValueError, match=r"its closed surfaces at .* and .* (lie upon each other|cross)"):
+    with expected_message.raises(ValueError):
         checked_mesh(*joined((vertices, triangles), (vertices + lift, triangles)))
 
 
@@ -174,12 +177,12 @@ def test_matter_within_matter_counts_twice_on_request(meshes: Any, joined: Any) 
     )
 
 
-def test_ambiguous_part_is_refused_on_request_too(meshes: Any, joined: Any) -> None:
+def test_ambiguous_part_is_refused_on_request_too(
+    meshes: Any, joined: Any, expected_message: ExpectedMessage
+) -> None:
     """A part that crosses another and faces inward may be a cut, so it is refused."""
     box, other = meshes.box(), meshes.box([0.5] * 3, [1.5] * 3)
-    with pytest.raises(
-        ValueError, match="crosses another and does not face outward; it may be one drawn ins"
-    ):
+    with expected_message.raises(ValueError):
         checked_mesh(*joined(box, (other[0], other[1][:, ::-1])), "count-twice")
 
 
@@ -199,7 +202,9 @@ def test_slits_of_round_off_are_closed(slit: float, scale: float, meshes: Any) -
 @pytest.mark.parametrize(
     ("gap", "split"), [(1e-6, 1e-6), (1e-3, 1e-3), (1e-8, 1e-6), (1e-14, 3e-12)], ids=str
 )
-def test_real_gaps_stay_open(gap: float, split: float, meshes: Any) -> None:
+def test_real_gaps_stay_open(
+    gap: float, split: float, meshes: Any, expected_message: ExpectedMessage
+) -> None:
     """A gap of a millionth stays open, and a round-off one where other corners are nearly as close."""
     vertices, triangles = meshes.box()
     middle = len(vertices)
@@ -208,7 +213,7 @@ def test_real_gaps_stay_open(gap: float, split: float, meshes: Any) -> None:
     near = vertices[start] + split * (vertices[end] - vertices[start])
     vertices = np.vstack([vertices, near + gap * np.array([0.3, 0.5, 0.7])])
     triangles = np.vstack([triangles[1:], [[start, middle, tip], [middle, end, tip]]])
-    with pytest.raises(ValueError, match=r"the mesh is open: \d+ edges belong to one triangle only: from "):
+    with expected_message.raises(ValueError):
         checked_mesh(vertices, triangles)
 
 
@@ -252,7 +257,9 @@ def test_cavity_that_touches_its_surface_stays_a_cavity(meshes: Any, joined: Any
 
 
 @pytest.mark.parametrize("fault", ["drawn twice", "overlapping", "three"])
-def test_edges_where_matter_does_not_alternate_are_refused(fault: str, meshes: Any, joined: Any) -> None:
+def test_edges_where_matter_does_not_alternate_are_refused(
+    fault: str, meshes: Any, joined: Any, expected_message: ExpectedMessage
+) -> None:
     """A box present twice, boxes overlapping from a common edge, and a fin are refused."""
     box = meshes.box((0.0, 0.0, 0.0), (2.0, 2.0, 1.0))
     corners = np.array([[0.0, 0.0, 0.0], [2.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 0.0, 1.0]])
@@ -261,7 +268,7 @@ def test_edges_where_matter_does_not_alternate_are_refused(fault: str, meshes: A
         "overlapping": lambda: joined(box, (corners, meshes.tetrahedron()[1])),
         "three": lambda: (np.vstack([box[0], [[9.0, 9.0, 9.0]]]), np.vstack([box[1], [[0, 1, 8]]])),
     }[fault]()
-    with pytest.raises(ValueError, match=r"not a surface|is open|is ambiguous"):
+    with expected_message.raises(ValueError):
         checked_mesh(*drawn)
 
 

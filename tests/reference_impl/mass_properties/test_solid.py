@@ -8,6 +8,7 @@ import pytest
 from bodycheck.reference_impl.dynamics import inertia_of_points
 from bodycheck.reference_impl.mass_properties.solid import MassProperties
 from bodycheck.reference_impl.rotations import exp_matrix
+from tests.helpers.expected_messages import ExpectedMessage
 
 POINTS = np.random.default_rng(1).normal(size=(20, 3))
 MASSES = np.random.default_rng(2).uniform(0.1, 1.0, size=20)
@@ -53,18 +54,18 @@ def test_density_scales_mass_and_inertia() -> None:
 
 
 @pytest.mark.parametrize("density", [0.0, -1.0, np.nan, np.inf])
-def test_an_impossible_density_is_refused(density: float) -> None:
+def test_an_impossible_density_is_refused(density: float, expected_message: ExpectedMessage) -> None:
     """A density that is not positive and finite is refused, naming it."""
-    with pytest.raises(ValueError, match=f"density must be positive and finite, not {density!r}"):
+    with expected_message.raises(ValueError):
         CLOUD.at_density(density)
 
 
 @pytest.mark.parametrize("density", [1e-310, 1.7e308])
-def test_density_beyond_double_precision_is_refused(density: float) -> None:
+def test_density_beyond_double_precision_is_refused(
+    density: float, expected_message: ExpectedMessage
+) -> None:
     """If mass or moments would be infinite or lose digits, the message gives their values."""
-    with pytest.raises(
-        ValueError, match=r"makes a mass of .* kg and moments of .* beyond the range of double"
-    ):
+    with expected_message.raises(ValueError):
         CLOUD.at_density(density)
 
 

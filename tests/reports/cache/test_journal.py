@@ -14,6 +14,7 @@ from bodycheck._util.checksummed_json import opened, sealed
 from bodycheck._util.errors import InputError
 from bodycheck.reports.cache.entries import key_of
 from bodycheck.reports.cache.journal import Journal
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.file_size_limit import file_size_limit
 
 ENTRIES: dict[str, dict[str, Any]] = {
@@ -90,7 +91,9 @@ def test_damaged_line_is_skipped(damage: str, place: int, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("torn", [b"", b"torn"])
 @pytest.mark.parametrize("room", [0, 1, 30])
-def test_full_disk_leaves_complete_lines(room: int, torn: bytes, tmp_path: Path) -> None:
+def test_full_disk_leaves_complete_lines(
+    room: int, torn: bytes, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """The entry without room is refused in one line; with room the journal continues."""
     path = tmp_path / "journal"
     lines = written(path)
@@ -99,9 +102,7 @@ def test_full_disk_leaves_complete_lines(room: int, torn: bytes, tmp_path: Path)
         journal.put("b", ENTRIES["b"])
         with (
             file_size_limit(len(b"".join(lines[:2])) + room),
-            pytest.raises(
-                InputError, match=r"journal: cannot be written: (File too large|No space left on device)$"
-            ),
+            expected_message.raises(InputError),
         ):
             journal.put("c", ENTRIES["c"])
         assert path.read_bytes() == b"".join(lines[:2])
@@ -125,9 +126,9 @@ def test_second_process_is_refused(tmp_path: Path) -> None:
     assert held(path) == {key: ENTRIES[key] for key in "ab"}
 
 
-def test_unwritable_journal_is_refused(tmp_path: Path) -> None:
+def test_unwritable_journal_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """The message names the file and the reason."""
-    with pytest.raises(InputError, match=r"nowhere/journal: cannot be written: No such file or directory"):
+    with expected_message.raises(InputError):
         Journal(tmp_path / "nowhere/journal")
 
 

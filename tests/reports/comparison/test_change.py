@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ import pytest
 from bodycheck.reports.comparison.accuracy import accuracy_changes, noise
 from bodycheck.reports.comparison.change import Change, Kind, by_rank
 from bodycheck.reports.comparison.compare import compare, ended_well_anew
-from bodycheck.reports.comparison.describe import change_text, groups, identity, sentences
+from bodycheck.reports.comparison.describe import _KINDS, change_text, groups, identity, sentences
 from bodycheck.reports.comparison.environment_diff import circumstances, redefined
 from bodycheck.reports.comparison.speed_changes import Ratio, ratio, speed_changes, stability_change
 from bodycheck.reports.gates.thresholds import Thresholds
@@ -564,6 +564,11 @@ def test_groups_are_sorted_by_status_then_kind_then_size() -> None:
     assert made[1].text == f"{change_text(large)}; 1 more change, in 2 cases"
     cases = [change(kind="case", before=None, after="ok", fineness=k, status="new") for k in (1.0, 2.0)]
     assert groups(cases)[0].text == f"{change_text(cases[0])}; 1 more case"
+
+
+def test_every_kind_of_change_has_its_place() -> None:
+    """A kind without a place could not be listed."""
+    assert set(_KINDS) == set(get_args(Kind))
 
 
 def test_most_severe_kind_comes_first() -> None:

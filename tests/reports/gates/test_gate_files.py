@@ -12,6 +12,7 @@ from bodycheck.reports.gates.gate_measure import measure_of
 from bodycheck.reports.gates.thresholds import THRESHOLD, Thresholds
 from bodycheck.reports.measurement.study import QUANTITIES
 from bodycheck.reports.run_files.tables import METHOD_COLUMNS, RESULT_COLUMNS
+from tests.helpers.expected_messages import ExpectedMessage
 
 GATE = '[[gate]]\nmeasure = "energy_drift"\nupper = 1e-3\nreason = "because"\n'
 
@@ -104,11 +105,11 @@ def test_all_errors_of_a_file_are_reported_at_once() -> None:
     ]
 
 
-def test_unreadable_file_is_refused(tmp_path: Path) -> None:
+def test_unreadable_file_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """A missing file, a folder and bytes that are not text are each refused in one line."""
     (tmp_path / "latin").write_bytes(b"\xff\xfe")
     for name in ("missing", ".", "latin"):
-        with pytest.raises(InputError, match=r"cannot be read|is not UTF-8"):
+        with expected_message.raises(InputError):
             read_gates(tmp_path / name)
 
 
@@ -130,7 +131,7 @@ def test_every_measure_of_the_tables_can_be_gated() -> None:
 CHANGE = '[[change]]\nmeasure = "energy_drift"\nthreshold = 0.05\nreason = "noisy"\n'
 
 
-def test_thresholds_and_gates_share_a_file(tmp_path: Path) -> None:
+def test_thresholds_and_gates_share_a_file(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """Each command reads its own tables; without gates `gate` refuses the file."""
     file = tmp_path / "t.toml"
     gate = '[[gate]]\nmeasure = "omega_error"\nupper = 1.0\nreason = "r"\n'
@@ -141,7 +142,7 @@ def test_thresholds_and_gates_share_a_file(tmp_path: Path) -> None:
     assert read_thresholds(file, THRESHOLD) == Thresholds(THRESHOLD, told)
     file.write_text(CHANGE)
     assert read_thresholds(file, 0.5) == Thresholds(0.5, {"energy_drift": 0.05})
-    with pytest.raises(InputError, match="needs at least one"):
+    with expected_message.raises(InputError):
         read_gates(file)
 
 

@@ -26,6 +26,7 @@ from bodycheck.reports.gates.gate_output import (
 )
 from bodycheck.reports.gates.proposal import Change, edited, proposals
 from bodycheck.reports.gates.verdict import GateResult, held
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables
 
 ERROR = "orientation_error_rad"
@@ -302,9 +303,11 @@ def test_a_verdict_is_of_all_quantities_unless_one_is_named(name: str, quantity:
         "orthogonality_error_abs",
     ],
 )
-def test_what_is_no_measure_is_refused_with_what_there_is(name: str) -> None:
+def test_what_is_no_measure_is_refused_with_what_there_is(
+    name: str, expected_message: ExpectedMessage
+) -> None:
     """The message names it and lists the others."""
-    with pytest.raises(ValueError, match=rf"unknown measure '{name}' \(available: the columns"):
+    with expected_message.raises(ValueError):
         measure_of(name)
 
 
@@ -344,10 +347,10 @@ def test_a_new_bound_is_the_margin_from_the_worst(
     ]
 
 
-def test_an_edit_after_which_a_file_could_not_be_read_is_refused() -> None:
+def test_an_edit_after_which_a_file_could_not_be_read_is_refused(expected_message: ExpectedMessage) -> None:
     """A new upper bound below the lower one is never written."""
     told = '[[gate]]\nmeasure = "energy_drift"\nlower = 1e-4\nupper = 1e-3\nreason = "r"\n'
-    with pytest.raises(InputError, match="here: cannot be edited"):
+    with expected_message.raises(InputError):
         edited(told, "here", [Change(0, "upper", 1e-3, 1e-5, 5e-6, loosens=False)], None)
 
 

@@ -12,6 +12,7 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck.reports.history.archive import History, started_at
 from tests.helpers.concurrent_storage import name, write, write_and_die, write_some
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.file_size_limit import file_size_limit
 
 
@@ -49,13 +50,13 @@ def test_unfinished_nightly_run_is_not_listed(tmp_path: Path, error: type[BaseEx
     assert [night.name for night in history.nights()] == [name(1), name(3)]
 
 
-def test_full_disk_leaves_the_stored_runs(tmp_path: Path) -> None:
+def test_full_disk_leaves_the_stored_runs(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """One line names the file; the next run, with room, is stored."""
     history = History.at(tmp_path)
     write(tmp_path, 1)
     with (
         file_size_limit(1000),
-        pytest.raises(InputError, match=f"{name(2)}: cannot be written"),
+        expected_message.raises(InputError),
         history.new_night(name(2)) as folder,
     ):
         (folder / "results.csv").write_text(2000 * "x")
@@ -127,11 +128,11 @@ def test_runs_of_the_future_are_later_than_now_and_than_the_given_run(tmp_path: 
     assert [night.name for night in found("29990102T000000Z-ffffff")] == seconds[2:]
 
 
-def test_unreadable_history_is_reported(tmp_path: Path) -> None:
+def test_unreadable_history_is_reported(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """The line names the folder and the reason; one that does not exist has no runs."""
     assert History(tmp_path / "absent").nights() == []
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"file: cannot be read: Not a directory$"):
+    with expected_message.raises(InputError):
         History(tmp_path / "file").nights()
 
 
@@ -147,15 +148,17 @@ def test_pruning_keeps_the_newest(tmp_path: Path) -> None:
     assert (tmp_path / "notes.txt").exists()
 
 
-def test_unwritable_folder_is_refused_before_the_run(tmp_path: Path) -> None:
+def test_unwritable_folder_is_refused_before_the_run(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """One line names the folder."""
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match=r"--history .*file: cannot be written"):
+    with expected_message.raises(InputError):
         History.at(tmp_path / "file")
 
 
-def test_empty_history_cannot_be_queried(tmp_path: Path) -> None:
+def test_empty_history_cannot_be_queried(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """A missing folder is refused too; the line says how a run is stored."""
     for folder in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(InputError, match="no nightly runs; `bodycheck nightly --history"):
+        with expected_message.raises(InputError):
             History.existing(folder)

@@ -23,6 +23,7 @@ from bodycheck.reports.history.baseline import (
     told_of,
 )
 from bodycheck.reports.run_files.table_formats import as_parquet
+from tests.helpers.expected_messages import ExpectedMessage
 
 MANIFEST: dict[str, Any] = {
     "cpu": "a processor",
@@ -100,10 +101,12 @@ def test_control_characters_of_a_sealed_report_are_escaped(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("name", TOLD)
 @pytest.mark.parametrize("value", [[], {}])
-def test_report_with_nested_data_is_damaged(name: str, value: object, tmp_path: Path) -> None:
+def test_report_with_nested_data_is_damaged(
+    name: str, value: object, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """An entry that is listed is text or a number."""
     (tmp_path / "night.json").write_text(json.dumps({**TOLD, name: value}))
-    with pytest.raises(InputError, match=rf"night\.json: is damaged: {name} must be text or a number$"):
+    with expected_message.raises(InputError):
         told_of(tmp_path)
 
 
@@ -121,49 +124,55 @@ TORN = {
 @pytest.mark.parametrize("names", [None, ["results.parquet"]])
 @pytest.mark.parametrize("what", TORN)
 def test_torn_table_of_a_run_without_sums_is_named(
-    what: str, names: list[str] | None, tmp_path: Path
+    what: str, names: list[str] | None, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:
     """Runs that were stored before there were sums are read completely."""
     (tmp_path / "results.parquet").write_bytes(SOUND)
     check_files(tmp_path, {}, names)
     (tmp_path / "results.parquet").write_bytes(TORN[what])
-    with pytest.raises(InputError, match=r"results\.parquet: is damaged"):
+    with expected_message.raises(InputError):
         check_files(tmp_path, {}, names)
 
 
 @pytest.mark.parametrize("sums", [{}, {"sha256": {"results.parquet": "0"}}])
-def test_table_that_is_gone_cannot_be_read(sums: dict[str, Any], tmp_path: Path) -> None:
+def test_table_that_is_gone_cannot_be_read(
+    sums: dict[str, Any], tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """The line names it and the reason; files that are not requested are not read."""
-    with pytest.raises(InputError, match=r"results\.parquet: cannot be read: No such file or directory$"):
+    with expected_message.raises(InputError):
         check_files(tmp_path, sums, ["results.parquet"])
     check_files(tmp_path, sums, [])
 
 
 @pytest.mark.parametrize("name", [*TOLD, "sha256", "seal"])
-def test_change_of_a_sealed_report_is_detected(name: str, sealed: Path) -> None:
+def test_change_of_a_sealed_report_is_detected(
+    name: str, sealed: Path, expected_message: ExpectedMessage
+) -> None:
     """Each entry by itself, the seal too."""
     told = json.loads((sealed / "night.json").read_text())
     (sealed / "night.json").write_text(json.dumps({**told, name: "another"}))
-    with pytest.raises(InputError, match=r"night\.json: is damaged: changed after it was written"):
+    with expected_message.raises(InputError):
         read_night_file(sealed)
 
 
-def test_changed_file_of_a_sealed_run_is_named(sealed: Path) -> None:
+def test_changed_file_of_a_sealed_run_is_named(sealed: Path, expected_message: ExpectedMessage) -> None:
     """A page that was edited or removed is no longer the one that was stored."""
     told = told_of(sealed)
     (sealed / "night.html").write_text("a Page\n")
-    with pytest.raises(InputError, match=r"night\.html: is damaged: changed after it was written"):
+    with expected_message.raises(InputError):
         check_files(sealed, told)
     (sealed / "night.html").unlink()
-    with pytest.raises(InputError, match=r"night\.html: cannot be read"):
+    with expected_message.raises(InputError):
         check_files(sealed, told)
 
 
 @pytest.mark.parametrize("name", ["run_id", "status", "worse", "cases", "engines", "machine"])
-def test_report_without_a_needed_key_is_damaged(name: str, tmp_path: Path) -> None:
+def test_report_without_a_needed_key_is_damaged(
+    name: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """The other counts are 0 where they are missing."""
     (tmp_path / "night.json").write_text(json.dumps({key: TOLD[key] for key in TOLD if key != name}))
-    with pytest.raises(InputError, match=f"missing key {name}$"):
+    with expected_message.raises(InputError):
         told_of(tmp_path)
 
 

@@ -15,15 +15,18 @@ from bodycheck.reports.history.baseline import told_of
 from bodycheck.reports.history.queries import query
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.nightly_run import store_night
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.nightly_runs import as_nightly_run, store_nightly_runs, unchanged
 
 pytestmark = pytest.mark.slow
 
 
-def test_run_that_cannot_be_judged_is_stored(night_run: Run, tmp_path: Path) -> None:
+def test_run_that_cannot_be_judged_is_stored(
+    night_run: Run, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """A run with inconsistent tables is refused after it is stored, and is not a baseline."""
     store_nightly_runs(night_run, tmp_path, [unchanged])
-    with pytest.raises(InputError, match="is damaged"):
+    with expected_message.raises(InputError):
         store_night(as_nightly_run(night_run, 1, outcomes={"ok": 1}), History(tmp_path))
     nights = History(tmp_path).nights()
     assert [told_of(night)["status"] for night in nights] == ["insufficient history", "not judged"]

@@ -17,6 +17,7 @@ import bodycheck
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.run_files.table_formats import as_parquet
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, npz
+from tests.helpers.expected_messages import ExpectedMessage
 
 SCENARIO = "free-flight"
 EARTH_RATE_RAD_S = 7.292115e-5
@@ -297,7 +298,9 @@ def test_check_case_of_nesc_needs_one_option(
         assert judged[name] == pytest.approx(expected[name], rel=1e-12, abs=ABSOLUTE)
 
 
-def test_scenario_of_a_check_case_is_known_by_its_name(tmp_path: Path) -> None:
+def test_scenario_of_a_check_case_is_known_by_its_name(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """Atmos_02 is the tumbling brick: its exact motion has no error; another file needs --scenario."""
     t_s = np.linspace(0.0, 30.0, 31)
     true = bodycheck.truth("nesc-tumbling-brick", list(t_s)).trajectory
@@ -306,7 +309,7 @@ def test_scenario_of_a_check_case_is_known_by_its_name(tmp_path: Path) -> None:
     judged = bodycheck.judge(path, like="nesc")
     assert judged["scenario"] == "nesc-tumbling-brick"
     assert judged["orientation_error_rad"] < 1e-13
-    with pytest.raises(bodycheck.InputError, match="a scenario is needed"):
+    with expected_message.raises(bodycheck.InputError):
         bodycheck.judge(path.rename(tmp_path / "Atmos_03_sim_09.csv"), like="nesc")
 
 
@@ -374,7 +377,9 @@ def write_ros_odometry(path: Path, messages: Sequence[Mapping[str, Any]]) -> Non
 
 @pytest.mark.parametrize("write", [write_json_odometry, write_ros_odometry])
 def test_odometry_in_mcap_needs_one_option(
-    write: Callable[[Path, Sequence[Mapping[str, Any]]], None], tmp_path: Path
+    write: Callable[[Path, Sequence[Mapping[str, Any]]], None],
+    tmp_path: Path,
+    expected_message: ExpectedMessage,
 ) -> None:
     """A pose and a twist as ROS nests them, with its stamps, are judged as they stand."""
     t_s = np.linspace(0.0, 1.0, 11)
@@ -396,7 +401,7 @@ def test_odometry_in_mcap_needs_one_option(
     assert judged["orientation_error_rad"] < 1e-13
     assert judged["position_error"] < 1e-13
     assert judged["velocity_error"] < 1e-13
-    with pytest.raises(bodycheck.InputError, match="/odom, /temperature"):
+    with expected_message.raises(bodycheck.InputError):
         bodycheck.judge(path, SCENARIO, like="mcap")
 
 
@@ -410,7 +415,9 @@ def test_energy_is_compared_with_the_truth_and_with_its_own_start(tmp_path: Path
     assert judged["rotational_energy_drift_from_start"] < 1e-14
 
 
-def test_files_are_ranked_and_their_order_is_fitted(tmp_path: Path) -> None:
+def test_files_are_ranked_and_their_order_is_fitted(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """Errors of 0.1 h^2, in any order of the files, are ranked from the finest, with order 2."""
     t_s = np.linspace(0.0, 1.0, 11)
     true = bodycheck.truth(SCENARIO, list(t_s)).trajectory
@@ -428,7 +435,7 @@ def test_files_are_ranked_and_their_order_is_fitted(tmp_path: Path) -> None:
     order = ranking.orders["omega_error"]
     assert order.verdict == "converges"
     assert order.order == pytest.approx(2.0, abs=0.02)
-    with pytest.raises(bodycheck.InputError, match="one positive number per file"):
+    with expected_message.raises(bodycheck.InputError):
         rank(paths, SCENARIO, [0.1, 0.2])
 
 

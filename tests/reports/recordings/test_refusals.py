@@ -299,7 +299,9 @@ def test_damaged_recording_is_read_or_refused(kind: str, tmp_path: Path) -> None
                 recorded_arrays(damaged, read_map([MAP]))
 
 
-def test_npz_with_text_is_read_where_the_text_is_not_used(tmp_path: Path) -> None:
+def test_npz_with_text_is_read_where_the_text_is_not_used(
+    tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """An array of names or a pickle in an npz is refused only if a map uses it."""
     path = tmp_path / "log.npz"
     rates = np.arange(6.0).reshape(2, 3)
@@ -307,5 +309,5 @@ def test_npz_with_text_is_read_where_the_text_is_not_used(tmp_path: Path) -> Non
     keys = {"t_s": "time"} | {f"w{axis}_body_rad_s": f"w[{i}]*deg" for i, axis in enumerate("xyz")}
     arrays = recorded_arrays(path, read_map([keys, "ignore=names"]))
     np.testing.assert_allclose(arrays["omega_body_rad_s"], np.deg2rad(rates), rtol=1e-15)
-    with pytest.raises(bodycheck.InputError, match=r"log\.npz: names has type <U1, not real numbers"):
+    with expected_message.raises(bodycheck.InputError):
         recorded_arrays(path, read_map([keys, "z_m=names"]))
