@@ -96,6 +96,27 @@ def test_mesh_names_mean_files_of_the_package(name: str, tmp_path: Path) -> None
     assert resolved(name, folder / "robot.urdf") == home / "meshes" / "a.stl"
 
 
+@pytest.mark.parametrize(
+    ("compiler", "joint", "child", "computed"),
+    [
+        ("", "<freejoint/>", "", True),
+        ("", "<freejoint align='true'/>", "", False),
+        ("", "<freejoint align='true'/>", "<body/>", True),
+        ("alignfree='true'", "<freejoint/>", "", False),
+        ("alignfree='true'", "<freejoint align='false'/>", "", True),
+        ("alignfree='true'", "<joint type='free'/>", "", True),
+    ],
+)
+def test_link_whose_axes_the_compiler_chooses_is_not_compared(
+    compiler: str, joint: str, child: str, computed: bool, tmp_path: Path
+) -> None:
+    """An aligned free joint makes the axes of a body without children principal, in an unstated order."""
+    geom = "<geom type='box' size='0.1 0.2 0.3' pos='1 0 0'/>"
+    body = f"<body name='b'>{joint}{geom}{child}</body>"
+    model = _read(f"<mujoco><compiler {compiler}/><worldbody>{body}</worldbody></mujoco>", tmp_path)
+    assert (model.by_name["b"].unread == "") == computed
+
+
 def test_nameless_bodies_are_named_by_their_places(tmp_path: Path) -> None:
     """Bodies without a name in one line, or in the same line of two files, are different bodies."""
     for name in ("a", "b"):

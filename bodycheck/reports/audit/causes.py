@@ -107,21 +107,29 @@ def _mass_cause(model: ModelFile, members: Sequence[Member], expected: Body, hel
         if stated.overruled_mass is not None and near(stated.overruled_mass):
             return "mass of <inertial>, which the file overrules by its geoms"
     if counted := _counted(link, model, held.mass_kg):
-        some = "" if len(counted) == len(link.shapes) else f"{len(counted)} of {len(link.shapes)} "
-        return f"mass recomputed: the volume of {some or 'the '}shapes at {_WATER_KG_M3:g} kg/m^3"
+        some = "the" if len(counted) == len(link.shapes) else f"{len(counted)} of {len(link.shapes)}"
+        unsized = "" if set(counted) <= set(link.shapes) else ", boxes with half edges of 1 m"
+        return f"mass recomputed: the volume of {some} shapes at {_WATER_KG_M3:g} kg/m^3{unsized}"
     return f"mass times {number(held.mass_kg / expected.mass_kg, 6)}"
 
 
 def _counted(link: ModelLink, model: ModelFile, mass_kg: float) -> tuple[Shape, ...]:
-    """Return the shapes that have a mass at the density of water, or none; all of them if possible."""
-    volumes = [volume_m3(shape, model) for shape in link.shapes]
-    everything = range(len(volumes))
-    least = 1 if len(volumes) <= _MOST_SUBSETS else len(volumes)
-    for size in range(len(volumes), least - 1, -1):
-        for some in combinations(everything, size):
-            mass = _WATER_KG_M3 * sum(volumes[k] for k in some)
-            if mass > 0.0 and abs(mass - mass_kg) <= SINGLE * mass:
-                return tuple(link.shapes[k] for k in some)
+    """Return the shapes that have a mass at the density of water, or none; all of them if possible.
+
+    Of many shapes, all or one of them. Bullet gives half edges of 1 m to boxes that have their size from a
+    default class.
+    """
+    unsized = tuple(
+        replace(shape, size=(1.0, 1.0, 1.0)) if shape.kind == "box" else shape for shape in link.shapes
+    )
+    many = len(link.shapes) > _MOST_SUBSETS
+    for shapes in dict.fromkeys((link.shapes, unsized)):
+        volumes = [volume_m3(shape, model) for shape in shapes]
+        for size in (len(shapes), 1) if many else range(len(shapes), 0, -1):
+            for some in combinations(range(len(shapes)), size):
+                mass = _WATER_KG_M3 * sum(volumes[k] for k in some)
+                if mass > 0.0 and abs(mass - mass_kg) <= SINGLE * mass:
+                    return tuple(shapes[k] for k in some)
     return ()
 
 
@@ -173,7 +181,7 @@ def _tensor_cause(
 
 def _of_shapes(link: ModelLink, model: ModelFile, mass_kg: float) -> Iterator[tuple[str, float, Array]]:
     """Yield what importers compute tensors (3, 3) from in place of the file's, with a relative tolerance."""
-    solid = uniform(link, model)
+    solid = uniform(replace(link, shapes=tuple(replace(one, collides=True) for one in link.shapes)), model)
     if solid is not None:
         yield "the only shape", SINGLE, solid.inertia * (mass_kg / solid.mass)
     around, wider = "a box around the collision shapes", f" with margins of {_MARGIN_M:g} m"
@@ -188,7 +196,7 @@ def _of_shapes(link: ModelLink, model: ModelFile, mass_kg: float) -> Iterator[tu
     for box in bounding_boxes(replace(link, shapes=unturned), model, mass_kg, _MARGIN_M):
         yield f"{around} without their rotations", SINGLE, box
     counted = _counted(link, model, mass_kg)
-    if 0 < len(counted) < len(link.shapes):
+    if counted and counted != link.shapes:
         for box in bounding_boxes(replace(link, shapes=counted), model, mass_kg, _MARGIN_M):
             yield f"a box around {len(counted)} of {len(link.shapes)} shapes", SINGLE, box
 

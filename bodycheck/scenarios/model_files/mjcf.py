@@ -96,6 +96,7 @@ class _Open:
     joints: list[Joint] = field(default_factory=list)
     shapes: list[Shape] = field(default_factory=list)
     unread: str = ""
+    aligned: bool = False
 
 
 class _Reader:
@@ -260,6 +261,10 @@ class _Reader:
                 case "geom" if body is not None:
                     self._geom(child, body, frame, childclass)
                 case "joint" | "freejoint" if body is not None:
+                    aligned = child.element.get("align", "auto")
+                    if child.tag == "freejoint" and aligned == "auto":
+                        aligned = self.compiler.get("alignfree", "false")
+                    body.aligned = child.tag == "freejoint" and aligned == "true"
                     body.joints.append(self._joint(child, childclass))
                 case tag if tag in _GENERATORS:
                     self.notes.append(f"{child.where}: what it adds to the model is not computed here")
@@ -279,6 +284,8 @@ class _Reader:
         self.links.append(link)
         self.body_content(node, body, Frame.of(), node.element.get("childclass") or childclass, suffix)
         stated, unread = self._stated(body)
+        if body.aligned and not any(True for _ in node.children("body")):
+            stated, unread = None, "the free joint makes its axes principal, in an order that is not stated"
         joint = body.joints[0] if len(body.joints) == 1 else None
         if not body.joints:
             joint = Joint("", "mocap" if node.element.get("mocap") == "true" else "fixed", node.line)
