@@ -329,10 +329,11 @@ def test_mass_of_a_link_without_its_merged_links_is_named(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_inertia_scaling_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize("inertia", [_GOOD, 'ixx="1" iyy="1" izz="0" ixy="0" ixz="0" iyz="0"'])
+def test_inertia_scaling_is_named(inertia: str, tmp_path: Path) -> None:
     """Bullet multiplies the tensor by an element of its own, which no other importer reads."""
     more = f'<contact><inertia_scaling value="3.0"/></contact>{_BOX}'
-    found = audit(_file(tmp_path, more=more), AuditOptions(["pybullet"], spins=False)).links[0]
+    found = audit(_file(tmp_path, inertia, more=more), AuditOptions(["pybullet"], spins=False)).links[0]
     assert found.held["pybullet:recommended"].causes == ("tensor times 3: <inertia_scaling> of the file",)
 
 

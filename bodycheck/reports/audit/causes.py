@@ -265,7 +265,7 @@ def _by_moments(link: ModelLink, expected: Body, held: Body) -> str:
         return "tensor discarded: all moments are zero"
     if given[2] > 0.0 and np.max(np.abs(got - given)) <= SINGLE * given[2]:
         return f"principal axes rotated by {number(math.degrees(_angle(expected, held)), 4)} degrees"
-    if given[0] > 0.0:
+    if given[2] > 0.0:
         ratio = held.inertia_kg_m2 / given[2]
         factor = float(np.sum(ratio * expected.inertia_kg_m2) / np.sum(expected.inertia_kg_m2**2 / given[2]))
         if (
