@@ -1,6 +1,6 @@
 """Measure the import audit: real files, generated valid files, composites, damaged files.
 
-python tools/audit_trials.py real [FOLDER ...]      every URDF and MJCF below the folders
+python tools/audit_trials.py real [FOLDER ...]      every URDF, MJCF and SDF below the folders
 python tools/audit_trials.py valid --files 500      false differences over generated files
 python tools/audit_trials.py composites --trials 200   against arithmetic of 50 digits
 python tools/audit_trials.py damaged --files 10000  one clear line each
@@ -30,7 +30,7 @@ from bodycheck.scenarios.model_files.rewriting import bare_text
 from bodycheck.scenarios.model_files.xml_file import read_bytes
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from tests.helpers.model_texts import mutated, random_mjcf, random_urdf
+from tests.helpers.model_texts import mutated, random_mjcf, random_urdf, sdf_of
 
 IMPORTERS = (("mujoco", "recommended"), ("pybullet", "recommended"), ("dart", "default"))
 
@@ -38,9 +38,11 @@ IMPORTERS = (("mujoco", "recommended"), ("pybullet", "recommended"), ("dart", "d
 def real(folders: list[Path], every: int) -> None:
     """Audit real files without spins; print outcomes, causes with an example, and the slowest files."""
     files = sorted(
-        path for folder in folders for suffix in ("*.urdf", "*.xml") for path in folder.rglob(suffix)
+        path for folder in folders for suffix in ("*.urdf", "*.xml", "*.sdf") for path in folder.rglob(suffix)
     )
-    files = [path for path in files if b"<robot" in (head := read_bytes(path)) or b"<mujoco" in head][::every]
+    files = [
+        path for path in files if any(tag in read_bytes(path) for tag in (b"<robot", b"<mujoco", b"<sdf"))
+    ][::every]
     outcomes: Counter[str] = Counter()
     causes: Counter[str] = Counter()
     examples: dict[str, str] = {}
@@ -159,6 +161,7 @@ def damaged(count: int, seed: int) -> None:
     """Read damaged files, and print what else than one clear line came of them."""
     rng = random.Random(seed)
     texts = [random_urdf(np.random.default_rng(k)) for k in range(20)]
+    texts += [sdf_of(text) for text in texts]
     texts += [random_mjcf(np.random.default_rng(k)) for k in range(20)]
     endings: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:

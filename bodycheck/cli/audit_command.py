@@ -18,7 +18,7 @@ _FAIL_ON = ("never", "note", "warning", "error", "difference")
 
 
 @auditing.command(
-    short_help="Compare a URDF or MJCF file with the bodies that importers make of it.",
+    short_help="Compare a model file with the bodies that importers make of it.",
     **described(
         MEASURE,
         "bodycheck audit robot.urdf",
@@ -29,7 +29,8 @@ _FAIL_ON = ("never", "note", "warning", "error", "difference")
 )
 def audit(
     model: Annotated[
-        Path | None, typer.Argument(help="A URDF or MJCF file; none with --spellings.", show_default=False)
+        Path | None,
+        typer.Argument(help="A URDF, MJCF or SDFormat file; none with --spellings.", show_default=False),
     ] = None,
     engine: Annotated[
         str | None,

@@ -58,7 +58,7 @@ def versions(
     ] = None,
     audit: Annotated[
         Path | None,
-        typer.Option(help="Import this URDF or MJCF file in place of a scenario, as `audit` does."),
+        typer.Option(help="Import this URDF, MJCF or SDFormat file in place of a scenario, as `audit` does."),
     ] = None,
     every: Annotated[
         bool,

@@ -198,10 +198,14 @@ def _links_of(answer: Message) -> list[HeldLink]:
 
 
 def _named(model: ModelFile, found: Sequence[HeldLink]) -> dict[str, HeldLink]:
-    """Return name -> link; engines leave the names of MJCF's nameless bodies empty, but not their order."""
-    if model.format == "mjcf" and len(found) == len(model.links):
+    """Return name -> link.
+
+    Engines leave the names of MJCF's nameless bodies empty, and those of SDFormat's models out, but keep the
+    order.
+    """
+    if model.format != "urdf" and len(found) == len(model.links):
         pairs = list(zip(model.links, found, strict=True))
-        if all(held.name == link.name or not held.name for link, held in pairs):
+        if all(held.name in ("", link.name, link.name.rpartition("::")[2]) for link, held in pairs):
             return {link.name: held for link, held in pairs}
     named: dict[str, HeldLink] = {}
     for held in found:
@@ -220,7 +224,7 @@ def _discarded(
     """Return link -> where a tensor comes from that does not follow the file's, found by two more imports."""
     suspects = []
     for link in model.links:
-        if model.format == "urdf" and link.name in before and link.stated is not None:
+        if model.format != "mjcf" and link.name in before and link.stated is not None:
             difference = Difference.between(Body.of(link.stated.in_link), _body(before[link.name]))
             if difference.inertia > SINGLE:
                 suspects.append(link.name)
@@ -233,7 +237,7 @@ def _discarded(
             place.write_text(changed_text(model, change), encoding="utf-8")
             request = ImportRequest(str(place), model.format, flags, place.read_text(encoding="utf-8"))
             found, _, _ = import_once(pool, engine, request, timeout_s)
-        return {held.name: held for held in found}
+        return _named(model, found)
 
     altered = after("tensors changed")
     unmoved = [name for name in suspects if name in altered and _same_tensor(before[name], altered[name])]

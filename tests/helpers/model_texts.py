@@ -1,4 +1,4 @@
-"""Random valid URDF and MJCF texts, damaged texts, and composites by other formulas in 50 digits."""
+"""Random valid URDF, SDFormat and MJCF texts, damaged texts, and composites in 50 digits."""
 
 from __future__ import annotations
 
@@ -61,6 +61,44 @@ def random_urdf(rng: np.random.Generator, *, fixed: bool = False) -> str:
             f'<dynamics damping="{float(rng.choice([0.0, 0.25]))!r}"/></joint>'
         )
     return f'<?xml version="1.0"?>\n<robot name="random">\n{chr(10).join(parts)}\n</robot>\n'
+
+
+def sdf_of(urdf: str) -> str:
+    """Return the SDFormat file of a URDF of links and joints, with the poses of all links in the model."""
+    robot = ElementTree.fromstring(urdf)
+    poses = {robot.findall("link")[0].get("name"): (Rotation.identity(), np.zeros(3))}
+    parts = []
+    for joint in robot.findall("joint"):
+        parent, child = (str(joint.find(end).get("link")) for end in ("parent", "child"))
+        R, p = poses[parent]
+        turned, moved = _frame(joint.find("origin"))
+        poses[child] = (R * turned, R.apply(moved) + p)
+        axis, damping = joint.find("axis").get("xyz"), joint.find("dynamics").get("damping")
+        limit = joint.find("limit")
+        limits = "" if limit is None else "".join(f"<{k}>{limit.get(k)}</{k}>" for k in ("lower", "upper"))
+        parts.append(
+            f'<joint name="{joint.get("name")}" type="{joint.get("type")}"><parent>{parent}</parent>'
+            f"<child>{child}</child><axis><xyz>{axis}</xyz><limit>{limits}</limit>"
+            f"<dynamics><damping>{damping}</damping></dynamics></axis></joint>"
+        )
+    for link in robot.findall("link"):
+        inertial = link.find("inertial")
+        origin = inertial.find("origin")
+        own = "" if origin is None else f"<pose>{origin.get('xyz')} {origin.get('rpy')}</pose>"
+        moments = "".join(f"<{name}>{value}</{name}>" for name, value in inertial.find("inertia").items())
+        R, p = poses[link.get("name")]
+        parts.append(
+            f'<link name="{link.get("name")}"><pose>{_numbers(p)} {_numbers(R.as_euler("xyz"))}</pose>'
+            f"<inertial>{own}<mass>{inertial.find('mass').get('value')}</mass><inertia>{moments}</inertia>"
+            "</inertial></link>"
+        )
+    return f'<sdf version="1.6"><model name="random">\n{chr(10).join(parts)}\n</model></sdf>\n'
+
+
+def _frame(origin: ElementTree.Element | None) -> tuple[Rotation, Array]:
+    assert origin is not None
+    xyz, rpy = (np.array([float(x) for x in str(origin.get(name)).split()]) for name in ("xyz", "rpy"))
+    return Rotation.from_euler("xyz", rpy), xyz
 
 
 _GEOMS = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3}

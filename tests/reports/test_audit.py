@@ -28,6 +28,7 @@ from bodycheck.scenarios.model_files.exact import Frame, doubles
 from bodycheck.scenarios.model_files.model import Joint, ModelFile
 from bodycheck.scenarios.model_files.reader import read_model
 from tests.helpers.in_process_cli import run_bodycheck
+from tests.helpers.model_texts import sdf_of
 
 _LINK = """<robot name="r">
 <link name="{name}">
@@ -316,6 +317,23 @@ def test_tensor_of_the_shape_in_place_of_the_file_is_named(tmp_path: Path) -> No
     inertial = "<inertial pos='0 0 0' mass='2' diaginertia='1 1 1'/><geom type='sphere' size='0.1'/>"
     held = audit(_mjcf(tmp_path, inertial), AuditOptions(["pybullet"], spins=False)).links[0].held
     assert held["pybullet:default"].causes == ("tensor discarded: recomputed from the only shape",)
+
+
+@pytest.mark.slow
+def test_sdformat_is_audited_where_an_engine_reads_it(tmp_path: Path) -> None:
+    """DART ignores the rotation of the inertial frame, PyBullet discards the tensor, MuJoCo reads none."""
+    path = tmp_path / "model.sdf"
+    path.write_text(sdf_of(_file(tmp_path, more="").read_text()))
+    found = audit(path, AuditOptions(["mujoco", "pybullet", "dart"]))
+    assert [column.outcome for column in found.columns] == ["unsupported", "ok", "ok"]
+    (link,) = found.links
+    assert link.held["dart:default"].causes == ("rotation of the inertial frame ignored",)
+    assert link.held["pybullet:default"].causes[0].startswith("tensor discarded: a placeholder in its place")
+    spin = link.spins["dart:default"]
+    assert spin.held_rad == pytest.approx(spin.excerpt_rad, rel=1e-6)
+    assert spin.control_rad is not None
+    assert spin.held_rad is not None
+    assert spin.held_rad > 100.0 * spin.control_rad
 
 
 @pytest.mark.slow

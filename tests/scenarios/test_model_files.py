@@ -1,4 +1,4 @@
-"""What URDF and MJCF files state, against formulas and arithmetic from outside."""
+"""What URDF, SDFormat and MJCF files state, against formulas and arithmetic from outside."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bodycheck.scenarios.model_files.model import ModelFile
 from bodycheck.scenarios.model_files.reader import read_model
 from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
 from bodycheck.scenarios.model_files.urdf import resolved
-from tests.helpers.model_texts import composite_50_digits, mutated, random_mjcf, random_urdf
+from tests.helpers.model_texts import composite_50_digits, mutated, random_mjcf, random_urdf, sdf_of
 
 
 def _read(text: str, folder: Path) -> ModelFile:
@@ -49,6 +49,51 @@ def test_inertial_frame_rotates_the_tensor(tmp_path: Path) -> None:
     J = np.array([[1.0, 0.1, 0.0], [0.1, 2.0, -0.2], [0.0, -0.2, 2.5]])
     np.testing.assert_allclose(doubles(stated.in_link.tensor), R @ J @ R.T, atol=1e-15)
     assert doubles(stated.in_link.centre).tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_sdformat_states_what_a_urdf_states(seed: int, tmp_path: Path) -> None:
+    """The bodies of all links have the same digits, and the poses of children in parents agree."""
+    urdf = random_urdf(np.random.default_rng(seed))
+    model, other = _read(urdf, tmp_path), _read(sdf_of(urdf), tmp_path)
+    assert other.format == "sdf"
+    assert [link.name for link in other.links] == [link.name for link in model.links]
+    for link in model.links:
+        twin = other.by_name[link.name]
+        assert link.stated is not None
+        assert twin.stated is not None
+        a, b = link.stated.in_link, twin.stated.in_link
+        assert (a.mass, a.centre.tolist(), a.tensor.tolist()) == (
+            b.mass,
+            b.centre.tolist(),
+            b.tensor.tolist(),
+        )
+        assert twin.parent == link.parent
+        if link.parent is not None:
+            assert link.joint is not None
+            assert twin.joint is not None
+            assert (twin.joint.kind, twin.joint.damping) == (link.joint.kind, link.joint.damping)
+            assert twin.joint.limits == link.joint.limits
+            np.testing.assert_allclose(doubles(twin.pose.rotation), doubles(link.pose.rotation), atol=1e-14)
+            np.testing.assert_allclose(doubles(twin.pose.position), doubles(link.pose.position), atol=1e-14)
+
+
+def test_sdformat_has_its_defaults_and_names_models(tmp_path: Path) -> None:
+    """Without <inertial> a link has 1 kg and 1 kg m^2; links of several models have their models' names."""
+    link = "<link name='a'><pose degrees='true'>0 0 0 0 0 90</pose>{}</link>"
+    box = "<collision name='c'><geometry><box><size>1 2 3</size></box></geometry></collision>"
+    models = f"<model name='m'>{link.format('')}</model><model name='n'>{link.format(box)}</model>"
+    model = _read(f"<sdf version='1.6'><world name='w'>{models}</world></sdf>", tmp_path)
+    assert [link.name for link in model.links] == ["m::a", "n::a"]
+    first, second = model.links
+    assert first.stated is not None
+    assert first.stated.derived == "by the defaults of SDFormat"
+    assert (float(first.stated.inertia.mass), doubles(first.stated.inertia.tensor).tolist()) == (
+        1.0,
+        np.eye(3).tolist(),
+    )
+    np.testing.assert_allclose(doubles(first.pose.rotation)[:, 0], [0.0, 1.0, 0.0], atol=1e-15)
+    assert [shape.size for shape in second.shapes] == [(1.0, 2.0, 3.0)]
 
 
 @pytest.mark.parametrize("spelling", spellings(), ids=lambda one: f"{one.format} {one.name}")
@@ -176,6 +221,23 @@ def _row(values: np.ndarray) -> str:
         ('<!DOCTYPE r [<!ENTITY a "aa">]><robot name="&a;"><link name="b"/></robot>', "declares entities"),
         ("<mujoco><worldbody><include file='none.xml'/></worldbody></mujoco>", "none.xml: cannot be read"),
         ("<mujoco><worldbody><body><geom size='x'/></body></worldbody></mujoco>", "<geom>: size = 'x'"),
+        ("<sdf/>", "<sdf>: has no <model>"),
+        ("<sdf><model name='m'/></sdf>", "<model>: has no <link>"),
+        ("<sdf><model name='m'><link name='a'><pose>1 2 x 0 0 0</pose></link></model></sdf>", "<pose>: "),
+        (
+            "<sdf><model name='m'><link name='a'><pose relative_to='b'/></link></model></sdf>",
+            "<pose>: relative_to is not read",
+        ),
+        (
+            "<sdf><model name='m'><link name='a'/><joint name='j' type='fixed'><parent>b</parent>"
+            "<child>a</child></joint></model></sdf>",
+            "<joint>: there is no link 'b'",
+        ),
+        (
+            "<sdf><model name='m'><link name='a'/><joint name='j' type='fixed'><parent>a</parent>"
+            "<child>a</child></joint></model></sdf>",
+            "<model>: link 'a' is its own ancestor",
+        ),
     ],
 )
 def test_wrong_file_gives_one_line_that_names_the_place(text: str, part: str, tmp_path: Path) -> None:
@@ -190,7 +252,8 @@ def test_wrong_file_gives_one_line_that_names_the_place(text: str, part: str, tm
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
     """Damaged files raise nothing but InputError with one line."""
     rng = random.Random(3)
-    texts = [random_urdf(np.random.default_rng(1)), random_mjcf(np.random.default_rng(1))]
+    urdf = random_urdf(np.random.default_rng(1))
+    texts = [urdf, sdf_of(urdf), random_mjcf(np.random.default_rng(1))]
     path = tmp_path / "model.xml"
     messages = []
     for _ in range(150):

@@ -1,4 +1,4 @@
-"""DART's importers of URDF and MJCF."""
+"""DART's importers of URDF, MJCF and SDFormat."""
 
 from __future__ import annotations
 
@@ -13,16 +13,23 @@ from bodycheck.reference_impl.arrays import Array
 FLAGS = {
     "urdf": {DEFAULT: "DartLoader().parseSkeleton(FILE)"},
     "mjcf": {DEFAULT: "MjcfParser.readWorld(FILE)"},
+    "sdf": {DEFAULT: "SdfParser.readWorld(FILE), or readSkeleton(FILE) without a <world>"},
 }
 
 
 def _skeletons(request: ImportRequest) -> list[Any]:
     import dartpy
 
-    if request.format == "mjcf":
-        world = dartpy.utils.MjcfParser.readWorld(request.file)
+    if request.format == "sdf" and b"<world" not in Path(request.file).read_bytes():
+        skeleton = dartpy.utils.SdfParser.readSkeleton(request.file)
+        if skeleton is None:
+            raise ValueError("SdfParser.readSkeleton returned nothing")
+        return [skeleton]
+    if request.format != "urdf":
+        parser = dartpy.utils.MjcfParser if request.format == "mjcf" else dartpy.utils.SdfParser
+        world = parser.readWorld(request.file)
         if world is None:
-            raise ValueError("MjcfParser.readWorld returned nothing")
+            raise ValueError(f"{parser.__name__}.readWorld returned nothing")
         return [world.getSkeleton(k) for k in range(world.getNumSkeletons())]
     loader = dartpy.utils.DartLoader()
     for folder in Path(request.file).parents:  # package://NAME/ is the nearest folder of that name

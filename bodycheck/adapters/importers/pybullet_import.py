@@ -1,4 +1,4 @@
-"""PyBullet's importers of URDF and MJCF."""
+"""PyBullet's importers of URDF, MJCF and SDFormat."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from bodycheck.reference_impl.arrays import Array
 FLAGS = {
     "urdf": {DEFAULT: "loadURDF(FILE)", RECOMMENDED: "flags=URDF_USE_INERTIA_FROM_FILE"},
     "mjcf": {DEFAULT: "loadMJCF(FILE)"},
+    "sdf": {DEFAULT: "loadSDF(FILE)"},
 }
 _REVOLUTE, _PRISMATIC, _FIXED = 0, 1, 4
 
@@ -31,6 +32,8 @@ def _loaded(request: ImportRequest) -> Iterator[tuple[Any, int, tuple[int, ...]]
     try:
         if request.format == "mjcf":
             bodies = pybullet.loadMJCF(request.file, physicsClientId=client)
+        elif request.format == "sdf":
+            bodies = pybullet.loadSDF(request.file, physicsClientId=client)
         else:
             flags = pybullet.URDF_USE_INERTIA_FROM_FILE if request.flags == RECOMMENDED else 0
             bodies = (pybullet.loadURDF(request.file, flags=flags, physicsClientId=client),)

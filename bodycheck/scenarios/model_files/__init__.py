@@ -1,1 +1,1 @@
-"""Read the bodies that URDF and MJCF files state, in 40-digit arithmetic and without any engine."""
+"""Read the bodies that URDF, MJCF and SDFormat files state, in 40-digit arithmetic and without any engine."""

@@ -118,6 +118,10 @@ class Frame:
         """Return the frame at a position in m with a rotation [default: none]."""
         return cls(identity() if rotation is None else rotation, exact(position))
 
+    def inverse(self) -> Frame:
+        """Return the pose of the parent in this frame."""
+        return Frame(self.rotation.T, -(self.rotation.T @ self.position))
+
     def __matmul__(self, inner: Frame) -> Frame:
         """Return the pose, in this frame's parent, of a frame given in this frame."""
         return Frame(self.rotation @ inner.rotation, self.rotation @ inner.position + self.position)

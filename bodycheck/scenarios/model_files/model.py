@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, composite
 
-Format: TypeAlias = Literal["urdf", "mjcf"]
+Format: TypeAlias = Literal["urdf", "mjcf", "sdf"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +71,9 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class ModelLink:
-    """A link (URDF) or body (MJCF). stated None: without inertia; unread: why it cannot be computed here.
+    """A link (URDF, SDFormat) or body (MJCF).
 
+    stated None: without inertia; unread: why it cannot be computed here.
     inertia_scaling: the factor of <contact><inertia_scaling>, an element that only Bullet reads.
     """
 

@@ -7,12 +7,13 @@ from pathlib import Path
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.mjcf import read_mjcf
 from bodycheck.scenarios.model_files.model import ModelFile
+from bodycheck.scenarios.model_files.sdf import read_sdf
 from bodycheck.scenarios.model_files.urdf import read_urdf
 from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
 
 def read_model(path: Path) -> ModelFile:
-    """Return what a URDF or MJCF file states; its root element selects the format.
+    """Return what a URDF, MJCF or SDFormat file states; its root element selects the format.
 
     Raises InputError with one line: the file, the line in it, what is wrong and what would be right.
     """
@@ -22,7 +23,9 @@ def read_model(path: Path) -> ModelFile:
             return read_urdf(root, path)
         case "mujoco":
             return read_mjcf(root, path)
+        case "sdf":
+            return read_sdf(root, path)
         case tag:
             raise InputError(
-                f"{path}:{root.sourceline}: <{tag}>: is not a model (expected <robot> or <mujoco>)"
+                f"{path}:{root.sourceline}: <{tag}>: is not a model (expected <robot>, <mujoco> or <sdf>)"
             )

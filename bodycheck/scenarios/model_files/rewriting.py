@@ -41,7 +41,7 @@ def bare_text(model: ModelFile) -> str:
 
 
 def changed_text(model: ModelFile, change: Change) -> str:
-    """Return a URDF with all tensors changed, or without collision shapes; neither has visual ones."""
+    """Return a URDF or SDF with all tensors changed, or without collision shapes; neither has visual ones."""
     root = parse_xml(model.path)
     for link in root.iter("link"):
         for shape in link.findall("visual"):
@@ -49,13 +49,19 @@ def changed_text(model: ModelFile, change: Change) -> str:
     if change == "tensors changed":
         for inertia in root.iter("inertia"):
             for name, value in inertia.attrib.items():
-                inertia.set(name, repr(2.0 * float(value) or float(name in _DIAGONAL)))
+                inertia.set(name, _changed(name, value))
+            for part in inertia:  # SDFormat
+                part.text = _changed(part.tag, part.text)
     else:
         for link in root.iter("link"):
             for shape in link.findall("collision"):
                 link.remove(shape)
     _with_absolute_meshes(root, model.path)
     return _text(root)
+
+
+def _changed(name: str, value: str) -> str:
+    return repr(2.0 * float(value) or float(name in _DIAGONAL))
 
 
 def excerpt(model: ModelFile, name: str) -> str:
@@ -70,13 +76,34 @@ def excerpt(model: ModelFile, name: str) -> str:
                 root.remove(child)
         _with_absolute_meshes(root, model.path)
         return _text(root)
+    if model.format == "sdf":
+        return _sdf_excerpt(model, name)
     return _mjcf_excerpt(model, name)
+
+
+def _sdf_excerpt(model: ModelFile, name: str) -> str:
+    root = parse_xml(model.path)
+    nested = [*root.findall("model"), *root.findall("world/model")]
+    links = {
+        (f"{one.get('name')}::" if len(nested) > 1 else "") + str(link.get("name")): link
+        for one in nested
+        for link in one.findall("link")
+    }
+    link = links[name]
+    for unneeded in (*link.findall("pose"), *link.findall("visual"), *link.findall("sensor")):
+        link.remove(unneeded)
+    _with_absolute_meshes(link, model.path)
+    alone = etree.Element("sdf", version=root.get("version", "1.6"))
+    etree.SubElement(alone, "model", name="excerpt").append(link)
+    return _text(alone)
 
 
 def _with_absolute_meshes(root: Any, path: Path) -> None:
     for mesh in root.iter("mesh"):
         if mesh.get("filename"):
             mesh.set("filename", str(resolved(mesh.get("filename"), path).absolute()))
+        for uri in mesh.findall("uri"):  # SDFormat
+            uri.text = str(resolved((uri.text or "").strip(), path).absolute())
 
 
 def _mjcf_excerpt(model: ModelFile, name: str) -> str:

@@ -1,0 +1,193 @@
+"""Read SDFormat: links of all models, their inertials, and the tree of joints.
+
+Source: http://sdformat.org/spec: a pose is x, y, z in m and fixed-axis roll, pitch, yaw in rad, of a link in
+its model and of an inertial frame in its link; without <inertial> a link has 1 kg and moments of 1 kg m^2.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bodycheck._util.errors import InputError
+from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, finite, mp, rotation_of_rpy
+from bodycheck.scenarios.model_files.model import Joint, ModelFile, ModelLink, Shape, Stated
+from bodycheck.scenarios.model_files.urdf import resolved
+from bodycheck.scenarios.model_files.xml_file import Node
+
+_KINDS = (
+    "revolute",
+    "revolute2",
+    "prismatic",
+    "ball",
+    "universal",
+    "continuous",
+    "screw",
+    "gearbox",
+    "fixed",
+)
+_SIZES = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+}
+_MOMENTS = (
+    (0, 0, "ixx", 1.0),
+    (1, 1, "iyy", 1.0),
+    (2, 2, "izz", 1.0),
+    (0, 1, "ixy", 0.0),
+    (0, 2, "ixz", 0.0),
+    (1, 2, "iyz", 0.0),
+)
+
+
+def read_sdf(root: Any, path: Path) -> ModelFile:
+    """Return the models of an <sdf> element; raises InputError with one line if it cannot be read.
+
+    Links of several models are named MODEL::LINK. Nested and included models are notes, not links.
+    """
+    sdf = Node(root, path)
+    models = [model for place in (sdf, *sdf.children("world")) for model in place.children("model")]
+    if not models:
+        raise InputError(f"{sdf.where}: has no <model>")
+    links: list[ModelLink] = []
+    notes = []
+    for model in models:
+        before = f"{model.text('name')}::" if len(models) > 1 else ""
+        links += _links(model, before, path)
+        notes += [
+            f"{nested.where}: what it adds to the model is not computed here"
+            for nested in model.children("model", "include")
+        ]
+    names = [link.name for link in links]
+    for link in links:
+        if names.count(link.name) > 1:
+            raise InputError(f"{path}:{link.line}: <link>: another link has the name {link.name!r}")
+    if not links:
+        raise InputError(f"{models[0].where}: has no <link>")
+    meshes = {shape.mesh for link in links for shape in link.shapes if shape.mesh}
+    reads = tuple(sorted(resolved(name, path) for name in meshes))
+    return ModelFile(path, "sdf", tuple(links), reads, tuple(notes))
+
+
+def _links(model: Node, before: str, path: Path) -> list[ModelLink]:
+    nodes = {node.text("name"): node for node in model.children("link")}
+    poses = {name: _pose(node) for name, node in nodes.items()}
+    joints: dict[str, tuple[str, Joint]] = {}
+    for node in model.children("joint"):
+        parent, child = (_content(node, tag) for tag in ("parent", "child"))
+        for end in (parent, child):
+            if end not in nodes and end != "world":
+                raise InputError(f"{node.where}: there is no link {end!r:.60}")
+        if child in joints:
+            raise InputError(f"{node.where}: link {child!r:.60} has two parents")
+        joints[child] = (parent, _joint(node))
+    links = []
+    for name, node in nodes.items():
+        parent, joint = joints.get(name, ("world", None))
+        pose = poses[name] if parent == "world" else poses[parent].inverse() @ poses[name]
+        above = None if parent == "world" else before + parent
+        links.append(
+            ModelLink(before + name, node.line, path, above, pose, joint, _stated(node), tuple(_shapes(node)))
+        )
+    _check_tree(links, model)
+    return links
+
+
+def _check_tree(links: list[ModelLink], model: Node) -> None:
+    parents = {link.name: link.parent for link in links}
+    for start in parents:
+        at, seen = parents[start], {start}
+        while at is not None:
+            if at in seen:
+                raise InputError(f"{model.where}: link {at!r:.60} is its own ancestor")
+            seen.add(at)
+            at = parents[at]
+
+
+def _content(node: Node, tag: str) -> str:
+    child = node.child(tag)
+    if child is None:
+        raise InputError(f"{node.where}: has no <{tag}>")
+    return (child.element.text or "").strip()
+
+
+def _numbers(node: Node, count: int) -> list[float]:
+    try:
+        return finite(node.element.text or "", count)
+    except ValueError as error:
+        raise InputError(f"{node.where}: {error}") from None
+
+
+def _number(node: Node | None, tag: str, default: float) -> float:
+    child = None if node is None else node.child(tag)
+    return default if child is None else _numbers(child, 1)[0]
+
+
+def _pose(node: Node) -> Frame:
+    pose = node.child("pose")
+    if pose is None:
+        return Frame.of()
+    for name in ("relative_to", "rotation_format"):
+        if pose.element.get(name, "") not in ("", "euler_rpy"):
+            raise InputError(f"{pose.where}: {name} is not read here; write the pose in the model, as rpy")
+    x, y, z, *angles = _numbers(pose, 6)
+    if pose.element.get("degrees") == "true":
+        angles = [math.radians(angle) for angle in angles]
+    return Frame.of((x, y, z), rotation_of_rpy(angles))
+
+
+def _joint(node: Node) -> Joint:
+    kind = node.text("type")
+    if kind not in _KINDS:
+        raise InputError(f"{node.where}: unknown joint type {kind!r:.60} (available: {', '.join(_KINDS)})")
+    axis = node.child("axis")
+    xyz = None if axis is None else axis.child("xyz")
+    limit = None if axis is None else axis.child("limit")
+    damping = _number(None if axis is None else axis.child("dynamics"), "damping", 0.0)
+    limits = (_number(limit, "lower", -1e16), _number(limit, "upper", 1e16))
+    return Joint(
+        node.text("name", ""),
+        kind,
+        node.line,
+        None if xyz is None else tuple(_numbers(xyz, 3)),
+        None if kind == "fixed" else damping,
+        None if limit is None or max(map(abs, limits)) >= 1e16 else limits,
+    )
+
+
+def _stated(link: Node) -> Stated:
+    inertial = link.child("inertial")
+    inertia = None if inertial is None else inertial.child("inertia")
+    tensor = np.zeros((3, 3))
+    for i, j, name, default in _MOMENTS:
+        tensor[i, j] = tensor[j, i] = _number(inertia, name, default)
+    body = ExactInertia(mp.mpf(_number(inertial, "mass", 1.0)), exact(np.zeros(3)), exact(tensor))
+    if inertial is None:
+        return Stated(link.line, body, Frame.of(), "by the defaults of SDFormat")
+    return Stated(inertial.line, body, _pose(inertial))
+
+
+def _shapes(link: Node) -> list[Shape]:
+    found = []
+    for node in link.children("collision"):
+        geometry = node.child("geometry")
+        for shape in geometry.children() if geometry is not None else ():
+            if shape.tag in _SIZES:
+                parts = [shape.child(name) for name in _SIZES[shape.tag]]
+                size = [
+                    value
+                    for name, part in zip(_SIZES[shape.tag], parts, strict=True)
+                    if part is not None
+                    for value in _numbers(part, 3 if name == "size" else 1)
+                ]
+                found.append(Shape(shape.tag, tuple(size), _pose(node)))
+            elif shape.tag == "mesh" and shape.child("uri") is not None:
+                scale = shape.child("scale")
+                factors = (1.0, 1.0, 1.0) if scale is None else tuple(_numbers(scale, 3))
+                found.append(Shape("mesh", (), _pose(node), _content(shape, "uri"), factors))
+    return found
