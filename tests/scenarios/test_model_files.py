@@ -132,7 +132,13 @@ def test_mjcf_classes_orientations_and_compiler_agree_with_mujoco(tmp_path: Path
 
 @pytest.mark.parametrize(
     "name",
-    ["meshes/a.stl", "package://arm/meshes/a.stl", "package:///arm/meshes/a.stl", "file://meshes/a.stl"],
+    [
+        "meshes/a.stl",
+        "package://arm/meshes/a.stl",
+        "package:///arm/meshes/a.stl",
+        "file://meshes/a.stl",
+        "/meshes/a.stl",
+    ],
 )
 def test_mesh_names_mean_files_of_the_package(name: str, tmp_path: Path) -> None:
     """A mesh is looked for next to the model, or in the nearest folder with the name of its package."""

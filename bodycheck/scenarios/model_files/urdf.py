@@ -56,11 +56,12 @@ def resolved(name: str, model: Path) -> Path:
     """Return the file that a mesh name means: relative to the model, or package://PACKAGE/FILE.
 
     A package is the nearest folder of that name at or above the model; without one, the model's own folder.
+    Names from the root of a disk that does not have them are relative to the model, as for Bullet.
     """
     for scheme in ("file://", "model://"):
         name = name.removeprefix(scheme)
     if not name.startswith("package://"):
-        return model.parent / name
+        return Path(name) if _exists(name) else model.parent / name.lstrip("/")
     package, _, rest = name.removeprefix("package://").lstrip("/").partition("/")
     for folder in model.absolute().parents:
         if folder.name == package:
@@ -68,6 +69,13 @@ def resolved(name: str, model: Path) -> Path:
         if (folder / package).is_dir():
             return folder / package / rest
     return model.parent / rest
+
+
+def _exists(name: str) -> bool:
+    try:
+        return name.startswith("/") and Path(name).exists()
+    except (OSError, ValueError):  # too long, or not a name at all
+        return False
 
 
 def _meshes(robot: Node) -> list[Node]:
