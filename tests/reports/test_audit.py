@@ -15,15 +15,18 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import HeldLink
-from bodycheck.reports.audit.audit import Audit, Body, Difference
+from bodycheck.reports.audit.audit import Audit, Body, Comparison, Difference
 from bodycheck.reports.audit.audit_document import audit_data, failures, sarif
 from bodycheck.reports.audit.audit_files import read_audit
 from bodycheck.reports.audit.audit_page import audit_page
-from bodycheck.reports.audit.causes import body_causes, joint_causes, with_issue
+from bodycheck.reports.audit.causes import DISCARDED, body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
+from bodycheck.reports.audit.spellings import APART_RAD
 from bodycheck.reports.document import json_text
+from bodycheck.runs import audit_versions as audit_versions_module
 from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
+from bodycheck.runs.spelling_run import spell
 from bodycheck.scenarios.model_files.exact import Frame, doubles
 from bodycheck.scenarios.model_files.model import Joint, ModelFile
 from bodycheck.scenarios.model_files.reader import read_model
@@ -479,3 +482,39 @@ def test_audit_command_writes_shards_that_merge_puts_together(
     told = json.loads(ended.stdout)
     assert told.pop("machines") == []
     assert told == json.loads(json_text(audit_data(shards[1])))
+
+
+@pytest.mark.slow
+def test_spellings_move_alike_where_no_tensor_is_discarded(tmp_path: Path) -> None:
+    """As URDF: PyBullet's default import breaks the law, its recommended one and DART's obey it."""
+    done = run_bodycheck(tmp_path, "audit", "--spellings", "--engine", "pybullet,dart", "--quiet")
+    assert done.returncode == 1
+    found = [one for one in spell(["pybullet", "dart"], 60.0) if one.format == "urdf"]
+    assert len(found) > 20
+    broken = [one for one in found if one.broken]
+    assert {one.importer for one in broken} == {"pybullet:default"}
+    assert all(DISCARDED in " ".join(one.causes) for one in broken)
+    sound = [one for one in found if one.importer != "pybullet:default"]
+    assert all(one.apart_rad is not None and one.apart_rad <= APART_RAD for one in sound)
+
+
+def test_release_in_which_an_audit_changed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The audits of five releases, of which the first three hold another tensor, change once."""
+    path = _file(tmp_path)
+    sound = audit(path, AuditOptions(["mujoco"], spins=False))
+    (link,) = sound.links
+    wrong = Comparison("differs", difference=Difference(0.0, 0.0, 0.27), causes=("off-diagonals dropped",))
+    fault = replace(sound, links=(replace(link, held=dict.fromkeys(link.held, wrong)),))
+    versions = ["3.11.0", "3.12.0", "3.13.0", "3.14.0", "4.0.0"]
+    monkeypatch.setattr(audit_versions_module, "releases", lambda *_: versions)
+    monkeypatch.setattr(
+        audit_versions_module, "_audit", lambda name, *_: fault if name < "mujoco==3.14" else sound
+    )
+    asked: list[str] = []
+    found = audit_versions_module.audit_versions(
+        "mujoco", "3.11.0", None, path, every=False, timeout_s=60.0, told=asked.append
+    )
+    assert len(asked) < len(versions)
+    for track in found.tracks:
+        assert list(track.changes) == [("3.13.0", "3.14.0")]
+        assert "off-diagonals dropped" in track.findings["3.13.0"].value
