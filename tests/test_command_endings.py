@@ -105,6 +105,7 @@ def test_bash_splits_a_joined_command_line() -> None:
     assert told.stdout.split(b"\0")[:-1] == [os.fsencode(word) for word in words]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shell", "status", "said"),
     [
@@ -158,6 +159,7 @@ def test_signal_within_exec_keeps_its_status(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (143, "stopped\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)], ids=str
 )

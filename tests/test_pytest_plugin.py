@@ -91,6 +91,7 @@ def test_plugin_is_an_entry_point() -> None:
     assert hasattr(plugin, "bodycheck_gate")
 
 
+@pytest.mark.slow
 def test_plugin_is_inert_until_a_fixture_is_used(inner: pytest.Pytester) -> None:
     """A session of other tests imports only the plugin module, and nothing heavy."""
     inner.makepyfile(

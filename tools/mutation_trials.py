@@ -55,6 +55,8 @@ _IDENTITY = tuple(
         "test_identity_changes_with_each_part",
         "test_identity_ignores_what_cannot_change_results",
         "test_installed_engine_lists_its_parts",
+        "test_code_loaded_later_from_elsewhere_changes_the_identity",
+        "test_libraries_are_the_mapped_files_with_code",
         "test_packages_that_numba_imports_do_not_change_a_plug_in",
     )
 )

@@ -127,6 +127,7 @@ def test_identity_changes_with_each_part(what: str, site: Path) -> None:
     assert {p for p in parts if before["parts"].get(p) != after["parts"].get(p)} == {part}
 
 
+@pytest.mark.slow
 @needs_a_compiler
 @needs_proc
 @pytest.mark.parametrize(
@@ -297,6 +298,7 @@ MAPS = b"""\
 """
 
 
+@pytest.mark.slow
 def test_libraries_are_the_mapped_files_with_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One of the name of another has its path in its name; without /proc there are none."""
     (tmp_path / "maps").write_bytes(MAPS)

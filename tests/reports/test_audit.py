@@ -498,6 +498,7 @@ def test_spellings_move_alike_where_no_tensor_is_discarded(tmp_path: Path) -> No
     assert all(one.apart_rad is not None and one.apart_rad <= APART_RAD for one in sound)
 
 
+@pytest.mark.slow
 def test_release_in_which_an_audit_changed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The audits of five releases, of which the first three hold another tensor, change once."""
     path = _file(tmp_path)

@@ -48,6 +48,7 @@ def _early(scene: Scene) -> Array:
     return np.geomspace(1e-4, 1.0, _PANELS if drags else 1) * scene.duration_s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORCED)
 def test_work_equals_gained_energy(name: str) -> None:
     """The energy of the truth, springs and weight included, changes by the work of all else, to 1e-13."""

@@ -225,6 +225,7 @@ def test_motion_without_a_fault_equals_the_truth(name: str) -> None:
     assert _departure(name, Physics()) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_every_fault_changes_the_smoke_suite(fault: str) -> None:
     """In at least one scenario the wrong motion departs by more than healthy methods err."""
