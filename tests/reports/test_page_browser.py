@@ -355,6 +355,7 @@ def test_a_link_to_a_cell_opens_it(opened: Page, report_file: Path) -> None:
 def test_the_copy_button_takes_the_command(opened: Page) -> None:
     """What is copied is the command of that very case."""
     opened.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    draw_all(opened)  # a plot that is drawn during a click moves the page under it
     opened.locator("details.parts > summary").first.click()
     cell = opened.locator("details.cell").first
     cell.locator("summary").click()
