@@ -298,7 +298,7 @@ def _messages(sound: Path) -> list[Reader]:
         Entry.of("key", protocol.kept(message, answer))
 
     readers: dict[str, Callable[[Any], Any]] = {
-        "announcement": lambda message: (protocol.engine_of(message), protocol.request_limit_of(message)),
+        "announcement": protocol.engine_of,
         "answer": answered,
         "lap": protocol.lap_of,
         "search": protocol.stable_step_of,

@@ -44,8 +44,7 @@ class Program:
             )
         if "unavailable" in message:
             raise protocol.ProtocolError(f"the engine is not available: {message['unavailable']}")
-        protocol.request_limit_of(message)
-        self.engine = protocol.engine_of(message)
+        self.engine, _ = protocol.engine_of(message)
 
     def ask(self, engine: str, request: Message, timeout_s: float) -> Message:
         """Return the answer; what is none is one that failed, and says why."""

@@ -25,7 +25,8 @@ def test_announcement_of_a_built_in_engine_passes_the_check_unchanged(name: str)
     protocol.check_engine(adapter)
     build = Build("c0de", "installed", {"python": "3"})
     said = protocol.announcement(adapter, build)
-    engine = protocol.engine_of(protocol.message_of(protocol.line_of(said)))
+    engine, accepted = protocol.engine_of(protocol.message_of(protocol.line_of(said)))
+    assert accepted == protocol.LARGEST_MESSAGE
     assert engine.build == build
     assert {name: asdict(method) for name, method in engine.methods.items()} == {
         name: asdict(method) for name, method in adapter.methods.items()

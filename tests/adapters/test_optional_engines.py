@@ -182,7 +182,7 @@ def asked(process: subprocess.Popen[str], **request: object) -> dict[str, object
 def test_javascript_protocol_announces_what_its_facts_state(node_worker: subprocess.Popen[str]) -> None:
     """The announcement is valid, and has the version of the installed package; loads are those of the map."""
     assert node_worker.stdout is not None
-    engine = protocol.engine_of(json.loads(node_worker.stdout.readline()))
+    engine, _ = protocol.engine_of(json.loads(node_worker.stdout.readline()))
     assert (engine.name, engine.version) == ("stand-in", "1.2.3")
     assert engine.methods == {method.name: method for method in stated_by("cannon-es").methods.values()}
     for loads in LOADS:

@@ -31,7 +31,8 @@ def _on_one_line(text: str) -> str:
 Name: TypeAlias = Annotated[
     str, Field(strict=True, min_length=1, max_length=200), AfterValidator(_on_one_line)
 ]
-Text: TypeAlias = Annotated[str, Field(strict=True, max_length=10_000), AfterValidator(escaped)]
+_RawText: TypeAlias = Annotated[str, Field(strict=True, max_length=10_000)]
+Text: TypeAlias = Annotated[_RawText, AfterValidator(escaped)]
 Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Seconds: TypeAlias = Annotated[Number, Field(ge=0.0, le=_LONGEST_S)]
 Step: TypeAlias = Annotated[Number, Field(gt=0.0, le=_LONGEST_S)]
@@ -83,7 +84,7 @@ class AnnouncementMessage(_Message):
     limits: _Limits
     build: Annotated[str, Field(strict=True, max_length=200), AfterValidator(escaped)] = ""
     kind: BuildKind = "plug-in"
-    loaded: Annotated[dict[Text, Text], Field(max_length=_MOST_PARTS)] = {}
+    loaded: Annotated[dict[_RawText, _RawText], Field(max_length=_MOST_PARTS), AfterValidator(escaped)] = {}
 
 
 class ArrayMessage(BaseModel):

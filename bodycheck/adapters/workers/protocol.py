@@ -163,8 +163,8 @@ def build_message(build: Build) -> Message:
     return {"build": build.id, "kind": build.kind, "loaded": parts}
 
 
-def engine_of(message: Message) -> Engine:
-    """Return the engine of an announcement.
+def engine_of(message: Message) -> tuple[Engine, int]:
+    """Return the engine of an announcement, and the maximum bytes of a request that its worker accepts.
 
     Raises ProtocolError if the announcement is invalid.
     """
@@ -175,7 +175,8 @@ def engine_of(message: Message) -> Engine:
         raise ProtocolError(f"invalid announcement: the method {repeated[0]} is named twice")
     methods = {method.name: _method(method) for method in said.methods}
     build = Build(said.build, said.kind, {name: shown(text) for name, text in said.loaded.items()})
-    return Engine(said.engine, said.version, methods, build)
+    most = min(said.limits.message_bytes, LARGEST_MESSAGE)
+    return Engine(said.engine, said.version, methods, build), most
 
 
 def check_engine(adapter: Adapter) -> None:
@@ -190,15 +191,6 @@ def check_engine(adapter: Adapter) -> None:
     except (TypeError, AttributeError) as error:
         raise ProtocolError(f"invalid methods of an adapter: {error}") from None
     checked(AnnouncementMessage, facts, "invalid adapter")
-
-
-def request_limit_of(message: Message) -> int:
-    """Return the maximum bytes of a request that the worker of an announcement accepts.
-
-    Raises ProtocolError if the announcement is invalid.
-    """
-    most = checked(AnnouncementMessage, message, "invalid announcement").limits.message_bytes
-    return min(most, LARGEST_MESSAGE)
 
 
 def answer_limit_of(request: Message) -> int:

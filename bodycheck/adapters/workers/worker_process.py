@@ -91,10 +91,10 @@ class WorkerProcess:
         if "unavailable" in message:
             raise UnavailableError(protocol.shown(protocol.text_of(message, "unavailable")))
         try:
-            self._takes = protocol.request_limit_of(message)
-            return protocol.engine_of(message)
+            engine, self._takes = protocol.engine_of(message)
         except protocol.ProtocolError as error:
             raise WorkerLostError(str(error)) from None
+        return engine
 
     def ask(self, request: Message, timeout_s: float) -> Message:
         """Return the answer to a request; raises UnavailableError or WorkerLostError if there is none."""
