@@ -14,6 +14,7 @@ from bodycheck.reports.cache.entries import Entry
 
 _MOST_BYTES = 2_000_000_000
 _UNUSED_S = 30 * 86400.0
+_PRUNED_AGAIN_S = 3600.0  # a folder of many entries takes 0.3 s, and each run prunes
 _MARKED_AGAIN_S = 86400.0  # the time of last use is updated at most this often
 
 
@@ -76,8 +77,15 @@ class Cache:
             self._writable = False
 
     def prune(self, now_s: float | None = None) -> None:
-        """Remove entries unused for 30 days, then the least recently used ones, down to 2 GB."""
+        """Remove entries unused for 30 days, then the least recently used ones, to 2 GB; once an hour."""
         now_s = time.time() if now_s is None else now_s
+        mark = self._folder / "pruned"
+        with suppress(OSError):  # where it is absent, or cannot be written, this folder is pruned each time
+            if abs(now_s - mark.stat().st_mtime) < _PRUNED_AGAIN_S:
+                return
+        with suppress(OSError):
+            mark.touch()
+            os.utime(mark, (now_s, now_s))
         files = []
         with suppress(OSError):  # the folder may be absent or unreadable
             for folder in self._folder.iterdir():

@@ -113,6 +113,18 @@ def test_pruning_removes_what_was_not_used_for_a_month(tmp_path: Path) -> None:
     assert cache.get(KEY) is None
 
 
+def test_folder_is_pruned_at_most_once_an_hour(tmp_path: Path) -> None:
+    """A second pruning removes nothing within an hour of the first, unless the clock was set back."""
+    cache = Cache(tmp_path)
+    now_s = time.time()
+    cache.prune(now_s)
+    for later_s, pruned in ((3599.0, False), (3601.0, True), (-86400.0, True)):
+        cache.put(KEY, MESSAGE)
+        os.utime(place_of(tmp_path, KEY), (0.0, 0.0))
+        Cache(tmp_path).prune(now_s + later_s)
+        assert place_of(tmp_path, KEY).exists() != pruned
+
+
 def test_default_cache_moves_with_the_cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """BODYCHECK_CACHE_DIR moves it; its entries are in `results`."""
     monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))
@@ -171,7 +183,7 @@ def test_cache_has_at_most_two_gigabytes_after_pruning(tmp_path: Path) -> None:
     assert [place_of(tmp_path, key).exists() for key in (KEY, OTHER)] == [True, True]
     os.truncate(place_of(tmp_path, OTHER), 1_000_000_001)
     os.utime(place_of(tmp_path, OTHER), (999.0, 999.0))
-    cache.prune(now_s=1000.0)
+    cache.prune(now_s=5000.0)
     assert [place_of(tmp_path, key).exists() for key in (KEY, OTHER)] == [True, False]
 
 
