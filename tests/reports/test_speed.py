@@ -67,7 +67,7 @@ def timed(
 @pytest.mark.parametrize("quiet", [0, -1])
 def test_one_quiet_pass_is_enough(passes: int, quiet: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """If the machine is twice as slow in all passes but one, the speed is unchanged."""
-    of_a_case = (5 if passes == 1 else 2) * len(STEPS_S)
+    of_a_case = (3 if passes == 1 else 2) * len(STEPS_S)
     undisturbed = range(passes * of_a_case)[quiet * of_a_case :][:of_a_case]
 
     def lap(engine: str, number: int) -> Message:
@@ -78,6 +78,34 @@ def test_one_quiet_pass_is_enough(passes: int, quiet: int, monkeypatch: pytest.M
     rows, told = timed(monkeypatch, lap, passes)
     assert [row["relative_cpu"] for row in rows] == pytest.approx([3.0, 3.0], rel=1e-15, abs=0.0)
     assert told == [passes * of_a_case // 2, passes * of_a_case]
+
+
+@pytest.mark.parametrize(
+    ("engine_laps", "reference_laps", "timed_laps"),
+    [
+        ([1.0, 1.0, 1.0], [1.0, 1.0, 1.0], 3),
+        ([2.0, 1.01, 1.0], [1.0, 1.3, 1.0], 3),
+        ([2.0, 1.0, 1.1, 1.0], [1.0, 1.0, 1.0, 1.0], 4),
+        ([1.0, 1.0, 1.0, 1.0], [1.1, 1.0, 1.2, 1.01], 4),
+        ([2.0, 1.5, 1.03, 1.0, 4.0], [1.0] * 5, 5),
+        ([1.0] * 5, [1.0, 1.1, 1.2, 1.3, 1.4], 5),
+    ],
+)
+def test_timing_ends_once_both_fastest_laps_are_repeated(
+    engine_laps: list[float],
+    reference_laps: list[float],
+    timed_laps: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A case is timed 3 times, and up to 5 until a second lap is within 2 % of the fastest."""
+    laps = {ENGINE: engine_laps, YARDSTICK: reference_laps}
+
+    def lap(engine: str, number: int) -> Message:
+        return {"outcome": "ok", "cpu_s": LAP_S[engine] * laps[engine][number % timed_laps]}
+
+    rows, told = timed(monkeypatch, lap, passes=1)
+    assert told == [timed_laps, 2 * timed_laps]
+    assert [row["relative_cpu"] for row in rows] == pytest.approx([3.0, 3.0], rel=1e-15, abs=0.0)
 
 
 def test_median_and_quartiles_are_of_all_laps(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,7 @@ from bodycheck.reports.measurement.problem import Problem
 
 _LAPS = 5
 _LAPS_OF_ONE_OF_MANY = 2
+_REPEATED_LAPS, _REPEATED = 3, 0.02  # after how many laps, and within what, a second lap confirms the fastest
 _YARDSTICK = ("reference", "rk4")
 
 
@@ -61,7 +62,7 @@ def measure_speeds(
     The reference measurement is the reference's rk4 on the same scenario at its finest listed step.
     relative_cpu is the case's fastest lap over the fastest lap of the reference, with the laps of both
     alternating. A disturbance can only lengthen a lap: on a busy machine the fastest laps of two runs differ
-    half as much as their medians.
+    half as much as their medians. Once a second lap of both confirms the fastest one, no more are timed.
     """
     by_name = {problem.scenario.name: problem for problem in problems}
     laps_each = _LAPS if passes == 1 else _LAPS_OF_ONE_OF_MANY
@@ -94,7 +95,7 @@ def measure_speeds(
 class TimingRequest:
     """A case to be timed, alternating with a case of the reference, as picklable data.
 
-    version: of the engine, which must have it. laps: how many. timeout_s: time limit of one answer.
+    version: of the engine, which must have it. laps: at most. timeout_s: time limit of one answer.
     """
 
     engine: str
@@ -203,7 +204,11 @@ class _Clock:
         answer = self._engine_pool.ask(asked.engine, request, asked.timeout_s)
         own: list[float] = []
         others: list[float] = []
-        while answer.get("outcome") == "ok" and len(own) < asked.laps:
+        while (
+            answer.get("outcome") == "ok"
+            and len(own) < asked.laps
+            and not (_is_repeated(own) and (_is_repeated(others) or not others))
+        ):
             if (other := self._yardstick.lap()) is not None:
                 others.append(other)
             answer = self._engine_pool.ask(asked.engine, _LAP, asked.timeout_s)
@@ -266,6 +271,14 @@ def _with_speed(result: CaseResult, laps: Message) -> CaseResult:
     if (yardstick_s := min(laps["yardstick_s"], default=0.0)) > 0.0:  # a coarse clock may measure 0
         columns["relative_cpu"] = min(laps["own_s"]) / yardstick_s
     return replace(result, columns=columns)
+
+
+def _is_repeated(seconds: Sequence[float]) -> bool:
+    """Whether a second lap took as long as the fastest."""
+    if len(seconds) < _REPEATED_LAPS:
+        return False
+    first, second, *_ = sorted(seconds)
+    return second <= (1.0 + _REPEATED) * first
 
 
 def _spread(seconds: Sequence[float]) -> float:
