@@ -10,17 +10,19 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-plain=(double_double dynamics elliptic free_rotation integrators rotations wrench)
+plain=(batch callback_motion closed_forms double_double dynamics elliptic free_batch free_rotation integrators
+    load_formulas magnetic_dipole recorded_loads rotations small_vectors unknown_loads wrench)
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 export COVERAGE_FILE=$folder/of
 
 failed=0
+compiled=tests/reference_impl/test_load_formulas.py::test_order_under_a_continuous_load
 light=tests/reports/test_page_safety.py::test_a_large_run_stays_light
-python -m coverage run -m pytest --deselect "$light" "$@" || failed=1
+python -m coverage run -m pytest -p tests.helpers.counted_workers --deselect "$light" "$@" || failed=1
 python -m coverage run -m pytest -m nightly tests/reference_impl/test_taylor.py || failed=1 # starts plain Python itself
 NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -m "not slow" \
-    -W "ignore:invalid value:RuntimeWarning" \
+    -W "ignore:invalid value:RuntimeWarning" --deselect "$compiled" \
     $(printf 'tests/reference_impl/test_%s.py ' "${plain[@]}") tests/reference_impl/mass_properties || failed=1
 python -m coverage combine --quiet
 python -m coverage report --show-missing --skip-covered --fail-under=95
