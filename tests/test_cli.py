@@ -417,3 +417,28 @@ def test_a_run_without_speed_measures_no_time(tmp_path: Path) -> None:
     measured = bodycheck.run([path], engines=["reference:m1"], dt_s=[0.01], speed=False)
     assert measured.results[["cpu_s", "ns_per_step"]].isna().all(axis=None)
     assert measured.results["orientation_error_rad"].notna().all()
+
+
+@pytest.mark.slow
+def test_the_map_of_each_method_is_printed(tmp_path: Path) -> None:
+    """The table has the rows of --json; a map that is known has its formula below."""
+    words = ("fingerprint", "pybullet:multibody,reference:rk4", "--quiet")
+    printed, rows = (run_bodycheck(tmp_path, *words, *more) for more in ((), ("--json",)))
+    assert printed.returncode == rows.returncode == 0, printed.stderr + rows.stderr
+    found = {row["method"]: row["fingerprint"] for row in json.loads(rows.stdout)}
+    assert found == {"multibody": "M1, step angle at most pi/4", "rk4": "RK4, additive quaternion"}
+    for row in json.loads(rows.stdout):
+        assert row["agreement"] < 1e-14 < 1e-5 < row["runner_up_distance"]
+        assert f"{row['fingerprint']}: {row['description']}" in printed.stdout.splitlines()
+
+
+@pytest.mark.slow
+def test_a_broken_law_is_printed_with_its_size_and_ends_with_status_1(tmp_path: Path) -> None:
+    """PyBullet's default damping of 0.04 / s breaks the law of the moving frame; without it all laws hold."""
+    words = ("laws", "pybullet:multibody@defaults,pybullet:multibody", "--quiet")
+    printed, rows = (run_bodycheck(tmp_path, *words, *more) for more in ((), ("--json",)))
+    assert printed.returncode == rows.returncode == 1, printed.stderr + rows.stderr
+    broken = {(row["method"], row["law"]) for row in json.loads(rows.stdout) if row["verdict"] == "broken"}
+    assert broken == {("multibody@defaults", "boost"), ("multibody@defaults", "scale-time")}
+    assert printed.stdout.splitlines()[-1] == "2 broken"
+    assert run_bodycheck(tmp_path, "laws", "reference:rk4", "--quiet").returncode == 0

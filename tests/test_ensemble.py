@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,6 +16,7 @@ import mujoco
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.batches import Batch, BatchAnswer, record_batch, stacked
@@ -500,3 +502,61 @@ def test_hunt_finds_the_separatrix_for_m1() -> None:
     assert found.value > 8.0 * found.typical
     assert found.bodies.separatrix_distance[0] < 0.01
     assert found.worst >= found.uniform
+
+
+@pytest.mark.slow
+def test_worst_start_of_a_hunt_is_repeated_by_its_command(tmp_path: Path) -> None:
+    """A run of worst.toml in MuJoCo has the error that was found; no start before was worse."""
+    words = ("--engine", "mujoco:rk4", "--dt", "0.05", "--evaluations", "240", "--quiet", "--json")
+    done = run_bodycheck(tmp_path, "hunt", "intermediate-axis", *words, "--out", "found")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["value"] > 5.0 * found["typical"]
+    path = pd.read_csv(tmp_path / "found/path.csv")
+    assert path["orientation_error_rad"].max() == found["value"]
+    assert path.loc[path["worst_so_far"], "evaluation"].tolist() == [
+        one["evaluation"] for one in found["path"]
+    ]
+    _, *run = shlex.split(found["reproduce"])
+    again = run_bodycheck(tmp_path, *run, "--no-speed", "--quiet", "--out", "again")
+    assert again.returncode == 0, again.stderr
+    results = pd.read_csv(tmp_path / "again/results.csv")
+    assert results["orientation_error_rad"].tolist() == pytest.approx([found["value"]], rel=1e-6)
+
+
+@pytest.mark.slow
+def test_hunt_finds_where_two_methods_differ_most(tmp_path: Path) -> None:
+    """The value is the angle between both motions, whatever the truth is."""
+    words = ("--against", "reference:m1", "--dt", "0.05", "--evaluations", "240", "--quiet", "--out", "found")
+    done = run_bodycheck(tmp_path, "hunt", "intermediate-axis", "--engine", "reference:rk4", *words)
+    assert done.returncode == 0, done.stderr
+    scene = load_scenario(tmp_path / "found/worst.toml").scene
+    motions = [
+        record(Reference(), Case(scene, method, Setting(dt_s=0.05))).trajectory for method in ("rk4", "m1")
+    ]
+    one, other = (motion.rotation_matrices for motion in motions if motion is not None)
+    angle = np.max(Rotation.from_matrix(np.swapaxes(one, 1, 2) @ other).magnitude())
+    worst = pd.read_csv(tmp_path / "found/path.csv")["orientation_error_rad"].max()
+    assert angle == pytest.approx(worst, rel=1e-9)
+    assert f"{worst:.3g}" in done.stdout
+
+
+@pytest.mark.slow
+def test_ensemble_command_runs_an_engine_in_workers(tmp_path: Path) -> None:
+    """The errors of bodies in PyBullet, which has no batches, are those of their scenarios in a run."""
+    words = ("ensemble", "intermediate-axis", "--engine", "pybullet:maximal", "--dt", "0.02", "--quiet")
+    done = run_bodycheck(tmp_path, *words, "--n", "30", "--worst", "2", "--out", "found", "--json")
+    assert done.returncode == 0, done.stderr
+    worst = json.loads(done.stdout)["worst"]
+    assert len(worst) == 2
+    for row in worst:
+        scenario = f"found/worst/row-{row['row']}.toml"
+        words = ("--engine", "pybullet:maximal", "--dt", "0.02", "--no-speed", "--quiet")
+        again = run_bodycheck(tmp_path, "run", scenario, *words, "--out", f"row-{row['row']}")
+        assert again.returncode == 0, again.stderr
+        results = pd.read_csv(tmp_path / f"row-{row['row']}/results.csv")
+        assert results["orientation_error_rad"].tolist() == pytest.approx(
+            [row["orientation_error_rad"]], rel=1e-6
+        )
+    text = run_bodycheck(tmp_path, "ensemble", "intermediate-axis", "--row", str(worst[0]["row"]))
+    assert text.stdout == (tmp_path / f"found/worst/row-{worst[0]['row']}.toml").read_text()

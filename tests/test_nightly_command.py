@@ -296,7 +296,7 @@ def test_help_of_a_history_command_names_its_folder(name: str) -> None:
     assert f"\n  {name} " in listed
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_cron_script_keeps_a_log_and_prints_regressions(folder: Path) -> None:
     """Its status is that of the nightly run; without a regression it prints nothing."""
     script = Path(__file__).parents[1] / "scripts" / "nightly.sh"
