@@ -62,8 +62,8 @@ NOT_RUN = {
 }
 """Commands that are shown and not run here, and why."""
 
-LONG = ("docs/nightly.md", "docs/report.md")
-"""Pages whose commands take a minute; tests of the same commands, in less, run at each push."""
+LONG = ("docs/clusters.md", "docs/nightly.md", "docs/report.md", "docs/start.md", "docs/workers.md")
+"""Pages whose commands take long; tests of the same commands, in less, run at each push."""
 
 FILES = {
     "my-scenario.toml": ("docs/scenarios.md", "toml", 0),

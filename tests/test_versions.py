@@ -401,7 +401,7 @@ def test_release_in_which_a_measure_changed_is_found(
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.usefixtures("toy")
 def test_every_release_is_run_on_request(command: Callable[..., tuple[int, str, str]]) -> None:
     """A change that was undone within the range is found; the releases are named together."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import random
+import re
 import sys
 import tempfile
 import time
@@ -25,7 +26,7 @@ from bodycheck.adapters.importers import ImportRequest, importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reports.audit.audit import SINGLE, Body, Difference
 from bodycheck.runs.audit_run import AuditOptions, audit, checked_engines, import_once, imported_audit
-from bodycheck.scenarios.model_files.reader import read_model
+from bodycheck.scenarios.model_files.model_reader import read_model
 from bodycheck.scenarios.model_files.rewriting import bare_text
 from bodycheck.scenarios.model_files.xml_file import read_bytes
 
@@ -33,6 +34,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.helpers.model_texts import mutated, random_mjcf, random_urdf, sdf_of
 
 IMPORTERS = (("mujoco", "recommended"), ("pybullet", "recommended"), ("dart", "default"))
+_ROOTS = re.compile(b"<(robot|mujoco|sdf)\\b")
 
 
 def real(folders: list[Path], every: int) -> None:
@@ -40,9 +42,7 @@ def real(folders: list[Path], every: int) -> None:
     files = sorted(
         path for folder in folders for suffix in ("*.urdf", "*.xml", "*.sdf") for path in folder.rglob(suffix)
     )
-    files = [
-        path for path in files if any(tag in read_bytes(path) for tag in (b"<robot", b"<mujoco", b"<sdf"))
-    ][::every]
+    files = [path for path in files if _ROOTS.search(read_bytes(path))][::every]
     outcomes: Counter[str] = Counter()
     causes: Counter[str] = Counter()
     examples: dict[str, str] = {}

@@ -69,7 +69,6 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/measurement/order.py": ("test_order.py",),
     "reports/measurement/verdicts.py": ("test_state_laws.py", "test_summary.py"),
     "reports/measurement/growth.py": ("test_growth.py",),
-    "reports/measurement/refinement.py": ("test_convergence_laws.py", "test_convergence.py"),
     "reports/measurement/stability.py": ("test_state_laws.py",),
     "reports/summary/worst_results.py": ("test_state_laws.py", "test_summary.py"),
     "reports/run_files/run_tables.py": ("test_state_laws.py",),
@@ -81,12 +80,10 @@ TESTS: dict[str, tuple[str, ...]] = {
     },
     **{
         f"reports/comparison/{name}.py": ("comparison/test_change.py",)
-        for name in ("accuracy", "change", "compare", "describe", "environment_diff", "speed_changes")
+        for name in ("compare", "describe", "environment_diff")
     },
-    **{
-        f"reports/comparison/{name}.py": ("comparison/test_headlines.py", "comparison/test_change.py")
-        for name in ("headlines", "judgements")
-    },
+    "reports/comparison/change.py": ("comparison/test_change.py", "comparison/test_headlines.py"),
+    "reports/comparison/headlines.py": ("comparison/test_headlines.py", "comparison/test_change.py"),
     "reports/comparison/release_search.py": ("comparison/test_bisection.py", "comparison/test_headlines.py"),
     "reports/history/accepted_levels.py": ("history/test_regression.py",),
     "reports/comparison/measure_track.py": ("comparison/test_measure_track.py",),
@@ -139,7 +136,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         "../test_versions.py",
         _TWO_VERSIONS,
     ),
-    "reports/probes/replay.py": (
+    "reports/probes/examination.py": (
         "test_fingerprint.py",
         "test_fingerprint.py::test_an_unknown_map_is_described_by_its_leading_error",
     ),
@@ -192,12 +189,12 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "slopes[-1] > _FLAT -> slopes[-1] >= _FLAT",
     ): "a slope between logarithms is never the very double of an edge",
     (
-        "reports/measurement/refinement.py",
+        "reports/measurement/convergence.py",
         "while decade <= limit:",
         "decade <= limit -> decade < limit",
     ): "of the round numbers only those below the limit are used",
     (
-        "reports/measurement/refinement.py",
+        "reports/measurement/convergence.py",
         "numbers += [digit * decade for digit in _LEADING if digit * decade <= limit]",
         "digit * decade <= limit -> digit * decade < limit",
     ): "of the round numbers only those below the limit are used",
@@ -227,7 +224,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "np.diff(slopes[1:]) > 0.0 -> np.diff(slopes[1:]) >= 0.0",
     ): "two slopes between logarithms that are not 0 are never the very same double",
     (
-        "reports/measurement/refinement.py",
+        "reports/measurement/convergence.py",
         "too_fine = max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-9)",
         "max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-09) -> "
         "max(listed) * finer / interval_s >= _SPAN * (1.0 + 1e-09)",

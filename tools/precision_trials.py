@@ -38,8 +38,7 @@ from bodycheck.reports.measurement.convergence import LARGEST_ERROR
 from bodycheck.reports.measurement.measures import ORIENTATION
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
-from bodycheck.reports.probes.precision import precision_finding
-from bodycheck.reports.probes.probe import built_in_probes
+from bodycheck.reports.probes.probe import built_in_probes, precision_finding
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.scenarios.library import load_scenarios
 from tests.helpers.reported_results import reported_results

@@ -16,8 +16,8 @@ import dartpy
 import numpy as np
 
 from bodycheck.adapters.contract import DEFAULTS, Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.engine_loads import HeldLoads
 from bodycheck.adapters.frames import EngineAxes, LinkFrame, link_frame, pivot_place
-from bodycheck.adapters.zero_order_hold import HeldLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench

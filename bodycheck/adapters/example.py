@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Stepping
-from bodycheck.adapters.stage_loads import StageLoads
+from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.reference_impl.rotations import exp_quaternion, quaternion_product, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench

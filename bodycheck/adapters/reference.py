@@ -26,9 +26,7 @@ from bodycheck.reference_impl.loads_at import lasting_wrench_of
 from bodycheck.reference_impl.pivot import about_pivot, load_about
 from bodycheck.reference_impl.scene import ContinuousLoad, Drag, GravityGradient, Scene, Wrenching
 from bodycheck.reference_impl.single_precision import SINGLE_PRECISION, STEPPED
-from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reference_impl.truth.step_halving import PivotPlace
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 _POSITION, _VELOCITY, _SPIN = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -127,7 +125,11 @@ class FixedStep:
 def _asked_about_pivot(scene: Scene) -> Wrenching:
     """Return what the lasting loads do to the body that is stepped: about the pivot, if there is one."""
     wrench = lasting_wrench_of(scene)
-    return wrench if scene.pivot is None else PivotPlace.of(scene).about_pivot(wrench)
+    if scene.pivot is None:
+        return wrench
+    from bodycheck.reference_impl.truth.step_halving import PivotPlace  # late: imports numba
+
+    return PivotPlace.of(scene).about_pivot(wrench)
 
 
 _EXACT = Method(
@@ -204,6 +206,8 @@ class Series:
     steps: int | None = None
 
     def __init__(self, scene: Scene, tolerance: float) -> None:
+        from bodycheck.reference_impl.taylor.prepared_motion import TaylorMotion  # late: imports numba
+
         self._scene, self._motion = scene, TaylorMotion.of(scene, tolerance)
 
     def read_back(self) -> ReadBack:

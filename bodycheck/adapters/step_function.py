@@ -9,7 +9,7 @@ from typing import NoReturn, TypeAlias
 import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
-from bodycheck.adapters.stage_loads import StageLoads
+from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.wrench import Wrench

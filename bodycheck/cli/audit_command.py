@@ -139,7 +139,7 @@ def audit(
 
 
 def _spellings(engine: str | None, timeout_s: float, *, as_json: bool, quiet: bool) -> None:
-    from bodycheck.reports.audit.spellings import spelling_document
+    from bodycheck.reports.audit.spelling_document import spelling_document
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import watched
     from bodycheck.runs.spelling_run import spell

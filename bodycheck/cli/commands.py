@@ -11,12 +11,11 @@ import typer
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli._app import carry_out
-from bodycheck.cli.adapter_commands import adapter_commands
 from bodycheck.cli.audit_command import auditing
+from bodycheck.cli.engine_commands import adapter_commands, identity_commands
 from bodycheck.cli.ensemble_commands import ensemble_commands
 from bodycheck.cli.gate_command import gating
 from bodycheck.cli.help_text import HOW, MEASURE, WATCH, WHAT, Group, described
-from bodycheck.cli.identity_commands import identity_commands
 from bodycheck.cli.merge_command import merging
 from bodycheck.cli.nightly import nightly
 from bodycheck.cli.options import (
@@ -294,7 +293,7 @@ def judge(
     if not cases:
         answer(judgement_document(ranking), ranking.data, as_json=json)
         return
-    from bodycheck.reports.diagnosis.document import explanation_data, explanation_document
+    from bodycheck.reports.diagnosis.explanation_document import explanation_data, explanation_document
 
     judged = judgement_document(ranking)
     parts = (*judged.parts, *explanation_document(cases).parts)

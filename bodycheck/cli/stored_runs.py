@@ -261,7 +261,7 @@ def explain(
     check_explanation_files(out)
     with watched("comparing the motions with each fault", quiet=quiet):
         cases = explain_run(run, case, allow_code=allow_code)
-    from bodycheck.reports.diagnosis import document as explanations
+    from bodycheck.reports.diagnosis import explanation_document as explanations
 
     document, data = explanations.explanation_document(cases), explanations.explanation_data(cases)
     texts: dict[str, Callable[[], bytes]] = {

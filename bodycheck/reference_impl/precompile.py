@@ -64,7 +64,7 @@ def compile_kernels(
         solving = scenes if unsolved is None or other is not None else unsolved
         closed_last = sorted(solving, key=lambda scene: scene.is_free_rotation)
         if _CLOSED_FORMS in missing:
-            from bodycheck.reference_impl.free_rotation.precompilation import compile_tumbling
+            from bodycheck.reference_impl.free_rotation.free_rotations import compile_tumbling
 
             with _reporting(report):
                 compile_tumbling()
@@ -163,7 +163,7 @@ def _compile_here(names: Iterable[str]) -> None:
     """Compile the named kernels one after the other and write a marker file for each."""
     for name in names:
         if name == _CLOSED_FORMS:
-            from bodycheck.reference_impl.free_rotation.precompilation import compile_frame_and_evaluation
+            from bodycheck.reference_impl.free_rotation.free_rotations import compile_frame_and_evaluation
 
             compile_frame_and_evaluation()
             _compile_flight()

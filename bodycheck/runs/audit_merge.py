@@ -13,8 +13,7 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard, division_faults
-from bodycheck.reports.audit.audit import Audit, Body, Difference
-from bodycheck.reports.audit.audit_files import AUDIT_FILE, read_audit, write_audit
+from bodycheck.reports.audit.audit import AUDIT_FILE, Audit, Body, Difference, read_audit, write_audit
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.run_files.sentinels import differing_facts, machine_facts
 from bodycheck.reports.run_files.writer import whole_folder

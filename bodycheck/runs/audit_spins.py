@@ -22,7 +22,7 @@ from bodycheck.reference_impl.rotations import log_matrix
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reports.audit.audit import Body, Column, LinkAudit, Spin
-from bodycheck.scenarios.model_files.model import ModelFile
+from bodycheck.scenarios.model_files.model_file import ModelFile
 from bodycheck.scenarios.model_files.rewriting import bare_text, excerpt
 from bodycheck.scenarios.model_files.urdf import read_urdf
 from bodycheck.scenarios.model_files.xml_file import parse_text

@@ -19,8 +19,8 @@ from bodycheck.reports.comparison.measure_track import Finding
 from bodycheck.reports.comparison.release_results import Found, Track
 from bodycheck.reports.comparison.release_search import changes, every_change
 from bodycheck.runs.audit_run import AuditOptions, imported_audit
-from bodycheck.scenarios.model_files.model import ModelFile
-from bodycheck.scenarios.model_files.reader import read_model
+from bodycheck.scenarios.model_files.model_file import ModelFile
+from bodycheck.scenarios.model_files.model_reader import read_model
 
 
 def audit_versions(

@@ -9,7 +9,7 @@ from typing import Any
 
 from bodycheck._util.formatting import count, scientific
 from bodycheck.reports.document import Column, Command, Document, Sentence, Table
-from bodycheck.reports.probes.replay import OTHER_BITS, SAME_BITS
+from bodycheck.reports.probes.examination import OTHER_BITS, SAME_BITS
 from bodycheck.reports.summary.quantiles import Quantile
 from bodycheck.runs.ensemble_files import method_rows, quantile_rows
 from bodycheck.runs.ensemble_result import SENTINELS, EnsembleResult, words_of

@@ -24,7 +24,7 @@ from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.free_batch import free_truths
 from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES, rotation_measures
-from bodycheck.reports.probes.replay import OTHER_BITS, SAME_BITS
+from bodycheck.reports.probes.examination import OTHER_BITS, SAME_BITS
 
 _STEPS_TOGETHER, _STEPS_ALONE = 2_000_000, 200_000  # per request: some 10 s of most engines
 _BATCHING = (

@@ -16,7 +16,7 @@ from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard, division_faults
 from bodycheck._util.untrusted import escaped, read_json
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.reports.probes.replay import OTHER_BITS
+from bodycheck.reports.probes.examination import OTHER_BITS
 from bodycheck.reports.run_files.sentinels import (
     Sentinel,
     differing_facts,

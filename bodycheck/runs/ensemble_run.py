@@ -18,7 +18,7 @@ from bodycheck._util.errors import InputError, StoppedError
 from bodycheck._util.formatting import setting as setting_words
 from bodycheck.adapters.batches import BatchAnswer, scene_of
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
-from bodycheck.reference_impl.free_rotation.motions import FreeRotation
+from bodycheck.reference_impl.free_rotation.free_rotations import FreeRotation
 from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.run_files.ensemble_dataset import Dataset, Part

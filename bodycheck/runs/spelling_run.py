@@ -14,7 +14,7 @@ from bodycheck.adapters.importers import ImportRequest, SpinRequest, importer
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.audit.audit import Audit, Body
-from bodycheck.reports.audit.spellings import SpellingResult
+from bodycheck.reports.audit.spelling_document import SpellingResult
 from bodycheck.runs.audit_run import AuditOptions, base_engine, checked_engines, imported_audit
 from bodycheck.runs.audit_spins import (
     DT_S,
@@ -25,7 +25,7 @@ from bodycheck.runs.audit_spins import (
     orientation_error,
     truth_of,
 )
-from bodycheck.scenarios.model_files.reader import read_model
+from bodycheck.scenarios.model_files.model_reader import read_model
 from bodycheck.scenarios.model_files.rewriting import bare_text
 from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
 

@@ -10,7 +10,7 @@ import pytest
 
 from bodycheck.adapters.contract import Adapter, Setting
 from bodycheck.adapters.execution import Case, record
-from bodycheck.adapters.stability_check import invalid_state
+from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.adapters.workers.case_messages import case_message
 from bodycheck.adapters.workers.worker import RequestHandler
 from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State

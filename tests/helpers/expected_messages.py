@@ -32,7 +32,7 @@ class ExpectedMessage:
         self._name = request.node.name.removeprefix("test_")
         self._parameters = request.node.callspec.params if hasattr(request.node, "callspec") else {}
         self._calls = 0
-        self._folder: Path | None = request.node.funcargs.get("tmp_path")
+        self._arguments = request.node.funcargs
         self._update = bool(request.config.getoption("--update-messages"))
 
     def __call__(self, message: str, folder: Path | None = None) -> None:
@@ -41,7 +41,7 @@ class ExpectedMessage:
         folder: the temporary folder of the test, if none is given.
         """
         self._calls += 1
-        folder = folder or self._folder
+        folder = folder or self._arguments.get("tmp_path")
         found = message if folder is None else message.replace(str(folder), "FOLDER")
         if not matches(expected := self._stored(), found):
             assert self._update, (

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.free_rotation import FreeRotation, FreeRotations, motions
+from bodycheck.reference_impl.free_rotation import FreeRotation, FreeRotations, free_rotations
 from bodycheck.reference_impl.free_rotation.set_up import begin
 from tests.helpers.expected_messages import ExpectedMessage
 
@@ -706,7 +706,7 @@ def test_exact_decision_does_not_change_the_motion(offset: float, monkeypatch: p
         begin(*arguments)
         arguments[-1].fill(True)
 
-    monkeypatch.setattr(motions, "begin", doubt)
+    monkeypatch.setattr(free_rotations, "begin", doubt)
     exact = FreeRotation.from_state(*state).at([1e9])
     assert np.abs(decided[0] - exact[0]).max() < 4e-15
     assert np.abs(decided[1] - exact[1]).max() < 1e-14

@@ -20,9 +20,8 @@ from bodycheck.adapters.reference import Reference
 from bodycheck.reference_impl import integrators
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS, splitting
-from bodycheck.reference_impl.integrators.facts import Integrator
+from bodycheck.reference_impl.integrators.facts import Integrator, Tableau
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
-from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.rotations import (
     exp_matrix,
     exp_quaternion,

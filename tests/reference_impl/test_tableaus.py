@@ -12,8 +12,7 @@ import pytest
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS
-from bodycheck.reference_impl.integrators.facts import Integrator
-from bodycheck.reference_impl.integrators.tableau import Tableau
+from bodycheck.reference_impl.integrators.facts import Integrator, Tableau
 
 EPS = float(np.finfo(np.float64).eps)
 

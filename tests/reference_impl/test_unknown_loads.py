@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.contract import Setting
+from bodycheck.adapters.engine_loads import HeldLoads
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.workers.case_messages import scene_message
-from bodycheck.adapters.zero_order_hold import HeldLoads
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.continuous_loads import packed_lasting
 from bodycheck.reference_impl.loads_at import lasting_wrench_of, sum_of_wrenches

@@ -15,21 +15,20 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import HeldLink
-from bodycheck.reports.audit.audit import Audit, Body, Comparison, Difference
+from bodycheck.reports.audit.audit import Audit, Body, Comparison, Difference, read_audit
 from bodycheck.reports.audit.audit_document import audit_data, failures, sarif
-from bodycheck.reports.audit.audit_files import read_audit
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.audit.causes import DISCARDED, body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
-from bodycheck.reports.audit.spellings import APART_RAD
+from bodycheck.reports.audit.spelling_document import APART_RAD
 from bodycheck.reports.document import json_text
 from bodycheck.runs import audit_versions as audit_versions_module
 from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
 from bodycheck.runs.spelling_run import spell
 from bodycheck.scenarios.model_files.exact import Frame, doubles
-from bodycheck.scenarios.model_files.model import Joint, ModelFile
-from bodycheck.scenarios.model_files.reader import read_model
+from bodycheck.scenarios.model_files.model_file import Joint, ModelFile
+from bodycheck.scenarios.model_files.model_reader import read_model
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.model_texts import sdf_of
 

@@ -7,8 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from bodycheck.reports.measurement.convergence import Judged, Point, convergence_of, round_off_floor
-from bodycheck.reports.measurement.refinement import next_step_size
+from bodycheck.reports.measurement.convergence import (
+    Judged,
+    Point,
+    convergence_of,
+    next_step_size,
+    round_off_floor,
+)
 
 STEPS = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3)
 HOW = Judged(floor=3e-14)

@@ -11,12 +11,12 @@ from bodycheck.reports.measurement.convergence import (
     Judged,
     Point,
     convergence_of,
+    next_step_size,
     round_off_floor,
     stepless_verdict,
     tolerance_convergence,
     usable,
 )
-from bodycheck.reports.measurement.refinement import next_step_size
 
 LIMIT = 2.0**-50
 HALVED = [2.0**-k for k in range(5, 10)]

@@ -18,11 +18,11 @@ from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.pybullet import PyBullet
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
-from bodycheck.reports.diagnosis.document import similar_issues, upstream_issues
+from bodycheck.reports.diagnosis.engine_model import Grid
+from bodycheck.reports.diagnosis.explanation_document import similar_issues, upstream_issues
 from bodycheck.reports.diagnosis.faults import FAULTS, Circumstances
 from bodycheck.reports.diagnosis.fit import planted
 from bodycheck.reports.diagnosis.flow import BASES
-from bodycheck.reports.diagnosis.model import Grid
 from bodycheck.reports.diagnosis.transitions import Transitions
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.run_files.run_reader import read_tables

@@ -12,11 +12,11 @@ import pytest
 from bodycheck.adapters.contract import Engine, Method, ReadBack, Reading, Setting
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.reference_impl.one_step_maps import BY_ALIAS, EXACT, MAPS
-from bodycheck.reference_impl.one_step_maps.motion import Motion, Solid, no_loads, scene_loads
-from bodycheck.reference_impl.one_step_maps.one_step_map import Step
+from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, Step, no_loads, scene_loads
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.scene import RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.probes.examination import check_replays
 from bodycheck.reports.probes.fingerprint import (
     FARTHER,
     NO_KNOWN_MAP,
@@ -26,7 +26,6 @@ from bodycheck.reports.probes.fingerprint import (
     steps_along,
 )
 from bodycheck.reports.probes.laws import REVERSE, STATES, Checked, check_laws
-from bodycheck.reports.probes.replay import check_replays
 
 METHOD = Method("under-test", "", 1, 1, "held over the step", "", "")
 ENGINE = Engine("numpy", "1", {METHOD.name: METHOD})

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodycheck.adapters.stability_check import energy_blowup, invalid_state, kinetic_limit
+from bodycheck.adapters.stable_step import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
 from bodycheck.reference_impl.integrators import INTEGRATORS

@@ -14,7 +14,7 @@ from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import RigidBody
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.render.body_surface import box_corners, principal_frame, surface_of
-from bodycheck.reports.render.page.motion import (
+from bodycheck.reports.render.page.played_motions import (
     FRAMES,
     coarsest_shared_step,
     frame_numbers,

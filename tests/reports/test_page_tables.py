@@ -14,7 +14,7 @@ from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.render.html import render_report
-from bodycheck.reports.render.page.answers import TOLERANCES, Answers
+from bodycheck.reports.render.page.cheapest_settings import TOLERANCES, CheapestSettings
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, TARGETS
 from bodycheck.reports.render.page.scenario_facts import limit_of
 from bodycheck.reports.render.page.scenario_section import anchor_of
@@ -179,7 +179,7 @@ def test_the_cheapest_cases_are_those_of_the_results(page: Page, run: Run) -> No
 def test_an_engine_that_misses_the_error_says_by_how_much(run: Run) -> None:
     """Where no measured setting meets the tolerance, the row has the smallest error and where it occurs."""
     cases = tuple(case for case in run.cases if case.columns["method"] != "sound" or case.dt_s == 0.05)
-    rows = Answers(replace(run, cases=cases)).rows
+    rows = CheapestSettings(replace(run, cases=cases)).rows
     own = run.results[(run.results["method"] == "sound") & (run.results["dt_s"] == 0.05)]
     errors = own.set_index("scenario")["orientation_error_rad"] + own.set_index("scenario")["truth_bound_rad"]
     worst = str(errors.idxmax())

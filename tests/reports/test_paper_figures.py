@@ -25,7 +25,7 @@ from bodycheck.reports.render.figures import (
     drawn_figure,
     picture,
 )
-from bodycheck.reports.render.page.motion import principal_frame
+from bodycheck.reports.render.page.played_motions import principal_frame
 from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_reader import read_run
 from bodycheck.reports.run_files.run_tables import Run, key_of

@@ -28,7 +28,7 @@ NOT_BY_PROBES = {
 }
 """What takes a whole run: verdicts and orders."""
 
-EVERY = 6
+EVERY = 10
 """A push runs one fault of so many through smoke, and all of them through the probes."""
 
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from bodycheck.reports.render.headings import heading
-from bodycheck.reports.render.merging import merged
 from bodycheck.reports.render.page.downsampling import LINE_POINTS, packed_line, thinned_maxima, thinned_times
 from bodycheck.reports.render.page.plots import growth_words
-from bodycheck.reports.render.styles import COLOURS, DASHES, MARKERS, engine_colour, styles
+from bodycheck.reports.render.styles import COLOURS, DASHES, MARKERS, engine_colour, merged, styles
 from bodycheck.reports.templating import asset
 
 

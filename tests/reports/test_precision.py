@@ -28,8 +28,7 @@ from bodycheck.reports.measurement.measures import Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
 from bodycheck.reports.measurement.study import Study, study
-from bodycheck.reports.probes.precision import precision_finding
-from bodycheck.reports.probes.probe import built_in_probes
+from bodycheck.reports.probes.probe import built_in_probes, precision_finding
 from bodycheck.reports.summary.advice import settings_within
 from bodycheck.reports.summary.error_curve import ErrorCurve
 from bodycheck.scenarios.library import load_scenario

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
@@ -12,10 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.exact import composite, doubles
-from bodycheck.scenarios.model_files.model import ModelFile
-from bodycheck.scenarios.model_files.reader import read_model
+from bodycheck.scenarios.model_files.model_file import ModelFile
+from bodycheck.scenarios.model_files.model_reader import read_model
+from bodycheck.scenarios.model_files.rewriting import changed_text, excerpt
 from bodycheck.scenarios.model_files.spellings import Spelling, body, spellings
 from bodycheck.scenarios.model_files.urdf import resolved
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.model_texts import composite_50_digits, mutated, random_mjcf, random_urdf, sdf_of
 
 
@@ -113,21 +116,135 @@ def test_spellings_state_one_body(spelling: Spelling, tmp_path: Path) -> None:
 
 def test_mjcf_classes_orientations_and_compiler_agree_with_mujoco(tmp_path: Path) -> None:
     """Bodies with inertials, geoms, defaults, frames and compiler settings are those that MuJoCo compiles."""
-    import mujoco
-
     for seed in range(12):
-        model = _read(random_mjcf(np.random.default_rng(seed)), tmp_path)
-        compiled = mujoco.MjModel.from_xml_path(str(model.path))
-        for link in model.links:
-            index = compiled.body(link.name).id
-            assert link.stated is not None
-            assert compiled.body_mass[index] == pytest.approx(float(link.stated.inertia.mass), rel=1e-13)
-            moments = link.stated.inertia.moments
-            np.testing.assert_allclose(
-                np.sort(compiled.body_inertia[index]), moments, rtol=0, atol=1e-12 * moments[2]
-            )
-            centre = doubles(link.stated.in_link.centre)
-            np.testing.assert_allclose(compiled.body_ipos[index], centre, atol=1e-13)
+        _assert_as_compiled(_read(random_mjcf(np.random.default_rng(seed)), tmp_path))
+
+
+_BOX = "<geom type='box' size='0.1 0.2 0.3' pos='0.3 0 0.1' euler='10 20 30'/>"
+_CORNERS = "0 0 0  0.25 0 0  0 0.375 0  0 0 0.5"
+_FACES = "0 2 1  0 1 3  0 3 2  1 2 3"
+_TETRAHEDRON = f"vertex='{_CORNERS}' face='{_FACES}'"
+_MESH = "<geom type='mesh' mesh='m' density='700' pos='0.1 0 0'/>"
+
+
+@pytest.mark.parametrize(
+    ("settings", "content"),
+    [
+        ("<compiler angle='radian' eulerseq='XYZ'/>", "<geom type='box' size='.1 .2 .3' euler='1 2 3'/>"),
+        ("<compiler settotalmass='7'/>", f"{_BOX}<body name='c'><joint/>{_BOX}</body>"),
+        ("<compiler boundmass='90'/>", _BOX),
+        ("<compiler boundinertia='0.9'/>", _BOX),
+        (
+            "<compiler balanceinertia='true'/>",
+            "<inertial pos='0 0 0' mass='1' diaginertia='5 1 1'/>",
+        ),
+        ("<compiler inertiafromgeom='true'/>", f"<inertial pos='0 0 0' mass='1' diaginertia='2 2 2'/>{_BOX}"),
+        ("<compiler inertiagrouprange='1 2'/>", f"{_BOX}<geom group='2' size='0.2'/>"),
+        ("", "<inertial pos='0 1 0' mass='2' fullinertia='2 3 4 0.1 0.2 0.3'/>"),
+        ("", "<inertial pos='0 1 0' mass='2' diaginertia='2 3 4' zaxis='1 1 1'/>"),
+        ("", "<geom type='capsule' size='0.1' fromto='0 0 0 0.1 0.2 0.3'/>"),
+        ("", "<geom type='cylinder' size='0.1 0.3' xyaxes='1 1 0 0 0 1' shellinertia='true'/>"),
+        ("", "<geom type='ellipsoid' size='0.1 0.2 0.3' axisangle='1 1 0 50'/>"),
+        ("", "<geom type='box' size='0.1' fromto='0 0 0 0.1 0.2 0.3' mass='3'/>"),
+        (
+            "<default><geom density='5' size='1 2 3'/></default>",
+            "<geom type='box' size='0.5' quat='1 1 0 0'/>",
+        ),
+        (
+            "<default><default class='d'><geom type='box' size='1 2 3'/><default class='e'>"
+            "<geom mass='4'/></default></default></default>",
+            "<frame childclass='d'><geom pos='1 0 0'/><geom class='e'/></frame>",
+        ),
+        (
+            "",
+            "<replicate count='3' offset='0.3 0 0.1' euler='0 0 40' sep='-'><geom size='0.1'/>"
+            f"<body name='r'><joint/>{_BOX}</body></replicate>",
+        ),
+        (f"<asset><mesh name='m' {_TETRAHEDRON} inertia='exact' scale='1 -2 3'/></asset>", _MESH),
+        (f"<asset><mesh name='m' {_TETRAHEDRON} inertia='shell' refpos='1 2 3'/></asset>", _MESH),
+        (f"<asset><mesh name='m' vertex='{_CORNERS}' refquat='1 1 0 0'/></asset>", _MESH),
+    ],
+)
+def test_each_setting_of_mjcf_has_the_meaning_it_has_for_mujoco(
+    settings: str, content: str, tmp_path: Path
+) -> None:
+    """A body has the mass, the centre and the tensor that MuJoCo compiles; so has its file of one link."""
+    text = f"<mujoco>{settings}<worldbody><body name='b' pos='1 2 3' euler='5 6 7'><joint/>{content}</body>"
+    model = _read(text + "</worldbody></mujoco>", tmp_path)
+    whole = _assert_as_compiled(model)
+    if "settotalmass" in settings:
+        return
+    for link in model.links:
+        if "-" in link.name:  # only the whole file has copies
+            continue
+        alone = mujoco.MjModel.from_xml_string(excerpt(model, link.name))
+        assert alone.nbody == 2
+        assert alone.nv == 6
+        np.testing.assert_allclose(
+            _compiled_tensor(alone, 1),
+            _compiled_tensor(whole, whole.body(link.name).id),
+            rtol=1e-12,
+            atol=1e-15,
+        )
+
+
+def test_link_alone_keeps_the_meshes_of_its_file(tmp_path: Path) -> None:
+    """An excerpt finds the mesh file that it needs from any folder, and needs no other one."""
+    (tmp_path / "meshes").mkdir()
+    lines = [f"v {' '.join(corner.split())}" for corner in _CORNERS.split("  ")]
+    lines += ["f " + " ".join(str(int(k) + 1) for k in face.split()) for face in _FACES.split("  ")]
+    (tmp_path / "meshes" / "m.obj").write_text("\n".join(lines))
+    model = _read(
+        "<mujoco><compiler meshdir='meshes'/><asset><mesh file='m.obj'/><mesh file='none.stl'/>"
+        "<texture name='t' file='none.png' type='2d'/><material name='w' texture='t'/></asset><worldbody>"
+        f"<body name='b'>{_MESH}<geom size='0.1' mass='0' material='w'/></body>"
+        "<body><geom type='mesh' mesh='none'/></body></worldbody></mujoco>",
+        tmp_path,
+    )
+    alone = mujoco.MjModel.from_xml_string(excerpt(model, "b"))
+    stated = model.by_name["b"].stated
+    assert stated is not None
+    mass = 700.0 * 0.25 * 0.375 * 0.5 / 6.0
+    assert alone.body_mass[1] == pytest.approx(mass, rel=1e-7)
+    assert float(stated.inertia.mass) == pytest.approx(mass, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("settings", "name"), [("<compiler settotalmass='7'/>", "b"), ("", "body at line 1")]
+)
+def test_link_that_cannot_stand_alone_is_refused(
+    settings: str, name: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
+    """A mass that depends on other bodies, or a body without a name, has no file of one link."""
+    bodies = f"<body name='b'>{_BOX}</body><body>{_BOX}</body>"
+    model = _read(f"<mujoco>{settings}<worldbody>{bodies}</worldbody></mujoco>", tmp_path)
+    assert name in model.by_name
+    with expected_message.raises(InputError):
+        excerpt(model, name)
+
+
+def _assert_as_compiled(model: ModelFile) -> mujoco.MjModel:
+    """Compare the bodies with those that MuJoCo compiles, which stores the vertices of meshes as float32."""
+    compiled = mujoco.MjModel.from_xml_path(str(model.path))
+    for link in model.links:
+        index = compiled.body(link.name).id
+        assert link.stated is not None, link.unread
+        rounding = 1e-13 if compiled.nmesh == 0 else 1e-7
+        assert compiled.body_mass[index] == pytest.approx(float(link.stated.inertia.mass), rel=rounding)
+        tensor = doubles(link.stated.in_link.tensor)
+        np.testing.assert_allclose(
+            _compiled_tensor(compiled, index), tensor, rtol=0, atol=10.0 * rounding * np.max(np.abs(tensor))
+        )
+        np.testing.assert_allclose(
+            compiled.body_ipos[index], doubles(link.stated.in_link.centre), rtol=0, atol=rounding
+        )
+    return compiled
+
+
+def _compiled_tensor(model: mujoco.MjModel, index: int) -> np.ndarray:
+    """Return R diag(I) R^T in the axes of the body (3, 3)."""
+    R = Rotation.from_quat(model.body_iquat[index], scalar_first=True).as_matrix()
+    return np.asarray(R @ np.diag(model.body_inertia[index]) @ R.T)
 
 
 @pytest.mark.parametrize(
@@ -228,6 +345,7 @@ def _row(values: np.ndarray) -> str:
         ("<mujoco><worldbody><include file='none.xml'/></worldbody></mujoco>", "none.xml: cannot be read"),
         ("<mujoco><worldbody><body><geom size='x'/></body></worldbody></mujoco>", "<geom>: size = 'x'"),
         ("<sdf/>", "<sdf>: has no <model>"),
+        ("<sdf><model name='m'><link name='a'/><link name='a'/></model></sdf>", "<link>: another link"),
         ("<sdf><model name='m'/></sdf>", "<model>: has no <link>"),
         ("<sdf><model name='m'><link name='a'><pose>1 2 x 0 0 0</pose></link></model></sdf>", "<pose>: "),
         (
@@ -270,6 +388,18 @@ def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
             messages.append(str(error))
     assert messages
     assert not [message for message in messages if "\n" in message]
+
+
+def test_changed_tensor_keeps_what_is_no_number(tmp_path: Path) -> None:
+    """An attribute of <inertia> that is no number is no tensor to change, nor a reason to stop."""
+    file = tmp_path / "model.urdf"
+    file.write_text(
+        "<robot name='r'><link name='a'><inertial><mass value='1'/>"
+        "<inertia ixx='1' iyy='2' izz='2' ixy='0' note='of wood'><!-- none --></inertia>"
+        "</inertial></link></robot>"
+    )
+    text = changed_text(read_model(file), "tensors changed")
+    assert 'ixx="2.0" iyy="4.0" izz="4.0" ixy="0.0" note="of wood"' in text
 
 
 def test_file_outside_of_the_folder_is_named(tmp_path: Path) -> None:

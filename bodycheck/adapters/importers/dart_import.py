@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ FLAGS = {
 def _skeletons(request: ImportRequest) -> list[Any]:
     import dartpy
 
-    if request.format == "sdf" and b"<world" not in Path(request.file).read_bytes():
+    if request.format == "sdf" and not _has_world(request.file):
         skeleton = dartpy.utils.SdfParser.readSkeleton(request.file)
         if skeleton is None:
             raise ValueError("SdfParser.readSkeleton returned nothing")
@@ -39,6 +40,10 @@ def _skeletons(request: ImportRequest) -> list[Any]:
     if skeleton is None:
         raise ValueError("DartLoader.parseSkeleton returned nothing")
     return [skeleton]
+
+
+def _has_world(file: str) -> bool:
+    return b"<world" in re.sub(rb"<!--.*?-->", b"", Path(file).read_bytes(), flags=re.DOTALL)
 
 
 def held(request: ImportRequest) -> list[HeldLink]:

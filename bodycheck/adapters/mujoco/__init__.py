@@ -38,8 +38,7 @@ from bodycheck.reference_impl.wrench import Wrench
 
 if TYPE_CHECKING:
     from bodycheck.adapters.batches import Batch, BatchAnswer
-    from bodycheck.adapters.mujoco.callback_loads import CallbackLoads
-    from bodycheck.adapters.mujoco.compiled_loads import PassiveLoads
+    from bodycheck.adapters.mujoco.passive_loads import CallbackLoads, PassiveLoads
 
 _KNOWN = methods_of(mujoco.__version__)
 
@@ -132,8 +131,7 @@ class MuJoCoSimulation:
     ) -> PassiveLoads | CallbackLoads:
         """Return the continuous loads as MuJoCo's callback: compiled, unless there is a user's function."""
         # importing numba takes half of a worker's start, and most scenes have no such load
-        from bodycheck.adapters.mujoco.callback_loads import CallbackLoads
-        from bodycheck.adapters.mujoco.compiled_loads import PassiveLoads
+        from bodycheck.adapters.mujoco.passive_loads import CallbackLoads, PassiveLoads
         from bodycheck.reference_impl.continuous_loads import packed_lasting
 
         axes, anchor = self._axes.matrix.T, None if scene.pivot is None else self._anchor()

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from bodycheck.adapters.contract import ReadBack, Reading, Stepping
-from bodycheck.adapters.stage_loads import StageLoads
+from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene, State

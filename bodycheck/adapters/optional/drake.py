@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
+from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.adapters.frames import link_frame
 from bodycheck.adapters.optional.between_steps import NO_PIVOT
-from bodycheck.adapters.stage_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene

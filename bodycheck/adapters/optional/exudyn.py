@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Stepping
+from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.adapters.optional.between_steps import array, only_free
-from bodycheck.adapters.stage_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import log_quaternion
 from bodycheck.reference_impl.scene import Scene

@@ -15,9 +15,9 @@ import numpy as np
 
 from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import Precision, ReadBack, Reading, Stepping, read_back_mismatch
+from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.adapters.mujoco.mj_model import BODY, Point, compiled, loaded_points, matrix_of
 from bodycheck.adapters.optional.between_steps import array
-from bodycheck.adapters.stage_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench

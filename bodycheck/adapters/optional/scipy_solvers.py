@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver
-from bodycheck.adapters.stage_loads import StageLoads
+from bodycheck.adapters.engine_loads import StageLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import quaternion_product, quaternion_to_matrix
 from bodycheck.reference_impl.scene import Scene

@@ -17,10 +17,10 @@ import numpy as np
 import pybullet
 
 from bodycheck.adapters.contract import DEFAULTS, VARIANT, Method, ReadBack, Reading, Stepping
+from bodycheck.adapters.engine_loads import HeldLoads
 from bodycheck.adapters.frames import EngineAxes, link_frame
 from bodycheck.adapters.pybullet.bullet_calls import powers_of_two, read_back, set_substeps
 from bodycheck.adapters.pybullet.spherical_joint import PivotedPyBulletSimulation
-from bodycheck.adapters.zero_order_hold import HeldLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import hat, matrix_to_quaternion

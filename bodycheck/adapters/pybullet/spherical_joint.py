@@ -14,9 +14,9 @@ import numpy as np
 import pybullet
 
 from bodycheck.adapters.contract import ReadBack, Reading, Stepping
+from bodycheck.adapters.engine_loads import HeldLoads
 from bodycheck.adapters.frames import EngineAxes, pivot_place
 from bodycheck.adapters.pybullet.bullet_calls import powers_of_two, read_back, set_substeps
-from bodycheck.adapters.zero_order_hold import HeldLoads
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.scene import Scene

@@ -19,8 +19,7 @@ from bodycheck.reference_impl.free_rotation import FreeRotation
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel
-from bodycheck.reference_impl.rational import Vector, fractions
-from bodycheck.reference_impl.rational_rounding import pair, paired_omega
+from bodycheck.reference_impl.rational import Vector, fractions, pair, paired_omega
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 

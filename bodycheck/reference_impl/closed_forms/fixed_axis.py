@@ -25,11 +25,13 @@ from bodycheck.reference_impl.rational import (
     cross,
     dot,
     fractions,
+    pair,
     rotation_of,
+    start_omega,
     times,
     transposed,
+    unit_quaternion,
 )
-from bodycheck.reference_impl.rational_rounding import pair, start_omega, unit_quaternion
 from bodycheck.reference_impl.scene import Scene
 
 _SERIES_BELOW = 0.5

@@ -14,7 +14,7 @@ from bodycheck.reference_impl.closed_forms.piecewise_constant_loads import Loads
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel
-from bodycheck.reference_impl.rational_rounding import pair
+from bodycheck.reference_impl.rational import pair
 from bodycheck.reference_impl.scene import Scene
 
 _LN2: DoubleDouble = (0.6931471805599453, 2.3190468138462996e-17)

@@ -12,8 +12,8 @@ transformation makes the series converge), nor for nearly symmetric bodies, nor 
 time (lambda, Omega, K) are accurate to 106 bits, as are the moments, principal axes and momentum. Where
 floating point cannot tell on which side of the separatrix the body is, exact integer arithmetic decides.
 
-Start reading at `motions`. A state passes through `set_up`, `tensor_axes`, `classification` and
-`tumbling_constants`; a time passes through `evaluation`, `principal_state` and `theta_series`.
+Start reading at `free_rotations`. A state passes through `set_up`, `tensor_axes`, `classification` and
+`tumbling_constants`; a time passes through `principal_state` and `theta_series`.
 
 Sources: Jacobi 1850, Sur la rotation d'un corps; Whittaker 1937, Analytical dynamics, par. 69-71; van Zon &
 Schofield 2007, Numerical implementation of the exact dynamics of free rigid bodies, J. Comput. Phys. 225.
@@ -21,6 +21,6 @@ Schofield 2007, Numerical implementation of the exact dynamics of free rigid bod
 
 from __future__ import annotations
 
-from bodycheck.reference_impl.free_rotation.motions import FreeRotation, FreeRotations
+from bodycheck.reference_impl.free_rotation.free_rotations import FreeRotation, FreeRotations
 
 __all__ = ["FreeRotation", "FreeRotations"]

@@ -8,13 +8,13 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.dormand_prince import TABLEAU
+from bodycheck.reference_impl.integrators.facts import Tableau
 from bodycheck.reference_impl.integrators.right_hand_sides import (
     acceleration,
     body_torque,
     gyroscopic,
     packed_body,
 )
-from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     add,

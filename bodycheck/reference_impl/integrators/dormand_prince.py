@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from bodycheck.reference_impl.integrators.tableau import Tableau
+from bodycheck.reference_impl.integrators.facts import Tableau
 from bodycheck.reference_impl.kernels.jit import inlined_kernel
 
 Turning: TypeAlias = tuple[float, float, float, float, float, float, float]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bodycheck.reference_impl.integrators.facts import Tableau
 from bodycheck.reference_impl.integrators.runge_kutta import runge_kutta
-from bodycheck.reference_impl.integrators.tableau import Tableau
 
 METHOD = runge_kutta(
     name="midpoint",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reference_impl.integrators.facts import Tableau
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
 from bodycheck.reference_impl.integrators.runge_kutta import runge_kutta
-from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     Mat,

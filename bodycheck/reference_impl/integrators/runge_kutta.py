@@ -8,9 +8,8 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.continuous_loads import lasting_wrench
-from bodycheck.reference_impl.integrators.facts import Advance, Integrator
+from bodycheck.reference_impl.integrators.facts import Advance, Integrator, Tableau
 from bodycheck.reference_impl.integrators.right_hand_sides import acceleration, body_torque, gyroscopic
-from bodycheck.reference_impl.integrators.tableau import Tableau
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     add,

@@ -1,7 +1,7 @@
 """One-step maps in numpy: what engines are compared with, n states at a time, without compilation.
 
-To add a map, yield an `OneStepMap` from `first_order.py`, `runge_kutta.py` or `lie_group.py`: fingerprints
-and tests find it in MAPS.
+To add a map, yield an `OneStepMap` from `first_order.py`, `runge_kutta_maps.py` or `lie_group.py`:
+fingerprints and tests find it in MAPS.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from bodycheck.reference_impl.one_step_maps.first_order import first_order_maps
 from bodycheck.reference_impl.one_step_maps.lie_group import lie_group_maps
 from bodycheck.reference_impl.one_step_maps.one_step_map import OneStepMap
-from bodycheck.reference_impl.one_step_maps.runge_kutta import exact_flow, runge_kutta_maps
+from bodycheck.reference_impl.one_step_maps.runge_kutta_maps import exact_flow, runge_kutta_maps
 
 __all__ = ["BY_ALIAS", "EXACT", "MAPS", "OneStepMap"]
 

@@ -14,8 +14,17 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.one_step_maps.motion import Loads, Motion, Solid, back, cross, stepped, times
-from bodycheck.reference_impl.one_step_maps.one_step_map import Attitude, OneStepMap
+from bodycheck.reference_impl.one_step_maps.one_step_map import (
+    Attitude,
+    Loads,
+    Motion,
+    OneStepMap,
+    Solid,
+    back,
+    cross,
+    stepped,
+    times,
+)
 from bodycheck.reference_impl.rotations import (
     exp_quaternion,
     hat,

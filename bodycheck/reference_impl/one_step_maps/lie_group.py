@@ -10,8 +10,16 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.one_step_maps.first_order import Carried, gyroscopic
-from bodycheck.reference_impl.one_step_maps.motion import Loads, Motion, Solid, back, cross, stepped, times
-from bodycheck.reference_impl.one_step_maps.one_step_map import OneStepMap
+from bodycheck.reference_impl.one_step_maps.one_step_map import (
+    Loads,
+    Motion,
+    OneStepMap,
+    Solid,
+    back,
+    cross,
+    stepped,
+    times,
+)
 from bodycheck.reference_impl.one_step_maps.tableaus import CROUCH_GROSSMAN_3, EXPLICIT, NamedTableau
 from bodycheck.reference_impl.rotations import exp_quaternion, hat, quaternion_product, quaternion_to_matrix
 

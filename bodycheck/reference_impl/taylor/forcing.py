@@ -20,8 +20,17 @@ from bodycheck.reference_impl.kernels.generic_precision import Numbers
 from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants, checked_continuous, total_wrench
 from bodycheck.reference_impl.loads.tape import Tape, recorded
 from bodycheck.reference_impl.pivot import inertia_about
-from bodycheck.reference_impl.rational import Vector, added, cross, fractions, inverse, rotation_of, times
-from bodycheck.reference_impl.rational_rounding import pair, unit_quaternion
+from bodycheck.reference_impl.rational import (
+    Vector,
+    added,
+    cross,
+    fractions,
+    inverse,
+    pair,
+    rotation_of,
+    times,
+    unit_quaternion,
+)
 from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,

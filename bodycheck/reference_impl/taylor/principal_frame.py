@@ -11,8 +11,17 @@ from typing import TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.rational import Vector, added, cross, fractions, times, transposed
-from bodycheck.reference_impl.rational_rounding import pair, start_omega, unit
+from bodycheck.reference_impl.rational import (
+    Vector,
+    added,
+    cross,
+    fractions,
+    pair,
+    start_omega,
+    times,
+    transposed,
+    unit,
+)
 from bodycheck.reference_impl.scene import (
     Drag,
     GravityGradient,

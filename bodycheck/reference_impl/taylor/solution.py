@@ -14,7 +14,7 @@ from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.generic_precision import Numbers
 from bodycheck.reference_impl.kernels.jit import kernel
-from bodycheck.reference_impl.rational_rounding import pair, paired_omega, unit_quaternion
+from bodycheck.reference_impl.rational import pair, paired_omega, unit_quaternion
 from bodycheck.reference_impl.scene import Scene, State
 from bodycheck.reference_impl.taylor.forcing import Forcing, forcing_between, pivot_position
 from bodycheck.reference_impl.taylor.spring_terms import SPRING_ROWS, TORSION_ROWS

@@ -9,7 +9,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.closed_forms.exact_motion import EXACT_OMEGA_ERROR
-from bodycheck.reference_impl.free_rotation.motions import FreeRotations
+from bodycheck.reference_impl.free_rotation.free_rotations import FreeRotations
 from bodycheck.reference_impl.kernels.jit import long_kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     Quat,

@@ -23,7 +23,7 @@ from bodycheck.scenarios.model_files.exact import (
     identity,
     mp,
 )
-from bodycheck.scenarios.model_files.model import Joint, ModelFile, ModelLink, Shape
+from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape
 from bodycheck.scenarios.model_files.shape_sizes import bounding_boxes, uniform, volume_m3
 
 DISCARDED = "tensor discarded"

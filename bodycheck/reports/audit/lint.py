@@ -15,7 +15,7 @@ import numpy as np
 from bodycheck._util.formatting import number, vector
 from bodycheck.reports.audit.audit import Body, Finding
 from bodycheck.scenarios.model_files.exact import doubles
-from bodycheck.scenarios.model_files.model import ModelFile, ModelLink, triangle_excess
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, triangle_excess
 from bodycheck.scenarios.model_files.shape_sizes import corners, half_extents, uniform
 
 Severity: TypeAlias = Literal["error", "warning", "note"]

@@ -8,16 +8,25 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bodycheck.adapters.versions.pins import pin_of
-from bodycheck.reports.comparison.accuracy import Floors, accuracy_changes
-from bodycheck.reports.comparison.change import FAILING, Change, Status, by_rank
+from bodycheck.reports.comparison.change import (
+    FAILING,
+    Change,
+    Floors,
+    Ratio,
+    Status,
+    accuracy_changes,
+    by_rank,
+    changed_judgements,
+    ratio,
+    speed_changes,
+    stability_change,
+)
 from bodycheck.reports.comparison.environment_diff import (
     circumstances,
     is_refinement,
     redefined,
     same_machine,
 )
-from bodycheck.reports.comparison.judgements import changed_judgements
-from bodycheck.reports.comparison.speed_changes import Ratio, ratio, speed_changes, stability_change
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_reader import Tables

@@ -12,10 +12,10 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.diagnosis.engine_model import Grid
 from bodycheck.reports.diagnosis.faults import FAULTS, Circumstances, Fault
 from bodycheck.reports.diagnosis.fit import Fit, Start, cost_of, fitted
 from bodycheck.reports.diagnosis.flow import BASES, EXACT, Base
-from bodycheck.reports.diagnosis.model import Grid
 from bodycheck.reports.diagnosis.transitions import Transitions
 from bodycheck.reports.measurement.scales import Scales
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import PointForce
-from bodycheck.reports.diagnosis.model import (
+from bodycheck.reports.diagnosis.engine_model import (
     ClampAxes,
     Loads,
     Misreading,

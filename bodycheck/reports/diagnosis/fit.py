@@ -13,9 +13,9 @@ from typing import TypeAlias
 import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
+from bodycheck.reports.diagnosis.engine_model import Model
 from bodycheck.reports.diagnosis.faults import Circumstances, Fault, Parameter
 from bodycheck.reports.diagnosis.flow import Base
-from bodycheck.reports.diagnosis.model import Model
 from bodycheck.reports.diagnosis.transitions import Transitions
 
 _CHANGE = 1e-6  # of a parameter, over its size: for the derivatives

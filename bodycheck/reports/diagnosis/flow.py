@@ -10,10 +10,10 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators import INTEGRATORS
-from bodycheck.reference_impl.integrators.tableau import Tableau
+from bodycheck.reference_impl.integrators.facts import Tableau
 from bodycheck.reference_impl.loads.load import Instants
 from bodycheck.reference_impl.scene import Scene
-from bodycheck.reports.diagnosis.model import (
+from bodycheck.reports.diagnosis.engine_model import (
     ClampAxes,
     Indices,
     Model,

@@ -17,8 +17,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.pivot import about_pivot
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.diagnosis.flow import Base, Flow, States
-from bodycheck.reports.diagnosis.model import (
+from bodycheck.reports.diagnosis.engine_model import (
     Grid,
     Indices,
     Model,
@@ -31,6 +30,7 @@ from bodycheck.reports.diagnosis.model import (
     times,
     transposed_times,
 )
+from bodycheck.reports.diagnosis.flow import Base, Flow, States
 from bodycheck.reports.measurement.scales import Scales
 
 QUANTITIES = {

@@ -13,7 +13,7 @@ from bodycheck._util.untrusted import joined, parted
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Setting, read_back_mismatch
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.programs import with_method
-from bodycheck.adapters.stability_check import energy_blowup, invalid_state, kinetic_limit
+from bodycheck.adapters.stable_step import energy_blowup, invalid_state, kinetic_limit
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.trajectory import Trajectory

@@ -18,7 +18,7 @@ ROTATION_MEASURES = (
 )
 """The measures of ensembles: those of a rotation that need no load."""
 
-_MOST_ENERGY = 100.0  # times the largest true kinetic energy: unstable above, as in stability_check.py
+_MOST_ENERGY = 100.0  # times the largest true kinetic energy: unstable above, as in stable_step.py
 
 
 @dataclass(frozen=True, eq=False)

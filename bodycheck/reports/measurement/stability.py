@@ -8,8 +8,7 @@ from typing import Any, TypeAlias
 
 from bodycheck.adapters.contract import Build, Engine, Method, Setting
 from bodycheck.adapters.execution import Case
-from bodycheck.adapters.stability_check import kinetic_limit
-from bodycheck.adapters.stable_step import Search, StableStep
+from bodycheck.adapters.stable_step import Search, StableStep, kinetic_limit
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import WHO
 from bodycheck.reports.measurement.problem import Problem

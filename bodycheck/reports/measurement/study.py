@@ -34,6 +34,7 @@ from bodycheck.reports.measurement.convergence import (
     Point,
     best_of,
     convergence_of,
+    next_step_size,
     reaches_round_off,
     stepless_verdict,
     tolerance_convergence,
@@ -42,7 +43,6 @@ from bodycheck.reports.measurement.growth import Growth, growth_of
 from bodycheck.reports.measurement.measure_bounds import BOUND_KINDS, floor_of, relative
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, QUANTITIES, WHO, scale_of
 from bodycheck.reports.measurement.problem import Problem
-from bodycheck.reports.measurement.refinement import next_step_size
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
 from bodycheck.reports.measurement.stability import Searching, stability_row
 

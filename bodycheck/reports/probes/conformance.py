@@ -23,8 +23,8 @@ from bodycheck.reference_impl.loads.load import ContinuousLoad, Instants, KeyFor
 from bodycheck.reference_impl.rotations import geodesic_angle, rotate
 from bodycheck.reference_impl.scene import CallbackLoad, Link, Load, PointForce, Scene, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.probes.causes import Mistake, part_of, read_back_mistake, reading_mistake
 from bodycheck.reports.probes.finding import Finding, Limit, Sampled, limit, noise
+from bodycheck.reports.probes.mistakes import Mistake, part_of, read_back_mistake, reading_mistake
 from bodycheck.reports.probes.probe import Probe, built_in_probes, motions_of
 from bodycheck.reports.probes.readings import reading_findings
 from bodycheck.reports.probes.responses import response_findings

@@ -21,7 +21,7 @@ from bodycheck.adapters.contract import Engine, Method, Precision, Setting, read
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.registry import own_code
-from bodycheck.adapters.stability_check import invalid_state
+from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.adapters.workers import protocol
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.loads.kinds.drag import Drag
@@ -31,7 +31,7 @@ from bodycheck.reference_impl.loads.kinds.sine_torque import SineTorque
 from bodycheck.reference_impl.loads.kinds.spring import Spring
 from bodycheck.reference_impl.loads.kinds.torsion_spring import TorsionSpring
 from bodycheck.reference_impl.one_step_maps import MAPS, OneStepMap
-from bodycheck.reference_impl.one_step_maps.motion import Loads, Motion, Solid, held, scene_loads
+from bodycheck.reference_impl.one_step_maps.one_step_map import Loads, Motion, Solid, held, scene_loads
 from bodycheck.reference_impl.rotations import geodesic_angle, normalised
 from bodycheck.reference_impl.scene import Load, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory

@@ -17,7 +17,7 @@ import numpy as np
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.programs import with_method
-from bodycheck.adapters.stability_check import invalid_state
+from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.rotations import (
     conjugate,
@@ -300,7 +300,7 @@ def _sensitivity(name: str) -> float:
     """Return the growth of a relative error over a scene, at least 1, by RK4 from perturbed states."""
     # imported here: gates need the names of the laws only
     from bodycheck.reference_impl.one_step_maps import MAPS
-    from bodycheck.reference_impl.one_step_maps.motion import Motion, Solid, scene_loads
+    from bodycheck.reference_impl.one_step_maps.one_step_map import Motion, Solid, scene_loads
 
     scene, dt_s = STATES[name]
     start, tiny = scene.initial, 1e-6

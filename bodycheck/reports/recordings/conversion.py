@@ -19,7 +19,7 @@ from bodycheck.reference_impl.rotations import (
 )
 from bodycheck.reports.recordings.column_map import BODY_VELOCITY, EULER, KINDS, PLACE, ColumnMap
 from bodycheck.reports.recordings.nearest_map import ACCEPTED, nearest_map
-from bodycheck.reports.recordings.tables import Recording, read_recording
+from bodycheck.reports.recordings.recording import Recording, read_recording
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, checked_arrays, read_npz
 
 _MOST_NAMED = 4

@@ -15,7 +15,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.body_surface import BodySurface, principal_frame, surface_of
-from bodycheck.reports.render.page.motion import coarsest_shared_step, shown_cases
+from bodycheck.reports.render.page.played_motions import coarsest_shared_step, shown_cases
 from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_tables import Run
 

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.render.headings import heading
-from bodycheck.reports.render.page.answers import START, TOLERANCES, Answers
+from bodycheck.reports.render.page.cheapest_settings import START, TOLERANCES, CheapestSettings
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, cost_sentences, costs, fronts
 from bodycheck.reports.render.page.plots import overall_data
 from bodycheck.reports.render.page.scenario_section import anchor_of, method_anchor, sections_of
@@ -66,7 +66,7 @@ def render_report(run: Run) -> str:
             styles=columns,
             first_order=_first_order(run, columns),
             styles_data=[asdict(style) for style in drawn.values()],
-            answers=Answers(run),
+            answers=CheapestSettings(run),
             tolerances=TOLERANCES,
             start=START,
             sections=sections,

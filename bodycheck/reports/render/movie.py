@@ -24,7 +24,7 @@ from bodycheck.reports.render.body_figures import (
 )
 from bodycheck.reports.render.body_surface import surface_of
 from bodycheck.reports.render.figures import WIDTHS_IN, figure_bytes, rendering
-from bodycheck.reports.render.page.motion import coarsest_shared_step, shown_cases
+from bodycheck.reports.render.page.played_motions import coarsest_shared_step, shown_cases
 from bodycheck.reports.render.styles import COLOURS, engine_colour
 from bodycheck.reports.run_files.run_tables import Run
 

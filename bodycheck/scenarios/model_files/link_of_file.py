@@ -33,7 +33,7 @@ def link_of_file(folder: Traversable, file: str, kind: str, name: str | None) ->
     """
     # importing lxml and mpmath takes time, and few scenarios name model files
     from bodycheck.scenarios.model_files.exact import doubles
-    from bodycheck.scenarios.model_files.reader import read_model
+    from bodycheck.scenarios.model_files.model_reader import read_model
 
     path = Path(str(folder)) / file
     model = read_model(path)

@@ -33,7 +33,7 @@ from bodycheck.scenarios.model_files.exact import (
     rotation_to,
 )
 from bodycheck.scenarios.model_files.mjcf_shapes import SIZES, exact_of, geom_inertia, mesh_inertia
-from bodycheck.scenarios.model_files.model import Joint, ModelFile, ModelLink, Shape, Stated
+from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, Stated
 from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
 _TINY_MASS = 1e-14  # lighter geoms do not count

@@ -14,9 +14,10 @@ from lxml import etree
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.mjcf import expanded
-from bodycheck.scenarios.model_files.model import ModelFile
+from bodycheck.scenarios.model_files.model_file import ModelFile
+from bodycheck.scenarios.model_files.sdf import named_models
 from bodycheck.scenarios.model_files.urdf import resolved
-from bodycheck.scenarios.model_files.xml_file import parse_xml
+from bodycheck.scenarios.model_files.xml_file import Node, parse_xml
 
 Change: TypeAlias = Literal["tensors changed", "no collision shapes"]
 _DIAGONAL = ("ixx", "iyy", "izz")
@@ -60,8 +61,12 @@ def changed_text(model: ModelFile, change: Change) -> str:
     return _text(root)
 
 
-def _changed(name: str, value: str) -> str:
-    return repr(2.0 * float(value) or float(name in _DIAGONAL))
+def _changed(name: str, value: str | None) -> str | None:
+    """Return another number; the text itself if it is none, which the reader has not read either."""
+    try:
+        return repr(2.0 * float(value or "") or float(name in _DIAGONAL))
+    except ValueError:
+        return value
 
 
 def excerpt(model: ModelFile, name: str) -> str:
@@ -83,13 +88,13 @@ def excerpt(model: ModelFile, name: str) -> str:
 
 def _sdf_excerpt(model: ModelFile, name: str) -> str:
     root = parse_xml(model.path)
-    nested = [*root.findall("model"), *root.findall("world/model")]
-    links = {
-        (f"{one.get('name')}::" if len(nested) > 1 else "") + str(link.get("name")): link
-        for one in nested
-        for link in one.findall("link")
-    }
-    link = links[name]
+    models = named_models(Node(root, model.path))
+    link = next(
+        link.element
+        for before, one in models
+        for link in one.children("link")
+        if before + link.text("name") == name
+    )
     for unneeded in (*link.findall("pose"), *link.findall("visual"), *link.findall("sensor")):
         link.remove(unneeded)
     _with_absolute_meshes(link, model.path)

@@ -14,8 +14,8 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, finite, mp, rotation_of_rpy
-from bodycheck.scenarios.model_files.model import Joint, ModelFile, ModelLink, Shape, Stated
-from bodycheck.scenarios.model_files.urdf import resolved
+from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, Stated
+from bodycheck.scenarios.model_files.urdf import MOMENTS, SIZES, check_tree, collision_shapes, resolved
 from bodycheck.scenarios.model_files.xml_file import Node
 
 _KINDS = (
@@ -29,20 +29,6 @@ _KINDS = (
     "gearbox",
     "fixed",
 )
-_SIZES = {
-    "box": ("size",),
-    "sphere": ("radius",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-}
-_MOMENTS = (
-    (0, 0, "ixx", 1.0),
-    (1, 1, "iyy", 1.0),
-    (2, 2, "izz", 1.0),
-    (0, 1, "ixy", 0.0),
-    (0, 2, "ixz", 0.0),
-    (1, 2, "iyz", 0.0),
-)
 
 
 def read_sdf(root: Any, path: Path) -> ModelFile:
@@ -51,62 +37,57 @@ def read_sdf(root: Any, path: Path) -> ModelFile:
     Links of several models are named MODEL::LINK. Nested and included models are notes, not links.
     """
     sdf = Node(root, path)
-    models = [model for place in (sdf, *sdf.children("world")) for model in place.children("model")]
+    models = named_models(sdf)
     if not models:
         raise InputError(f"{sdf.where}: has no <model>")
     links: list[ModelLink] = []
     notes = []
-    for model in models:
-        before = f"{model.text('name')}::" if len(models) > 1 else ""
+    for before, model in models:
         links += _links(model, before, path)
         notes += [
             f"{nested.where}: what it adds to the model is not computed here"
             for nested in model.children("model", "include")
         ]
-    names = [link.name for link in links]
+    seen = set()
     for link in links:
-        if names.count(link.name) > 1:
-            raise InputError(f"{path}:{link.line}: <link>: another link has the name {link.name!r}")
+        if link.name in seen:
+            raise InputError(f"{path}:{link.line}: <link>: another link has the name {link.name!r:.80}")
+        seen.add(link.name)
     if not links:
-        raise InputError(f"{models[0].where}: has no <link>")
+        raise InputError(f"{models[0][1].where}: has no <link>")
     meshes = {shape.mesh for link in links for shape in link.shapes if shape.mesh}
     reads = tuple(sorted(resolved(name, path) for name in meshes))
     return ModelFile(path, "sdf", tuple(links), reads, tuple(notes))
 
 
+def named_models(sdf: Node) -> list[tuple[str, Node]]:
+    """Return what precedes the names of each model's links, and the model."""
+    models = [model for place in (sdf, *sdf.children("world")) for model in place.children("model")]
+    return [(f"{model.text('name')}::" if len(models) > 1 else "", model) for model in models]
+
+
 def _links(model: Node, before: str, path: Path) -> list[ModelLink]:
-    nodes = {node.text("name"): node for node in model.children("link")}
-    poses = {name: _pose(node) for name, node in nodes.items()}
+    nodes = [(node.text("name"), node) for node in model.children("link")]
+    poses = {name: _pose(node) for name, node in nodes}
     joints: dict[str, tuple[str, Joint]] = {}
     for node in model.children("joint"):
         parent, child = (_content(node, tag) for tag in ("parent", "child"))
         for end in (parent, child):
-            if end not in nodes and end != "world":
+            if end not in poses and end != "world":
                 raise InputError(f"{node.where}: there is no link {end!r:.60}")
         if child in joints:
             raise InputError(f"{node.where}: link {child!r:.60} has two parents")
         joints[child] = (parent, _joint(node))
+    check_tree({child: parent for child, (parent, _) in joints.items()}, model)
     links = []
-    for name, node in nodes.items():
+    for name, node in nodes:
         parent, joint = joints.get(name, ("world", None))
         pose = poses[name] if parent == "world" else poses[parent].inverse() @ poses[name]
         above = None if parent == "world" else before + parent
         links.append(
             ModelLink(before + name, node.line, path, above, pose, joint, _stated(node), tuple(_shapes(node)))
         )
-    _check_tree(links, model)
     return links
-
-
-def _check_tree(links: list[ModelLink], model: Node) -> None:
-    parents = {link.name: link.parent for link in links}
-    for start in parents:
-        at, seen = parents[start], {start}
-        while at is not None:
-            if at in seen:
-                raise InputError(f"{model.where}: link {at!r:.60} is its own ancestor")
-            seen.add(at)
-            at = parents[at]
 
 
 def _content(node: Node, tag: str) -> str:
@@ -164,8 +145,8 @@ def _stated(link: Node) -> Stated:
     inertial = link.child("inertial")
     inertia = None if inertial is None else inertial.child("inertia")
     tensor = np.zeros((3, 3))
-    for i, j, name, default in _MOMENTS:
-        tensor[i, j] = tensor[j, i] = _number(inertia, name, default)
+    for i, j, name in MOMENTS:
+        tensor[i, j] = tensor[j, i] = _number(inertia, name, float(i == j))
     body = ExactInertia(mp.mpf(_number(inertial, "mass", 1.0)), exact(np.zeros(3)), exact(tensor))
     if inertial is None:
         return Stated(link.line, body, Frame.of(), "by the defaults of SDFormat")
@@ -174,20 +155,18 @@ def _stated(link: Node) -> Stated:
 
 def _shapes(link: Node) -> list[Shape]:
     found = []
-    for node in link.children("collision"):
-        geometry = node.child("geometry")
-        for shape in geometry.children() if geometry is not None else ():
-            if shape.tag in _SIZES:
-                parts = [shape.child(name) for name in _SIZES[shape.tag]]
-                size = [
-                    value
-                    for name, part in zip(_SIZES[shape.tag], parts, strict=True)
-                    if part is not None
-                    for value in _numbers(part, 3 if name == "size" else 1)
-                ]
-                found.append(Shape(shape.tag, tuple(size), _pose(node)))
-            elif shape.tag == "mesh" and shape.child("uri") is not None:
-                scale = shape.child("scale")
-                factors = (1.0, 1.0, 1.0) if scale is None else tuple(_numbers(scale, 3))
-                found.append(Shape("mesh", (), _pose(node), _content(shape, "uri"), factors))
+    for node, shape in collision_shapes(link):
+        if shape.tag in SIZES:
+            parts = ((name, shape.child(name)) for name in SIZES[shape.tag])
+            size = [
+                value
+                for name, part in parts
+                if part is not None
+                for value in _numbers(part, 3 if name == "size" else 1)
+            ]
+            found.append(Shape(shape.tag, tuple(size), _pose(node)))
+        elif shape.tag == "mesh" and shape.child("uri") is not None:
+            scale = shape.child("scale")
+            factors = (1.0, 1.0, 1.0) if scale is None else tuple(_numbers(scale, 3))
+            found.append(Shape("mesh", (), _pose(node), _content(shape, "uri"), factors))
     return found

@@ -12,7 +12,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, primitive
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh
 from bodycheck.scenarios.model_files.exact import doubles
-from bodycheck.scenarios.model_files.model import ModelFile, ModelLink, Shape
+from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink, Shape
 from bodycheck.scenarios.model_files.urdf import resolved
 
 _LARGEST_MESH = 30_000_000  # bytes

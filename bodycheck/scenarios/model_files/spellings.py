@@ -22,7 +22,7 @@ from bodycheck.scenarios.model_files.exact import (
     mp,
     rotation_of_rpy,
 )
-from bodycheck.scenarios.model_files.model import Format
+from bodycheck.scenarios.model_files.model_file import Format
 
 _MASS, _CENTRE = 2.5, (0.08, -0.05, 0.12)
 _MOMENTS, _AXES_RPY = (0.031, 0.052, 0.067), (0.4, -0.7, 1.1)

@@ -6,6 +6,7 @@ frame in the link frame, in m and fixed-axis roll, pitch, yaw; the tensor is in 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,14 @@ import numpy as np
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.exact import ExactInertia, Frame, exact, mp, rotation_of_rpy
-from bodycheck.scenarios.model_files.model import Joint, ModelFile, ModelLink, Shape, Stated
+from bodycheck.scenarios.model_files.model_file import Joint, ModelFile, ModelLink, Shape, Stated
 from bodycheck.scenarios.model_files.xml_file import Node
 
 _MOVING = ("revolute", "continuous", "prismatic", "floating", "planar", "spherical")
-_SIZES = {
+
+MOMENTS = ((0, 0, "ixx"), (1, 1, "iyy"), (2, 2, "izz"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 2, "iyz"))
+"""Row, column and name of each number of <inertia>."""
+SIZES = {
     "box": ("size",),
     "sphere": ("radius",),
     "cylinder": ("radius", "length"),
@@ -36,7 +40,7 @@ def read_urdf(root: Any, path: Path) -> ModelFile:
         if names.count(name) > 1:
             raise InputError(f"{node.where}: another link has the name {name!r}")
     parents = _parents(robot, set(names))
-    _check_tree(parents, robot)
+    check_tree({child: parent for child, (parent, _, _) in parents.items()}, robot)
     links = []
     for node, name in zip(nodes, names, strict=True):
         parent, pose, joint = parents.get(name, (None, Frame.of(), None))
@@ -108,13 +112,14 @@ def _parents(robot: Node, names: set[str]) -> dict[str, tuple[str, Frame, Joint]
     return found
 
 
-def _check_tree(parents: dict[str, tuple[str, Frame, Joint]], robot: Node) -> None:
+def check_tree(parents: Mapping[str, str], model: Node) -> None:
+    """Raise InputError if a link is its own ancestor; parents: child -> parent."""
     for start in parents:
         name, seen = start, {start}
         while name in parents:
-            name = parents[name][0]
+            name = parents[name]
             if name in seen:
-                raise InputError(f"{robot.where}: link {name!r} is its own ancestor")
+                raise InputError(f"{model.where}: link {name!r} is its own ancestor")
             seen.add(name)
 
 
@@ -153,14 +158,7 @@ def _stated(link: Node) -> Stated | None:
     m = mp.mpf(mass.number("value")) if mass is not None else mp.mpf(0)
     tensor = np.zeros((3, 3))
     if inertia is not None:
-        for i, j, name in (
-            (0, 0, "ixx"),
-            (1, 1, "iyy"),
-            (2, 2, "izz"),
-            (0, 1, "ixy"),
-            (0, 2, "ixz"),
-            (1, 2, "iyz"),
-        ):
+        for i, j, name in MOMENTS:
             tensor[i, j] = tensor[j, i] = inertia.number(name, 0.0)
     body = ExactInertia(m, exact(np.zeros(3)), exact(tensor))
     return Stated(inertial.line, body, _origin(inertial))
@@ -172,15 +170,21 @@ def _inertia_scaling(link: Node) -> float:
     return 1.0 if scaling is None else scaling.number("value", 1.0)
 
 
-def _shapes(link: Node) -> list[Shape]:
-    found = []
+def collision_shapes(link: Node) -> Iterator[tuple[Node, Node]]:
+    """Yield the <collision> and the element below its <geometry>, of each shape of a link."""
     for node in link.children("collision"):
         geometry = node.child("geometry")
         for shape in geometry.children() if geometry is not None else ():
-            if shape.tag in _SIZES:
-                size = tuple(value for name in _SIZES[shape.tag] for value in shape.numbers(name))
-                found.append(Shape(shape.tag, size, _origin(node)))
-            elif shape.tag == "mesh" and "filename" in shape:
-                scale = tuple(shape.numbers("scale", None, "1 1 1"))
-                found.append(Shape("mesh", (), _origin(node), shape.text("filename"), scale))
+            yield node, shape
+
+
+def _shapes(link: Node) -> list[Shape]:
+    found = []
+    for node, shape in collision_shapes(link):
+        if shape.tag in SIZES:
+            size = tuple(value for name in SIZES[shape.tag] for value in shape.numbers(name))
+            found.append(Shape(shape.tag, size, _origin(node)))
+        elif shape.tag == "mesh" and "filename" in shape:
+            scale = tuple(shape.numbers("scale", None, "1 1 1"))
+            found.append(Shape("mesh", (), _origin(node), shape.text("filename"), scale))
     return found

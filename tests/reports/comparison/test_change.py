@@ -9,12 +9,20 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from bodycheck.reports.comparison.accuracy import accuracy_changes, noise
-from bodycheck.reports.comparison.change import Change, Kind, by_rank
+from bodycheck.reports.comparison.change import (
+    Change,
+    Kind,
+    Ratio,
+    accuracy_changes,
+    by_rank,
+    noise,
+    ratio,
+    speed_changes,
+    stability_change,
+)
 from bodycheck.reports.comparison.compare import compare, ended_well_anew
 from bodycheck.reports.comparison.describe import _KINDS, change_text, groups, identity, sentences
 from bodycheck.reports.comparison.environment_diff import circumstances, redefined
-from bodycheck.reports.comparison.speed_changes import Ratio, ratio, speed_changes, stability_change
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
 from tests.helpers.gate_tables import make_tables

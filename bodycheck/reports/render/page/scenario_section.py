@@ -12,9 +12,9 @@ from bodycheck._util.formatting import step
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import STATES
-from bodycheck.reports.render.page.answers import START, cell_data
+from bodycheck.reports.render.page.cheapest_settings import START, cell_data
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cheapest, cheapest_cases
-from bodycheck.reports.render.page.motion import motion_view
+from bodycheck.reports.render.page.played_motions import motion_view
 from bodycheck.reports.render.page.plots import coinciding, growth_words, plot_data
 from bodycheck.reports.render.page.scenario_facts import Limit, limit_of, read_back_facts, scenario_facts
 from bodycheck.reports.render.styles import Style

@@ -26,7 +26,7 @@ START = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Answers:
+class CheapestSettings:
     """The answers of `bodycheck advise` to each position of the slider."""
 
     run: Run

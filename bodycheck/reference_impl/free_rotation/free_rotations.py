@@ -9,10 +9,72 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.free_rotation.classification import ExactState
-from bodycheck.reference_impl.free_rotation.evaluation import evaluate
-from bodycheck.reference_impl.free_rotation.packing import HORIZON, QUARTER_PERIOD, WIDTH
-from bodycheck.reference_impl.free_rotation.set_up import begin, begin_steady, estimate_separations
+from bodycheck.reference_impl.free_rotation.classification import (
+    ExactState,
+    is_certainly_tumbling,
+    separation_of,
+)
+from bodycheck.reference_impl.free_rotation.packing import (
+    HORIZON,
+    QUARTER_PERIOD,
+    WIDTH,
+    Steady,
+    Tumbling,
+    is_steady,
+    put_tumbling,
+    steady_in,
+    tumbling_in,
+)
+from bodycheck.reference_impl.free_rotation.principal_state import state_at, turned
+from bodycheck.reference_impl.free_rotation.set_up import (
+    begin,
+    begin_steady,
+    estimate_separations,
+    frame_of,
+    placed,
+    unit,
+)
+from bodycheck.reference_impl.free_rotation.tensor_axes import Frame
+from bodycheck.reference_impl.free_rotation.tumbling_constants import numbered, tumble
+from bodycheck.reference_impl.kernels.jit import exact_kernel, long_exact_kernel
+from bodycheck.reference_impl.kernels.small_vectors import exact_quaternion_times as quaternion_times
+from bodycheck.reference_impl.kernels.small_vectors import exact_times as times
+
+
+@exact_kernel
+def _tumbling_at(tumbling: Tumbling, high: Array, low: Array, quaternion: Array, omega: Array) -> None:
+    frequency = tumbling.frequency
+    for i in range(len(high)):
+        relative, omega_axes = state_at(tumbling.motion, (frequency * high[i], frequency * low[i]))
+        q = unit(quaternion_times(quaternion_times(tumbling.left, relative), tumbling.right))
+        w = times(tumbling.axes, omega_axes)
+        for j in range(4):
+            quaternion[i, j] = q[j]
+        for j in range(3):
+            omega[i, j] = frequency * w[j]
+
+
+@exact_kernel
+def _steady_at(motion: Steady, high: Array, low: Array, quaternion: Array, omega: Array) -> None:
+    axis, frequency = motion.axis, motion.frequency
+    for i in range(len(high)):
+        s, c = turned(motion.turn_rate, (frequency * high[i], frequency * low[i]), 0.0)
+        q = unit(quaternion_times(motion.quaternion, (c, s * axis[0], s * axis[1], s * axis[2])))
+        for j in range(4):
+            quaternion[i, j] = q[j]
+        for j in range(3):
+            omega[i, j] = motion.omega[j]
+
+
+@long_exact_kernel
+def evaluate(rows: Array, high: Array, low: Array, quaternion: Array, omega: Array) -> None:
+    """Fill quaternion (m, n, 4) and omega (m, n, 3) of m bodies at times high + low, (n,) each, in s."""
+    for k in range(len(rows)):
+        if is_steady(rows[k]):
+            _steady_at(steady_in(rows[k]), high, low, quaternion[k], omega[k])
+        else:
+            _tumbling_at(tumbling_in(rows[k]), high, low, quaternion[k], omega[k])
+
 
 _SYMMETRY_TOLERANCE = 1e-12
 
@@ -179,3 +241,32 @@ def _symmetric(tensors: Array) -> Array:
     if skew.any():
         raise ValueError(f"inertia must be symmetric, got {tensors[skew][0].tolist()}")
     return 0.5 * tensors + 0.5 * turned
+
+
+_INERTIA, _OMEGA, _QUATERNION = (
+    np.diag([1.0, 2.0, 3.0]).ravel(),
+    np.array([0.1, 2.0, 0.1]),
+    np.array([1.0, 0.0, 0.0, 0.0]),
+)
+
+
+def compile_frame_and_evaluation() -> None:
+    """Compile the kernels from a tensor to its principal frame, and from a row to the motion at times."""
+    frame_of(_INERTIA, _OMEGA, np.zeros(3))
+    nothing = np.zeros(0)
+    evaluate(np.zeros((0, WIDTH)), nothing, nothing, np.zeros((0, 0, 4)), np.zeros((0, 0, 3)))
+
+
+def compile_tumbling() -> None:
+    """Compile the kernels from the principal frame to a row."""
+    frame = Frame(
+        moments=((1.0, 0.0), (2.0, 0.0), (3.0, 0.0)),
+        gaps=((1.0, 0.0), (2.0, 0.0), (1.0, 0.0)),
+        omega=((0.1, 0.0), (2.0, 0.0), (0.1, 0.0)),
+        axes=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    )
+    axes = numbered(frame, False)
+    is_certainly_tumbling(axes)
+    _, separation = separation_of(axes)
+    axes = numbered(frame, separation.descending)
+    put_tumbling(np.empty(WIDTH), placed(tumble(axes, separation), axes, _OMEGA, _QUATERNION))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bodycheck._util.errors import InputError
 from bodycheck.scenarios.model_files.mjcf import read_mjcf
-from bodycheck.scenarios.model_files.model import ModelFile
+from bodycheck.scenarios.model_files.model_file import ModelFile
 from bodycheck.scenarios.model_files.sdf import read_sdf
 from bodycheck.scenarios.model_files.urdf import read_urdf
 from bodycheck.scenarios.model_files.xml_file import Node, parse_xml

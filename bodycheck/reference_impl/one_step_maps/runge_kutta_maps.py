@@ -14,8 +14,16 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.integrators.dormand_prince import TABLEAU as _DOP853
 from bodycheck.reference_impl.one_step_maps.first_order import Carried, gyroscopic, momentum_of
-from bodycheck.reference_impl.one_step_maps.motion import Loads, Motion, Solid, back, stepped, times
-from bodycheck.reference_impl.one_step_maps.one_step_map import Attitude, OneStepMap
+from bodycheck.reference_impl.one_step_maps.one_step_map import (
+    Attitude,
+    Loads,
+    Motion,
+    OneStepMap,
+    Solid,
+    back,
+    stepped,
+    times,
+)
 from bodycheck.reference_impl.one_step_maps.tableaus import EXPLICIT, IMPLICIT, NamedTableau
 from bodycheck.reference_impl.rotations import (
     hat,
