@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from bodycheck.reports.run_files.run_reader import read_tables
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.scenario_texts import tumbling
 
 pytest_plugins = ["pytester"]
@@ -315,6 +316,12 @@ def test_adapter_instance_is_registered_for_its_test_only(inner: pytest.Pytester
     run(inner).assert_outcomes(passed=2)
 
 
+def error_of(done: pytest.RunResult) -> str:
+    """Return the line with which a collection ended."""
+    (after,) = (number for number, line in enumerate(done.outlines) if " ERROR collecting " in line)
+    return done.outlines[after + 1]
+
+
 MARKED = """
 import pytest
 
@@ -348,16 +355,16 @@ def test_options_complete_the_marker(inner: pytest.Pytester) -> None:
 
 
 @pytest.mark.parametrize(
-    ("marker", "options", "message"),
+    ("marker", "options"),
     [
-        ("speed=1", (), "the marker bodycheck takes scenario=, engine=, method=, dt_s=, not speed"),
-        ("'mine.toml'", (), "not 'mine.toml'"),
-        ("dt_s=0.1", ("--bodycheck-engines", "havok"), "unknown engine 'havok'"),
-        ("dt_s=0.1", ("--bodycheck-suite", "nope"), "nope: is neither"),
+        ("speed=1", ()),
+        ("'mine.toml'", ()),
+        ("dt_s=0.1", ("--bodycheck-engines", "havok")),
+        ("dt_s=0.1", ("--bodycheck-suite", "nope")),
     ],
 )
 def test_wrong_marker_or_option_stops_the_session(
-    inner: pytest.Pytester, marker: str, options: tuple[str, ...], message: str
+    inner: pytest.Pytester, marker: str, options: tuple[str, ...], expected_message: ExpectedMessage
 ) -> None:
     """One line describes the error, without a traceback; no test passes."""
     inner.makepyfile(
@@ -365,7 +372,7 @@ def test_wrong_marker_or_option_stops_the_session(
     )
     done = run(inner, *options)
     assert done.ret != 0
-    assert message in done.stdout.str() + done.stderr.str()
+    expected_message(error_of(done))
     assert not any(word in done.stdout.str() + done.stderr.str() for word in ("Traceback", "pluggy/"))
     done.assert_outcomes(errors=1)
 
@@ -416,21 +423,21 @@ def test_each_gate_of_a_file_is_a_test(inner: pytest.Pytester) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    "options",
     [
-        ((), "bodycheck_gate needs --bodycheck-tolerances FILE"),
-        (("--bodycheck-tolerances", "mine.toml"), "mine.toml: gate: needs at least one [[gate]] table"),
-        (("--bodycheck-tolerances", "no.toml"), "no.toml: cannot be read"),
+        (),
+        ("--bodycheck-tolerances", "mine.toml"),
+        ("--bodycheck-tolerances", "no.toml"),
     ],
 )
 def test_gates_without_a_valid_file_stop_the_session(
-    inner: pytest.Pytester, options: tuple[str, ...], message: str
+    inner: pytest.Pytester, options: tuple[str, ...], expected_message: ExpectedMessage
 ) -> None:
     """A missing file must not pass, because nothing would be gated."""
     inner.makepyfile(USING_GATES)
     done = run(inner, *options)
     assert done.ret != 0
-    assert message in done.stdout.str() + done.stderr.str()
+    expected_message(error_of(done))
     assert "pluggy/" not in done.stdout.str()
 
 

@@ -470,20 +470,16 @@ def test_environments_are_listed_and_removed(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.usefixtures("fake")
-def test_environment_commands_list_and_remove(tmp_path: Path) -> None:
+def test_environment_commands_list_and_remove(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """There is one line per environment; a name removes all its versions; no argument is refused."""
     places = [environments.python_of(pin).parents[1] for pin in (PIN, Pin("mujoco", "3.7.0"))]
     listed = run_bodycheck(tmp_path, "environments", "list").stdout.splitlines()
     lines = [line for line in listed if not line.startswith(" ")]
     assert lines == [f"mujoco==3.{6 + k}.0  0 MB  {place}" for k, place in enumerate(places)]
-    for words, told in (
-        ((), "give either names like mujoco==3.17.0 or --all"),
-        (("mujoco==3.6.0", "--all"), "give either names like mujoco==3.17.0 or --all"),
-        (("mujoco==3.8.0",), "no environment for mujoco==3.8.0 (available: mujoco==3.6.0, mujoco==3.7.0)"),
-    ):
+    for words in ((), ("mujoco==3.6.0", "--all"), ("mujoco==3.8.0",)):
         refused = run_bodycheck(tmp_path, "environments", "remove", *words)
         assert refused.returncode == 2
-        assert told in refused.stderr
+        expected_message(refused.stderr)
     assert all(place.exists() for place in places)
     removed = run_bodycheck(tmp_path, "environments", "remove", "mujoco==3.6.0")
     assert removed.stdout.split() == [str(places[0])]

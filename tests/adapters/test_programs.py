@@ -56,38 +56,42 @@ def test_command_is_not_a_pin() -> None:
     assert pin_of("cmd:./worker a==b") is None
 
 
-FILES = {
-    "engines = 1": "engines.toml: engines: ",
-    "[engines.a]": "engines.toml: engines.a.command: is required",
-    "[engines.a]\ncommand = []": "engines.toml: engines.a.command: ",
-    "[engines.a]\ncommand = ['x']\ncolour = 1": "engines.toml: engines.a.colour: ",
-    "[engines.mujoco]\ncommand = ['x']": "engines.toml: engines.mujoco: is the name of another engine",
-    "[engines.'a b']\ncommand = ['x']": "engines.toml: engines.a b",
-    "[engines": "engines.toml: is not TOML",
-}
+FILES = (
+    "engines = 1",
+    "[engines.a]",
+    "[engines.a]\ncommand = []",
+    "[engines.a]\ncommand = ['x']\ncolour = 1",
+    "[engines.mujoco]\ncommand = ['x']",
+    "[engines.'a b']\ncommand = ['x']",
+    "[engines",
+)
 
 
 @pytest.mark.parametrize("text", FILES)
-def test_wrong_file_of_engines_is_refused_in_one_line(text: str, folder: Path) -> None:
+def test_wrong_file_of_engines_is_refused_in_one_line(
+    text: str, folder: Path, expected_message: ExpectedMessage
+) -> None:
     """The line names the file and the key."""
     (folder / "engines.toml").write_text(text)
-    with pytest.raises(InputError, match=FILES[text].replace("[", r"\[")) as refused:
+    with expected_message.raises(InputError) as refused:
         program_of("a")
     assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
+    "name",
     [
-        ("cmd:", "cmd:: no command"),
-        ("cmd:'open", "cmd:'open: No closing quotation"),
-        ("cmd:./no-such-program", "no such program: ./no-such-program"),
-        ("nothing", "unknown engine 'nothing'"),
+        "cmd:",
+        "cmd:'open",
+        "cmd:./no-such-program",
+        "nothing",
     ],
 )
-def test_program_that_does_not_exist_is_refused_before_anything_runs(name: str, message: str) -> None:
+def test_program_that_does_not_exist_is_refused_before_anything_runs(
+    name: str, expected_message: ExpectedMessage
+) -> None:
     """The line names the program."""
-    with pytest.raises(InputError, match=message):
+    with expected_message.raises(InputError):
         select(["mine.toml"], engines=[name])
 
 

@@ -718,43 +718,47 @@ _EYE = np.eye(3)
 
 
 @pytest.mark.parametrize(
-    ("inertia", "quaternion", "omega", "message"),
+    ("inertia", "quaternion", "omega"),
     [
-        (np.diag([1, math.nan, 1]), QUATERNION, [1, 2, 3], "inertia must be finite.*nan"),
-        (_EYE, [1, 0, math.inf, 0], [1, 2, 3], "quaternion must be finite.*inf"),
-        (_EYE, QUATERNION, [1, -math.inf, 3], "omega_body must be finite.*-inf"),
-        (_EYE, [0, 0, 0, 0], [1, 2, 3], "quaternion must not be zero"),
-        (np.diag([1, 1, 0]), QUATERNION, [1, 2, 3], "positive definite.*0.0"),
-        (np.diag([1, -1e-300, 1]), QUATERNION, [1, 2, 3], "positive definite.*-1e-300"),
-        ([[1, 1, 0], [1, 1, 0], [0, 0, 1]], QUATERNION, [1, 2, 3], "positive definite"),
-        (-_EYE, QUATERNION, [1, 2, 3], "positive definite"),
-        (np.zeros((3, 3)), QUATERNION, [1, 2, 3], "positive definite"),
-        ([[1, 1e-9, 0], [0, 1, 0], [0, 0, 1]], QUATERNION, [1, 2, 3], "symmetric.*1e-09"),
-        ([1, 2, 3], QUATERNION, [1, 2, 3], r"inertia must have shape \(3, 3\)"),
-        (_EYE, [1, 0, 0], [1, 2, 3], r"quaternion must have shape \(4,\)"),
-        (_EYE, QUATERNION, [[1, 2, 3]], r"omega_body must have shape \(3,\)"),
+        (np.diag([1, math.nan, 1]), QUATERNION, [1, 2, 3]),
+        (_EYE, [1, 0, math.inf, 0], [1, 2, 3]),
+        (_EYE, QUATERNION, [1, -math.inf, 3]),
+        (_EYE, [0, 0, 0, 0], [1, 2, 3]),
+        (np.diag([1, 1, 0]), QUATERNION, [1, 2, 3]),
+        (np.diag([1, -1e-300, 1]), QUATERNION, [1, 2, 3]),
+        ([[1, 1, 0], [1, 1, 0], [0, 0, 1]], QUATERNION, [1, 2, 3]),
+        (-_EYE, QUATERNION, [1, 2, 3]),
+        (np.zeros((3, 3)), QUATERNION, [1, 2, 3]),
+        ([[1, 1e-9, 0], [0, 1, 0], [0, 0, 1]], QUATERNION, [1, 2, 3]),
+        ([1, 2, 3], QUATERNION, [1, 2, 3]),
+        (_EYE, [1, 0, 0], [1, 2, 3]),
+        (_EYE, QUATERNION, [[1, 2, 3]]),
     ],
 )
-def test_impossible_states_are_refused(inertia: Any, quaternion: Any, omega: Any, message: str) -> None:
+def test_impossible_states_are_refused(
+    inertia: Any, quaternion: Any, omega: Any, expected_message: ExpectedMessage
+) -> None:
     """An impossible state is refused, and the message shows it."""
-    with pytest.raises(ValueError, match=message):
+    with expected_message.raises(ValueError):
         FreeRotation.from_state(inertia, quaternion, omega)
 
 
 @pytest.mark.parametrize("omega", [[0.1, 2, 0.1], [0, 2, 0]])
 @pytest.mark.parametrize(
-    ("times", "message"),
+    "times",
     [
-        ([0.0, math.nan], "finite.*nan"),
-        ([-math.inf], "finite.*-inf"),
-        ([1.0, -1e18], r"-1e\+18"),
-        (1.0, "shape"),
-        ([[1.0]], "shape"),
+        [0.0, math.nan],
+        [-math.inf],
+        [1.0, -1e18],
+        1.0,
+        [[1.0]],
     ],
 )
-def test_impossible_times_are_refused(omega: list[float], times: Any, message: str) -> None:
+def test_impossible_times_are_refused(
+    omega: list[float], times: Any, expected_message: ExpectedMessage
+) -> None:
     """Times that are not finite, or too far for the phase to be known, are refused with their value."""
-    with pytest.raises(ValueError, match=message):
+    with expected_message.raises(ValueError):
         closed_form([1, 2, 3], omega).at(times)
 
 

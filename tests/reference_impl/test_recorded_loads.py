@@ -18,6 +18,7 @@ from bodycheck.reference_impl.pivot import about_pivot
 from bodycheck.reference_impl.scene import Drag, GravityGradient, RigidBody, Scene, SineTorque, Spring, State
 from bodycheck.reference_impl.truth.certification import certified_truth
 from bodycheck.reference_impl.truth.motion_distance import distances
+from tests.helpers.expected_messages import ExpectedMessage
 
 DOCS = Path(__file__).parents[2] / "docs"
 START = State(
@@ -148,16 +149,18 @@ def test_each_operation_is_recorded(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("formula", "message"),
+    "formula",
     [
-        (lambda at: at.t if at.t > 1.0 else 0.0 * at.t, "branches on the motion"),
-        (lambda at: np.exp(at.t), "exp"),
-        (lambda at: at.t**3, r"\*\*"),
+        lambda at: at.t if at.t > 1.0 else 0.0 * at.t,
+        lambda at: np.exp(at.t),
+        lambda at: at.t**3,
     ],
 )
-def test_unsupported_operation_is_refused(formula: Callable[[Instants], Array], message: str) -> None:
+def test_unsupported_operation_is_refused(
+    formula: Callable[[Instants], Array], expected_message: ExpectedMessage
+) -> None:
     """A branch and a function without a known series are refused by name."""
-    with pytest.raises(TypeError, match=message):
+    with expected_message.raises(TypeError):
         packed_lasting(scene_of(Formula(formula)))
 
 

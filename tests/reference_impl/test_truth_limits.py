@@ -115,14 +115,12 @@ rest_length_m = 0.5
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("x", "why"), [("1.5", "at its anchor"), ("0.0", "ends before the second sample")])
-def test_run_without_a_truth_is_refused(
-    x: str, why: str, tmp_path: Path, expected_message: ExpectedMessage
-) -> None:
+@pytest.mark.parametrize("x", ["1.5", "0.0"])
+def test_run_without_a_truth_is_refused(x: str, tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """A run whose truth ends within it is refused with the reason; so is a truth beyond its end."""
     path = tmp_path / "through.toml"
     path.write_text(THROUGH.format(x=x), encoding="utf-8")
-    with pytest.raises(InputError, match=why):
+    with expected_message.raises(InputError):
         bodycheck.run([path], engines=["reference:rk4"], dt_s=[0.1], speed=False)
     with expected_message.raises(InputError):
         bodycheck.truth(path, [0.0, 10.0])

@@ -24,6 +24,7 @@ from bodycheck.reports.summary.advice import (
 from bodycheck.reports.summary.advice_document import advice_document
 from bodycheck.reports.summary.cases_within import ladders_of
 from bodycheck.reports.summary.error_curve import ErrorCurve
+from tests.helpers.expected_messages import ExpectedMessage
 
 BOUND = 1e-14
 ERROR = "orientation_error_rad"
@@ -267,21 +268,21 @@ def test_the_last_line_of_an_answer_is_the_one_to_paste(capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(
-    ("error", "dt_s", "quantity", "message"),
+    ("error", "dt_s", "quantity"),
     [
-        (0.0, None, ERROR, "--error 0.0: must be a positive number"),
-        (float("nan"), None, ERROR, "--error nan: must be a positive number"),
-        (float("inf"), None, ERROR, "--error inf"),
-        (None, -1.0, ERROR, "--dt -1.0: must be a positive number"),
-        (None, None, ERROR, "give one of --error, the error to meet, and --dt"),
-        (1e-3, 1e-3, ERROR, "give one of --error, the error to meet, and --dt"),
-        (1e-3, None, "cpu_s", r"--quantity cpu_s: unknown quantity \(available: orientation_error_rad"),
-        (1e-3, None, "quaternion_norm_error", "unknown quantity"),
+        (0.0, None, ERROR),
+        (float("nan"), None, ERROR),
+        (float("inf"), None, ERROR),
+        (None, -1.0, ERROR),
+        (None, None, ERROR),
+        (1e-3, 1e-3, ERROR),
+        (1e-3, None, "cpu_s"),
+        (1e-3, None, "quaternion_norm_error"),
     ],
 )
 def test_a_wrong_question_is_refused(
-    error: float | None, dt_s: float | None, quantity: str, message: str
+    error: float | None, dt_s: float | None, quantity: str, expected_message: ExpectedMessage
 ) -> None:
     """One line says what would be right."""
-    with pytest.raises(InputError, match=message):
+    with expected_message.raises(InputError):
         check_question(error, dt_s, quantity)

@@ -12,6 +12,7 @@ import bodycheck
 from bodycheck._util.formatting import number
 from bodycheck.reports.measurement.convergence import Judged, Point, tolerance_convergence
 from bodycheck.reports.render.page.scenario_facts import scenario_facts
+from tests.helpers.expected_messages import ExpectedMessage
 
 CHAOTIC = """
 name = "long torque"
@@ -65,17 +66,17 @@ def test_requested_tolerances_replace_the_default_ones() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tolerances", "message"),
+    "tolerances",
     [
-        ([0.0], "a tolerance must be a number between 0 and 1, not 0.0"),
-        ([float("nan")], "between 0 and 1, not nan"),
-        ([1.0], "not 1.0"),
-        ([1e-6, 1e-6], "the tolerance 1e-06 is given twice"),
+        [0.0],
+        [float("nan")],
+        [1.0],
+        [1e-6, 1e-6],
     ],
 )
-def test_impossible_tolerance_is_refused(tolerances: list[float], message: str) -> None:
+def test_impossible_tolerance_is_refused(tolerances: list[float], expected_message: ExpectedMessage) -> None:
     """One line names the value."""
-    with pytest.raises(bodycheck.InputError, match=message):
+    with expected_message.raises(bodycheck.InputError):
         bodycheck.run(["full-tensor"], engines=["reference:taylor"], tolerances=tolerances)
 
 

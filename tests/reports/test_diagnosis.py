@@ -29,6 +29,7 @@ from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.directory import write_run
 from bodycheck.scenarios.library import load_scenario
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.planted_faults import FAULTS as PLANTED
 from tests.helpers.planted_faults import Faulty
@@ -229,7 +230,9 @@ def run() -> Run:
 
 
 @pytest.mark.slow
-def test_a_run_diagnoses_wrong_methods_only(run: Run, tmp_path: Path) -> None:
+def test_a_run_diagnoses_wrong_methods_only(
+    run: Run, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """diagnoses.csv has one row, which is read back; the report and the command name the cause."""
     assert list(run.diagnoses["method"]) == ["no-gyroscopic-term"]
     assert list(run.diagnoses["faults"]) == ["gyroscopic-term"]
@@ -243,13 +246,10 @@ def test_a_run_diagnoses_wrong_methods_only(run: Run, tmp_path: Path) -> None:
     assert all(sentence in (tmp_path / name).read_text() for name in ("why.html", "why.md", "why.json"))
     named = run_bodycheck(tmp_path, "explain", "run", "--case", "full-tensor,faulty-m1:sound", "--json")
     assert '"verdict": "healthy"' in named.stdout
-    for words, told in (
-        (("--case", "nothing"), "--case nothing: no such case that ended well"),
-        (("--case", "a,b,c"), "--case a,b,c: 'c' is not a step in s"),
-        (("--out", "why.xls"), "--out why.xls: must end in"),
-    ):
+    for words in (("--case", "nothing"), ("--case", "a,b,c"), ("--out", "why.xls")):
         refused = run_bodycheck(tmp_path, "explain", "run", *words)
-        assert (refused.returncode, refused.stdout, told in refused.stderr) == (2, "", True)
+        assert (refused.returncode, refused.stdout) == (2, "")
+        expected_message(refused.stderr)
 
 
 @pytest.mark.slow

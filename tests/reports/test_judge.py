@@ -120,32 +120,32 @@ def test_trajectory_with_infinite_energy_is_unstable(tmp_path: Path) -> None:
 
 
 WRONG = {
-    "no file": (None, "cannot be read"),
-    "empty": ("", "not a CSV file"),
-    "no rows": ("t_s,qw,qx,qy,qz\n", "has no rows"),
-    "no time": ("qw,qx,qy,qz\n1,0,0,0\n", "has no t_s"),
-    "time alone": ("t_s\n0\n", "has no quantity besides t_s"),
-    "half a vector": ("t_s,x_m\n0,0\n", "has x_m but not y_m, z_m"),
-    "unknown column": ("t_s,q0\n0,0\n", "unknown trajectory column q0"),
-    "text in a cell": ("t_s,x_m,y_m,z_m\n0,0,0,0\n1,0,high,0\n", "line 3: y_m is 'high', not a number"),
-    "an empty cell": ("t_s,x_m,y_m,z_m\n0,0,,0\n", "line 2: y_m is '', not a number"),
-    "one cell too many": ("t_s,x_m,y_m,z_m\n0,1,0,0,0\n1,1,0,0,0\n", "not a CSV file"),
-    "time stands still": ("t_s,x_m,y_m,z_m\n0,0,0,0\n0,0,0,0\n", "ascending order"),
-    "negative time": ("t_s,x_m,y_m,z_m\n-1,0,0,0\n", "t_s must lie between 0 and the duration"),
-    "past the end": ("t_s,x_m,y_m,z_m\n11,0,0,0\n", "t_s must lie between 0 and the duration"),
+    "no file": None,
+    "empty": "",
+    "no rows": "t_s,qw,qx,qy,qz\n",
+    "no time": "qw,qx,qy,qz\n1,0,0,0\n",
+    "time alone": "t_s\n0\n",
+    "half a vector": "t_s,x_m\n0,0\n",
+    "unknown column": "t_s,q0\n0,0\n",
+    "text in a cell": "t_s,x_m,y_m,z_m\n0,0,0,0\n1,0,high,0\n",
+    "an empty cell": "t_s,x_m,y_m,z_m\n0,0,,0\n",
+    "one cell too many": "t_s,x_m,y_m,z_m\n0,1,0,0,0\n1,1,0,0,0\n",
+    "time stands still": "t_s,x_m,y_m,z_m\n0,0,0,0\n0,0,0,0\n",
+    "negative time": "t_s,x_m,y_m,z_m\n-1,0,0,0\n",
+    "past the end": "t_s,x_m,y_m,z_m\n11,0,0,0\n",
 }
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_wrong_file_is_refused_in_one_line(what: str, tmp_path: Path) -> None:
+def test_wrong_file_is_refused_in_one_line(
+    what: str, tmp_path: Path, expected_message: ExpectedMessage
+) -> None:
     """The message names the file and the error."""
-    text, message = WRONG[what]
     path = tmp_path / "other.csv"
-    if text is not None:
+    if (text := WRONG[what]) is not None:
         path.write_text(text)
-    with pytest.raises(bodycheck.InputError, match=r"other\.csv") as caught:
+    with expected_message.raises(bodycheck.InputError):
         bodycheck.judge(path, "boxes")
-    assert message in str(caught.value)
 
 
 def test_invalid_npz_is_refused(tmp_path: Path, expected_message: ExpectedMessage) -> None:

@@ -335,40 +335,32 @@ def _row(values: np.ndarray) -> str:
 
 
 @pytest.mark.parametrize(
-    ("text", "part"),
+    "text",
     [
-        ("<robot><link name='a'/><link name='a'/></robot>", "model.xml:1: <link>: another link"),
-        ("<robot><link/></robot>", "<link>: has no attribute 'name'"),
-        ("<world/>", "is not a model"),
-        ("<robot", "is not XML"),
-        ('<!DOCTYPE r [<!ENTITY a "aa">]><robot name="&a;"><link name="b"/></robot>', "declares entities"),
-        ("<mujoco><worldbody><include file='none.xml'/></worldbody></mujoco>", "none.xml: cannot be read"),
-        ("<mujoco><worldbody><body><geom size='x'/></body></worldbody></mujoco>", "<geom>: size = 'x'"),
-        ("<sdf/>", "<sdf>: has no <model>"),
-        ("<sdf><model name='m'><link name='a'/><link name='a'/></model></sdf>", "<link>: another link"),
-        ("<sdf><model name='m'/></sdf>", "<model>: has no <link>"),
-        ("<sdf><model name='m'><link name='a'><pose>1 2 x 0 0 0</pose></link></model></sdf>", "<pose>: "),
-        (
-            "<sdf><model name='m'><link name='a'><pose relative_to='b'/></link></model></sdf>",
-            "<pose>: relative_to is not read",
-        ),
-        (
-            "<sdf><model name='m'><link name='a'/><joint name='j' type='fixed'><parent>b</parent>"
-            "<child>a</child></joint></model></sdf>",
-            "<joint>: there is no link 'b'",
-        ),
-        (
-            "<sdf><model name='m'><link name='a'/><joint name='j' type='fixed'><parent>a</parent>"
-            "<child>a</child></joint></model></sdf>",
-            "<model>: link 'a' is its own ancestor",
-        ),
+        "<robot><link name='a'/><link name='a'/></robot>",
+        "<robot><link/></robot>",
+        "<world/>",
+        "<robot",
+        '<!DOCTYPE r [<!ENTITY a "aa">]><robot name="&a;"><link name="b"/></robot>',
+        "<mujoco><worldbody><include file='none.xml'/></worldbody></mujoco>",
+        "<mujoco><worldbody><body><geom size='x'/></body></worldbody></mujoco>",
+        "<sdf/>",
+        "<sdf><model name='m'><link name='a'/><link name='a'/></model></sdf>",
+        "<sdf><model name='m'/></sdf>",
+        "<sdf><model name='m'><link name='a'><pose>1 2 x 0 0 0</pose></link></model></sdf>",
+        "<sdf><model name='m'><link name='a'><pose relative_to='b'/></link></model></sdf>",
+        "<sdf><model name='m'><link name='a'/><joint name='j' type='fixed'><parent>b</parent>"
+        "<child>a</child></joint></model></sdf>",
+        "<sdf><model name='m'><link name='a'/><joint name='j' type='fixed'><parent>a</parent>"
+        "<child>a</child></joint></model></sdf>",
     ],
 )
-def test_wrong_file_gives_one_line_that_names_the_place(text: str, part: str, tmp_path: Path) -> None:
+def test_wrong_file_gives_one_line_that_names_the_place(
+    text: str, expected_message: ExpectedMessage, tmp_path: Path
+) -> None:
     """A file that cannot be read gives one line with the file, the line and what is wrong."""
-    with pytest.raises(InputError) as caught:
+    with expected_message.raises(InputError) as caught:
         _read(text, tmp_path)
-    assert part in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

@@ -299,28 +299,30 @@ def klein_bottle(meshes: Any) -> tuple[Any, Any]:
     return vertices, np.where(seam, -triangles % 8, triangles)
 
 
-FAULTS = {
-    "open": "the mesh is open: 3 edges belong to one triangle only: from (0, 0, 0) to (0, 1, 1); from ",
-    "shared": "the mesh is not a surface: 3 edges are shared by more than two triangles, and matter and void",
-    "one-sided": "the mesh is not orientable: its surface has one side only; the two sides meet on ",
-    "flat": "the mesh is degenerate: the closed surface at (0, 0, 0) encloses no volume",
-    "collapsed": "the mesh is degenerate: each triangle has two equal corners",
-    "matter twice": "the mesh is ambiguous: the closed surface at (0.25, 0.25, 0.25) lies within",
-    "mended cavity": "the mesh is ambiguous: the closed surface at (0.25, 0.75, 0.75) lies within",
-    "crossing": "the mesh is ambiguous: its closed surfaces at (0, 0, 0) and (0.5, 0.5, 0.5) cross,",
-    "nan": "vertex 3 is not finite: [0.0, nan, 1.0]",
-    "infinite": "vertex 3 is not finite: [0.0, inf, 1.0]",
-    "no such vertex": "triangle 2 has the corners [0, 4, 8], but vertices are 0 to 7",
-    "negative": "triangle 2 has the corners [0, 4, -1], but vertices are 0 to 7",
-    "no triangles": "the mesh has no triangles",
-    "huge": "the largest coordinate is 1e+60 m; it must be within 1e-50 to 1e+50 m",
-    "vertices": "vertices must be (n, 3), not (12, 2)",
-    "triangles": "triangles must be whole numbers (m, 3), not float64 (12, 3)",
-}
+FAULTS = (
+    "open",
+    "shared",
+    "one-sided",
+    "flat",
+    "collapsed",
+    "matter twice",
+    "mended cavity",
+    "crossing",
+    "nan",
+    "infinite",
+    "no such vertex",
+    "negative",
+    "no triangles",
+    "huge",
+    "vertices",
+    "triangles",
+)
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_faults_are_refused_with_their_place(fault: str, meshes: Any, joined: Any) -> None:
+def test_faults_are_refused_with_their_place(
+    fault: str, meshes: Any, joined: Any, expected_message: ExpectedMessage
+) -> None:
     """A mesh that bounds no solid, or more than one possible solid, is refused with the place."""
     vertices, triangles = meshes.box()
     inner = meshes.box([0.25] * 3, [0.75] * 3)
@@ -359,9 +361,8 @@ def test_faults_are_refused_with_their_place(fault: str, meshes: Any, joined: An
             vertices = vertices.reshape(-1, 2)
         case "triangles":
             triangles = triangles * 1.0
-    with pytest.raises(ValueError, match=r"mesh|vert|triangles|coordinate") as caught:
+    with expected_message.raises(ValueError):
         checked_mesh(vertices, triangles)
-    assert str(caught.value).startswith(FAULTS[fault])
 
 
 def test_winding_number_separates_inside_from_outside(meshes: Any) -> None:

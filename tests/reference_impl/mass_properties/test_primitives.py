@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.mass_properties.solid import PRIMITIVES, primitive
+from tests.helpers.expected_messages import ExpectedMessage
 
 SIZES: dict[str, list[float]] = {
     "box": [1.1, 0.7, 0.4],
@@ -96,19 +97,21 @@ def test_every_primitive_is_a_possible_body(shape: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "size", "message"),
+    ("shape", "size"),
     [
-        ("cone", [1.0], "no shape is named 'cone'; there are box, sphere"),
-        ("box", [1.0, 2.0], r"a box has 3 sizes \(edge along x, .*\), not 2"),
-        ("sphere", [-1.0], "the radius of a sphere must be positive and finite, not -1.0"),
-        ("cylinder", [1.0, float("nan")], "the length of a cylinder must be positive and finite, not nan"),
-        ("capsule", [float("inf"), 1.0], "the radius of a capsule must be positive and finite, not inf"),
-        ("box", [1.0, 1e60, 1.0], r"the largest size of a box must be within 1e-50 to 1e\+50 m, not 1e\+60"),
-        ("sphere", [1e-60], r"the largest size of a sphere must be within 1e-50 to 1e\+50 m, not 1e-60"),
-        ("torus", [1.0, 2.0], "the major radius 1.0 m must not be less than the minor one, 2.0 m"),
+        ("cone", [1.0]),
+        ("box", [1.0, 2.0]),
+        ("sphere", [-1.0]),
+        ("cylinder", [1.0, float("nan")]),
+        ("capsule", [float("inf"), 1.0]),
+        ("box", [1.0, 1e60, 1.0]),
+        ("sphere", [1e-60]),
+        ("torus", [1.0, 2.0]),
     ],
 )
-def test_impossible_sizes_are_refused(shape: str, size: list[float], message: str) -> None:
+def test_impossible_sizes_are_refused(
+    shape: str, size: list[float], expected_message: ExpectedMessage
+) -> None:
     """A wrong name, number of sizes or size is refused with a message that names it."""
-    with pytest.raises(ValueError, match=message):
+    with expected_message.raises(ValueError):
         primitive(shape, size)

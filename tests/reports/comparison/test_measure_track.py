@@ -26,6 +26,7 @@ from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comp
 from bodycheck.reports.document import Document, print_document
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.reports.run_files.run_tables import Run
+from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables
 
 ERROR = "orientation_error_rad"
@@ -56,16 +57,16 @@ def differs(asked: OneMeasure, before: Tables, after: Tables) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
+    "name",
     [
-        ("energy", "--measure energy: unknown measure 'energy'"),
-        ("cpu_s", "--measure cpu_s: cannot search by speed: it varies from run to run"),
-        ("steps", "--measure steps: runs are not compared by it; see bodycheck list measures"),
+        "energy",
+        "cpu_s",
+        "steps",
     ],
 )
-def test_what_runs_are_not_compared_by_is_refused(name: str, message: str) -> None:
+def test_what_runs_are_not_compared_by_is_refused(name: str, expected_message: ExpectedMessage) -> None:
     """With its name, and why."""
-    with pytest.raises(InputError, match=message):
+    with expected_message.raises(InputError):
         comparable(name)
 
 
