@@ -18,7 +18,7 @@ _FAIL_ON = ("never", "note", "warning", "error", "difference")
 
 
 @auditing.command(
-    short_help="Compare a model file with the bodies that importers make of it.",
+    short_help="Compare a model file with what engines import from it.",
     **described(
         MEASURE,
         "bodycheck audit robot.urdf",
@@ -30,17 +30,17 @@ _FAIL_ON = ("never", "note", "warning", "error", "difference")
 def audit(
     model: Annotated[
         Path | None,
-        typer.Argument(help="A URDF, MJCF or SDFormat file; none with --spellings.", show_default=False),
+        typer.Argument(help="A URDF, MJCF or SDFormat file; not with --spellings.", show_default=False),
     ] = None,
     engine: Annotated[
         str | None,
         typer.Option(help="Engines, like mujoco,pybullet==3.2.7.", show_default="all with an importer"),
     ] = None,
     lint: Annotated[
-        bool, typer.Option("--lint", help="Check the file itself only, without engines.")
+        bool, typer.Option("--lint", help="Check only the file itself, without engines.")
     ] = False,
     no_spins: Annotated[
-        bool, typer.Option("--no-spins", help="Compare numbers only, without spinning each link.")
+        bool, typer.Option("--no-spins", help="Compare only the numbers; do not spin the links.")
     ] = False,
     spellings: Annotated[
         bool,
@@ -89,8 +89,8 @@ def audit(
 ) -> None:
     """Compare mass, centre of mass and inertia of each link in a file with those of the imported bodies.
 
-    The file is read in 40-digit arithmetic; each engine imports it in a process of its own. Then each link
-    is spun freely against the exact motion of the body in the file.
+    bodycheck reads the file in 40-digit arithmetic; each engine imports it in a separate process. Each link
+    is then spun freely, and its motion compared with the exact motion of the body in the file.
     """
     from importlib.metadata import version
 

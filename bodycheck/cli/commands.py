@@ -117,14 +117,12 @@ def run(
     ] = None,
     tls_ca_file: Annotated[
         str | None,
-        typer.Option(
-            help="Certificate of the authority that signed the cluster's, PEM.", rich_help_panel=HOW
-        ),
+        typer.Option(help="PEM certificate of the authority that signed the cluster's.", rich_help_panel=HOW),
     ] = None,
     tls_cert: Annotated[
-        str | None, typer.Option(help="Certificate of this client, PEM.", rich_help_panel=HOW)
+        str | None, typer.Option(help="PEM certificate of this client.", rich_help_panel=HOW)
     ] = None,
-    tls_key: Annotated[str | None, typer.Option(help="Key of this client, PEM.", rich_help_panel=HOW)] = None,
+    tls_key: Annotated[str | None, typer.Option(help="PEM key of this client.", rich_help_panel=HOW)] = None,
     allow_code: AllowCode = False,
     resume: Annotated[
         Path | None,
@@ -250,7 +248,7 @@ def judge(
     dt: Annotated[
         str | None,
         typer.Option(
-            help="The step of each file in s, like 1e-2,5e-3: orders are fitted.", show_default="none"
+            help="The step of each file in s, like 1e-2,5e-3; orders are then fitted.", show_default="none"
         ),
     ] = None,
     explain: Annotated[
@@ -390,9 +388,11 @@ app.add_typer(auditing)
 app.add_typer(questions)
 
 
-@app.command(short_help="Print what works here and what does not.", **described(MEASURE, "bodycheck doctor"))
+@app.command(
+    short_help="Print what works on this machine and what does not.", **described(MEASURE, "bodycheck doctor")
+)
 def doctor(json: Json = False) -> None:
-    """Print the versions, the caches, and what works here: every engine is started once."""
+    """Start every engine once; print the versions, the caches, and what works on this machine."""
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import watched
     from bodycheck.runs.doctor import diagnosis, diagnosis_document

@@ -38,7 +38,7 @@ def check(
 ) -> None:
     """Check frames, units, loads, stages, read-back, reset, steps and refusals of an engine's adapter.
 
-    Each failure says what is wrong. The exit status is 1 if a check fails.
+    Each failure is described. The exit status is 1 if a check fails.
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import watched
@@ -86,7 +86,7 @@ _Engine = Annotated[
 
 
 @identity_commands.command(
-    short_help="Name the known one-step map that equals a method.",
+    short_help="Identify the one-step map of a method.",
     **described(
         MEASURE,
         "bodycheck fingerprint mujoco",
@@ -98,7 +98,9 @@ def fingerprint(
     engine: _Engine,
     all_loads: Annotated[
         bool,
-        typer.Option("--all-loads", help="Also under loads that vary with time and motion; may compile."),
+        typer.Option(
+            "--all-loads", help="Also apply loads that vary with time and motion; may compile kernels."
+        ),
     ] = False,
     timeout_s: TimeoutS = TIMEOUT_S,
     allow_code: AllowCode = False,
@@ -107,8 +109,8 @@ def fingerprint(
 ) -> None:
     """Compare single steps of each method with all known maps, free and under each load.
 
-    Prints the map, the largest distance to it in rad and relative to omega, and the runner-up with its
-    distance. A method without a known map is described by its local order and its leading error term.
+    Prints the nearest map, the largest distance to it in rad and relative to omega, and the runner-up with
+    its distance. If no known map matches, prints the local order and the leading error term.
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import watched
@@ -133,8 +135,8 @@ def laws(
 ) -> None:
     """Check that other descriptions of a scene, such as rotated axes, give the same motion.
 
-    Prints the largest break of each law, its tolerance, and the state that shows it most. The exit status is
-    1 if a law is broken; a property, such as a step that cannot be reversed, breaks none.
+    Prints the largest violation of each law, its tolerance, and the state that shows it most. The exit status
+    is 1 if a law is broken; a property, such as a step that is not reversible, does not count.
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import watched

@@ -38,14 +38,16 @@ _Template = Annotated[
 _Seed = Annotated[int, typer.Option(help="Seed of the random bodies.", rich_help_panel=WHAT)]
 _Samples = Annotated[
     int,
-    typer.Option(help="Times at which motions are compared, 0 and the end included.", rich_help_panel=WHAT),
+    typer.Option(
+        help="Number of times at which motions are compared, including 0 and the end.", rich_help_panel=WHAT
+    ),
 ]
 _Trace = Annotated[
     str | None,
     typer.Option(
         metavar="LOW,HIGH",
         help="Range of I1 + I2 + I3, log-uniform.",
-        show_default="1e-9,1e3; that of the scenario where a load acts",
+        show_default="1e-9,1e3; that of the scenario if a load acts",
         rich_help_panel=WHAT,
     ),
 ]
@@ -124,17 +126,19 @@ def ensemble(
     ] = 0,
     row: Annotated[
         int | None,
-        typer.Option(help="Print this body as a scenario file, and run nothing.", rich_help_panel=WHAT),
+        typer.Option(
+            help="Print the body with this number as a scenario file, and run nothing.", rich_help_panel=WHAT
+        ),
     ] = None,
     worst: Annotated[
-        int, typer.Option(help="Number of bodies to keep as scenario files.", rich_help_panel=OUTPUT)
+        int, typer.Option(help="Number of worst bodies to write as scenario files.", rich_help_panel=OUTPUT)
     ] = 10,
     out: OutFolder = None,
     shard: Annotated[
         str | None,
         typer.Option(
             metavar="K/N",
-            help="Run the K-th of N consecutive parts of the bodies; `bodycheck merge` puts them together.",
+            help="Run the K-th of N consecutive parts of the bodies; `bodycheck merge` combines them.",
             show_default="all bodies",
             rich_help_panel=HOW,
         ),
@@ -147,8 +151,8 @@ def ensemble(
 ) -> None:
     """Measure methods on random bodies, and write quantiles with error bars, a dataset and the worst bodies.
 
-    Moments of inertia are uniform in the triangle of possible ones, attitudes and directions uniform, |omega|
-    and the trace of the inertia log-uniform. A body is known by its seed and row alone.
+    Moments of inertia are uniform in the triangle of possible ones, attitudes and directions are uniform, and
+    |omega| and the trace of the inertia are log-uniform. Seed and row determine a body.
     """
     from bodycheck.runs.ensemble_result import EnsembleRequest
     from bodycheck.runs.ensemble_run import row_text
@@ -254,8 +258,8 @@ def hunt(
 ) -> None:
     """Search for the start at which a method is worst relative to its median error, and save it.
 
-    The search begins at uniform starts of the same distribution as `ensemble` has. With --against it finds
-    where two methods, engines or versions differ most; a breakdown of the method ranks above any error.
+    The search begins with random starts from the same distribution as `ensemble`. With --against, it finds
+    where two methods, engines or versions differ most. A breakdown of the method ranks above any error.
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.run_files.writer import check_output

@@ -49,10 +49,10 @@ def merge(
     allow_code: AllowCode = False,
     json: Json = False,
 ) -> None:
-    """Combine the shards of a run, an ensemble or an audit, and write what the whole would have written.
+    """Combine the shards of a run, an ensemble or an audit, and write the files of an undivided run.
 
-    The tables are those of one run, but for speeds. Differences between the machines are reported: versions,
-    and sentinel cases, which every shard runs, with different results.
+    Except for speeds, the tables are those of an undivided run. Differences between the machines are
+    reported: versions, and different results of the sentinel cases, which every shard runs.
     """
     from bodycheck.reports.audit.audit_document import audit_data, audit_document
     from bodycheck.reports.document import answer

@@ -154,7 +154,7 @@ def tell_night(judged: Judgement, night: Path, out: Sequence[Path] | None, *, js
 def list_(folder: _Folder, json: Json = False) -> None:
     """Print one line per nightly run, oldest first: status, number of changes, cases and engines.
 
-    Damaged runs are reported on standard error and left out; then the exit status is 1.
+    Damaged runs are reported on standard error and excluded; the exit status is then 1.
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.history.archive import History
@@ -182,7 +182,7 @@ def query(
 ) -> None:
     """Print the result of a SELECT on the tables of all nightly runs; nights has one row per nightly run.
 
-    Damaged runs are reported on standard error and left out; then the exit status is 1.
+    Damaged runs are reported on standard error and excluded; the exit status is then 1.
     """
     from bodycheck.reports.history.archive import History
     from bodycheck.reports.history.baseline import readable_nights

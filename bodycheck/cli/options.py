@@ -104,7 +104,7 @@ ShardOption: TypeAlias = Annotated[
     typer.Option(
         "--shard",
         metavar="K/N",
-        help="Run part K of N, chosen by a hash, like 3/8; `bodycheck merge` puts the parts together.",
+        help="Run part K of N, chosen by a hash, like 3/8; `bodycheck merge` combines the parts.",
         show_default="the whole run",
         rich_help_panel=HOW,
     ),
@@ -136,7 +136,7 @@ Json: TypeAlias = Annotated[
 ]
 Quiet: TypeAlias = Annotated[
     bool,
-    typer.Option("--quiet", "-q", help="Show no progress on standard error.", rich_help_panel=OUTPUT),
+    typer.Option("--quiet", "-q", help="Do not show progress on standard error.", rich_help_panel=OUTPUT),
 ]
 OutFolder: TypeAlias = Annotated[
     Path | None,

@@ -81,8 +81,8 @@ def compare(
 ) -> None:
     """Print what changed between two runs: outcomes, verdicts, orders, accuracy, speed.
 
-    A change above the threshold is worse or improved, a smaller one moved; rows of one run only are new or
-    missing. With --fail-on worse or moved, the exit status is also 1 if the runs have no case in common.
+    A change above the threshold is worse or improved, a smaller one moved; rows that only one run has are
+    new or missing. With --fail-on worse or moved, the exit status is also 1 if no case is in both runs.
     """
     from bodycheck.reports.comparison.compare import compare as compared
     from bodycheck.reports.comparison.describe import comparison_data, comparison_document, comparison_page
@@ -107,7 +107,7 @@ def compare(
 
 
 @questions.command(
-    short_help="Print the cheapest setting that meets an error, or the error of a step.",
+    short_help="Print the cheapest setting that meets an error tolerance, or the error at a step.",
     **described(
         ASK,
         "bodycheck advise --error 1e-3",
@@ -233,8 +233,8 @@ def explain(
         str | None,
         typer.Option(
             metavar="SCENARIO[,ENGINE[:METHOD][,STEP]]",
-            help="The cases to explain, patterns allowed.",
-            show_default="one of each method on each scenario where a verdict counts against it",
+            help="The cases to explain; patterns are allowed.",
+            show_default="one per method and scenario with an unfavourable verdict",
         ),
     ] = None,
     out: Annotated[
@@ -452,7 +452,7 @@ def _engines_of(tables: Tables, engine: str | None) -> tuple[str, ...]:
 
 
 @questions.command(
-    short_help="Write a film of the motions of a run.",
+    short_help="Write an animation of the motions of a run.",
     **described(
         ASK,
         "bodycheck movie first --scenario intermediate-axis --out flip.gif",
@@ -466,7 +466,7 @@ def movie(
         str | None, typer.Option(help="A scenario of the run.", show_default="the only one")
     ] = None,
     engine: Annotated[
-        str | None, typer.Option(help="The bodies, like mujoco,dart:semi-implicit.", show_default="all")
+        str | None, typer.Option(help="What to draw, like mujoco,dart:semi-implicit.", show_default="all")
     ] = None,
     dt: Annotated[
         float | None,
@@ -475,10 +475,10 @@ def movie(
     allow_code: _AllowCode = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a film of one scenario: the body of each engine, and over it the truth as a grey ghost.
+    """Write an animation of one scenario: the body of each engine, with the truth over it in grey.
 
-    An engine shows the method farthest from the truth. A film has at most 200 frames, each a stored sample,
-    and lasts about 10 s; .mp4 needs ffmpeg on the path. An .svg is a strip of six frames.
+    For each engine, the method farthest from the truth is shown. An animation has at most 200 frames, each a
+    stored sample, and lasts about 10 s; .mp4 needs ffmpeg on the path. An .svg is a strip of six frames.
     """
     from bodycheck._util.files import check_file, write_whole
     from bodycheck.reports.cache.disk_cache import Cache

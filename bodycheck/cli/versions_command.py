@@ -58,7 +58,9 @@ def versions(
     ] = None,
     audit: Annotated[
         Path | None,
-        typer.Option(help="Import this URDF, MJCF or SDFormat file in place of a scenario, as `audit` does."),
+        typer.Option(
+            help="Audit this URDF, MJCF or SDFormat file with each release instead of running a scenario."
+        ),
     ] = None,
     every: Annotated[
         bool,
@@ -77,7 +79,7 @@ def versions(
 ) -> None:
     """Run releases of an engine and print those in which a measure changed.
 
-    Each release runs in its own environment. The exit status is 0 whether or not a measure changed.
+    Each release runs in its own environment. The exit status is 0 even if a measure changed.
     """
     from bodycheck.reports.cache.reuse import reuse_of
     from bodycheck.reports.comparison.release_results import found_data, found_document
@@ -117,12 +119,12 @@ def _tell(name: str, *, quiet: bool) -> None:
 
 
 environment_commands = typer.Typer(
-    cls=Group, help="Make, list and remove the environments of engines.", no_args_is_help=True
+    cls=Group, help="Create, list and remove the environments of engines.", no_args_is_help=True
 )
 
 
 @environment_commands.command(
-    short_help="Make environments.",
+    short_help="Create environments.",
     **described("Commands", "bodycheck environments make drake mujoco==3.17.0"),
 )
 def make(
@@ -130,12 +132,12 @@ def make(
         list[str] | None, typer.Argument(help="Engines, NAME or NAME==VERSION, like drake.")
     ] = None,
     every: Annotated[
-        bool, typer.Option("--all", help="Make those of all engines that run only on request.")
+        bool, typer.Option("--all", help="Create those of all engines that run only on request.")
     ] = False,
 ) -> None:
-    """Make the environments of engines ahead of a run, and print one line per engine.
+    """Create the environments of engines ahead of a run, and print one line per engine.
 
-    The exit status is 1 if one cannot be made.
+    The exit status is 1 if an environment cannot be created.
     """
     from bodycheck.adapters.registry import optional_engines
     from bodycheck.adapters.versions.pins import engine_fault

@@ -54,7 +54,7 @@ def check_movie(out: Path) -> None:
     try:
         from matplotlib.animation import FFMpegWriter
     except ImportError:
-        raise UnavailableError("films need matplotlib: pip install 'bodycheck[plot]'") from None
+        raise UnavailableError("animations need matplotlib: pip install 'bodycheck[plot]'") from None
     if out.suffix == ".mp4" and not FFMpegWriter.isAvailable():
         raise UnavailableError(f"--out {out}: needs ffmpeg on the path; a .gif does not")
 
