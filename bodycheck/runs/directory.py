@@ -41,7 +41,7 @@ RUNS = Path("bodycheck-runs")
 
 _REQUEST = "request.json"
 _WITHOUT_CASES = """<!doctype html>
-<html lang="en"><meta charset="utf-8"><title>bodycheck</title><p>No case: none falls to this shard.</p></html>
+<html lang="en"><meta charset="utf-8"><title>bodycheck</title><p>This shard has no cases.</p></html>
 """
 
 

@@ -69,7 +69,7 @@ def explain_run(folder: Path, case: str | None, *, allow_code: bool = False) -> 
         known = dict.fromkeys(
             f"{one.columns['scenario']},{':'.join(key_of(one.columns))}" for one in run.cases if one.ok
         )
-        raise InputError(f"--case {case}: no such case that ended well{meant(str(case), known)}")
+        raise InputError(f"--case {case}: no such case with outcome ok{meant(str(case), known)}")
     return found
 
 

@@ -332,6 +332,6 @@ def test_a_run_without_speed_says_so(run: Run) -> None:
         for case in run.cases
     )
     page = Page(render_report(replace(run, cases=cases)))
-    assert page.text.count("No processor time was measured.") == len(run.problems) + 1
+    assert page.text.count("CPU time was not measured.") == len(run.problems) + 1
     assert not {"speed", "overall"} & {attributes.get("data-plot") for _, attributes in page.tags}
     assert not page.with_class("fronts")

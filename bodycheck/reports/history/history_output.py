@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _STATUSES = {
     "regression": ("bad", "Regression: something became worse or is no longer measured."),
     "no regression": ("good", "No regression."),
-    "nothing measured": ("bad", "Nothing was measured: no case ended well."),
+    "nothing measured": ("bad", "Nothing was measured: no case has outcome ok."),
     "insufficient history": (
         "open",
         "Insufficient history: no baseline run on such a machine has comparable cases.",

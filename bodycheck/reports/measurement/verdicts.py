@@ -22,9 +22,9 @@ class State:
 
 
 STATES = {
-    "converges": State("✓", "converges", "finer steps converge to the truth, in every quantity", "good"),
+    "converges": State("✓", "converges", "finer steps converge to the truth in every quantity", "good"),
     "at-floor": State(
-        "≈", "at floor", "all errors are at round-off or within the truth's own bound", "floor"
+        "≈", "at floor", "all errors are at round-off or within the truth's bound", "floor"
     ),
     "at-precision-floor": State(
         "≈",
@@ -32,14 +32,14 @@ STATES = {
         "the errors are the round-off of the method's own arithmetic: finer steps do not reduce them",
         "floor",
     ),
-    "exact": State("=", "exact", "a method without steps, within the truth's own bound", "floor"),
+    "exact": State("=", "exact", "a method without steps, within the truth's bound", "floor"),
     "pre-asymptotic": State(
         "…", "pre-asymptotic", "the errors are too large or too irregular to show an order", "open"
     ),
     "lower-order": State(
         "↓",
         "lower order",
-        "the error shrinks, but at a lower order than the method's theoretical one",
+        "the error decreases, but at a lower order than the method's theoretical one",
         "open",
     ),
     "too-few-points": State("?", "too few points", "fewer than four steps have a usable error", "open"),
@@ -47,7 +47,7 @@ STATES = {
     "does-not-converge": State(
         "✗", "does not converge", "finer steps converge to something other than the truth", "bad"
     ),
-    "off": State("✗", "no steps, off", "a method without steps, outside the truth's own bound", "bad"),
+    "off": State("✗", "no steps, off", "a method without steps, outside the truth's bound", "bad"),
     "unstable": State(
         "▲", "unstable", "not finite, not a rotation, or over 100 times the true kinetic energy", "fault"
     ),

@@ -72,7 +72,7 @@ def movie(
     cases = [case for case in run.cases if case.columns["scenario"] == scenario]
     filmed = filmed_cases(cases, engines, dt_s)
     if problem is None or not filmed:
-        raise InputError(f"--scenario {scenario}: no motion with a step ended well")
+        raise InputError(f"--scenario {scenario}: no case with a step has outcome ok")
     with rendering():
         from matplotlib.figure import Figure
 
@@ -109,7 +109,7 @@ def filmed_cases(
     filmed = [*shown_cases(whole, at_s), *named]
     there = {name for case in filmed for name in (case.columns["engine"], method_name(case))}
     if missing := [name for name in engines if name not in there]:
-        raise InputError(f"--engine {', '.join(missing)}: no motion at dt {step(at_s)} s ended well")
+        raise InputError(f"--engine {', '.join(missing)}: no case at dt {step(at_s)} s has outcome ok")
     return filmed
 
 

@@ -41,7 +41,7 @@ class Summary:
 def verdict_sentences(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> list[str]:
     """Return the results of the run in a few sentences that name every method with findings."""
     if not cells:
-        return ["No case: none falls to this shard."]
+        return ["This shard has no cases."]
     sentences = [headline(found), _as_they_should(cells, found), _undecided(cells), _properties(found)]
     return [sentence for sentence in sentences if sentence]
 

@@ -212,6 +212,6 @@ def _cost_point(m: int, cost: Cost) -> dict[str, Any]:
 
 def _why_missing(own: Sequence[Cost]) -> str:
     if not own:
-        return "not measured: no case ended well, or no error of this kind"
+        return "not measured: no case has outcome ok, or no error of this kind"
     coarsest = own[0]
     return f"meets {coarsest.target:g} in {coarsest.kept} of {coarsest.scenarios} scenarios"
