@@ -17,7 +17,7 @@ def with_table(page: str, table: str) -> str:
     before, begin, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
-        raise ValueError(f"the page needs the marks {BEGIN.strip()} and {END.strip()}, in this order")
+        raise ValueError(f"the page needs the markers {BEGIN.strip()} and {END.strip()}, in this order")
     return f"{before}{BEGIN}{table}{END}{after}"
 
 

@@ -151,7 +151,7 @@ def steps_per_sample(interval_s: float, dt_s: float) -> int:
         raise ValueError(f"a step must be a positive number of seconds, not {dt_s!r}")
     ratio = interval_s / dt_s
     if ratio > _MOST_STEPS:
-        raise ValueError(f"a step of {dt_s!r} s is too fine: more than {_MOST_STEPS:.0e} steps a sample")
+        raise ValueError(f"a step of {dt_s!r} s is too fine: more than {_MOST_STEPS:.0e} steps per sample")
     stride = round(ratio)
     if stride >= 1 and abs(ratio - stride) <= 1e-9 * ratio:
         return stride

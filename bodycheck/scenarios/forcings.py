@@ -87,7 +87,7 @@ def _damping(value: Any) -> Matrix:
     matrix = matrix * np.eye(3) if matrix.shape == () else matrix
     least = float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0])
     if least < -1e-12 * float(np.max(np.abs(matrix))):
-        raise ValueError(f"must take energy away: omega . C omega would reach {least:.6g} |omega|^2")
+        raise ValueError(f"must be dissipative: omega . C omega would reach {least:.6g} |omega|^2")
     return rows(matrix)
 
 
@@ -199,4 +199,4 @@ def check_together(forcings: tuple[Forcing, ...]) -> None:
         if len(places) > 1:
             raise ValueError(f"has {len(places)} of kind {kind!r}, at {places}; there can be one at most")
     if {"pivot", GravityGradient.kind} <= set(kinds):
-        raise ValueError("a body with a pivot is in no orbit: leave out 'pivot' or 'gravity-gradient'")
+        raise ValueError("a body with a pivot is not in orbit: omit 'pivot' or 'gravity-gradient'")

@@ -109,10 +109,10 @@ class Scenario(Table):
         if value is None or not {"duration_s", "samples"} <= info.data.keys():
             return value
         if not value:
-            raise ValueError("needs at least one step, or leave it out")
+            raise ValueError("needs at least one step, or omit it")
         interval = info.data["duration_s"] / (info.data["samples"] - 1)
         if len({steps_per_sample(interval, step) for step in value}) < len(value):
-            raise ValueError("names a step twice")
+            raise ValueError("contains a step twice")
         return value
 
     @field_validator("forcing")
@@ -125,7 +125,7 @@ class Scenario(Table):
             slack = _VELOCITY_TOLERANCE * float(np.max(np.abs(allowed)))
             if np.max(np.abs(allowed - initial.velocity_m_s)) > slack:
                 raise ValueError(
-                    "the pivot is fixed, so initial.velocity_m_s must be left out, or be "
+                    "the pivot is fixed, so initial.velocity_m_s must be omitted, or be "
                     f"omega x (x - pivot) = {allowed.tolist()}"
                 )
         return value

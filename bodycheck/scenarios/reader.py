@@ -48,7 +48,7 @@ class Sweep(Table):
     @classmethod
     def _different(cls, value: tuple[float | str, ...]) -> tuple[float | str, ...]:
         if len({label(one) for one in value}) < len(value):
-            raise ValueError("names a value twice")
+            raise ValueError("contains a value twice")
         return value
 
 

@@ -189,7 +189,7 @@ def _npm_install(requirements: Sequence[str], folder: Path) -> None:
     """Install JavaScript packages into a folder, without running their scripts; raises UvError."""
     for program in ("node", "npm"):
         if shutil.which(program) is None:
-            raise UvError(f"it needs Node.js, and there is no {program} on the path", refused=False)
+            raise UvError(f"it needs Node.js, but {program} is not on the path", refused=False)
     (folder / "package.json").write_bytes(b'{"private": true}')
     quiet = ("--no-audit", "--no-fund", "--ignore-scripts", "--loglevel=error")
     command = ["npm", "install", *quiet, "--prefix", str(folder), *requirements]

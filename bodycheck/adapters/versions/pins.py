@@ -49,7 +49,7 @@ def engine_fault(name: str) -> str | None:
             return str(error)
         named, _, version = engine.partition("=")
         if named in engine_names():
-            return f"{name}: invalid version pin (expected two signs, like {named}=={version or '4.0.0'})"
+            return f"{name}: invalid version pin (expected NAME==VERSION, like {named}=={version or '4.0.0'})"
         return f"unknown engine {engine!r}{meant(engine, engine_names())}"
     if pin is None:
         return None

@@ -185,7 +185,7 @@ class FixedAxisRotation:
         phases = np.max(np.abs(self._swings[:, 2]), initial=0.0)
         way = t_s * (self.largest_rate(t_s) + np.abs(rate[0]) + phases)
         for t in t_s[~(way < _MOST_RADIANS)]:
-            raise ValueError(f"the body turns by more than {_MOST_RADIANS:.0e} rad until t = {float(t)!r} s")
+            raise ValueError(f"the body rotates by more than {_MOST_RADIANS:.0e} rad by t = {float(t)!r} s")
         quaternion = np.empty((len(t_s), 4))
         _turn(self._start, self._axis, angle, quaternion)
         return quaternion, rate[0][:, None] * np.array(self._axis)

@@ -121,7 +121,7 @@ def taken_apart(vertices: Array, triangles: Triangles, partner: NDArray[np.int32
     shared = partner == SHARED
     if shared.any():
         _pair(vertices, triangles, partner)
-        notes += (f"at {shared.sum()} edges parts touch; they were told apart by where matter is",)
+        notes += (f"at {shared.sum()} edges parts touch; they were separated by which side is solid",)
     return Parted(triangles, partner, notes)
 
 
@@ -158,7 +158,7 @@ def _pair(vertices: Array, triangles: Triangles, partner: NDArray[np.int32]) -> 
             vertices,
             triangles,
             shared[order[begin[:-1][faulty]]],
-            "is not a surface: {} edges are shared by more than two triangles, and matter and void do not "
+            "is not a surface: {} edges are shared by more than two triangles, and solid and void do not "
             "alternate around them",
         )
 

@@ -177,7 +177,7 @@ PRIMITIVES: dict[str, Primitive] = {
 def known_shape(shape: str) -> str:
     """Return the name unchanged if a primitive has it. Raises ValueError, listing the names, otherwise."""
     if shape not in PRIMITIVES:
-        raise ValueError(f"no shape is named {shape!r}; there are {', '.join(PRIMITIVES)}")
+        raise ValueError(f"unknown shape {shape!r} (available: {', '.join(PRIMITIVES)})")
     return shape
 
 

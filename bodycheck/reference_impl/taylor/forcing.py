@@ -122,7 +122,7 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     gradients = [load for load in scene.lasting_loads if isinstance(load, GravityGradient)]
     body_sines, world_sines = (_sine_rows(sines, axes) for axes in ("body", "world"))
     if gradients and scene.pivot is not None:
-        raise ValueError("a body with a pivot is in no orbit: no gravity gradient can act on it")
+        raise ValueError("a body with a pivot is not in orbit: no gravity gradient can act on it")
     world, orbit = _world(scene, timed), _orbit(gradients)
     damping = _damping(scene, drags)
     moving = _moving(scene, timed, drags)

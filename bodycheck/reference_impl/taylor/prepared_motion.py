@@ -90,7 +90,7 @@ class TaylorMotion:
         misplaced = _first_misplaced(t_s)
         if misplaced < len(t_s):
             t = float(t_s[misplaced])
-            raise ValueError(f"times must be finite, not negative and ascending, which {t!r} is not")
+            raise ValueError(f"times must be finite, not negative and ascending; {t!r} is not")
         return TaylorSolution(t_s, *self._solver.solve(t_s))
 
 

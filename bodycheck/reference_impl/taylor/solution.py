@@ -63,8 +63,8 @@ class Solution:
 
 
 _LOST = {
-    LOST_AT_ANCHOR: "a spring with a rest length is at its anchor, where its force jumps",
-    LOST_AT_HALF_TURN: "a torsion spring is turned by pi, where its torque jumps",
+    LOST_AT_ANCHOR: "a spring with a rest length is at its anchor, where its force is discontinuous",
+    LOST_AT_HALF_TURN: "a torsion spring is rotated by pi, where its torque is discontinuous",
 }
 
 _STEPS_PER_CALL = 10_000

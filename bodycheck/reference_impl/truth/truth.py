@@ -58,7 +58,7 @@ class Truth:
         """Why samples beyond trusted_until_s are not compared."""
         if np.isfinite(self.bounds).all():
             return "the motion is chaotic"
-        return "neighbours of the start leave all bounds, as where a load is not smooth"
+        return "motions from nearby initial states diverge without bound, as at a load that is not smooth"
 
     @property
     def round_offs(self) -> Array:

@@ -41,7 +41,7 @@ def edited(text: str, where: str, changes: Sequence[Change], why: str | None) ->
             parts[change.place + 1] = _with_lines(parts[change.place + 1], lines)
     new = "".join(parts)
     if not _says(new, where, wanted):
-        raise InputError(f"{where}: cannot be edited: write each key of a [[gate]] on one line of its own")
+        raise InputError(f"{where}: cannot be edited: write each key of a [[gate]] on its own line")
     return new
 
 

@@ -23,9 +23,7 @@ class State:
 
 STATES = {
     "converges": State("✓", "converges", "finer steps converge to the truth in every quantity", "good"),
-    "at-floor": State(
-        "≈", "at floor", "all errors are at round-off or within the truth's bound", "floor"
-    ),
+    "at-floor": State("≈", "at floor", "all errors are at round-off or within the truth's bound", "floor"),
     "at-precision-floor": State(
         "≈",
         "at precision floor",

@@ -146,14 +146,14 @@ def _check_combinations(found: Mapping[str, Array], column_map: ColumnMap, *, ha
     if "euler" in found and not column_map.euler:
         raise _ConventionError("Euler angles need the order of their axes, like euler=ZYX")
     if "velocity_body_m_s" in found and (not has_attitude or "velocity_m_s" in found):
-        wrong = "have no attitude" if not has_attitude else "and velocities in world axes are both there"
+        wrong = "need an attitude" if not has_attitude else "cannot be combined with velocities in world axes"
         raise _ConventionError(f"velocities in body axes {wrong}")
     if "place" not in found:
         return
     if other := set(found) & {"position_m", "velocity_m_s", "velocity_body_m_s", "omega_world_rad_s"}:
         raise _ConventionError(
-            f"{names(sorted(other))} cannot be combined with longitude_rad and latitude_rad, relative to "
-            "which only the attitude is read"
+            f"{names(sorted(other))} cannot be combined with longitude_rad and latitude_rad, which "
+            "define only the attitude"
         )
     if found["t_s"][0] != 0.0:
         raise _ConventionError(

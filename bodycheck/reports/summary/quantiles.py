@@ -69,7 +69,7 @@ class QuantileSketch:
     def add(self, values: Array) -> None:
         """Count numbers (n,) >= 0, infinity included; raises ValueError for NaN and negative ones."""
         if not np.all(values >= 0.0):
-            raise ValueError(f"a sketch takes numbers of 0 or more, not {values[~(values >= 0.0)][0]}")
+            raise ValueError(f"a sketch accepts only numbers of 0 or more, not {values[~(values >= 0.0)][0]}")
         keys = np.abs(np.asarray(values, dtype=np.float64)).view(np.int64) >> _SHIFT
         self._count(*np.unique(keys, return_counts=True))
 

@@ -113,11 +113,11 @@ def _with_absolute_meshes(root: Any, path: Path) -> None:
 
 def _mjcf_excerpt(model: ModelFile, name: str) -> str:
     if float(model.settings.get("settotalmass", "-1")) > 0.0:
-        raise InputError("settotalmass scales a body by the masses of all others")
+        raise InputError("settotalmass scales each body by the masses of all bodies")
     root = expanded(parse_xml(model.path), model.path)
     found = next((body for body in root.iter("body") if body.get("name") == name), None)
     if found is None:
-        raise InputError("only bodies with names of their own can stand alone")
+        raise InputError("only named bodies can be used alone")
     above = [one for one in found.iterancestors() if one.tag in ("body", "frame", "replicate")]
     childclass = next((one.get("childclass") for one in (found, *above) if one.get("childclass")), None)
     body = copy.deepcopy(found)

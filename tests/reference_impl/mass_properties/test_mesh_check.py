@@ -230,7 +230,7 @@ def test_parts_that_share_an_edge_are_separated(meshes: Any, joined: Any) -> Non
     vertices, triangles = joined(one, other)
     mesh = checked_mesh(vertices, triangles)
     assert volume(mesh) == 2.0
-    assert mesh.notes[0] == "at 1 edges parts touch; they were told apart by where matter is"
+    assert mesh.notes[0] == "at 1 edges parts touch; they were separated by which side is solid"
     assert mesh.notes[1].startswith("the mesh has 2 closed surfaces")
     assert volume(checked_mesh(vertices, triangles[:, ::-1])) == 2.0
 
