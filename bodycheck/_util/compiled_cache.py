@@ -1,4 +1,4 @@
-"""The folder of compiled kernels: another one for other sources, or another compiler."""
+"""The folder of compiled kernels: a separate one for each version of the sources and the compiler."""
 
 from __future__ import annotations
 

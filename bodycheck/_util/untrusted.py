@@ -58,7 +58,7 @@ def _kept(c: str) -> str:
 
 @contextmanager
 def doing(what: str) -> Iterator[None]:
-    """Add a note to an unexpected exception that says what was being done, for the line that reports it."""
+    """Add a note to an unexpected exception that states what was being done, for the line that reports it."""
     try:
         yield
     except BodycheckError:

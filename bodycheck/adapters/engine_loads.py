@@ -1,4 +1,4 @@
-"""The loads of a scene as engines take them: at the stages of a step, or held constant over it."""
+"""The loads of a scene for engines: evaluated at the stages of a step, or held constant over it."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ class FixedStep:
 
 
 def _asked_about_pivot(scene: Scene) -> Wrenching:
-    """Return what the lasting loads do to the body that is stepped: about the pivot, if there is one."""
+    """Return what the continuous loads do to the body that is stepped: about the pivot, if there is one."""
     wrench = lasting_wrench_of(scene)
     if scene.pivot is None:
         return wrench
@@ -297,7 +297,7 @@ def _refused(method: Integrator, loads: Sequence[ContinuousLoad]) -> list[str]:
 
 
 def _own_numbers(scene: Scene) -> ReadBack:
-    """Return what a solver without an engine between holds: the scene itself."""
+    """Return what a solver without an engine stores: the scene itself."""
     body, initial = scene.body, scene.initial
     start = Reading(
         position=initial.position,

@@ -1,4 +1,4 @@
-"""Detect that a method broke down, and find the largest step at which it does not.
+"""Detect the breakdown of a method, and find the largest step at which it is stable.
 
 A method breaks down with an invalid state, or with far more energy than the true motion has. The search scans
 upward, then bisects the bracket.

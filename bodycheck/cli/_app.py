@@ -1,4 +1,4 @@
-"""Run a command line app, and turn every way in which it can end into a message and an exit status."""
+"""Run a command line app, and convert every exception and signal to a message and an exit status."""
 
 from __future__ import annotations
 

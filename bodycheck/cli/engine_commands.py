@@ -1,4 +1,4 @@
-"""The commands on engines: check an adapter or make a new one, identify methods and check their laws."""
+"""The commands on engines: check an adapter or create one, identify methods and check their laws."""
 
 from __future__ import annotations
 

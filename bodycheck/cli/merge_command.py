@@ -1,4 +1,4 @@
-"""The command `merge`: put shards together."""
+"""The command `merge`: combine shards."""
 
 from __future__ import annotations
 

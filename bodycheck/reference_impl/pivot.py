@@ -1,4 +1,4 @@
-"""J omega' = sum of moments about the pivot - omega x J omega: a body that turns about a fixed point."""
+"""J omega' = sum of moments about the pivot - omega x J omega: a body that rotates about a fixed point."""
 
 from __future__ import annotations
 

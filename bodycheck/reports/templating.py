@@ -1,4 +1,4 @@
-"""The templates of the HTML pages, and the files of ours that go into them unchanged."""
+"""The templates of the HTML pages, and the static files that they include unchanged."""
 
 from __future__ import annotations
 
@@ -33,5 +33,5 @@ def environment() -> Environment:
 
 
 def asset(path: str) -> Markup:
-    """Return a file of ours, or of plotly's, that goes into a page unchanged."""
+    """Return a static file, ours or plotly's, to include unchanged in a page."""
     return Markup((files("bodycheck.reports") / path).read_text(encoding="utf-8"))

@@ -80,7 +80,7 @@ def audit(path: Path, options: AuditOptions) -> Audit:
     """Return the audit of a file.
 
     Raises InputError if the file or the engines cannot be used. An importer that crashes, hangs or refuses
-    the file gives a column that says so.
+    the file gives a column that states this.
     """
     engines = checked_engines(options.engines)
     model = read_model(path)

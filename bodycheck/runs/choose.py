@@ -1,4 +1,4 @@
-"""Choose a run: the one that is named, else the newest stored one with the scenarios, else a new one."""
+"""Choose a run: the named one, or else the newest stored one with the scenarios, or else a new one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `bodycheck ensemble` and `bodycheck hunt` answer, as documents and as data."""
+"""The output of `bodycheck ensemble` and `bodycheck hunt`, as documents and as data."""
 
 from __future__ import annotations
 

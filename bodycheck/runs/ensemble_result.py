@@ -1,4 +1,4 @@
-"""What an ensemble is asked for, and what is known of each method on it."""
+"""The request of an ensemble, and the results of each method on it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run the motions of a selection in parallel: studies of scenarios, and what each method shows by itself."""
+"""Run the motions of a selection in parallel: studies of scenarios, and examinations of each method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The law of spellings: model files that state one body move alike in an engine, to round-off."""
+"""The law of spellings: all model files of one body give the same motion in an engine, to round-off."""
 
 from __future__ import annotations
 

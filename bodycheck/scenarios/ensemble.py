@@ -1,4 +1,4 @@
-"""Ensembles: random bodies and initial states in place of a scenario's own, each made by a seed and row."""
+"""Ensembles: random bodies and initial states in place of a scenario's, each determined by seed and row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Import user's functions named package.module:function; this runs code, so the user has to allow it."""
+"""Import users' functions named package.module:function; this runs code, so the user must allow it."""
 
 from __future__ import annotations
 

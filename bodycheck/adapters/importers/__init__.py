@@ -1,4 +1,4 @@
-"""The importers of engines: what each makes of a model file, read from the engine after its import.
+"""The importers of engines: the bodies of a model file, read from the engine after its import.
 
 One module per engine, which imports the engine within its functions: `FLAGS` is known without the engine.
 """

@@ -1,4 +1,4 @@
-"""Lasting loads as passive forces, evaluated at every stage by code that MuJoCo calls: compiled, or Python.
+"""Continuous loads as passive forces, evaluated at every stage by a callback: compiled, or Python.
 
 MuJoCo has one such callback for the whole process: it is set around a call of mj_step, and does nothing
 for any mjData but the one being stepped.
@@ -45,7 +45,7 @@ _STAGES = 4  # the most evaluations that a step has
 
 
 class PassiveLoads:
-    """The lasting loads of one simulation.
+    """The continuous loads of one simulation.
 
     axes (3, 3): body axes to the axes of the joint's frame. anchor: None for a free joint, else where a ball
     joint is in the world, (3,). arm (3,): from the joint's origin to the centre of mass, in body axes.
@@ -160,7 +160,7 @@ def _callback() -> tuple[Any, Any]:
 
 
 class CallbackLoads:
-    """The lasting loads of one simulation, as PassiveLoads, but as one function of the motion."""
+    """The continuous loads of one simulation, as PassiveLoads, but as one function of the motion."""
 
     def __init__(
         self,

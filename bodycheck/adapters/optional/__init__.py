@@ -1,1 +1,1 @@
-"""Engines that run only if requested by name, each in an environment of its own where it is not installed."""
+"""Engines that run only if requested by name, each in a separate environment if it is not installed."""

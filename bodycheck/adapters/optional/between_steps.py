@@ -1,4 +1,4 @@
-"""Engines that take a force and a torque between steps: all loads, held constant over each step."""
+"""Engines that accept a force and a torque between steps: all loads are held constant over each step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""heyoka's adaptive Taylor method by tolerance: a peer of the reference, without an engine between."""
+"""heyoka's adaptive Taylor method by tolerance, applied to the equations of motion without an engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Engines in JavaScript: workers of their own under Node, each with its facts in a JSON file."""
+"""Engines in JavaScript: separate workers under Node, each with its facts in a JSON file."""
 
 from __future__ import annotations
 

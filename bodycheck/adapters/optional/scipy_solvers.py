@@ -1,4 +1,4 @@
-"""SciPy's ODE solvers by tolerance: a peer of the reference, without an engine between.
+"""SciPy's ODE solvers by tolerance, applied to the equations of motion without an engine.
 
 y = (x, v, q, omega_body), x' = v, v' = F / m, q' = q omega / 2, I omega' = tau - omega x I omega.
 """
@@ -150,7 +150,7 @@ def trajectory_of_states(t_s: Array, states: Array) -> Trajectory:
 
 
 def own_numbers(scene: Scene) -> ReadBack:
-    """Return what a solver without an engine between holds: the scene itself."""
+    """Return what a solver without an engine stores: the scene itself."""
     start = scene.initial
     state = Reading(start.position, start.velocity, quaternion=start.quaternion, omega_body=start.omega_body)
     return ReadBack(scene.body.mass, scene.body.inertia, None, scene.gravity, state)

@@ -1,4 +1,4 @@
-"""Environments of engines that do not run next to bodycheck, made once and stored in the cache folder.
+"""Environments of engines that do not run next to bodycheck, created once and stored in the cache folder.
 
 These are engines in a pinned version, and engines whose adapter states requirements that are not installed
 here. uv makes an environment of Python packages, npm a folder of JavaScript packages.

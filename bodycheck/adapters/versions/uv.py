@@ -1,4 +1,4 @@
-"""Calls of uv, which makes environments and finds the releases of a package."""
+"""Calls of uv, which creates environments and finds the releases of a package."""
 
 from __future__ import annotations
 

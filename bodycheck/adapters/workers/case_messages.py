@@ -1,4 +1,4 @@
-"""What a worker is asked, as plain data: cases with their scenes, and searches for the largest stable step.
+"""Requests to a worker as plain data: cases with their scenes, searches for the largest stable step.
 
 Numbers are JSON numbers, which Python and all serious parsers read back to the last bit.
 """
@@ -81,7 +81,7 @@ def search_of(message: Message) -> Search:
 def scene_message(scene: Scene) -> Message:
     """Return a scene as plain data, in SI units, loads by the kinds of the scenario format.
 
-    A pivot and a link frame stand there only where the scene has them.
+    A pivot and a link frame are present only if the scene has them.
     """
     message = {
         "body": _plain(scene.body),

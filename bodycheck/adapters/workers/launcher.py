@@ -1,4 +1,4 @@
-"""Limit a process that serves a run: its memory, and its life to that of the run.
+"""Limit a process that serves a run: limit its memory, and end it with the run.
 
 Run as `python -I THIS_FILE MEMORY_BYTES COMMAND...` to replace this process by a program that has these
 limits. It imports the standard library only, because it runs before each such program.

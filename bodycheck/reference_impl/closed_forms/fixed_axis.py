@@ -1,4 +1,4 @@
-"""J w' = tau(t) - d w: rotation about a principal axis along which omega and all torques stay."""
+"""J w' = tau(t) - d w: rotation about a principal axis along which omega and all torques remain."""
 
 from __future__ import annotations
 

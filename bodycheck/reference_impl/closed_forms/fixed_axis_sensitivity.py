@@ -1,4 +1,4 @@
-"""Departures of neighbouring motions from a rotation about a fixed axis, at the same cost for any time.
+"""Departures of nearby motions from a rotation about a fixed axis, at a cost independent of the time.
 
 With w' = J^-1 (tau - d w) about the axis e, and body axes throughout, small departures obey
 

@@ -167,7 +167,7 @@ class Flight:
 
     @classmethod
     def of(cls, scene: Scene, loads: Loads) -> Flight | None:
-        """Set up the flight, or return None where a body-fixed force turns with the body."""
+        """Set up the flight, or return None if a body-fixed force rotates with the body."""
         if any(any(piece.force_body) for piece in loads.pieces):
             return None
         mass, initial = Fraction(scene.body.mass), scene.initial

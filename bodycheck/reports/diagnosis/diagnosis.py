@@ -1,4 +1,4 @@
-"""Name the fault that explains a wrong motion, or say that none does."""
+"""Name the fault that explains a wrong motion, or report that none does."""
 
 from __future__ import annotations
 

@@ -91,7 +91,8 @@ def _returned(before: Tables, levels: Tables, tonight: Tables, thresholds: Thres
 def _recorded(past: Past, tonight: Tables) -> tuple[list[str], pd.DataFrame]:
     """Return the names of all runs, and their cases on scenarios whose definitions are unchanged.
 
-    An engine that a run has in a single version is named without it, so that a series goes on over releases.
+    An engine that a run has in a single version is named without it, so that a series continues across
+    releases.
     """
     import pandas as pd
 

@@ -1,1 +1,1 @@
-"""Probes: short extra cases per method, which check its readings and its loads without the truth."""
+"""Probes: short additional cases of each method, which check its readings and its loads without the truth."""

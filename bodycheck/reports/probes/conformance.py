@@ -1,4 +1,4 @@
-"""The conformance suite of an adapter: one list of checks, each of which says in words what is wrong.
+"""The conformance suite of an adapter: one list of checks, each of which describes what is wrong.
 
 The checks use the requests of the worker protocol only, so that they apply to engines of every kind. They
 need no truth: a scene at several steps has a limit, and the limit must obey the formula of each load.

@@ -1,4 +1,4 @@
-"""What the answers of an engine show without a truth: probes, known map, laws and replays, as rows."""
+"""Examine an engine without a truth: probes, the known map, laws and replays, as rows of tables."""
 
 from __future__ import annotations
 

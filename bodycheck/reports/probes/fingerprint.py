@@ -1,4 +1,4 @@
-"""Which known one-step map a method is: its steps compared with every map of the library.
+"""Identify the one-step map of a method by comparing its steps with every known map.
 
 A scene that is sampled after every step gives as many one-step maps as it has steps, each from the state that
 the engine itself holds. Every method starts from the same states, so that the library is evaluated there

@@ -1,8 +1,8 @@
-"""Laws that a method must obey whatever its error: the same motion from another description of the scene.
+"""Laws that a method must obey whatever its error: another description of a scene gives the same motion.
 
-Each law gives a variant of a scene and the way back. A method that obeys it gives the same motion to
-round-off, without a truth. To add a law, add it to LAWS; laws.csv, the report, `bodycheck laws` and the gates
-`law.<name>` derive from it.
+Each law gives a variant of a scene and the inverse transformation of its motion. A method
+that obeys it gives the same motion to round-off; no truth is needed. To add a law, add it to LAWS; laws.csv,
+the report, `bodycheck laws` and the gates `law.<name>` are derived from it.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ Undo: TypeAlias = Callable[[Path], Path]
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """Another description of a scene, with its step in s, and the way back from its motion."""
+    """Another description of a scene, with its step in s, and the inverse transformation of its motion."""
 
     scene: Scene
     dt_s: float

@@ -1,6 +1,6 @@
-"""The column map of a recording: which product of columns, numbers and units each quantity is.
+"""The column map of a recording: each quantity as a product of columns, numbers and units.
 
-A map is parsed, never evaluated: `wx_body_rad_s = p_deg_s*deg`. The same keys stand in a TOML file, in
+A map is parsed, never evaluated: `wx_body_rad_s = p_deg_s*deg`. The same keys are used in a TOML file, in
 `--map`, and in the built-in maps of `--like`.
 """
 

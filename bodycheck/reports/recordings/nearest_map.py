@@ -1,4 +1,4 @@
-"""The map that comes nearest to the columns of a file, for the message that refuses them."""
+"""Suggest a map that fits the columns of a file, for the message that refuses them."""
 
 from __future__ import annotations
 

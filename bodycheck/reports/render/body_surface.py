@@ -1,4 +1,4 @@
-"""The surface of a body as polygons, as the report and films draw it: its mesh, its primitive, or a box."""
+"""The surface of a body as polygons, for the report and animations: its mesh, its primitive, or a box."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draw the motions of a run as a film: each engine's body, and the truth as a ghost over it."""
+"""Draw the motions of a run as an animation: each engine's body, with the truth over it in grey."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FRAMES = 200
-"""The largest number of frames of a film."""
+"""The largest number of frames of an animation."""
 
 SUFFIXES = (".gif", ".mp4", ".svg")
-"""The formats of a film."""
+"""The formats of an animation."""
 
 _PLAY_S = 10.0
 _HOLD_S = 1.5
@@ -62,7 +62,7 @@ def check_movie(out: Path) -> None:
 def movie(
     run: Run, scenario: str, suffix: str, engines: Sequence[str] = (), dt_s: float | None = None
 ) -> bytes:
-    """Return a film of one scenario as the bytes of a file; an SVG is a strip of frames.
+    """Return an animation of one scenario as the bytes of a file; an SVG is a strip of frames.
 
     engines: the bodies, as ENGINE (its method farthest from the truth) or ENGINE:METHOD; all engines if
     empty. dt_s: their step; if None, the coarsest that most of them share. Raises InputError if the run has

@@ -1,6 +1,6 @@
 """Other spellings of a model file: without meshes, with one link only, with changed tensors or shapes.
 
-They are what importers are asked about next to the file itself. Names of mesh files become absolute, so that
+Importers read them in addition to the file itself. Names of mesh files become absolute, so that
 the text can be stored in any folder.
 """
 
@@ -72,7 +72,7 @@ def _changed(name: str, value: str | None) -> str | None:
 def excerpt(model: ModelFile, name: str) -> str:
     """Return a model file with one link only, free, with the settings, defaults and meshes of the whole file.
 
-    Raises InputError where the link cannot stand alone.
+    Raises InputError if the link cannot be used alone.
     """
     if model.format == "urdf":
         root = parse_xml(model.path)
