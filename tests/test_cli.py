@@ -313,7 +313,7 @@ def test_what_was_put_right_in_a_mesh_reaches_the_user(tmp_path: Path) -> None:
     words = ("run", "mine.toml", "--engine", "reference:m1", "--dt", "0.01", "--no-speed", "--out", "out")
     done = run_bodycheck(tmp_path, *words)
     assert done.returncode == 0, done.stderr
-    note = "the mesh was inside-out; all its triangles were turned"
+    note = "the mesh was inside-out; all its triangles were reversed"
     assert f"mine: {note}" in " ".join(done.stdout.split())
     assert f"mesh part.obj, 600 kg/m³; {note}" in (tmp_path / "out/report.html").read_text()
     body = json.loads((tmp_path / "out/manifest.json").read_text())["scenarios"]["mine"]["body"]

@@ -254,7 +254,7 @@ def test_advice_is_that_of_the_newest_run_with_these_very_scenarios(command: Com
     (runs / "new/results.csv").write_text("")
     status, out, err = command("advise", "--error", "1e-2")
     assert (status, "from the run bodycheck-runs/old" in out) == (0, True)
-    left_out = [line for line in err.splitlines() if line.startswith("warning: a damaged run is left out: ")]
+    left_out = [line for line in err.splitlines() if line.startswith("warning: a damaged run is ignored: ")]
     assert [line.split(": ")[2] for line in left_out] == [
         "bodycheck-runs/odd/manifest.json",
         "bodycheck-runs/new/results.csv",
@@ -312,10 +312,10 @@ WRONG = {
     "no run": (["compare", "run", "nowhere"], "nowhere/manifest.json: missing: not a run folder"),
     "a page nowhere": (["compare", "run", "other", "--out", "no/a.html"], "no/a.html: cannot be written"),
     "no run to report": (["report", "."], "manifest.json: missing: not a run folder"),
-    "no error": (["advise", "--run", "run"], "give one of --error, the error to meet, and --dt"),
+    "no error": (["advise", "--run", "run"], "give either --error, the tolerance to meet, or --dt"),
     "an error and a step": (
         ["advise", "--error", "1", "--dt", "1"],
-        "give one of --error, the error to meet, and --dt",
+        "give either --error, the tolerance to meet, or --dt",
     ),
     "half a body": (
         ["advise", "--error", "1", "--mass-kg", "1"],

@@ -166,7 +166,7 @@ def test_unavailable_version_is_refused(
     assert (status, out) == (2, "")
     *before, fault = error.splitlines()
     assert told in fault
-    assert before in ([], [f"making an environment for {engine.partition(':')[0].replace('==', ' ')} ..."])
+    assert before in ([], [f"creating an environment for {engine.partition(':')[0].replace('==', ' ')} ..."])
     assert not list(Path().glob("made*"))
 
 

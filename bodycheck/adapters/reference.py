@@ -151,14 +151,14 @@ _TAYLOR = Method(
     evaluations=None,
     torque="every stage",
     lasting="every stage",
-    keeps="everything, to the tolerance a step",
+    keeps="everything, to the tolerance per step",
     source="Jorba and Zou (2005), Experimental Mathematics 14, 99",
     control="tolerance",
     tolerances=(1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14, 1e-16),
 )
 
 _NO_CLOSED_FORM = "no closed form for this body, this start and these loads"
-_NO_SERIES = "a load that only a function knows has no Taylor series"
+_NO_SERIES = "a load given only as a function has no Taylor series"
 
 
 def _method_of(integrator: Integrator) -> Method:
@@ -244,13 +244,13 @@ class Reference:
         if method == _TAYLOR.name:
             return _NO_SERIES if scene.has_callback_load else None
         if method in SINGLE_PRECISION and scene.lasting_loads:
-            return f"{method} takes constant loads only"
+            return f"{method} supports only constant loads"
         if scene.has_callback_load and not supports_callbacks(STEPPED[method]):
-            return f"{method} takes the loads of its stages from compiled code, which can ask no function"
+            return f"{method} evaluates loads at its stages in compiled code, which cannot call a function"
         if scene.pivot is not None and any(isinstance(load, GravityGradient) for load in scene.loads):
             return "a gravity gradient is reduced to no torque about a pivot"
         refused = _refused(STEPPED[method], scene.lasting_loads)
-        return f"{method} steps no {', '.join(refused)}: its kicks must be exact" if refused else None
+        return f"{method} does not support {', '.join(refused)}: its kicks must be exact" if refused else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Return a stepper of the scene."""

@@ -215,6 +215,6 @@ def prune(
 def _tell(left_out: Sequence[str]) -> None:
     """Report nightly runs that were left out on standard error, and exit with status 1 if there are any."""
     for why in left_out:
-        print(f"{why}; this nightly run is left out", file=sys.stderr)
+        print(f"{why}; this nightly run is excluded", file=sys.stderr)
     if left_out:
         raise typer.Exit(_LEFT_OUT)

@@ -59,7 +59,7 @@ def packed_lasting(scene: Scene) -> Array:
     for load in scene.lasting_loads:
         constants = _constants(load, scene)
         if constants is None:
-            others.append(checked_continuous(load, "the table of lasting loads"))
+            others.append(checked_continuous(load, "the table of continuous loads"))
         else:
             rows += constants + [0.0] * (_ROW - len(constants))
     if others:

@@ -100,7 +100,7 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
     )
     if body.spins_steadily:
         print(
-            "note: this omega is constant, which any method handles well; other spins err more",
+            "note: this omega is constant, which any method computes well; errors are larger for other spins",
             file=sys.stderr,
         )
     return str(path)

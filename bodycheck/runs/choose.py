@@ -92,4 +92,4 @@ def _newest_first() -> list[tuple[Path, dict[str, Any]]]:
 
 
 def _warn_left_out(error: InputError) -> None:
-    print(f"warning: a damaged run is left out: {error}", file=sys.stderr)
+    print(f"warning: a damaged run is ignored: {error}", file=sys.stderr)

@@ -92,7 +92,7 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
     try:
         selection = _selection(parts)
     except (KeyError, TypeError) as error:
-        raise InputError(f"the manifests of the shards do not agree with themselves: {error!r}") from None
+        raise InputError(f"the manifests of the shards are inconsistent: {error!r}") from None
     identity = Identity.new()
     timed_on = _timed_on(parts)
     problems, cases, methods, stability, diagnoses = [], [], [], [], []
@@ -338,7 +338,7 @@ def _speed_finding(parts: Sequence[_Part], timed_on: str) -> Iterator[str]:
     others = [part for part in parts if part.machine != timed_on]
     if others and parts[0].manifest["speed"]:
         left_out = ", ".join(str(part.shard) for part in others)
-        yield f"speeds are those of {timed_on}; those of shards {left_out}, on other machines, are left out"
+        yield f"speeds are those of {timed_on}; those of shards {left_out}, on other machines, are omitted"
 
 
 def _facts(manifest: Mapping[str, Any]) -> dict[str, str]:

@@ -128,7 +128,7 @@ def _user_wrench(value: Any, info: ValidationInfo) -> UserWrench:
 
 
 class CallableTable(LoadTable):
-    """A force and a torque that only a function knows."""
+    """A force and a torque given only as a function."""
 
     kind: Literal["callable"]
     function: Annotated[UserWrench, PlainValidator(_user_wrench), PlainSerializer(lambda f: f.name)]
@@ -160,7 +160,7 @@ def _known_kind(value: Any) -> Any:
     if not isinstance(value, dict) or "kind" not in value:
         raise ValueError(f"needs a kind: {', '.join(FORCING_KINDS)}")
     if value["kind"] not in FORCING_KINDS:
-        raise ValueError(f"no forcing is of kind {value['kind']!r}; there are: {', '.join(FORCING_KINDS)}")
+        raise ValueError(f"unknown kind {value['kind']!r} (available: {', '.join(FORCING_KINDS)})")
     return value
 
 

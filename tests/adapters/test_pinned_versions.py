@@ -342,7 +342,7 @@ def test_environment_is_announced_before_it_is_created(
     monkeypatch.setattr(environments, "_make", lambda _pin, place: _make_now(place, told, capsys))
     environments.python_of(PIN)
     environments.python_of(PIN)
-    assert told == ["making an environment for mujoco 3.6.0 ...\n"]
+    assert told == ["creating an environment for mujoco 3.6.0 ...\n"]
     assert capsys.readouterr().err == ""
 
 

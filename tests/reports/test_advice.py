@@ -215,7 +215,7 @@ def test_a_sure_option_takes_precedence_over_a_cheaper_unsure_one() -> None:
     (guess,) = settings_within({k: c for k, c in found.items() if k[1][1] == "euler"}, 1e-1, ["free"])
     (option,) = guess.options
     assert (option.basis, option.setting) == ("unsure", 0.05)
-    assert option.why == "guessed from dt 0.1 s and the order 1 in theory"
+    assert option.why == "predicted from dt 0.1 s and the theoretical order 1"
 
 
 def test_the_error_of_a_step_is_measured_or_predicted_for_each_method() -> None:

@@ -104,7 +104,7 @@ UNSURE = {
     "an unsettled order": (
         of_errors(0.2, 0.19, 0.15, 0.16, 0.14),
         1e-3,
-        "do not settle the order",
+        "do not determine the order",
     ),
     "scattered errors": (of_errors(3e-2, 1e-3, 8e-4, 2e-5, 1e-5), 1e-3, "scatter around the order"),
     "coarse steps off the order": (
@@ -115,7 +115,7 @@ UNSURE = {
     "a single usable point": (
         ErrorCurve([case(0.01, 0.1)], ERROR, 10.0, 0.1, order=1),
         0.005,
-        "guessed from dt 0.01 s and the order 1 in theory",
+        "predicted from dt 0.01 s and the theoretical order 1",
     ),
 }
 

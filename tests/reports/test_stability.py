@@ -51,7 +51,7 @@ def test_unsupported_method_has_a_row_with_the_reason(run: bodycheck.Run) -> Non
     """Its row has no step."""
     found = row(run, "splitting6")
     assert found["outcome"] == "unsupported"
-    assert found["message"] == "splitting6 steps no drag: its kicks must be exact"
+    assert found["message"] == "splitting6 does not support drag: its kicks must be exact"
     assert pd.isna(found["dt_stable_s"])
     assert pd.isna(found["dt_unstable_s"])
 

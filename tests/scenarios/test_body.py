@@ -174,7 +174,7 @@ def test_manifest_entry_of_a_shape_has_its_numbers() -> None:
 def test_corrected_mesh_has_a_note(tmp_path: Path) -> None:
     """An inside-out bracket gives the same body and a note; a correct one gives none."""
     turned, sound = written(tmp_path, text=bracket(inside_out=True)), written(tmp_path)
-    assert turned.body.notes == ("the mesh was inside-out; all its triangles were turned",)
+    assert turned.body.notes == ("the mesh was inside-out; all its triangles were reversed",)
     assert turned.model_dump(mode="json")["body"]["notes"] == list(turned.body.notes)
     assert sound.body.notes == ()
     assert np.allclose(turned.scene.body.inertia, sound.scene.body.inertia, rtol=1e-15)

@@ -192,7 +192,7 @@ def test_corrected_file_has_a_note(tmp_path: Path) -> None:
     text = text.replace("f 1 4 3", "f 1 3 4").replace("f 2 3 4", "f 2 4 3")
     body = load_mesh(written(tmp_path, "a.obj", text), 1.0)
     assert body.mass == pytest.approx(1.0, rel=1e-15, abs=0.0)
-    assert body.notes == ("the mesh was inside-out; all its triangles were turned",)
+    assert body.notes == ("the mesh was inside-out; all its triangles were reversed",)
 
 
 def ply(**changes: str) -> str:

@@ -27,7 +27,7 @@ _TAYLOR = by_tolerance(
     "heyoka.taylor_adaptive(equations, state, tol=tolerance)",
     (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14, 1e-16),
 )
-_NO_SERIES = "loads that vary with the time or the motion are not written as heyoka's expressions"
+_NO_SERIES = "loads that vary with time or motion are not available as heyoka expressions"
 
 
 class Heyoka:

@@ -40,7 +40,7 @@ def by_tolerance(name: str, formula: str, source: str, snippet: str, tolerances:
         evaluations=None,
         torque="every stage",
         lasting="every stage",
-        keeps="everything, to the tolerance a step",
+        keeps="everything, to the tolerance per step",
         source=source,
         control="tolerance",
         tolerances=tolerances,

@@ -114,7 +114,7 @@ def _made(pin: Pin) -> Path:
         with _locked(place.with_name(f"{place.name}.lock")):
             if not _is_complete(place):  # another process may have made it meanwhile
                 # always reported, because downloading about 100 MB takes a while
-                print(f"making an environment for {pin.name.replace('==', ' ')} ...", file=sys.stderr)
+                print(f"creating an environment for {pin.name.replace('==', ' ')} ...", file=sys.stderr)
                 _make(pin, place)
     except UvError as error:
         raise UnavailableError(f"{pin.name} cannot be installed: {error}") from None

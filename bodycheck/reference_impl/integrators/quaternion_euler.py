@@ -49,7 +49,7 @@ METHOD = Integrator(
     order=1,
     evaluations=1,
     torque="held over the step",
-    keeps="nothing; |q| grows by (dt omega)^2 / 8 a step",
+    keeps="nothing; |q| grows by (dt omega)^2 / 8 per step",
     preserves=frozenset(),
     source="Euler (1768), Institutiones calculi integralis, on q' = q omega / 2",
     turn=lambda x: 2.0 * math.atan(0.5 * x),

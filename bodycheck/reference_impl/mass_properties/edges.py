@@ -113,7 +113,7 @@ def taken_apart(vertices: Array, triangles: Triangles, partner: NDArray[np.int32
     notes: tuple[str, ...] = ()
     if cancelled.any():
         where = first_few(place(vertices[triangle[0]]) for triangle in triangles[cancelled])
-        notes = (f"{cancelled.sum()} of the triangles lie back to back and were left out, at {where}",)
+        notes = (f"{cancelled.sum()} of the triangles lie back to back and were removed, at {where}",)
         triangles = triangles[~cancelled]
         if not len(triangles):
             raise ValueError("the mesh is degenerate: all its triangles lie back to back")

@@ -50,7 +50,7 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, overlap: Overlap = "
     points, corners = _merged(points, corners)
     collapsed = _is_collapsed(corners)
     kept = corners[~collapsed] if collapsed.any() else corners
-    notes = _note(points, corners[collapsed], "had two equal corners and were left out")
+    notes = _note(points, corners[collapsed], "had two equal corners and were removed")
     closed = _closed(points, kept)
     surfaces = consistent(points, closed.triangles, closed.partner)
     facing = faced(points, surfaces, overlap)
@@ -124,8 +124,8 @@ def _closed(vertices: Array, triangles: Triangles) -> Parted:
 def _turned_note(vertices: Array, triangles: Triangles, turned: NDArray[np.bool_]) -> tuple[str, ...]:
     """Return a note on the turned triangles, if any."""
     if turned.all():
-        return ("the mesh was inside-out; all its triangles were turned",)
-    return _note(vertices, triangles[turned], "faced the wrong way and were turned")
+        return ("the mesh was inside-out; all its triangles were reversed",)
+    return _note(vertices, triangles[turned], "had the wrong orientation and were reversed")
 
 
 def _note(vertices: Array, triangles: Triangles, what: str) -> tuple[str, ...]:

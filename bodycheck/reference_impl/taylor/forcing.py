@@ -108,7 +108,7 @@ def forcing_between(scene: Scene, begin_s: float, end_s: float) -> Forcing:
     Raises ValueError for unsupported loads.
     """
     if scene.has_callback_load:
-        raise ValueError("a load that only a function knows has no Taylor series")
+        raise ValueError("a load given only as a function has no Taylor series")
     others = [
         checked_continuous(load, "the Taylor series of a motion")
         for load in scene.lasting_loads

@@ -42,11 +42,13 @@ def _head(audit: Audit) -> list[Sentence]:
     findings = Counter[str](finding.severity for finding in audit.findings)
     linted = names([count(findings[level], level) for level in reversed(_LEVELS) if findings[level]])
     links = {link.name for link, _, _ in differing}
-    told = f"{count(len(audit.links), 'link')}; {count(len(links), 'link')} held otherwise by an importer"
+    told = f"{count(len(audit.links), 'link')}; {count(len(links), 'link')} imported with differences"
     bad = bool(differing) or findings["error"] > 0
     found = [
         Sentence(
-            f"{told}; {linted or 'nothing'} found in the file itself.", "bad" if bad else "good", strong=True
+            f"{told}; {linted or 'no problem'} found in the file itself.",
+            "bad" if bad else "good",
+            strong=True,
         )
     ]
     unread = [link for link in audit.links if link.unread]
@@ -57,7 +59,7 @@ def _head(audit: Audit) -> list[Sentence]:
         found.append(Sentence(f"Names files outside of its folder: {names(list(audit.outside))}."))
     found += [Sentence(note) for note in audit.notes]
     for name, extra in audit.extra.items():
-        found.append(Sentence(f"{name} also holds links that the file does not name: {names(list(extra))}."))
+        found.append(Sentence(f"{name} also has links that the file does not name: {names(list(extra))}."))
     return found
 
 
@@ -145,7 +147,7 @@ def _spins(audit: Audit) -> Table:
                         _marked(spin, "excerpt"),
                     )
                 )
-    return Table(columns, tuple(rows), "Free spins that leave the truth of the file's body, rad after 1 s")
+    return Table(columns, tuple(rows), "Free spins that deviate from the truth, rad after 1 s")
 
 
 def _radians(value: float | None) -> str:
@@ -246,7 +248,7 @@ def sarif(audit: Audit, version: str) -> dict[str, Any]:
         for one in audit.findings
     ]
     for link, name, one in audit.differing():
-        message = f"{name} holds another body: {'; '.join(one.causes)}"
+        message = f"{name} imported a different body: {'; '.join(one.causes)}"
         results.append(
             _sarif_result("import-difference", "warning", audit.file, link.line, message, link.name)
         )

@@ -46,7 +46,7 @@ def spelling_document(results: Sequence[SpellingResult]) -> Document:
     """Return one row per spelling and importer."""
     broken = [one for one in results if one.broken or one.causes]
     lost = [one for one in results if one.apart_rad is None]
-    told = f"{count(len(results), 'spelling')} of one body spun; {len(broken)} break the law"
+    told = f"{count(len(results), 'spelling')} of one body spun; {len(broken)} violate the law"
     told += f"; {len(lost)} could not be spun" if lost else ""
     columns = (
         Column("importer", "fixed"),

@@ -256,7 +256,7 @@ def _body() -> Iterator[Fault]:
             (0.0, "the off-diagonals of the inertia tensor are dropped"),
             (-1.0, "the off-diagonals of the inertia tensor have the wrong sign"),
         ),
-        confirm="compare with a body whose axes are principal: its motion must be right",
+        confirm="compare with a body whose axes are principal: its motion must be correct",
     )
     names = "xyz"
     for order in list(permutations(range(3)))[1:]:
@@ -274,12 +274,12 @@ def _body() -> Iterator[Fault]:
         "body",
         "the inertia is that of a sphere: trace(I) / 3 about every axis",
         _inertia(lambda inertia, _: np.eye(3) * np.trace(inertia) / 3.0),
-        confirm="a sphere must move right",
+        confirm="a sphere must move correctly",
     )
     yield Fault(
         "inertia-inverted",
         "body",
-        "the inverse of the inertia tensor stands in its place",
+        "the inertia tensor is replaced by its inverse",
         _inertia(lambda inertia, _: np.linalg.inv(inertia)),
         confirm="read the inertia back from the engine",
     )
@@ -289,7 +289,7 @@ def _body() -> Iterator[Fault]:
         "the inertia tensor is not rotated with the body",
         _constant(inertia_in_world=1.0),
         applies=lambda at: at.rotates,
-        confirm="a sphere must move right",
+        confirm="a sphere must move correctly",
     )
     yield Fault(
         "inertia-scaled",
@@ -377,7 +377,7 @@ def _gravity_faults() -> Iterator[Fault]:
         _near(1.0),
         lambda at: at.has_gravity,
         ((0.0, "gravity is missing"), (2.0, "gravity is applied twice"), (-1.0, "gravity is reversed")),
-        confirm="drop the body from rest: its fall is g t^2 / 2",
+        confirm="drop the body from rest: its fall must be g t^2 / 2",
     )
     for order in list(permutations(range(3)))[1:]:
         place = list(order)
@@ -442,7 +442,7 @@ def _map_faults() -> Iterator[Fault]:
         (_RATE,),
         _near(0.0, 1.0),
         lambda at: at.rotates,
-        confirm="let the free body rotate for long: its energy must approach L^2 / (2 I2)",
+        confirm="let the free body rotate for a long time: its energy must approach L^2 / (2 I2)",
     )
     yield Fault(
         "damping-angular",
@@ -506,7 +506,7 @@ def _map_faults() -> Iterator[Fault]:
     yield Fault(
         "position-by-old-velocity",
         "map",
-        "the position advances with the velocity of the start of the step",
+        "the position advances with the velocity at the start of the step",
         _constant(old_velocity=1.0),
         applies=lambda at: at.is_free,
         confirm="drop the body from rest: its first step must not move it",
@@ -556,7 +556,7 @@ def _clamp(which: Literal["v", "w"], axes: ClampAxes, *, first: bool) -> Fault:
         (Parameter("limit", unit, math.inf, 0.0, 1e9, 1.0),),
         lambda at: [(_largest_of(which, axes, at),)],
         applies,
-        confirm="start above and below the limit: only the former must be wrong",
+        confirm="start above and below the limit: only the motion above it must be wrong",
     )
 
 
@@ -590,7 +590,7 @@ def _limits() -> Iterator[Fault]:
         (Parameter("limit", "m/s or rad/s", math.inf, 0.0, 1e9, 1.0),),
         lambda at: [(max(_largest_of("w", "world", at), _largest_of("v", "world", at)),)],
         lambda at: at.is_free and _largest_of("w", "world", at) > 0.0 and _largest_of("v", "world", at) > 0.0,
-        confirm="start above and below the limit: only the former must be wrong",
+        confirm="start above and below the limit: only the motion above it must be wrong",
     )
     yield Fault(
         "turn-clamped",
@@ -817,12 +817,12 @@ def _load_faults() -> Iterator[Fault]:
     yield Fault(
         "all-loads",
         "loads",
-        "all loads but gravity are multiplied by {0}",
+        "all loads except gravity are multiplied by {0}",
         _scaled_loads(*_ALL_LOADS),
         (_FACTOR,),
         _near(1.0),
         lambda at: at.has_torque and at.has_force,
-        ((2.0, "all loads are applied twice"), (0.0, "all loads but gravity are missing")),
+        ((2.0, "all loads are applied twice"), (0.0, "all loads except gravity are missing")),
         confirm=confirm,
     )
     yield from _applied_faults(confirm)
@@ -932,7 +932,7 @@ def _load_faults() -> Iterator[Fault]:
     yield Fault(
         "arm-rotated",
         "loads",
-        "the point of a world force is taken in the world axes of the start",
+        "the point of a world force is taken as an offset in world axes at the start",
         _loads(_arms_turned),
         applies=lambda at: "moment" in at.loads,
         confirm=confirm,
@@ -974,7 +974,7 @@ def _load_faults() -> Iterator[Fault]:
     yield Fault(
         "load-never-cleared",
         "loads",
-        "loads are added to those before and never cleared",
+        "loads are added to the previous ones and never cleared",
         _never_cleared,
         applies=lambda at: at.switches,
         confirm="end the load and wait: momentum must be constant",
@@ -1192,7 +1192,7 @@ def _step_scaled(model: Model, values: Array, at: Circumstances) -> None:
 
 _DEGREES = (
     (180.0 / math.pi, "omega is read in degrees per second, not rad/s"),
-    (0.5 / math.pi, "omega is read in turns per second, not rad/s"),
+    (0.5 / math.pi, "omega is read in revolutions per second, not rad/s"),
     (-1.0, "omega is read with the opposite sign"),
 )
 _ARM = tuple(Parameter(f"{axis}", "m", 0.0) for axis in "xyz")
@@ -1211,7 +1211,7 @@ def _reading_faults() -> Iterator[Fault]:
         (Parameter("factor", low=0.0, high=100.0),),
         _near(1.0, 0.5, 2.0),
         special=((0.5, "each step lasts half of its length"), (2.0, "each step lasts twice its length")),
-        confirm="let the body fly without loads: its way is v t",
+        confirm="let the body fly without loads: its path must be v t",
     )
     yield Fault(
         "step-made-twice",
@@ -1219,9 +1219,9 @@ def _reading_faults() -> Iterator[Fault]:
         "each step is made twice",
         _constant(repeats=1.0),
         applies=lambda at: at.stepped,
-        confirm="let the body fly without loads: its way is v t",
+        confirm="let the body fly without loads: its path must be v t",
     )
-    confirm = "read the state twice in a row, and once more after a step of length 0 if the engine allows"
+    confirm = "read the state twice in a row, and again after a step of length 0 if the engine allows it"
     for name, names, what in (
         ("state-late", "xvqw", "the state is"),
         ("attitude-late", "q", "the attitude is"),
@@ -1347,14 +1347,14 @@ def _reading_faults() -> Iterator[Fault]:
         "omega is rounded to float32 in each stage",
         _constant(single_stage=1.0),
         applies=lambda at: at.rotates and not at.transitions.is_single,
-        confirm="scan the engine's build for float32, and halve the step: the error must not shrink",
+        confirm="scan the engine's build for float32, and halve the step: the error must not decrease",
     )
     yield Fault(
         "float32",
         "precision",
         "the state is held in float32",
         _constant(single_state=1.0),
-        confirm="halve the step: the error must not shrink",
+        confirm="halve the step: the error must not decrease",
     )
 
 
@@ -1438,7 +1438,7 @@ def _general() -> Iterator[Fault]:
             yield Fault(
                 f"spurious-{what}-{axes}",
                 "loads",
-                f"a constant {what} of ({{0}}, {{1}}, {{2}}) {unit} in {axes} axes acts besides the loads",
+                f"a spurious constant {what} of ({{0}}, {{1}}, {{2}}) {unit} in {axes} axes acts",
                 _spurious(f"spurious_{what}_{axes}"),
                 tuple(Parameter(a, unit, 0.0) for a in "xyz"),
                 lambda _: [(0.0, 0.0, 0.0)],

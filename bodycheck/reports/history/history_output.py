@@ -60,7 +60,7 @@ def night_sentences(judged: Judgement) -> list[str]:
         ]
     found += _findings(judged)
     found += [_speed_sentence(judged), f"Machine: {machine_class(judged.tonight.manifest)}."]
-    found += [f"Nightly run left out: {why}." for why in judged.past.left_out]
+    found += [f"Nightly run excluded: {why}." for why in judged.past.left_out]
     return found
 
 

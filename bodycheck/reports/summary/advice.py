@@ -91,7 +91,7 @@ class Advice:
 def check_question(error: float | None, dt_s: float | None, quantity: str) -> None:
     """Raise InputError for an invalid error tolerance or step, or an unknown quantity."""
     if (error is None) == (dt_s is None):
-        raise InputError("give one of --error, the error to meet, and --dt, the step whose error is wanted")
+        raise InputError("give either --error, the tolerance to meet, or --dt, the step whose error to print")
     for option, value in (("--error", error), ("--dt", dt_s)):
         if value is not None and not 0.0 < value < math.inf:
             raise InputError(f"{option} {value!r}: must be a positive number")

@@ -212,14 +212,14 @@ class ErrorCurve:
         if self.order is None or not self._usable:
             return None
         finest, error = self._usable[-1]
-        why = f"guessed from dt {step(finest)} s and the order {self.order} in theory"
+        why = f"predicted from dt {step(finest)} s and the theoretical order {self.order}"
         factor = math.exp(min(self.order * math.log(dt_s / finest), _LARGEST_LOG))
         return Estimate(dt_s, error * factor, "unsure", why)
 
     def _why_unsure(self, dt_s: float, error: float, high: float) -> str:
         """Return why a prediction is unsure; "" where it is not."""
         if self._settled is None:
-            return f"the measured steps do not settle the order ({self.verdict or 'too-few-points'})"
+            return f"the measured steps do not determine the order ({self.verdict or 'too-few-points'})"
         if dt_s > self._largest_stable_s * (1.0 + _SAME):
             return f"above the largest stable step, {self._largest_stable_s:.3g} s"
         if self._scatter > _MOST_SCATTER:

@@ -66,7 +66,7 @@ def test_flipped_triangles_are_reversed(flipped: list[int], meshes: Any) -> None
     mesh = checked_mesh(vertices, triangles)
     assert volume(mesh) == 1.0
     assert mesh.notes[0].startswith(
-        f"{len(flipped)} of the triangles faced the wrong way and were turned, at ("
+        f"{len(flipped)} of the triangles had the wrong orientation and were reversed, at ("
     )
 
 
@@ -84,7 +84,7 @@ def test_inside_out_mesh_is_reversed(meshes: Any) -> None:
     vertices, triangles = meshes.sphere(2)
     mesh = checked_mesh(vertices, triangles[:, ::-1])
     assert np.array_equal(mesh.triangles, triangles)
-    assert mesh.notes == ("the mesh was inside-out; all its triangles were turned",)
+    assert mesh.notes == ("the mesh was inside-out; all its triangles were reversed",)
 
 
 def test_collapsed_triangles_are_dropped(meshes: Any) -> None:
@@ -94,7 +94,7 @@ def test_collapsed_triangles_are_dropped(meshes: Any) -> None:
     mesh = checked_mesh(corners, rows)
     assert volume(mesh) == 1.0
     assert mesh.notes == (
-        "2 of the triangles had two equal corners and were left out, at (0, 0, 0); (0, 1, 0)",
+        "2 of the triangles had two equal corners and were removed, at (0, 0, 0); (0, 1, 0)",
     )
 
 
@@ -111,7 +111,7 @@ def test_inside_out_shell_is_reversed_as_a_whole(meshes: Any, joined: Any) -> No
     big, small = meshes.box(), meshes.box([0.25] * 3, [0.75] * 3)
     mesh = checked_mesh(*joined((big[0], big[1][:, ::-1]), small))
     assert volume(mesh) == 1.0 - 0.5**3
-    assert mesh.notes[0] == "the mesh was inside-out; all its triangles were turned"
+    assert mesh.notes[0] == "the mesh was inside-out; all its triangles were reversed"
 
 
 def test_separate_parts_are_oriented_one_by_one(meshes: Any, joined: Any) -> None:
@@ -120,8 +120,8 @@ def test_separate_parts_are_oriented_one_by_one(meshes: Any, joined: Any) -> Non
     mesh = checked_mesh(*joined(one, (other[0], other[1][:, ::-1])))
     assert volume(mesh) == 2.0
     assert mesh.notes[0].startswith(
-        "12 of the triangles faced the wrong way and were turned, at (3, 1, 1)"
-    ) or (mesh.notes[0].startswith("12 of the triangles faced the wrong way and were turned, at (2"))
+        "12 of the triangles had the wrong orientation and were reversed, at (3, 1, 1)"
+    ) or (mesh.notes[0].startswith("12 of the triangles had the wrong orientation and were reversed, at (2"))
 
 
 def test_touching_parts_stay_separate(meshes: Any, joined: Any) -> None:
@@ -246,7 +246,7 @@ def test_wall_shared_by_two_parts_is_dropped(meshes: Any, joined: Any) -> None:
     ]
     mesh = checked_mesh(vertices, triangles)
     assert volume(mesh) == 2.0
-    assert mesh.notes[0].startswith("4 of the triangles lie back to back and were left out, at (1, ")
+    assert mesh.notes[0].startswith("4 of the triangles lie back to back and were removed, at (1, ")
 
 
 def test_cavity_that_touches_its_surface_stays_a_cavity(meshes: Any, joined: Any) -> None:

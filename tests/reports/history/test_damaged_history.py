@@ -56,7 +56,7 @@ def test_damaged_run_is_named_and_the_others_are_listed(
     assert done.exit_code == 1
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"{damaged}: ")
-    assert line.endswith("; this nightly run is left out")
+    assert line.endswith("; this nightly run is excluded")
     assert [name in done.stdout for name in NAMES] == [True, False, True]
 
 
@@ -67,7 +67,7 @@ def test_query_omits_a_run_with_a_truncated_table(history: Path, table: str) -> 
     torn.write_bytes(torn.read_bytes()[:-10])
     sql = " UNION ALL ".join(f"SELECT run_id FROM {name}" for name in ("nights", *TABLES))
     done = asked("query", history, sql)
-    assert (done.exit_code, done.stderr) == (1, f"{torn}: is damaged; this nightly run is left out\n")
+    assert (done.exit_code, done.stderr) == (1, f"{torn}: is damaged; this nightly run is excluded\n")
     assert [done.stdout.count(name) for name in NAMES] == [5, 5, 0]
 
 
