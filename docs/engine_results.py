@@ -117,15 +117,22 @@ def _listed(
     title: str, found: Iterable[tuple[str, MeasuredMethod]], methods: Sequence[MeasuredMethod]
 ) -> Iterator[str]:
     """Yield each sentence once, with the methods that it concerns unless these are all."""
+    sentences = _together(found, methods)
+    yield from ("", f"{title}:" if sentences else f"{title}: none.")
+    if sentences:
+        yield ""
+    yield from (f"- {sentence}" for sentence in sentences)
+
+
+def _together(found: Iterable[tuple[str, MeasuredMethod]], methods: Sequence[MeasuredMethod]) -> list[str]:
+    """Return each sentence once, after the names of the methods that it concerns unless these are all."""
     together: dict[str, list[str]] = {}
     for sentence, one in found:
         together.setdefault(sentence, []).append(one.name)
-    yield from ("", f"{title}:" if together else f"{title}: none.")
-    if together:
-        yield ""
-    for sentence, names in together.items():
-        whose = "" if len(names) == len(methods) else f"`{', '.join(names)}`: "
-        yield f"- {whose}{escaped_markdown(sentence)}"
+    return [
+        ("" if len(names) == len(methods) else f"`{', '.join(names)}`: ") + escaped_markdown(sentence)
+        for sentence, names in together.items()
+    ]
 
 
 def _cells(one: MeasuredMethod) -> tuple[str, ...]:
@@ -178,6 +185,7 @@ def _overview(engine: str, methods: Sequence[MeasuredMethod]) -> tuple[str, ...]
         if (found := _number((one.row or {}).get("least_error"))) is not None
         or (found := _number((one.row or {}).get("finest_error"))) is not None
     ]
+    refused = ((reason, one) for one in methods for reason in one.refused)
     wrong = [one.name for one in methods if one.finding]
     return (
         engine,
@@ -186,7 +194,7 @@ def _overview(engine: str, methods: Sequence[MeasuredMethod]) -> tuple[str, ...]
         str(len(methods)),
         _range([f"{order:.1f}" for order in sorted(orders)]),
         _range([scientific(error) for error in sorted(errors)]),
-        "; ".join(dict.fromkeys(reason for one in methods for reason in one.refused)) or "all represented",
+        "; ".join(_together(refused, methods)) or "all represented",
         ", ".join(wrong) or "none",
     )
 

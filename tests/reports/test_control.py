@@ -57,6 +57,14 @@ def test_method_with_a_tolerance_has_a_verdict_and_no_order(obedient: bodycheck.
 
 
 @pytest.mark.slow
+def test_method_with_a_tolerance_has_no_best_step(obedient: bodycheck.Run) -> None:
+    """Its floor does not follow from a number of steps that it chooses itself."""
+    assert obedient.methods["finest_error"].notna().all()
+    columns = ["best_dt_s", "least_error", "predicted_floor", "measured_floor"]
+    assert obedient.methods[columns].isna().all(axis=None)
+
+
+@pytest.mark.slow
 def test_requested_tolerances_replace_the_default_ones() -> None:
     """The reproducing command repeats --tolerance."""
     run = bodycheck.run(["full-tensor"], engines=["reference:taylor"], tolerances=[1e-9], speed=False)

@@ -286,7 +286,7 @@ def method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) -
             "quantity": quantity,
             "expected_order": expected,
             **finest,
-            **_best(points, _arithmetic(problem, quantity, method), found.order or expected),
+            **_best(points, problem, method, quantity, found.order or expected),
             **vars(found),
             **vars(growth),
         }
@@ -305,12 +305,18 @@ def _expected_order(cases: Sequence[CaseResult], problem: Problem, method: Metho
     return min(method.order, 1) if held or switched else method.order
 
 
-def _best(points: Sequence[Point], round_off: RoundOff, order: float | None) -> dict[str, float]:
+def _best(
+    points: Sequence[Point], problem: Problem, method: Method, quantity: str, order: float | None
+) -> dict[str, float]:
     """Return the best step, its error, and the floor there: predicted, and measured where it was reached.
 
-    order: of the errors above the floor; 2 where it is not known, which matters for the measured floor only.
+    Empty for a method that chooses its own steps. order: of the errors above the floor; 2 where it is not
+    known, which matters for the measured floor only.
     """
-    predicted = [replace(point, round_off=round_off.at(point.dt_s)) for point in points if point.dt_s > 0.0]
+    if method.control != "dt":
+        return {}
+    round_off = _arithmetic(problem, quantity, method)
+    predicted = [replace(point, round_off=round_off.at(point.dt_s)) for point in points]
     best = best_of(predicted)
     if best is None or best.error is None:
         return {}
