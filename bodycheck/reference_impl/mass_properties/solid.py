@@ -11,6 +11,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from bodycheck._util.formatting import count
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import principal_axes
 
@@ -190,7 +191,7 @@ def primitive(shape: str, size: Sequence[float]) -> MassProperties:
     known = PRIMITIVES[known_shape(shape)]
     if len(size) != len(known.sizes):
         raise ValueError(
-            f"a {shape} has {len(known.sizes)} sizes ({', '.join(known.sizes)}), not {len(size)}"
+            f"a {shape} has {count(len(known.sizes), 'size')} ({', '.join(known.sizes)}), not {len(size)}"
         )
     for name, value in zip(known.sizes, size, strict=True):
         if not 0.0 < value < math.inf:
