@@ -28,7 +28,7 @@ from bodycheck.runs.advice_run import measure_steps
 from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
 
 FACTOR = 1.5
-MOST_UNSURE = 0.1
+MAX_UNSURE = 0.1
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def main() -> int:
     without = (kinds["unsure"] + kinds["none"]) / answers
     print(f"unsure: {100 * unsure:.1f} % of {predictions} predictions")
     print(f"unsure or no setting: {100 * without:.1f} % of {answers} answers")
-    return int(found["predicted, fails"] > 0 or max(unsure, without) > MOST_UNSURE)
+    return int(found["predicted, fails"] > 0 or max(unsure, without) > MAX_UNSURE)
 
 
 def _questions(

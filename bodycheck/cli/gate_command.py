@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 gating = typer.Typer()
 
 _FAILED = 1
-_MOST_MARGIN = 300.0  # decades; a larger margin would overflow the bound
+_MAX_MARGIN = 300.0  # decades; a larger margin would overflow the bound
 
 
 @gating.command(
@@ -125,8 +125,8 @@ def _check(*, update: bool, margin: float | None, loosen: str | None) -> None:
     """Raise InputError if the options of --update are wrong or given without it."""
     if not update and (margin is not None or loosen is not None):
         raise InputError("--margin and --loosen require --update")
-    if margin is not None and not 0.0 <= margin <= _MOST_MARGIN:
-        raise InputError(f"--margin {margin}: must be between 0 and {_MOST_MARGIN:g} decades")
+    if margin is not None and not 0.0 <= margin <= _MAX_MARGIN:
+        raise InputError(f"--margin {margin}: must be between 0 and {_MAX_MARGIN:g} decades")
     if loosen is not None and not loosen.strip():
         raise InputError("--loosen: must state the reason for loosening the bounds")
 

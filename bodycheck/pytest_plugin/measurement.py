@@ -16,7 +16,7 @@ from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
 from bodycheck.reports.gates.verdict import Check, GateResult, Row, held, rows_of
 from bodycheck.reports.run_files.run_tables import Run
 
-_MOST_ROWS = 20
+_MAX_ROWS = 20
 
 Record: TypeAlias = Callable[[str], None]
 """Adds a line to the summary at the end of the session."""
@@ -125,15 +125,15 @@ def assert_passed(
     lines = [line_of(result)]
     rows = failure_rows([result])
     diagnoses = {_key(row): row["diagnosis"] for row in run.diagnoses.to_dict("records")}
-    for (_, *cells, command), check in zip(rows[:_MOST_ROWS], result.failed, strict=False):
+    for (_, *cells, command), check in zip(rows[:_MAX_ROWS], result.failed, strict=False):
         if len(result.checks) > 1:
             lines.append(" | ".join(filter(None, cells)))
         lines += [f"    {line}" for line in check.row.errors]
         if diagnosis := diagnoses.get(_key(vars(check.row))):
             lines.append(f"    diagnosis: {diagnosis}")
         lines.append(f"    reproduce: {command}")
-    if len(rows) > _MOST_ROWS:
-        lines.append(f"and {len(rows) - _MOST_ROWS} more")
+    if len(rows) > _MAX_ROWS:
+        lines.append(f"and {len(rows) - _MAX_ROWS} more")
     if report is not None:
         lines += [f"report: {report}", f"explain: bodycheck explain {shlex.quote(str(report.parent))}"]
     raise AssertionError("\n".join(lines)) from cause

@@ -21,7 +21,7 @@ from bodycheck.reports.diagnosis.diagnosis import diagnosed
 from bodycheck.reports.diagnosis.explain import ExplainedCase
 from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, stable_motion
-from bodycheck.reports.measurement.convergence import Convergence, Judged, Point, convergence_of
+from bodycheck.reports.measurement.convergence import Convergence, Criteria, Point, convergence_of
 from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
 from bodycheck.reports.measurement.measures import (
     MEASURES,
@@ -99,7 +99,7 @@ def _orders(
     for quantity in QUANTITIES:
         if quantity in common and MEASURES[quantity].judged == "limit":
             points = [Point(row["dt_s"], row.get(quantity)) for row in rows]
-            found[quantity] = convergence_of(points, Judged(floor=limit(problem, quantity)))
+            found[quantity] = convergence_of(points, Criteria(floor=limit(problem, quantity)))
     return found
 
 

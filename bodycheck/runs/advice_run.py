@@ -37,8 +37,8 @@ from bodycheck.scenarios.free_body import FreeBody, scenario_text
 from bodycheck.scenarios.library import load_scenarios
 from bodycheck.scenarios.serialization import as_written
 
-_MOST_ROUNDS = 12
-_MOST_STEPS = 2e7  # of a case that a search measures
+_MAX_ROUNDS = 12
+_MAX_STEPS = 2e7  # of a case that a search measures
 
 
 @dataclass(frozen=True)
@@ -122,13 +122,13 @@ def _searched(
     """Measure predicted settings until all answers are measured, or nothing more can be tried."""
     assert asked.error is not None
     more: list[Run] = []
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         answers = _answers(run, asked, scenarios, more)
         curves = curves_of(run, asked.quantity, tuple(case for other in more for case in other.cases))
         steps = {
             place: dt_s
             for place, dt_s in to_measure(curves, answers, asked.error).items()
-            if curves[place].duration_s / dt_s <= _MOST_STEPS
+            if curves[place].duration_s / dt_s <= _MAX_STEPS
         }
         if not steps:
             return answers

@@ -32,7 +32,7 @@ _FIRST_CASE_S = 0.005
 _CONNECTION_S = 30.0
 _COUNTED_AGAIN_S = 2.0
 _LATE, _LATE_S = 5.0, 10.0  # a batch is late after this many times its expected time, and at least so long
-_MOST_COPIES = 3
+_MAX_COPIES = 3
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -351,7 +351,7 @@ class DaskExecutor(Executor):
                 batch
                 for batch in self._batches
                 if now - batch.sent_s > max(_LATE_S, _LATE * batch.expected_s)
-                and len(batch.copies) < _MOST_COPIES
+                and len(batch.copies) < _MAX_COPIES
             ]
         if not late:
             return

@@ -30,9 +30,9 @@ from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
 from bodycheck.runs.run_options import ProgressFactory, RunOptions
 from bodycheck.scenarios.ensemble import Ensemble, scenario_text
 
-_MOST_LOADED = 10_000
-_MOST_ROWS, _LEAST_ROWS = 8192, 16  # of one task
-_MOST_STATES = 40_960  # of one task: bodies x samples
+_MAX_LOADED = 10_000
+_MAX_ROWS, _MIN_ROWS = 8192, 16  # of one task
+_MAX_STATES = 40_960  # of one task: bodies x samples
 _TASKS_PER_WORKER = 8  # at least, so that the workers end at about the same time
 
 
@@ -73,10 +73,10 @@ def _checked_loads(ensemble: Ensemble, n: int) -> bool:
     template, bodies = ensemble.template, ensemble.bodies(0, 1)
     scene = scene_of(template, bodies, 0)
     closed = None if scene.has_callback_load else closed_form_of(scene)
-    if closed is None and n > _MOST_LOADED:
+    if closed is None and n > _MAX_LOADED:
         raise InputError(
             f"--n {n}: the loads of {ensemble.scenario.name} have no closed form for random bodies; "
-            f"with such loads n is at most {_MOST_LOADED}"
+            f"with such loads n is at most {_MAX_LOADED}"
         )
     return closed is not None and isinstance(closed.rotation, FreeRotation)
 
@@ -124,7 +124,7 @@ def _measure(
 
 def _rows_per_task(request: EnsembleRequest, workers: int) -> int:
     balanced = math.ceil(len(request.rows) / (workers * _TASKS_PER_WORKER))
-    return max(min(_MOST_ROWS, _MOST_STATES // request.samples, balanced), _LEAST_ROWS)
+    return max(min(_MAX_ROWS, _MAX_STATES // request.samples, balanced), _MIN_ROWS)
 
 
 def _sentinels(result: EnsembleResult, key: Key, motions: BatchAnswer) -> Iterator[Sentinel]:

@@ -51,7 +51,7 @@ def manifest_of(
     options: RunOptions,
     cases: Sequence[CaseResult],
     seconds: Mapping[str, float],
-    quietness: MachineNoise | None,
+    noise: MachineNoise | None,
 ) -> dict[str, Any]:
     """Return the manifest of a run as plain data."""
     engines: dict[str, Any] = {name: {"unavailable": why} for name, why in selection.unavailable.items()}
@@ -70,8 +70,8 @@ def manifest_of(
         "speed": options.speed,
         "jobs": options.workers,
         "timeout_s": options.timeout_s,
-        "speed_core": quietness.core if quietness else None,
-        "speed_noise": quietness.spread if quietness else None,
+        "speed_core": noise.core if noise else None,
+        "speed_noise": noise.spread if noise else None,
         "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),
         "scenarios": {s.name: written(s) for _, s in selection.scenarios},
         **seconds,

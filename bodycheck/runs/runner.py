@@ -110,10 +110,10 @@ def run_selection(
     recorded = time.perf_counter()
     cases = tuple(case for studied in found.studies for case in studied.cases)
     diagnoses = _diagnoses(selection, problems, found.studies, progress)
-    quietness = None
+    noise = None
     if options.speed:
         progress.speeds_begun()
-        cases, quietness = measure_speeds(
+        cases, noise = measure_speeds(
             problems,
             cases,
             {engine.name: engine for engine, _ in selection.methods},
@@ -144,7 +144,7 @@ def run_selection(
         results=table([case.columns for case in cases], RESULT_COLUMNS),
         methods=table(method_rows, METHOD_COLUMNS),
         stability=table(stability_rows, STABILITY_COLUMNS),
-        manifest=manifest_of(identity, selection, options, cases, seconds, quietness),
+        manifest=manifest_of(identity, selection, options, cases, seconds, noise),
         problems=tuple(problems),
         cases=cases,
         probes=table(found.probes, PROBE_COLUMNS),

@@ -33,7 +33,7 @@ Member: TypeAlias = tuple[ModelLink, Frame]
 """A link, and its pose in the link that it is part of."""
 _WATER_KG_M3 = 1000.0
 """The density of geoms that state none in MJCF, which some importers give to all."""
-_MOST_SUBSETS = 8  # shapes: 255 sums, of which one agrees with a mass by chance once in 1,000 times
+_MAX_SUBSETS = 8  # shapes: 255 sums, of which one agrees with a mass by chance once in 1,000 times
 _NEARLY_A_BOX = 0.05  # shapes of meshes have small margins
 
 
@@ -122,7 +122,7 @@ def _counted(link: ModelLink, model: ModelFile, mass_kg: float) -> tuple[Shape, 
     unsized = tuple(
         replace(shape, size=(1.0, 1.0, 1.0)) if shape.kind == "box" else shape for shape in link.shapes
     )
-    many = len(link.shapes) > _MOST_SUBSETS
+    many = len(link.shapes) > _MAX_SUBSETS
     for shapes in dict.fromkeys((link.shapes, unsized)):
         volumes = [volume_m3(shape, model) for shape in shapes]
         for size in (len(shapes), 1) if many else range(len(shapes), 0, -1):

@@ -12,7 +12,7 @@ from bodycheck._util.files import atomic_write
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.entries import Entry
 
-_MOST_BYTES = 2_000_000_000
+_MAX_BYTES = 2_000_000_000
 _UNUSED_S = 30 * 86400.0
 _PRUNED_AGAIN_S = 3600.0  # a folder of many entries takes 0.3 s, and each run prunes
 _MARKED_AGAIN_S = 86400.0  # the time of last use is updated at most this often
@@ -95,7 +95,7 @@ class Cache:
                         files.append((facts.st_mtime, facts.st_size, entry.path))
         total = sum(size for _, size, _ in files)
         for used, size, path in sorted(files):
-            if now_s - used < _UNUSED_S and total <= _MOST_BYTES:
+            if now_s - used < _UNUSED_S and total <= _MAX_BYTES:
                 break
             with suppress(OSError):
                 Path(path).unlink()

@@ -67,7 +67,7 @@ def by_rank(before: int, after: int) -> Status:
     return "moved" if before == after else "improved" if after > before else "worse"
 
 
-_LEAST_ORDER_CHANGE = 0.05
+_MIN_ORDER_CHANGE = 0.05
 
 _Row: TypeAlias = Mapping[str, Any]
 
@@ -103,7 +103,7 @@ def order_change(before: _Row, after: _Row, theory: float | None, thresholds: Th
     up = after["order_low"] > before["order_high"]
     down = after["order_high"] < before["order_low"]
     old, new = before["order"], after["order"]
-    if not (up or down) or abs(new - old) <= _LEAST_ORDER_CHANGE:
+    if not (up or down) or abs(new - old) <= _MIN_ORDER_CHANGE:
         return None
     lower = before if up else after
     least = max(old, new) if theory is None else min(theory, max(old, new))

@@ -178,11 +178,11 @@ def _fingerprints(before: Tables, after: Tables) -> Iterator[Change]:
             yield Change("fingerprint", None, row["engine"], row["method"], "one-step map", was, now, "moved")
 
 
-def ended_well_anew(before: Tables, after: Tables) -> Tables:
+def newly_ended_well(before: Tables, after: Tables) -> Tables:
     """Return `after` with only the cases that ended well there, but did not end well or exist in `before`."""
     well = {_case_key(case.columns) for case in before.cases if case.ok}
-    anew = (case for case in after.cases if case.ok and _case_key(case.columns) not in well)
-    return replace(after, cases=tuple(anew))
+    newly = (case for case in after.cases if case.ok and _case_key(case.columns) not in well)
+    return replace(after, cases=tuple(newly))
 
 
 def _cases(tables: Tables, apart: tuple[str, ...]) -> dict[_Key, _Row]:

@@ -34,7 +34,7 @@ _TINTS: dict[Status, str] = {
     "moved": "open",
     "new": "open",
 }
-_MOST_LINES = 20
+_MAX_LINES = 20
 _KINDS: tuple[Kind, ...] = (
     "outcome",
     "verdict",
@@ -222,7 +222,7 @@ def change_tables(changes: Iterable[Change], rest: str) -> tuple[Table, ...]:
             tuple(group.row for group in made if group.status == status),
             heading,
             _TINTS[status],
-            most=_MOST_LINES,
+            most=_MAX_LINES,
             rest=rest,
             folded=status not in FAILING,
             only=MEDIA if status in FAILING else ("page",),

@@ -13,7 +13,7 @@ from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds
 
 ORIENTATION = "orientation_error_rad"
-_MOST_METHODS = 6
+_MAX_METHODS = 6
 _FARTHER_DECADES = 1.0  # a measure that changed by this much more than the orientation is named as well
 _DIGITS_BELOW = 1e-3  # a smaller relative change is reported as a digit, a larger one in percent
 
@@ -96,8 +96,8 @@ def _versions(comparison: Comparison, engine: str) -> str:
 def _clauses(methods: Sequence[MethodChanges], thresholds: Thresholds, *, several: bool) -> list[str]:
     """Return one clause per method; methods that only moved share a clause, and so do new ones."""
     told = [one for one in methods if one.net in ("worse", "missing", "improved")]
-    clauses = [_clause(one, several=several) for one in told[:_MOST_METHODS]]
-    rest = [one.net for one in told[_MOST_METHODS:]]
+    clauses = [_clause(one, several=several) for one in told[:_MAX_METHODS]]
+    rest = [one.net for one in told[_MAX_METHODS:]]
     clauses += [f"{count(rest.count(net), 'more method')} {net}" for net in dict.fromkeys(rest)]
     renamed = [one for one in methods if one.net in ("moved", "new") and one.map_change]
     clauses += [f"{one.method} moved{one.map_change}" for one in renamed]

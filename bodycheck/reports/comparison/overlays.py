@@ -15,8 +15,8 @@ from bodycheck.reports.run_files.run_reader import Tables
 _MOST = 12
 _KINDS = ("accuracy", "order", "verdict", "outcome", "stability")
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 312.0, 10.0, 150.0
-_MOST_TICKS = 5
-_LEAST_DECADES = 0.5  # of an axis: a smaller range is widened, so that it does not look like a change
+_MAX_TICKS = 5
+_MIN_DECADES = 0.5  # of an axis: a smaller range is widened, so that it does not look like a change
 
 Point = tuple[float, float]
 
@@ -100,7 +100,7 @@ def _points(tables: Tables, key: tuple[str, str, str], quantity: str) -> list[Po
 def _range(values: Sequence[float]) -> tuple[float, float]:
     """Return the ends of a logarithmic axis, in decades."""
     low, high = math.log10(min(values)), math.log10(max(values))
-    wider = max(0.0, 0.5 * (_LEAST_DECADES - (high - low)))
+    wider = max(0.0, 0.5 * (_MIN_DECADES - (high - low)))
     return low - wider, high + wider
 
 
@@ -110,7 +110,7 @@ def _ticks(ends: tuple[float, float]) -> list[float]:
     fine = [float(f"{m}e{e}") for e in powers for m in (1, 2, 5)]
     shown = [value for value in fine if ends[0] - 1e-9 <= math.log10(value) <= ends[1] + 1e-9]
     whole = [value for value in shown if f"{value:e}".startswith("1.0")]
-    return shown if len(whole) < 2 else whole[:: -(-len(whole) // _MOST_TICKS)]
+    return shown if len(whole) < 2 else whole[:: -(-len(whole) // _MAX_TICKS)]
 
 
 def _at(value: float, ends: tuple[float, float], start: float, stop: float) -> float:

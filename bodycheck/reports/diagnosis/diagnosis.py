@@ -32,7 +32,7 @@ _PARAMETER_COST = 0.1  # decades of the cost that a further parameter must gain
 _BETTER = 10.0  # a pair must reduce the cost of a single that explains the motion by this factor
 _PAIRED = 8
 _COARSEST_TURN = 0.02  # rad, of a step of the exact flow
-_MOST_STEPS = 400  # between two samples
+_MAX_STEPS = 400  # between two samples
 
 
 @dataclass(frozen=True)
@@ -161,8 +161,8 @@ class _Search:
             largest = min(finest, float(np.max(np.diff(trajectory.t_s))) / 4.0)
             fine_grid = Grid.between(scene, trajectory.t_s, largest)
             fine = Transitions.of(scene, trajectory, fine_grid, scales, known)
-        own = own if own is not None and own.grid.stride <= _MOST_STEPS else None
-        fine = fine if fine is not None and fine.grid.stride <= _MOST_STEPS else None
+        own = own if own is not None and own.grid.stride <= _MAX_STEPS else None
+        fine = fine if fine is not None and fine.grid.stride <= _MAX_STEPS else None
         return None if own is None and fine is None else cls(own, fine)
 
     def on(self, base: Base) -> Transitions | None:
@@ -294,7 +294,7 @@ class _Search:
         if _share(best, before) < _EXPLAINED:
             return described
         alike = _alike(best, rivals, few)
-        if len(best.faults) > 1 and len(alike) > _MOST_PAIRS:
+        if len(best.faults) > 1 and len(alike) > _MAX_PAIRS:
             return described
         fine, *others = self._refitted(base, whole, [best, *alike])
         return Diagnosis(
@@ -314,7 +314,7 @@ class _Search:
         return [found[0], *_alike(found[0], found[1:], whole)]
 
 
-_MOST_PAIRS = 6  # more pairs that fit equally well are no explanation
+_MAX_PAIRS = 6  # more pairs that fit equally well are no explanation
 
 
 def _healthy(transitions: Transitions, base: Base) -> Array:

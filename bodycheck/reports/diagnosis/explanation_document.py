@@ -24,7 +24,7 @@ from bodycheck.reports.diagnosis.transitions import QUANTITIES
 from bodycheck.reports.document import Cell, Column, Command, Document, Part, Sentence, Span, Table, page
 
 _HOLDS = 30.0  # multiples of the round-off
-_LEAST_SHOWN = 1e-18  # below round-off: exact agreement on a logarithmic axis
+_MIN_SHOWN = 1e-18  # below round-off: exact agreement on a logarithmic axis
 _PANEL_IN = 2.2
 _WORDS = {
     "position": "position",
@@ -252,9 +252,9 @@ def explanation_figure(cases: Sequence[ExplainedCase], suffix: str) -> bytes:
         drawn = Figure(figsize=(WIDTHS_IN[2], _PANEL_IN * max(len(shown), 1)), layout="constrained")
         for place, (one, (times, before, after)) in enumerate(shown, 1):
             axes = drawn.add_subplot(len(shown), 1, place, title=one.title, yscale="log")
-            axes.plot(times, np.maximum(before, _LEAST_SHOWN), ".-", label="difference from the map")
+            axes.plot(times, np.maximum(before, _MIN_SHOWN), ".-", label="difference from the map")
             if after is not None:
-                axes.plot(times, np.maximum(after, _LEAST_SHOWN), ".-", label="with the fault in the map")
+                axes.plot(times, np.maximum(after, _MIN_SHOWN), ".-", label="with the fault in the map")
             axes.set_ylabel("per interval, of scale")
             axes.legend(fontsize=6)
             axes.set_xlabel("t, s")

@@ -23,7 +23,7 @@ from bodycheck.scenarios.reader import fault_lines
 _Pattern = Annotated[StrictStr, Field(min_length=1)]
 """A name pattern: * matches any characters, ? any one character, [ab] one of these."""
 
-_MOST_DECADES = 300.0  # 10^300 still fits in a double
+_MAX_DECADES = 300.0  # 10^300 still fits in a double
 
 _Made = TypeVar("_Made")
 
@@ -47,7 +47,7 @@ class Gate(Table):
     upper: Number | None = None
     lower: Number | None = None
     near: Positive | None = None
-    decades: Annotated[Positive, Field(le=_MOST_DECADES)] | None = None
+    decades: Annotated[Positive, Field(le=_MAX_DECADES)] | None = None
     equals: StrictStr | None = None
     floor: NotNegative | None = None
     reason: StrictStr

@@ -123,7 +123,7 @@ _DURATION_S, _STEPS_S = 0.32, (1e-2, 5e-3, 2.5e-3, 1.25e-3)
 _ORDER_STEPS_S = (4e-2, 2e-2, 1e-2)
 _MISSING_ORDER = 0.5
 _ABOVE_ROUND_OFF = 1e3
-_LEAST_SHARE = 1e-3
+_MIN_SHARE = 1e-3
 _FAST_M_S = np.array([300.0, -100.0, 200.0])  # beyond the speed at which some engines clamp
 _SHORTER = 0.125
 _REPEAT = 16.0  # multiples of the round-off of the motion
@@ -356,7 +356,7 @@ def _impulse_words(what: str, found: Limit, along: Array) -> str:
         for name, excess, unit in zip(("linear", "angular"), found.value, along, strict=True)
         if np.any(unit)
     ]
-    if all(abs(share) <= max(found.tolerance, _LEAST_SHARE) for _, share in shares):
+    if all(abs(share) <= max(found.tolerance, _MIN_SHARE) for _, share in shares):
         return f"{what} has no effect: apply it, or refuse it in `unsupported`"
     gained = " and ".join(
         f"the {name} momentum gained is {share:.6g} times its impulse" for name, share in shares

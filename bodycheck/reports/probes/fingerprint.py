@@ -67,7 +67,7 @@ _ENGINES_MAPS = tuple(
     )
 )
 """The maps that are also tried with several steps per step."""
-_MOST_SUBSTEPS = 8
+_MAX_SUBSTEPS = 8
 _STATE = ("t", "position", "velocity", "quaternion", "omega")
 _TINY = float(np.finfo(np.float64).eps) / 2.0
 
@@ -392,7 +392,7 @@ def _substepped(steps: Steps, limit: float) -> list[Match]:
     """Return the maps of engines by distance, each made several times per step; none if none is near."""
     found = []
     for name in _ENGINES_MAPS:
-        for parts in range(2, _MOST_SUBSTEPS + 1):
+        for parts in range(2, _MAX_SUBSTEPS + 1):
             predicted = _many(MAPS[name], steps, parts)
             words = f"{name}, {parts} steps per step"
             found.append(Match(words, float(np.max(distances(steps, predicted)))))

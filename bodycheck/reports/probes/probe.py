@@ -30,8 +30,8 @@ from bodycheck.scenarios.model import Scenario
 _DIFFERENCES = 8
 _DIFFERENCE_NORM = float(np.sqrt(12870.0))  # of an eighth difference of independent errors: C(16, 8)
 _EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
-_MOST_DOUBLE = 16.0 * _EPS  # healthy methods stay below one, a float32 stage is above 70
-_LEAST_SINGLE = 1e-3 * _SINGLE_EPS
+_MAX_DOUBLE = 16.0 * _EPS  # healthy methods stay below one, a float32 stage is above 70
+_MIN_SINGLE = 1e-3 * _SINGLE_EPS
 
 
 def precision_finding(path: Trajectory, stated: Precision) -> Finding:
@@ -46,11 +46,11 @@ def precision_finding(path: Trajectory, stated: Precision) -> Finding:
     if stated == "float64":
         if single:
             message = "every number fits into float32: the state is not held in float64"
-        elif found > _MOST_DOUBLE:
+        elif found > _MAX_DOUBLE:
             message = f"steps are rounded at {found:.1e} of the state: not all of the arithmetic is float64"
         deviation = 1.0 if single else found
-        return Finding("precision", found, 0.0, deviation, _MOST_DOUBLE, message)
-    wrong = not single and found < _LEAST_SINGLE
+        return Finding("precision", found, 0.0, deviation, _MAX_DOUBLE, message)
+    wrong = not single and found < _MIN_SINGLE
     if wrong:
         message = f"steps are rounded at {found:.1e} of the state: it is held in float64"
     return Finding("precision", found, _SINGLE_EPS, float(wrong), 0.0, message)

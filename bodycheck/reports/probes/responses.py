@@ -18,8 +18,8 @@ from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
 from bodycheck.reference_impl.scene import Axes, PointForce, Scene, Timed, Torque
 from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
 
-_LEAST_SIZE = 1e-3  # of the impulse; a mistake that gives less is not distinguished from no response
-_LEAST_ALONG = 1e-2  # of an excess moment; a moment with such a part along the force is that of no arm
+_MIN_SIZE = 1e-3  # of the impulse; a mistake that gives less is not distinguished from no response
+_MIN_ALONG = 1e-2  # of an excess moment; a moment with such a part along the force is that of no arm
 _SMALLEST_RESPONSE = 0.1  # a smaller response is too small to measure a delay
 
 
@@ -84,7 +84,7 @@ class _Window:
             return f"the {load} has no effect" if load == force else at_centre
         for what, impulse in self.mistaken.items():
             found = replace(self, impulse=impulse)
-            if found.size > _LEAST_SIZE * self.size and _is_zero(found.limit(steps_s)):
+            if found.size > _MIN_SIZE * self.size and _is_zero(found.limit(steps_s)):
                 return what
         return self._displacement(steps_s)
 
@@ -98,7 +98,7 @@ class _Window:
         excess = self.limit(steps_s).value[0] * self.size
         along = abs(float(excess @ self.push)) / _norm(self.push)
         scaled = abs(float(excess @ self.impulse[-1])) / self.size
-        if along > _LEAST_ALONG * _norm(excess) or scaled > (1.0 - _LEAST_ALONG) * _norm(excess):
+        if along > _MIN_ALONG * _norm(excess) or scaled > (1.0 - _MIN_ALONG) * _norm(excess):
             return ""
         distance = _norm(excess) / _norm(self.push)
         return (
@@ -258,7 +258,7 @@ def _response(window: _Window, steps_s: Sequence[float]) -> Iterator[Finding]:
     measured = _nearly(1.0 + float(found.value[0] @ along), found.tolerance)
     text = _response_text(found, along)
     if text and (
-        mistake := window.mistake(steps_s, without_effect=_norm(found.value[0] + along) < _LEAST_SIZE)
+        mistake := window.mistake(steps_s, without_effect=_norm(found.value[0] + along) < _MIN_SIZE)
     ):
         text = f"{mistake}: {text}"
     yield Finding(f"{window.name}_response", measured, 1.0, found.size, found.tolerance, text)

@@ -22,7 +22,7 @@ from bodycheck.reports.recordings.nearest_map import ACCEPTED, nearest_map
 from bodycheck.reports.recordings.recording import Recording, read_recording
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, checked_arrays, read_npz
 
-_MOST_NAMED = 4
+_MAX_NAMED = 4
 _IGNORED = ("bound_rad",)  # the last column of `bodycheck truth`
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _VECTORS = {**COLUMNS, "euler": EULER, "place": PLACE, "velocity_body_m_s": BODY_VELOCITY}
@@ -98,8 +98,8 @@ def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, Array]:
 
 def _some(columns: Sequence[str]) -> str:
     """Return a few columns, which leave room for the map that is proposed."""
-    rest = len(columns) - _MOST_NAMED
-    return names(columns) if rest <= 0 else f"{', '.join(columns[:_MOST_NAMED])} and {rest} more"
+    rest = len(columns) - _MAX_NAMED
+    return names(columns) if rest <= 0 else f"{', '.join(columns[:_MAX_NAMED])} and {rest} more"
 
 
 def _vectors(recording: Recording, targets: Mapping[str, Array]) -> dict[str, Array]:

@@ -52,7 +52,7 @@ _SPELLINGS = {
     "mps": "m",
 }
 _PLAIN = re.compile(r"[^\W\d]\w*(?:\.\w+|\[[0-9]+\])*")
-_MOST_IGNORED = 2
+_MAX_IGNORED = 2
 
 
 def nearest_map(columns: Sequence[str], known: ColumnMap | None = None) -> str:
@@ -84,7 +84,7 @@ def _pairs(columns: Sequence[str], known: ColumnMap) -> Iterator[str]:
         yield f"{target}={_written(column)}{unit}"
     if not known.euler and taken & set(EULER):
         yield "euler=ZYX"
-    if len(left) > _MOST_IGNORED:
+    if len(left) > _MAX_IGNORED:
         yield "ignore=*"
     else:
         yield from (f"ignore={_written(column)}" for column in left)

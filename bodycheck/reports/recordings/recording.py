@@ -17,13 +17,13 @@ from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import meant
 from bodycheck._util.untrusted import from_outside, printable
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.run_files.trajectory_files import COLUMNS, MOST_BYTES, doubles, read_npz
+from bodycheck.reports.run_files.trajectory_files import COLUMNS, MAX_BYTES, doubles, read_npz
 
 if TYPE_CHECKING:
     from mcap.reader import McapReader
     from mcap.records import Schema
 
-_MOST_COLUMNS = 10_000
+_MAX_COLUMNS = 10_000
 _DOUBLE_BYTES = 8
 _STAMP = " in ns"
 _EXACT = 2**53  # every integer up to here is a double
@@ -90,8 +90,8 @@ def read_recording(path: Path, topic: str = "") -> Recording:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if not found.rows:
         raise InputError(f"{path}: has no rows")
-    if len(found.columns) > _MOST_COLUMNS:
-        raise InputError(f"{path}: has more than {_MOST_COLUMNS} columns")
+    if len(found.columns) > _MAX_COLUMNS:
+        raise InputError(f"{path}: has more than {_MAX_COLUMNS} columns")
     return found
 
 
@@ -159,8 +159,8 @@ def _read_parquet(path: Path) -> Recording:
                 if kind.id in ("list", "array", "struct")
             ]
             ((rows,),) = table.aggregate("count(*)").fetchall()
-            if rows * len(table.columns) * _DOUBLE_BYTES > MOST_BYTES:
-                raise InputError(f"{path}: has {rows} rows, which exceeds the limit of {MOST_BYTES} bytes")
+            if rows * len(table.columns) * _DOUBLE_BYTES > MAX_BYTES:
+                raise InputError(f"{path}: has {rows} rows, which exceeds the limit of {MAX_BYTES} bytes")
             columns = {
                 name: _plain(table.select(duckdb.ColumnExpression(name)).fetchall())
                 for name in table.columns
@@ -225,7 +225,7 @@ def _flat_value(name: str, value: Any) -> dict[str, Any]:
         return _flat(value, f"{name}.")
     if isinstance(value, list | tuple):
         found: dict[str, Any] = {}
-        for place, part in enumerate(value[: _MOST_COLUMNS + 1]):
+        for place, part in enumerate(value[: _MAX_COLUMNS + 1]):
             found |= _flat_value(f"{name}[{place}]", part)
         return found
     return {name: value}
@@ -240,8 +240,8 @@ def _columns_of(path: Path, records: Iterable[Mapping[str, Any]]) -> dict[str, l
             column = columns.setdefault(name, [])
             column += [None] * (count - 1 - len(column))
             column.append(value)
-        if len(columns) > _MOST_COLUMNS:
-            raise InputError(f"{path}: has more than {_MOST_COLUMNS} columns")
+        if len(columns) > _MAX_COLUMNS:
+            raise InputError(f"{path}: has more than {_MAX_COLUMNS} columns")
     for column in columns.values():
         column += [None] * (count - len(column))
     return columns
@@ -278,8 +278,8 @@ def _topic_of(path: Path, reader: McapReader, topic: str) -> str:
     summary = reader.get_summary()
     if summary is None:
         raise InputError(f"{path}: has no summary; write it again with `mcap recover`")
-    if sum(chunk.uncompressed_size for chunk in summary.chunk_indexes) > MOST_BYTES:
-        raise InputError(f"{path}: unpacked, it exceeds the limit of {MOST_BYTES} bytes")
+    if sum(chunk.uncompressed_size for chunk in summary.chunk_indexes) > MAX_BYTES:
+        raise InputError(f"{path}: unpacked, it exceeds the limit of {MAX_BYTES} bytes")
     topics = sorted({channel.topic for channel in summary.channels.values()})
     if topic and topic not in topics:
         raise InputError(f"{path}: topic={topic}: unknown topic{meant(topic, topics)}")

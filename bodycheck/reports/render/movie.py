@@ -42,7 +42,7 @@ _PLAY_S = 10.0
 _HOLD_S = 1.5
 _SLOWEST, _FASTEST = 2, 25  # frames per second
 _PANEL_IN = 2.4
-_MOST_IN_ROW = 4
+_MAX_IN_ROW = 4
 _DOTS_PER_INCH = 100
 _ARROW = 0.7  # in the units of the panels, whose half width is 0.75
 
@@ -137,7 +137,7 @@ def film_frames(samples: int) -> range:
 
 def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Callable[[int], None]:
     """Draw one panel per case, and return the function that shows sample k in all of them."""
-    rows, columns = -(-len(cases) // _MOST_IN_ROW), min(len(cases), _MOST_IN_ROW)
+    rows, columns = -(-len(cases) // _MAX_IN_ROW), min(len(cases), _MAX_IN_ROW)
     page.set_size_inches(_PANEL_IN * columns, (_PANEL_IN + 0.2) * rows + 0.4)
     page.subplots_adjust(left=0.0, right=1.0, bottom=0.05, top=0.84, wspace=0.0)
     surface, truth = surface_of(problem.scenario.body), problem.truth.trajectory

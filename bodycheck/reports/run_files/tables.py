@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import escaped
 from bodycheck.reference_impl.truth.truth import QUANTITIES
-from bodycheck.reports.measurement.measures import MEASURES, WHO
+from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _CASE = (
     "run_id",
-    *WHO,
+    *IDENTITY,
     "control",
     "precision",
     "dt_s",
@@ -67,7 +67,7 @@ RESULT_COLUMNS = (
 )
 METHOD_COLUMNS = (
     "run_id",
-    *WHO,
+    *IDENTITY,
     "quantity",
     "expected_order",
     "order",
@@ -94,7 +94,7 @@ METHOD_COLUMNS = (
 )
 STABILITY_COLUMNS = (
     "run_id",
-    *WHO,
+    *IDENTITY,
     "dt_stable_s",
     "dt_unstable_s",
     "reason",
@@ -109,7 +109,7 @@ PROBE_COLUMNS = (
     *("dt_s", "verdict", "message", "reproduce"),
 )
 DIAGNOSIS_COLUMNS = (
-    *("run_id", *WHO, "dt_s", "tolerance", "quantity", "verdict", "diagnosis"),
+    *("run_id", *IDENTITY, "dt_s", "tolerance", "quantity", "verdict", "diagnosis"),
     *("faults", "parameter", "value", "value_low", "value_high", "unit", "share", "alike"),
     *("map", "before", "after", "round_off", "reproduce"),
 )
@@ -127,7 +127,7 @@ _WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
 _LARGEST_WHOLE = 2**63 - 1
 _TEXTS = frozenset(
     (
-        *("run_id", *WHO, "control", "precision", "outcome"),
+        *("run_id", *IDENTITY, "control", "precision", "outcome"),
         *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
         *("growth", "reason", "check", "build", "law", "state", "replay"),
         *("diagnosis", "faults", "parameter", "unit", "alike", "map"),

@@ -20,12 +20,12 @@ from bodycheck.reference_impl.trajectory import Trajectory
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST_BYTES = 1 << 28
+MAX_BYTES = 1 << 28
 """Limit for all arrays together, as doubles; the quantities of a million samples take 208 MB."""
 _ALWAYS_BYTES = 1 << 25
-_MOST_PACKED = 50  # above that, times the file size: denser files are zip bombs, or a body at rest
+_MAX_PACKED = 50  # above that, times the file size: denser files are zip bombs, or a body at rest
 _DOUBLE_BYTES = 8
-_MOST_DIMENSIONS = 3
+_MAX_DIMENSIONS = 3
 _EXACT = 2**53  # every integer up to here is a double
 _ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
@@ -41,7 +41,7 @@ def read_npz(
     """
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as archive:
-            left = min(MOST_BYTES, max(_ALWAYS_BYTES, _MOST_PACKED * path.stat().st_size))
+            left = min(MAX_BYTES, max(_ALWAYS_BYTES, _MAX_PACKED * path.stat().st_size))
             there = [name.removesuffix(".npy") for name in archive.NameToInfo if name.endswith(".npy")]
             arrays = {}
             for name in there if names is None else [name for name in names if name in there]:
@@ -93,7 +93,7 @@ def _header(stream: BinaryIO, name: str, most: int) -> tuple[tuple[int, ...], bo
         raise ValueError(f"{name} has type {dtype}, not real numbers")
     if dtype.itemsize > _DOUBLE_BYTES:
         raise ValueError(f"{name} has type {dtype}, which does not fit in doubles")
-    if len(shape) > _MOST_DIMENSIONS or min(shape, default=0) < 0:
+    if len(shape) > _MAX_DIMENSIONS or min(shape, default=0) < 0:
         raise ValueError(f"{name} has the shape {shape}")
     if math.prod(shape) * _DOUBLE_BYTES > most:
         raise ValueError(f"{name} declares the shape {shape}, which exceeds the limit of {most} bytes")

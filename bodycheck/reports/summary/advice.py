@@ -16,7 +16,7 @@ from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.run_files.run_tables import MethodKey
 from bodycheck.reports.summary.cases_within import keeping, largest_error
-from bodycheck.reports.summary.error_curve import MOST_STEPS, Basis, ErrorCurve, Estimate
+from bodycheck.reports.summary.error_curve import MAX_STEPS, Basis, ErrorCurve, Estimate
 from bodycheck.scenarios.library import as_suite
 
 _ADVISED = tuple(name for name in QUANTITIES if MEASURES[name].judged == "limit")
@@ -251,7 +251,7 @@ def _why_none(curve: ErrorCurve, error: float | None) -> str:
         return f"below the floor of round-off and of the truth, {curve.floor:.2g}"
     if not curve.is_predictable:
         return "the measured steps do not determine it"
-    return f"needs more than {number(MOST_STEPS)} steps"
+    return f"needs more than {number(MAX_STEPS)} steps"
 
 
 def _cheapest_of_engines(

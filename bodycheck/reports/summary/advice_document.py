@@ -8,7 +8,7 @@ from bodycheck._util.formatting import names, number, setting, step
 from bodycheck.reports.document import Column, Command, Document, Part, Sentence, Table
 from bodycheck.reports.summary.advice import Advice, Answer, Option
 
-_MOST_COMMANDS = 4
+_MAX_COMMANDS = 4
 _COLUMNS = (
     Column("engine:method", "name"),
     Column("setting", "fixed"),
@@ -59,7 +59,7 @@ def _answer_parts(answer: Answer, scenarios: int) -> Iterator[Part]:
         yield Sentence(f"{engine}: {why}", "open")
     if not answer.options:
         yield from _nothing(answer)
-    for option in answer.options[:_MOST_COMMANDS]:
+    for option in answer.options[:_MAX_COMMANDS]:
         yield Command(option.confirm, "measured by" if option.basis == "measured" else "confirm with")
     pasted = next((option for option in answer.options if option.snippet), None)
     if pasted is not None:

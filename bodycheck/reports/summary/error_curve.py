@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 Basis: TypeAlias = Literal["measured", "predicted", "unsure"]
 
-MOST_STEPS = 10**9
+MAX_STEPS = 10**9
 """The most steps of a setting that is recommended."""
 
-_LEAST_POINTS = 3  # from which a guess is possible
+_MIN_POINTS = 3  # from which a guess is possible
 _WIDEST = 1.5  # ratio of the upper end of the interval to the error, above which a prediction is unsure
-_MOST_SCATTER = 1.3  # the noise of the model of orders is at most 10 %
+_MAX_SCATTER = 1.3  # the noise of the model of orders is at most 10 %
 _FINER = 8  # steps tried below the coarsest one that meets an error, where that is unsure
 _LARGEST_LOG = 700.0  # exp of it is finite
 _LARGEST_ORDER = 1000.0
@@ -140,7 +140,7 @@ class ErrorCurve:
     @property
     def is_predictable(self) -> bool:
         """Whether there are enough measured steps for a prediction."""
-        return len(self._fitted) >= _LEAST_POINTS
+        return len(self._fitted) >= _MIN_POINTS
 
     def _meets(self, dt_s: float, error: float) -> bool:
         found = self._predicted(dt_s)
@@ -152,7 +152,7 @@ class ErrorCurve:
 
         Steps inside which a load switches are left out, unless such steps were measured.
         """
-        most = MOST_STEPS * self.interval_s / self.duration_s
+        most = MAX_STEPS * self.interval_s / self.duration_s
         powers = [5**b for b in range(int(math.log(most, 5)) + 1)] if most >= 1.0 else []
         strides = sorted(five << a for five in powers for a in range(int(math.log2(most / five)) + 1))
         # 12 digits divide the interval as well, and are shorter to write
@@ -222,7 +222,7 @@ class ErrorCurve:
             return f"the measured steps do not settle the order ({self.verdict or 'too-few-points'})"
         if dt_s > self._largest_stable_s * (1.0 + _SAME):
             return f"above the largest stable step, {self._largest_stable_s:.3g} s"
-        if self._scatter > _MOST_SCATTER:
+        if self._scatter > _MAX_SCATTER:
             return f"the errors scatter around the order by a factor of {self._scatter:.2g}"
         coarsest = self._fitted[0][0]
         if dt_s > coarsest and any((case.dt_s or 0.0) > coarsest for case in self.cases):

@@ -325,7 +325,7 @@ def test_fresh_run_derives_again(tmp_path: Path) -> None:
 
 def test_laps_are_stored_for_their_run_only(tmp_path: Path) -> None:
     """A speed is read by the run that measured it, and by no other."""
-    cache, laps = Cache(tmp_path / "cache"), {"own_s": [1.0], "yardstick_s": [2.0]}
+    cache, laps = Cache(tmp_path / "cache"), {"own_s": [1.0], "reference_s": [2.0]}
     with Journal(tmp_path / "journal") as journal:
         Answers(journal, cache, 1.0).keep_laps(ENGINE, CASE, laps)
     with Journal(tmp_path / "journal") as journal:

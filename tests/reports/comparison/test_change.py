@@ -20,7 +20,7 @@ from bodycheck.reports.comparison.change import (
     speed_changes,
     stability_change,
 )
-from bodycheck.reports.comparison.compare import compare, ended_well_anew
+from bodycheck.reports.comparison.compare import compare, newly_ended_well
 from bodycheck.reports.comparison.describe import _KINDS, change_text, groups, identity, sentences
 from bodycheck.reports.comparison.environment_diff import circumstances, redefined
 from bodycheck.reports.gates.thresholds import Thresholds
@@ -222,7 +222,7 @@ def laps(low: float, middle: float, high: float, relative: float | None = None) 
         (laps(1.0, 10.0, 100.0), laps(1e3, 1e4, 1e5), 3.0, 1.0),
         (laps(1e3, 1e4, 1e5), laps(1.0, 10.0, 100.0), -3.0, -1.0),
         (laps(1.0, 10.0, 100.0), laps(10.0, 100.0, 1e3), 1.0, 0.0),
-        # the yardstick took ten times as long too: nothing changed but the machine
+        # the reference took ten times as long too: nothing changed but the machine
         (laps(0.5, 1.0, 2.0, relative=2.0), laps(5.0, 10.0, 20.0, relative=2.0), 0.0, 0.0),
         (laps(0.5, 1.0, 2.0, relative=1.0), laps(0.5, 1.0, 2.0, relative=100.0), 2.0, 2.0 - math.log10(4.0)),
     ],
@@ -443,7 +443,7 @@ def test_recovered_cases_failed_or_were_missing_before() -> None:
     """A case that succeeded before, or fails now, is not one of them."""
     before = run({}, {"dt_s": 0.02, "outcome": "failed"}, {"dt_s": 0.03, "outcome": "failed"})
     after = run({}, {"dt_s": 0.02}, {"dt_s": 0.03, "outcome": "failed"}, {"dt_s": 0.04})
-    assert [case.dt_s for case in ended_well_anew(before, after).cases] == [0.02, 0.04]
+    assert [case.dt_s for case in newly_ended_well(before, after).cases] == [0.02, 0.04]
 
 
 # ------------------------------------------------------------------------------------------ circumstances

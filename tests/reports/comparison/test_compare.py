@@ -264,7 +264,7 @@ def test_a_method_that_slowed_down_is_told_and_what_laps_scatter_is_not(tables: 
 
 
 def test_seconds_of_two_machines_are_not_compared(tables: Tables) -> None:
-    """Without a yardstick a time means something only on the machine that took it; that is said on top."""
+    """Without a reference measurement, a time is valid on its own machine only; a sentence says so."""
     bare = with_rows(
         tables,
         lambda row: "relative_cpu" in row,
