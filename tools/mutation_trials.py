@@ -210,7 +210,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "a speed that is the same is no change",
     (
         "reports/gates/proposal.py",
-        'yield Change(place, "upper", gate.upper, new, most, loosens=new > gate.upper)',
+        'yield Change(index, "upper", gate.upper, new, largest, loosens=new > gate.upper)',
         "new > gate.upper -> new >= gate.upper",
     ): "a bound that stays the same is not proposed",
     (
@@ -251,13 +251,13 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     },
     (
         "reports/cache/answers.py",
-        'return self._motion(engine_pool, engine, case, "record", kept_as="sentinel", cached=False)',
+        'return self._motion(engine_pool, engine, case, "record", kind="sentinel", cached=False)',
         "'sentinel' -> 'sentinel_'",
     ): "another name that no other request has",
     (
         "reports/cache/answers.py",
-        '_Said = TypeVar("_Said", Answer, StableStep)',
-        "'_Said' -> '_Said_'",
+        '_Result = TypeVar("_Result", Answer, StableStep)',
+        "'_Result' -> '_Result_'",
     ): "the name that a type variable prints",
 }
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""

@@ -191,12 +191,12 @@ def truth(
 
     The last column, bound_rad, bounds the orientation error of the truth.
     """
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.table_formats import FORMATS
     from bodycheck.reports.run_files.trajectory_files import trajectory_table
     from bodycheck.runs import runner
 
-    with watched(f"solving the truth of {scenario}", quiet=quiet):
+    with status_line(f"solving the truth of {scenario}", quiet=quiet):
         solved = runner.truth(scenario, numbers(at, "--at") or [], allow_code=allow_code)
     table = trajectory_table(solved.trajectory)
     table["bound_rad"] = solved.bound_rad
@@ -266,11 +266,11 @@ def judge(
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.judge import judgement_document
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.runs import runner
 
     steps_s = numbers(dt, "--dt")
-    with watched(f"solving the truth of {scenario or like}"):
+    with status_line(f"solving the truth of {scenario or like}"):
         ranking = runner.rank(
             trajectories,
             scenario,
@@ -394,10 +394,10 @@ app.add_typer(questions)
 def doctor(json: Json = False) -> None:
     """Print the versions, the caches, and what works here: every engine is started once."""
     from bodycheck.reports.document import answer
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.runs.doctor import diagnosis, diagnosis_document
 
-    with watched("starting every engine"):
+    with status_line("starting every engine"):
         found = diagnosis()
     answer(diagnosis_document(found), found, as_json=json)
 

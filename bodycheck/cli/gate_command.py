@@ -90,7 +90,7 @@ def gate(
     from bodycheck.reports.document import answer, print_document
     from bodycheck.reports.gates.gate import read_gates
     from bodycheck.reports.gates.gate_output import as_junit, results_data, results_document
-    from bodycheck.reports.gates.verdict import held
+    from bodycheck.reports.gates.verdict import check_gates
     from bodycheck.reports.run_files.run_reader import read_tables
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.runs.run_options import RunOptions
@@ -108,7 +108,7 @@ def gate(
         measured = _new_run(gates, scenarios or ["standard"], options, watching, out, allow_code=allow_code)
     else:
         measured = read_tables(run)
-    results = held(gates, measured)
+    results = check_gates(gates, measured)
     answer(results_document(results), results_data(results, str(tolerances), measured.run_id), as_json=json)
     if junit is not None:
         write_whole(junit, as_junit(results, str(tolerances)))
@@ -116,7 +116,7 @@ def gate(
         changes = _update(tolerances, results, margin, loosen)
         if not json:
             print_document(changes)
-        results = held(read_gates(tolerances), measured)
+        results = check_gates(read_gates(tolerances), measured)
     if any(result.status != "passed" for result in results):
         raise typer.Exit(_FAILED)
 

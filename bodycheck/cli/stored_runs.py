@@ -255,11 +255,11 @@ def explain(
     """
     from bodycheck.reports.document import answer, json_text
     from bodycheck.reports.document import markdown as as_markdown
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.runs.explain_run import explain_run
 
     check_explanation_files(out)
-    with watched("comparing the motions with each fault", quiet=quiet):
+    with status_line("comparing the motions with each fault", quiet=quiet):
         cases = explain_run(run, case, allow_code=allow_code)
     from bodycheck.reports.diagnosis import explanation_document as explanations
 
@@ -300,10 +300,10 @@ def report(
     from bodycheck._util.files import write_whole
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.render.html import render_report
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
 
     page = run / "report.html"
-    with watched("measuring the stored motions again"):
+    with status_line("measuring the stored motions again"):
         rendered = render_report(read_run(run, allow_code=allow_code, cache=Cache.default()))
     write_whole(page, rendered.encode())
     print(page)
@@ -483,7 +483,7 @@ def movie(
     from bodycheck._util.files import check_file, write_whole
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.render import movie as films
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
     films.check_movie(out)
@@ -491,7 +491,7 @@ def movie(
     tables = read_tables(run)
     scenario = _scenario_of(tables, scenario)
     engines = _engines_of(tables, engine)
-    with watched("drawing the frames", quiet=quiet):
+    with status_line("drawing the frames", quiet=quiet):
         found = read_run(run, allow_code=allow_code, cache=Cache.default())
         film = films.movie(found, scenario, out.suffix, engines, dt)
     write_whole(out, film)

@@ -16,7 +16,7 @@ from bodycheck._util.shard import Shard, division_faults
 from bodycheck.reports.audit.audit import AUDIT_FILE, Audit, Body, Difference, read_audit, write_audit
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.run_files.sentinels import differing_facts, machine_facts
-from bodycheck.reports.run_files.writer import whole_folder
+from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.runs.audit_run import spins_in
 from bodycheck.runs.manifest import machine, software
 
@@ -33,7 +33,7 @@ class _Part:
 
 def write_shard(audit: Audit, shard: Shard, out: Path) -> None:
     """Write a shard of an audit to a new folder."""
-    with whole_folder(out) as folder:
+    with atomic_folder(out) as folder:
         write_audit(audit, folder, shard=str(shard), machine={**software(), **machine()})
 
 
@@ -56,7 +56,7 @@ def merge_audits(folders: Sequence[Path], out: Path) -> tuple[Audit, list[str]]:
     ]
     audit = replace(first, links=tuple(links))
     findings = [*differing_facts({str(part.shard): part.facts for part in parts}), *_disagreements(parts)]
-    with whole_folder(out) as folder:
+    with atomic_folder(out) as folder:
         write_audit(audit, folder, bodycheck=version("bodycheck"), findings=findings)
         (folder / "audit.html").write_text(audit_page(audit), encoding="utf-8")
     return audit, findings

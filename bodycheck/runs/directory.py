@@ -211,7 +211,7 @@ def _carried_out(
         with Journal(partial / "journal") as journal, watching(selection.cases_listed()) as progress:
             measured = run_selection(selection, options, identity, journal=journal, progress=progress)
             progress.phase("writing the report")
-            report = write_run(measured, out, beside=partial)
+            report = write_run(measured, out, temp_dir=partial)
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; {_go_on(out)}") from None
     except InputError as error:
@@ -227,13 +227,13 @@ def _go_on(out: Path) -> str:
     return f"continue with: bodycheck run --resume {quoted(str(out))}"
 
 
-def write_run(run: Run, out: str | Path, *, beside: Path | None = None) -> Path:
+def write_run(run: Run, out: str | Path, *, temp_dir: Path | None = None) -> Path:
     """Write the tables, trajectories/, manifest.json and report.html; return the report's path.
 
-    Everything is written under a temporary name, in the folder `beside` [default: the one that `out` is in],
+    Everything is written under a temporary name in the folder `temp_dir` [default: the parent of `out`],
     and renamed at the end. Raises InputError where `out` is in use or cannot be written.
     """
     from bodycheck.reports.render.html import render_report  # late: Jinja is needed only now
 
     check_output(Path(out))
-    return write_files(run, render_report(run) if run.cases else _WITHOUT_CASES, Path(out), beside=beside)
+    return write_files(run, render_report(run) if run.cases else _WITHOUT_CASES, Path(out), temp_dir=temp_dir)

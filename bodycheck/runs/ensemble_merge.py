@@ -24,7 +24,7 @@ from bodycheck.reports.run_files.sentinels import (
     machine_facts,
     read_sentinels,
 )
-from bodycheck.reports.run_files.writer import whole_folder
+from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.reports.summary.quantiles import QuantileSketch
 from bodycheck.runs.ensemble_files import TRUTH, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key, MethodStatistics, WorstBody
@@ -107,7 +107,7 @@ def merge_ensembles(folders: Sequence[Path], out: Path, *, allow_code: bool = Fa
     """
     parts = _parts(folders)
     result = _merged(parts, allow_code=allow_code)
-    with whole_folder(out) as folder:
+    with atomic_folder(out) as folder:
         for table in ("bodies", "cases"):
             _unite([part.folder / table for part in parts], folder / table)
         write_summaries(result, folder, out)

@@ -23,7 +23,7 @@ from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.run_files.ensemble_dataset import Dataset, Part
 from bodycheck.reports.run_files.sentinels import Sentinel
-from bodycheck.reports.run_files.writer import check_output, whole_folder
+from bodycheck.reports.run_files.writer import atomic_folder, check_output
 from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, Hosts, measured, replay_of, truth_of
 from bodycheck.runs.ensemble_files import write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
@@ -59,7 +59,7 @@ def run_ensemble(request: EnsembleRequest, out: Path, watching: ProgressFactory)
     free = _checked_loads(ensemble, request.n)
     result = EnsembleResult.empty(request, ensemble, keys)
     try:
-        with whole_folder(out) as folder:
+        with atomic_folder(out) as folder:
             with Dataset(folder) as dataset:
                 _measure(result, free, options, dataset, watching)
             write_summaries(result, folder, out)
@@ -114,7 +114,7 @@ def _measure(
                 statistics.replay, together = replay_of(motions, few)
                 if request.shard is not None:
                     result.sentinels.extend(_sentinels(result, key, together))
-            progress.motions_begun()
+            progress.motions_started()
             for found in _in_order(task, parts, options.workers, hosts.stop):
                 _add(result, found, dataset)
                 progress.case_done()

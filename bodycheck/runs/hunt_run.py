@@ -21,7 +21,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, bodies_at
 from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES
 from bodycheck.reports.run_files.ensemble_dataset import SCHEMA_VERSION
-from bodycheck.reports.run_files.writer import whole_folder
+from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.runs.ensemble_cases import BatchTruth, Hosts, measured, truth_of
 from bodycheck.runs.ensemble_result import EnsembleRequest, Key
 from bodycheck.runs.ensemble_run import is_free_rotation
@@ -203,7 +203,7 @@ def hunt(request: HuntRequest, watching: ProgressFactory) -> HuntResult:
             progress.phase("trying uniform starts")
             points = ensemble.points(0, uniform)
             ranked = points[np.argsort(-search.scores(points), kind="stable")]
-            progress.motions_begun()
+            progress.motions_started()
             for start in range(_STARTS):
                 most = search.left // (_STARTS - start)
                 _evolve(search, ensemble, ranked[start], most, request.ensemble.seed + start, progress)
@@ -296,7 +296,7 @@ def write_hunt(result: HuntResult, out: Path) -> None:
         "typical": result.typical,
         "reproduce": command_of(result, out / "worst.toml"),
     }
-    with whole_folder(out) as folder:
+    with atomic_folder(out) as folder:
         (folder / "worst.toml").write_text(scenario_text(scenario), encoding="utf-8")
         pd.DataFrame(columns).to_csv(folder / "path.csv", index=False)
         (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")

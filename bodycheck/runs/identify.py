@@ -10,7 +10,7 @@ from typing import Any
 from bodycheck._util.errors import InputError
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.workers.engine_pool import EnginePool
-from bodycheck.reports.cache.answers import Answers, Asker
+from bodycheck.reports.cache.answers import Answers, EngineClient
 from bodycheck.reports.probes.examination import examined, replayed
 from bodycheck.reports.probes.fingerprint import (
     CONSTANT_LOADS,
@@ -52,13 +52,13 @@ def laws(engines: str, *, timeout_s: float, allow_code: bool = False) -> list[di
 @contextmanager
 def _methods(
     engines: str, timeout_s: float, *, allow_code: bool
-) -> Iterator[tuple[Sequence[tuple[Engine, Method]], Asker]]:
+) -> Iterator[tuple[Sequence[tuple[Engine, Method]], EngineClient]]:
     """Yield the methods, and what answers their cases."""
     selection = select(PROBES[:1], engines.split(","), allow_code=allow_code)
     if not selection.methods:
         raise InputError(f"{engines}: no method to compare")
     pool = EnginePool()
     try:
-        yield selection.methods, Asker(Answers(None, None, timeout_s), pool)
+        yield selection.methods, EngineClient(Answers(None, None, timeout_s), pool)
     finally:
         pool.close()

@@ -12,7 +12,7 @@ from bodycheck.adapters.execution import Case
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.executors import ExecutorEngines
 from bodycheck.adapters.workers.protocol import Message
-from bodycheck.reports.cache.answers import Answers, Asker, scene_key
+from bodycheck.reports.cache.answers import Answers, EngineClient, scene_key
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.scheduler import Task, run_tasks
 from bodycheck.reports.measurement.study import Study, restored, stored_form, study
@@ -131,7 +131,7 @@ class _Studies:
     def make(self, engine_pool: EnginePool, problem: Problem, engine: Engine, method: Method) -> Study:
         """Study a method on a scenario, or take what an earlier run measured on the same motions."""
         asker, scenario, adaptive = (
-            Asker(self.answers, engine_pool),
+            EngineClient(self.answers, engine_pool),
             problem.scenario,
             self.selection.is_adaptive,
         )

@@ -104,7 +104,7 @@ def run_selection(
     problems = [
         _solved(scenario, scenario_spec, cache, progress) for scenario_spec, scenario in selection.scenarios
     ]
-    progress.motions_begun()
+    progress.motions_started()
     solved = time.perf_counter()
     found = run_motions(selection, problems, answers, options, progress)
     recorded = time.perf_counter()
@@ -112,7 +112,7 @@ def run_selection(
     diagnoses = _diagnoses(selection, problems, found.studies, progress)
     noise = None
     if options.speed:
-        progress.speeds_begun()
+        progress.speeds_started()
         cases, noise = measure_speeds(
             problems,
             cases,
@@ -172,7 +172,7 @@ def _solved(scenario: Scenario, scenario_spec: str, cache: Cache, progress: Prog
     """Return a scenario with its truth; report first if the truth is not cached and may take long."""
     scene = scenario.scene
     if not is_known(scene, scene.sample_times, cache):
-        progress.truth_begun(scenario.name)
+        progress.truth_started(scenario.name)
     return Problem.of(scenario, scenario_spec, cache)
 
 

@@ -76,8 +76,8 @@ def search(
     def run(version: str) -> _Release | str:
         if version not in runs:
             told(Pin(asked.engine, version).name)
-            watched = watching(Pin(asked.engine, version).name)
-            runs[version] = _run(asked, version, (scenario_spec, scenario), options, watched)
+            status_line = watching(Pin(asked.engine, version).name)
+            runs[version] = _run(asked, version, (scenario_spec, scenario), options, status_line)
         return runs[version]
 
     ends = [

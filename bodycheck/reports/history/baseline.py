@@ -20,7 +20,7 @@ from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_t
 def machine_class(manifest: Mapping[str, Any]) -> str:
     """Return processor, cores, system and architecture, which two nightly runs must share to be compared.
 
-    Versions of the system, of Python and of libraries are circumstances: their effect should be visible.
+    Versions of the system, of Python and of libraries are not part of it: their effect should be visible.
     """
     return f"{manifest['cpu']}, {manifest['cores']} cores, {manifest['system']}"
 

@@ -91,7 +91,7 @@ def _speed_sentence(judged: Judgement) -> str:
 
 
 def nightly_document(judged: Judgement) -> Document:
-    """Return status, circumstances and changes, the worst changes first."""
+    """Return status, environment and changes, the worst changes first."""
     changes = () if judged.comparison is None else judged.comparison.changes
     return Document(
         f"bodycheck: nightly run {judged.newest.run_id}",

@@ -11,7 +11,7 @@ import numpy as np
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.cache.answers import Asker
+from bodycheck.reports.cache.answers import EngineClient
 from bodycheck.reports.probes.fingerprint import fingerprint_of, fingerprint_row
 from bodycheck.reports.probes.laws import LAWS, REPLAY, STATES, Break, Checked, check_laws, law_rows
 from bodycheck.reports.probes.probe import probe_rows
@@ -110,7 +110,7 @@ def _checked(first: _First | str) -> Checked:
 Row: TypeAlias = Mapping[str, Any]
 
 
-def examined(engine: Engine, method: Method, asker: Asker, *, laws: bool) -> dict[str, Any]:
+def examined(engine: Engine, method: Method, asker: EngineClient, *, laws: bool) -> dict[str, Any]:
     """Return the rows of probes.csv and, with laws, of fingerprints.csv and laws.csv, by table."""
     rows: dict[str, Any] = {"probes": probe_rows(engine, method, asker.ask), "fingerprints": [], "laws": []}
     if laws:
@@ -142,7 +142,7 @@ def _of(row: Row) -> tuple[str, str]:
     return row["engine"], row["method"]
 
 
-def replayed(engine: Engine, methods: Sequence[Method], asker: Asker) -> dict[str, Any]:
+def replayed(engine: Engine, methods: Sequence[Method], asker: EngineClient) -> dict[str, Any]:
     """Return the rows of the law `replay` by method; it restarts the engine."""
     found = check_replays(engine, methods, asker.ask, asker.again(engine))
     return {method.name: law_rows(engine, method, [found[method.name]]) for method in methods}

@@ -77,8 +77,8 @@ def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, Array]:
     except InputError as error:
         where = "" if str(error).startswith(str(path)) else f"{path}: "
         raise InputError(f"{where}{error}") from None
-    alike = [name for name in recording.names if name in KINDS and name not in column_map.ignore]
-    found |= {name: recording.values(name) for name in alike if name not in found}
+    standard = [name for name in recording.names if name in KINDS and name not in column_map.ignore]
+    found |= {name: recording.values(name) for name in standard if name not in found}
     unknown = [
         name
         for name in recording.names
@@ -106,11 +106,11 @@ def _vectors(recording: Recording, targets: Mapping[str, Array]) -> dict[str, Ar
     """Return t_s and the whole vectors and matrices; raises InputError where a component is missing."""
     found = {"t_s": targets["t_s"]} if "t_s" in targets else {}
     for array, columns in _VECTORS.items():
-        there = [column for column in columns if column in targets]
-        if there and len(there) < len(columns):
+        present = [column for column in columns if column in targets]
+        if present and len(present) < len(columns):
             missing = ", ".join(column for column in columns if column not in targets)
-            raise InputError(f"{recording.path}: has {there[0]} but not {missing}")
-        if there:
+            raise InputError(f"{recording.path}: has {present[0]} but not {missing}")
+        if present:
             together = np.stack([targets[column] for column in columns], axis=-1)
             found[array] = together.reshape(-1, 3, 3) if array == "rotation" else together
     return found
@@ -168,8 +168,8 @@ def _euler_quaternions(angles: Array, sequence: str) -> Array:
     Shapes: (n, 3) in rad -> (n, 4).
     """
     turns = [
-        exp_quaternion(angles[:, place, None] * np.array(_AXES[axis]))
-        for place, axis in enumerate(sequence.lower())
+        exp_quaternion(angles[:, index, None] * np.array(_AXES[axis]))
+        for index, axis in enumerate(sequence.lower())
     ]
     first, second, third = turns if sequence.isupper() else turns[::-1]
     return quaternion_product(quaternion_product(first, second), third)

@@ -34,8 +34,8 @@ _ALIASES = {
     },
     **{f"w{axis}_world_rad_s": (f"w{axis}world", f"omegaworld{axis}") for axis in _AXES},
     **{
-        f"q{part}": (f"q{part}", f"q{place}", f"quat{part}", f"quaternion{part}", f"orientation{part}")
-        for place, part in enumerate("wxyz")
+        f"q{part}": (f"q{part}", f"q{index}", f"quat{part}", f"quaternion{part}", f"orientation{part}")
+        for index, part in enumerate("wxyz")
     },
     "euler_1_rad": ("yaw", "psi", "heading"),
     "euler_2_rad": ("pitch", "theta"),

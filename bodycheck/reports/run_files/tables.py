@@ -219,9 +219,9 @@ def _value(column: str, cell: str) -> Any:
         return escaped(cell)
     if column not in _WHOLE_NUMBERS:
         return float(cell)
-    if abs(whole := int(cell)) > _LARGEST_WHOLE:
+    if abs(integer := int(cell)) > _LARGEST_WHOLE:
         raise ValueError(cell)
-    return whole
+    return integer
 
 
 def _row(
@@ -235,8 +235,8 @@ def _row(
             try:
                 row[name] = _value(name, cell)
             except ValueError:
-                wanted = "True or False" if name in _YES_OR_NO else "a number"
-                raise InputError(f"{path}: row {number}: {name} is {cell!r}, not {wanted}") from None
+                expected = "True or False" if name in _YES_OR_NO else "a number"
+                raise InputError(f"{path}: row {number}: {name} is {cell!r}, not {expected}") from None
     if missing := [name for name in needed if name not in row]:
         raise InputError(f"{path}: row {number} has no {', '.join(missing)}")
     return row

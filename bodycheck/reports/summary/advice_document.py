@@ -24,10 +24,10 @@ def advice_document(advice: Advice) -> Document:
 
     Of a step's errors on several scenarios, only those on all of them together are included.
     """
-    together = advice.answers[0].scenario is None
-    shown = advice.answers[:1] if together and advice.error is None else advice.answers
-    parts = [part for answer in shown for part in _answer_parts(answer, len(advice.answers) - 1)]
-    if len(shown) < len(advice.answers):
+    joint = advice.answers[0].scenario is None
+    answers = advice.answers[:1] if joint and advice.error is None else advice.answers
+    parts = [part for answer in answers for part in _answer_parts(answer, len(advice.answers) - 1)]
+    if len(answers) < len(advice.answers):
         parts.append(Sentence("name a scenario to see its errors alone"))
     question = Sentence(f"{_question(advice)}, from the run {advice.run}")
     return Document("bodycheck: advice", (question, *parts))
