@@ -111,8 +111,8 @@ def audit(
     if model is None:
         _spellings(engine, timeout_s, as_json=json, quiet=quiet)
         return
-    wanted = fail_on.split(",")
-    if unknown := [word for word in wanted if word not in _FAIL_ON]:
+    levels = fail_on.split(",")
+    if unknown := [word for word in levels if word not in _FAIL_ON]:
         raise InputError(f"--fail-on {unknown[0]!r}: unknown (available: {', '.join(_FAIL_ON)})")
     if lint and engine is not None:
         raise InputError("--lint: uses no engines; give --lint or --engine, not both")
@@ -134,7 +134,7 @@ def audit(
     if sarif is not None:
         write_whole(sarif, json_text(as_sarif(found, version("bodycheck"))).encode())
     answer(audit_document(found), audit_data(found), as_json=json)
-    if failures(found, wanted):
+    if failures(found, levels):
         raise typer.Exit(1)
 
 
@@ -142,10 +142,10 @@ def _spellings(engine: str | None, timeout_s: float, *, as_json: bool, quiet: bo
     from bodycheck.reports.audit.spelling_document import spelling_document
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
-    from bodycheck.runs.spelling_run import spell
+    from bodycheck.runs.spelling_run import run_spellings
 
     with status_line("spinning the spellings of one body", quiet=quiet):
-        results = spell(None if engine is None else engine.split(","), timeout_s)
+        results = run_spellings(None if engine is None else engine.split(","), timeout_s)
     answer(spelling_document(results), results, as_json=as_json)
     if any(one.broken for one in results):
         raise typer.Exit(1)

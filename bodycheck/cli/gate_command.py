@@ -104,8 +104,10 @@ def gate(
     measured: Run | Tables
     if run is None:
         options = RunOptions(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
-        watching = progress_of(quiet=quiet)
-        measured = _new_run(gates, scenarios or ["standard"], options, watching, out, allow_code=allow_code)
+        make_progress = progress_of(quiet=quiet)
+        measured = _new_run(
+            gates, scenarios or ["standard"], options, make_progress, out, allow_code=allow_code
+        )
     else:
         measured = read_tables(run)
     results = check_gates(gates, measured)
@@ -135,7 +137,7 @@ def _new_run(
     gates: Sequence[Gate],
     scenarios: Sequence[str],
     options: RunOptions,
-    watching: ProgressFactory,
+    make_progress: ProgressFactory,
     out: Path | None,
     *,
     allow_code: bool,
@@ -145,7 +147,7 @@ def _new_run(
     from bodycheck.runs.gate_run import run_for_gates
 
     try:
-        run = run_for_gates(gates, scenarios, options, watching, allow_code=allow_code)
+        run = run_for_gates(gates, scenarios, options, make_progress, allow_code=allow_code)
     except KeyboardInterrupt:
         raise StoppedError("stopped before any gate was checked") from None
     if out is not None:

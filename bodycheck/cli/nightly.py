@@ -115,7 +115,7 @@ def nightly_(
 
 
 def _run_shard(
-    request: RunRequest, part: Path | None, history: Path | None, watching: ProgressFactory
+    request: RunRequest, part: Path | None, history: Path | None, make_progress: ProgressFactory
 ) -> None:
     """Run one shard of a nightly run into a folder of its own; `merge --history` judges all of them."""
     from bodycheck.runs.directory import run_to_folder
@@ -124,7 +124,7 @@ def _run_shard(
         raise InputError(
             f"--shard {request.shard}: requires --part, no --history (`bodycheck merge --history` stores it)"
         )
-    _, report = run_to_folder(request, part, watching)
+    _, report = run_to_folder(request, part, make_progress)
     print(report)
 
 

@@ -191,7 +191,7 @@ def advise(
     from bodycheck.runs import advice_run
 
     inertia, spin = numbers(inertia_kg_m2, "--inertia-kg-m2"), numbers(spin_rad_s, "--spin-rad-s")
-    asked = advice_run.AdviceRequest(
+    request = advice_run.AdviceRequest(
         error=error,
         dt_s=dt,
         quantity=quantity,
@@ -202,7 +202,7 @@ def advise(
         run=run,
         allow_code=allow_code,
     )
-    advice = advice_run.advise(asked, progress_of(quiet=quiet))
+    advice = advice_run.advise(request, progress_of(quiet=quiet))
     answer(advice_document(advice), advice, as_json=json)
 
 
@@ -352,11 +352,11 @@ def table(
         "laws": tables.laws,
     }[which]
     if columns is not None:
-        asked = [name.strip() for name in columns.split(",")]
-        if unknown := [name for name in asked if name not in found.columns]:
+        requested = [name.strip() for name in columns.split(",")]
+        if unknown := [name for name in requested if name not in found.columns]:
             known = meant(unknown[0], found.columns)
             raise InputError(f"--columns {columns}: {which} has no {', '.join(unknown)}{known}")
-        found = found[asked]
+        found = found[requested]
     content = FORMATS[as_](found)
     if out is None:
         print(content.decode(), end="")
@@ -414,12 +414,12 @@ def plot(
     check_picture(out)
     check_file("--out", out)
     if quantity is not None and (figure in (STABILITY, *BODIES) or quantity not in TRUTH_BOUNDS):
-        what = (
+        fault = (
             f"not used by --figure {figure}"
             if figure in (STABILITY, *BODIES)
             else f"unknown measure{meant(quantity, TRUTH_BOUNDS)}"
         )
-        raise InputError(f"--quantity {quantity}: {what}")
+        raise InputError(f"--quantity {quantity}: {fault}")
     tables = read_tables(run)
     scenario = _scenario_of(tables, scenario)
     engines = _engines_of(tables, engine)
@@ -433,12 +433,12 @@ def plot(
 
 def _scenario_of(tables: Tables, scenario: str | None) -> str:
     """Return the scenario that --scenario names, or the only one; raises InputError if there is none."""
-    there = list(tables.manifest["scenarios"])
-    if scenario is None and len(there) == 1:
-        return there[0]
-    if scenario is None or scenario not in there:
-        asked = "is required" if scenario is None else f"{scenario}: not in this run"
-        raise InputError(f"--scenario {asked}{meant(scenario or '', there)}")
+    available = list(tables.manifest["scenarios"])
+    if scenario is None and len(available) == 1:
+        return available[0]
+    if scenario is None or scenario not in available:
+        fault = "is required" if scenario is None else f"{scenario}: not in this run"
+        raise InputError(f"--scenario {fault}{meant(scenario or '', available)}")
     return scenario
 
 

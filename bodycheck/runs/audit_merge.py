@@ -51,8 +51,8 @@ def merge_audits(folders: Sequence[Path], out: Path) -> tuple[Audit, list[str]]:
     parts = _parts(folders)
     first = parts[0].audit
     links = [
-        replace(link, spins=_owner(parts, link.name).audit.links[place].spins)
-        for place, link in enumerate(first.links)
+        replace(link, spins=_owner(parts, link.name).audit.links[index].spins)
+        for index, link in enumerate(first.links)
     ]
     audit = replace(first, links=tuple(links))
     findings = [*differing_facts({str(part.shard): part.facts for part in parts}), *_disagreements(parts)]
@@ -76,11 +76,11 @@ def _parts(folders: Sequence[Path]) -> list[_Part]:
 
 
 def _part(folder: Path) -> _Part:
-    audit, told = read_audit(folder)
-    if not isinstance(told.get("shard"), str) or not isinstance(told.get("machine"), dict):
+    audit, facts = read_audit(folder)
+    if not isinstance(facts.get("shard"), str) or not isinstance(facts.get("machine"), dict):
         raise InputError(f"{folder}: a whole audit (expected a folder written with --shard)")
     engines = {column.engine: column.version for column in audit.columns}
-    return _Part(folder, Shard.parse(told["shard"]), audit, machine_facts(told["machine"]) | engines)
+    return _Part(folder, Shard.parse(facts["shard"]), audit, machine_facts(facts["machine"]) | engines)
 
 
 def _different(one: _Part, other: _Part) -> Iterator[str]:
@@ -104,16 +104,16 @@ def _disagreements(parts: Sequence[_Part]) -> Iterator[str]:
     """
     first, *others = parts
     for other in others:
-        for place, column in enumerate(first.audit.columns):
-            its = other.audit.columns[place]
+        for index, column in enumerate(first.audit.columns):
+            its = other.audit.columns[index]
             if its.outcome != column.outcome:
                 yield (
                     f"{column.name}: ended {its.outcome} in shard {other.shard}, and {column.outcome} in "
                     f"shard {first.shard}"
                 )
-        for mine, link in zip(first.audit.links, other.audit.links, strict=True):
-            for name in mine.held.keys() & link.held.keys():
-                digits = _digits(mine.held[name].held, link.held[name].held)
+        for own, link in zip(first.audit.links, other.audit.links, strict=True):
+            for name in own.held.keys() & link.held.keys():
+                digits = _digits(own.held[name].held, link.held[name].held)
                 if digits is not None:
                     yield (
                         f"{name}: {link.name} as held in shard {other.shard} agrees with shard "

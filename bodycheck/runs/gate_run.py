@@ -20,7 +20,7 @@ def run_for_gates(
     gates: Sequence[Gate],
     scenarios: Sequence[str | Path],
     options: RunOptions,
-    progress_factory: ProgressFactory,
+    make_progress: ProgressFactory,
     *,
     allow_code: bool = False,
 ) -> Run:
@@ -35,7 +35,7 @@ def run_for_gates(
         scenarios,
         [*default_engines(), *named, *programs],
         allow_code=allow_code,
-        wanted=lambda engine, method: any(
+        predicate=lambda engine, method: any(
             gate.matches_method(engine.name, method.name)
             # as in any run, a variant of a method runs only if a gate names it
             and (not method.on_request or gate.method == method.name)
@@ -54,5 +54,5 @@ def run_for_gates(
         laws=any(gate.target.source == "laws" for gate in gates),
         stable_steps=any(gate.target.source == "stability" for gate in gates),
     )
-    with progress_factory(selection.cases_listed()) as progress:
+    with make_progress(selection.cases_listed()) as progress:
         return run_selection(selection, options, Identity.new(), journal=None, progress=progress)

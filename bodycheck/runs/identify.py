@@ -30,9 +30,9 @@ def fingerprints(
     all_loads: also under loads that vary with time and motion, whose kernels may have to be compiled.
     """
     loads = {**CONSTANT_LOADS, **CONTINUOUS_LOADS} if all_loads else CONSTANT_LOADS
-    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, asker):
+    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, client):
         return [
-            fingerprint_row(engine, method, fingerprint_of(engine, method, asker.ask, loads))
+            fingerprint_row(engine, method, fingerprint_of(engine, method, client.ask, loads))
             for engine, method in methods
         ]
 
@@ -40,12 +40,12 @@ def fingerprints(
 def laws(engines: str, *, timeout_s: float, allow_code: bool = False) -> list[dict[str, Any]]:
     """Return the rows of laws.csv, without run_id, of NAME[==VERSION][:METHOD],..."""
     rows: list[dict[str, Any]] = []
-    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, asker):
+    with _methods(engines, timeout_s, allow_code=allow_code) as (methods, client):
         for engine, of_engine in groupby(methods, key=lambda pair: pair[0]):
             own = [method for _, method in of_engine]
-            replays = replayed(engine, own, asker)
+            replays = replayed(engine, own, client)
             for method in own:
-                rows += [*examined(engine, method, asker, laws=True)["laws"], *replays[method.name]]
+                rows += [*examined(engine, method, client, laws=True)["laws"], *replays[method.name]]
     return rows
 
 

@@ -31,7 +31,10 @@ SPEED_PASSES = 10
 
 
 def run_nightly(
-    request: RunRequest, folder: Path, watching: ProgressFactory, thresholds: Thresholds = DEFAULT_THRESHOLDS
+    request: RunRequest,
+    folder: Path,
+    make_progress: ProgressFactory,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> tuple[Judgement, Path]:
     """Carry out a request, store it in a history, and return its judgement and its folder.
 
@@ -40,7 +43,7 @@ def run_nightly(
     """
     selection, options = request.selection, request.options
     history = History.at(folder)
-    with watching(selection.cases_listed()) as progress:
+    with make_progress(selection.cases_listed()) as progress:
         run = run_selection(selection, options, Identity.new(), journal=None, progress=progress)
     return store_nightly(run, history, thresholds)
 

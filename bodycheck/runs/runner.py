@@ -93,12 +93,12 @@ def run_selection(
 
     journal: stores the results of this run and supplies those of its interrupted part; None to store none.
     """
-    begin = time.perf_counter()
+    start = time.perf_counter()
     cache = Cache.default()
     cache.prune()
     cache = cache.write_only() if options.reuse == "nothing" else cache
     # without a compilation, what was checked and loaded counts as part of the truths
-    compiled = time.perf_counter() if _compile(selection, cache, progress) else begin
+    compiled = time.perf_counter() if _compile(selection, cache, progress) else start
     answers = Answers(journal, cache, options.timeout_s, reuse=options.reuse, run_id=identity.run_id)
     progress.phase("solving the truths")
     problems = [
@@ -126,7 +126,7 @@ def run_selection(
     ended = time.perf_counter()
     run_id = identity.run_id
     seconds = {
-        "compile_s": compiled - begin,
+        "compile_s": compiled - start,
         "truths_s": solved - compiled,
         "motions_s": recorded - solved,
         "speeds_s": ended - recorded,
