@@ -34,7 +34,7 @@ from bodycheck.reports.measurement.measures import (
 )
 from bodycheck.reports.measurement.problem import Problem
 
-Asking: TypeAlias = Callable[[Engine, Case], Answer]
+RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 """A function that answers a case, from the engine or from a stored answer."""
 
 SWITCH_NOTE = "load switches inside a step"
@@ -117,7 +117,7 @@ class CaseResult:
         return {name: float(self.columns[name] + bound_of(self.columns, name)) for name in measured}
 
 
-def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting, ask: Asking) -> CaseResult:
+def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting, ask: RunCase) -> CaseResult:
     """Run one case and measure it; any failure becomes its outcome."""
     scene = problem.scenario.scene
     columns = _identity(problem, engine, method, setting)

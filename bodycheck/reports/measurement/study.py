@@ -20,9 +20,9 @@ from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import (
     SWITCH_NOTE,
-    Asking,
     CaseResult,
     MeasuredMotion,
+    RunCase,
     origin_of,
     run_case,
 )
@@ -68,7 +68,7 @@ def study(
     settings: Sequence[Setting],
     *,
     adaptive: bool,
-    ask: Asking,
+    ask: RunCase,
     search: Searching | None,
     case_done: Callable[[], None],
 ) -> Study:
@@ -145,7 +145,7 @@ def restored(
     method: Method,
     *,
     adaptive: bool,
-    ask: Asking,
+    ask: RunCase,
     search: Searching | None,
     case_done: Callable[[], None],
 ) -> Study | None:

@@ -167,8 +167,8 @@ def _read_parquet(path: Path) -> Recording:
                 if name not in nested
             }
             if nested:
-                rows = table.select(*map(duckdb.ColumnExpression, nested)).fetchall()
-                records = (dict(zip(nested, row, strict=True)) for row in rows)
+                nested_rows = table.select(*map(duckdb.ColumnExpression, nested)).fetchall()
+                records = (dict(zip(nested, row, strict=True)) for row in nested_rows)
                 columns |= _columns_of(path, map(_flat, records))
     except (duckdb.Error, ValueError, OverflowError) as error:
         if isinstance(error, InputError):
