@@ -22,7 +22,7 @@ import numpy as np
 
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
-from bodycheck.reports.summary.cases_within import keeping, largest_error
+from bodycheck.reports.summary.cases_within import cases_within, largest_error
 from bodycheck.reports.summary.error_curve import ErrorCurve, Estimate, curves_of
 from bodycheck.runs.advice_run import measure_steps
 from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
@@ -113,7 +113,7 @@ def _questions(
                 kinds[found.basis] += 1
                 yield Question(place, error, found)
             else:
-                kept = any(True for _ in keeping(curve.cases, error, curve.quantity))
+                kept = any(True for _ in cases_within(curve.cases, error, curve.quantity))
                 kinds["measured" if kept else "none"] += 1
 
 

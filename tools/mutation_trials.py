@@ -205,7 +205,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "all vectors that come here are (n, 3)",
     (
         "reports/comparison/describe.py",
-        'how = "slow" if change.decades > 0.0 else "fast"',
+        'word = "slow" if change.decades > 0.0 else "fast"',
         "change.decades > 0.0 -> change.decades >= 0.0",
     ): "a speed that is the same is no change",
     (
@@ -263,8 +263,8 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 
 # one and the same each time, as kernels are cached by their path
-_PLACE = Path(tempfile.gettempdir()) / "bodycheck-mutants"
-_OUTPUT = _PLACE / "output.txt"
+_FOLDER = Path(tempfile.gettempdir()) / "bodycheck-mutants"
+_OUTPUT = _FOLDER / "output.txt"
 _MAX_MEMORY = 8 * 2**30  # bytes of a mutant that never ends
 
 _OPTIONS = (
@@ -355,13 +355,13 @@ def main() -> int:
     judged = [mutant for mutant in drawn if mutant.key not in EQUIVALENT]
     print(f"{len(chosen)} mutants, {len(drawn)} drawn, {len(drawn) - len(judged)} of them equivalent")
     try:
-        _PLACE.mkdir()
+        _FOLDER.mkdir()
     except FileExistsError:
-        raise SystemExit(f"{_PLACE}: is there: trials go on, or were killed: then remove it") from None
+        raise SystemExit(f"{_FOLDER}: is there: trials go on, or were killed: then remove it") from None
     try:
-        survived = tried(copied(_PLACE), sorted(judged, key=lambda mutant: mutant.module))
+        survived = tried(copied(_FOLDER), sorted(judged, key=lambda mutant: mutant.module))
     finally:
-        shutil.rmtree(_PLACE)
+        shutil.rmtree(_FOLDER)
     return summed_up(judged, survived)
 
 

@@ -69,7 +69,7 @@ def _parts(folders: Sequence[Path]) -> list[_Part]:
     faults = list(division_faults({part.folder: part.shard for part in parts}))
     first, *others = parts
     for part in others:
-        faults += [f"{part.folder}: {what} than in {first.folder}" for what in _different(part, first)]
+        faults += [f"{part.folder}: {fault} than in {first.folder}" for fault in _different(part, first)]
     if faults:
         raise InputError("\n".join(faults))
     return sorted(parts, key=lambda part: part.shard.index)

@@ -50,8 +50,8 @@ def _replay_sentences(result: EnsembleResult) -> Iterator[str]:
     for word in (SAME_BITS, OTHER_BITS):
         found = [key_text(key) for key, statistics in result.statistics if statistics.replay == word]
         if found:
-            manner = f"alone, together and in reverse order ({SENTINELS} bodies)"
-            yield f"{word.capitalize()} {manner}: {'; '.join(found)}"
+            order = f"alone, together and in reverse order ({SENTINELS} bodies)"
+            yield f"{word.capitalize()} {order}: {'; '.join(found)}"
 
 
 def _error(value: float) -> str:

@@ -263,7 +263,7 @@ def _failed_study(
         method,
         settings,
         adaptive=False,
-        ask=lambda engine, case: failed,  # noqa: ARG005 - the signature of Asking
+        ask=lambda engine, case: failed,  # noqa: ARG005 - the signature of RunCase
         search=None,
         case_done=lambda: None,
     )

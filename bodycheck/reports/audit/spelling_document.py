@@ -45,9 +45,9 @@ def _tint(one: SpellingResult) -> str:
 def spelling_document(results: Sequence[SpellingResult]) -> Document:
     """Return one row per spelling and importer."""
     broken = [one for one in results if one.broken or one.causes]
-    lost = [one for one in results if one.apart_rad is None]
+    not_spun = [one for one in results if one.apart_rad is None]
     text = f"{count(len(results), 'spelling')} of one body spun; {len(broken)} break the law"
-    text += f"; {len(lost)} could not be spun" if lost else ""
+    text += f"; {len(not_spun)} could not be spun" if not_spun else ""
     columns = (
         Column("importer", "fixed"),
         Column("spelling"),

@@ -109,8 +109,8 @@ def change_text(change: Change) -> str:
     at = _at(change)
     if change.kind == "speed":
         assert change.decades is not None
-        how = "slow" if change.decades > 0.0 else "fast"
-        return f"{number(10.0 ** abs(change.decades), 3)} times as {how}"
+        word = "slow" if change.decades > 0.0 else "fast"
+        return f"{number(10.0 ** abs(change.decades), 3)} times as {word}"
     if change.kind == "case":
         kind, outcome = ("new", change.after) if change.before is None else ("missing", change.before)
         return f"{kind} case{at} ({outcome})"

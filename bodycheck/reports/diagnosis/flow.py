@@ -342,11 +342,11 @@ class Flow:
         spin = times(rotation, w)
         turning = cross(spin, times(inertia, spin))
 
-        def seen(vector: Array) -> Array:
+        def in_body(vector: Array) -> Array:
             """I R^T I^-1 vector: what gives the right omega' when it is multiplied by I^-1."""
             return times(inertia, transposed_times(rotation, times(inverse, vector)))
 
-        return seen(turning), seen(times(rotation, torque))
+        return in_body(turning), in_body(times(rotation, torque))
 
     def _omega_extra(self, y: States) -> Array | float:
         """Return what is added to omega' besides I^-1 of torques: damping, and the pull of the energy."""

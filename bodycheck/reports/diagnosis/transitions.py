@@ -199,10 +199,10 @@ class Transitions:
         arm = times(rotation, np.broadcast_to(-pivot[:, None, None], y.w.shape))
         spin = times(rotation, y.w)
         velocity = cross(spin, arm)
-        return Reading(self._place[:, None, None] + arm, velocity, y.q, w)
+        return Reading(self._pivot_position[:, None, None] + arm, velocity, y.q, w)
 
     @cached_property
-    def _place(self) -> Array:
+    def _pivot_position(self) -> Array:
         """Where the pivot is (3,)."""
         initial = self.scene.initial
         assert self.scene.pivot is not None
@@ -239,7 +239,7 @@ class Transitions:
             reading = misreading.undo(reading)  # type: ignore[attr-defined]
         w = transposed_times(matrix_of(reading.q), reading.w) if self.world_omega else reading.w
         if self.scene.pivot is not None:
-            place = np.broadcast_to(self._place[:, None], reading.x.shape)
+            place = np.broadcast_to(self._pivot_position[:, None], reading.x.shape)
             return States(place, 0.0 * reading.v, reading.q, w)
         return States(reading.x, reading.v, reading.q, w)
 

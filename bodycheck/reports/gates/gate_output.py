@@ -150,8 +150,8 @@ def results_document(results: Sequence[GateResult]) -> Document:
         for line in (f"[{index}] {result.gate.reason}", *error_lines(result))
     )
     ended = Counter[str](result.status for result in results)
-    words = {"passed": "passed", "failed": "failed", "nothing": "measured nothing"}
-    counts_text = ", ".join(f"{ended[status]} {word}" for status, word in words.items() if ended[status])
+    texts = {"passed": "passed", "failed": "failed", "nothing": "measured nothing"}
+    counts_text = ", ".join(f"{ended[status]} {word}" for status, word in texts.items() if ended[status])
     return Document(
         "bodycheck gate",
         (

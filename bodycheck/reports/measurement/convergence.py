@@ -121,15 +121,15 @@ def reaches_round_off(points: Sequence[Point]) -> bool:
     return best.error <= (ABOVE_FLOOR if is_finest else _TURNED) * best.round_off
 
 
-def round_off_floor(points: Sequence[Point], least: float) -> float:
-    """Return `least`, or the error at which finer steps stopped helping, if it is as small as round-off.
+def round_off_floor(points: Sequence[Point], min_floor: float) -> float:
+    """Return `min_floor`, or the error at which finer steps stopped helping, if it is as small as round-off.
 
-    least: the larger of 3 times the truth's bound and eps times the motion's sensitivity.
+    min_floor: the larger of 3 times the truth's bound and eps times the motion's sensitivity.
 
     Where a finer step reduces the error by less than order 1/2 would, and the errors are small enough to be
     round-off, both errors are on the floor.
     """
-    floor = least
+    floor = min_floor
     errors = [(p.dt_s, p.error) for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
     for (coarse_dt, coarser), (fine_dt, finer) in pairwise(errors):
         if coarser < min(finer * math.sqrt(coarse_dt / fine_dt), LARGEST_ROUND_OFF):
@@ -219,10 +219,10 @@ def tolerance_convergence(points: Sequence[Point], criteria: Criteria) -> Conver
     if not ended:
         return Convergence("unstable", 0, criteria.floor)
     found = Convergence("converges", len(usable(points, criteria.floor)), criteria.floor)
-    (finest, least), (coarsest, largest) = ended[0], ended[-1]
+    (finest, smallest), (coarsest, largest) = ended[0], ended[-1]
     if largest <= ABOVE_FLOOR * criteria.floor:
         return replace(found, verdict="at-floor")
-    if least <= ABOVE_FLOOR * criteria.floor or least < largest * (finest / coarsest) ** _MIN_FALL:
+    if smallest <= ABOVE_FLOOR * criteria.floor or smallest < largest * (finest / coarsest) ** _MIN_FALL:
         return found
     if math.log10(coarsest / finest) < _PLATEAU_DECADES:
         return replace(found, verdict="too-few-points")

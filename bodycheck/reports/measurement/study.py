@@ -220,12 +220,12 @@ def _criteria(cases: Sequence[CaseResult], problem: Problem, method: Method, qua
         round_off = _arithmetic(problem, quantity, method)
         floors.append(round_off.at(problem.scenario.duration_s / max(steps, 1)))
     # a quantity too small to be measured in the finest case did not stop shrinking at the coarser ones
-    lost = bool(ended) and quantity not in ended[-1].columns
+    unmeasured = bool(ended) and quantity not in ended[-1].columns
     return Criteria(
         floor=max(floors),
         growing=_round_off(problem, quantity) * math.sqrt(steps),
         extrapolated=not any(SWITCH_NOTE in case.columns["message"] for case in ended),
-        judged="property" if problem.is_chaotic or lost else MEASURES[quantity].judged or "property",
+        judged="property" if problem.is_chaotic or unmeasured else MEASURES[quantity].judged or "property",
     )
 
 

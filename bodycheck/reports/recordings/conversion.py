@@ -111,8 +111,8 @@ def _vectors(recording: Recording, targets: Mapping[str, Array]) -> dict[str, Ar
             missing = ", ".join(column for column in columns if column not in targets)
             raise InputError(f"{recording.path}: has {present[0]} but not {missing}")
         if present:
-            together = np.stack([targets[column] for column in columns], axis=-1)
-            found[array] = together.reshape(-1, 3, 3) if array == "rotation" else together
+            stacked = np.stack([targets[column] for column in columns], axis=-1)
+            found[array] = stacked.reshape(-1, 3, 3) if array == "rotation" else stacked
     return found
 
 
@@ -185,12 +185,12 @@ def _reversed(arrays: Mapping[str, Array]) -> dict[str, Array]:
     return found
 
 
-def _from_local_axes(t_s: Array, place: Array, earth_rate_rad_s: float) -> Array:
+def _from_local_axes(t_s: Array, position: Array, earth_rate_rad_s: float) -> Array:
     """Return the rotation from local north, east, down to those axes at the first sample, kept inertial.
 
-    place: longitude and geodetic latitude (n, 2) in rad. Shapes: (n,), (n, 2) -> quaternions (n, 4).
+    position: longitude and geodetic latitude (n, 2) in rad. Shapes: (n,), (n, 2) -> quaternions (n, 4).
     """
-    longitude, latitude = place[:, 0] + earth_rate_rad_s * t_s, place[:, 1]
+    longitude, latitude = position[:, 0] + earth_rate_rad_s * t_s, position[:, 1]
     inertial = quaternion_product(
         exp_quaternion(longitude[:, None] * np.array(_AXES["z"])),
         exp_quaternion(-(latitude[:, None] + 0.5 * np.pi) * np.array(_AXES["y"])),

@@ -545,7 +545,7 @@ def test_history_is_queried_in_sql(nightly_run: Run, one_worse: History) -> None
         "(SELECT count(*) FROM methods) AS methods, (SELECT count(*) FROM stability) AS stability",
     ).to_dict("records")
     assert counted == {
-        "runs": 2,
+        "nights": 2,
         "changes": 1,
         "methods": 2 * len(nightly_run.methods),
         "stability": 2 * len(nightly_run.stability),
