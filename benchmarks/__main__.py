@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from bodycheck._util.errors import InputError, StoppedError
-from bodycheck.cli._app import carry_out
+from bodycheck.cli._app import run_app
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -53,7 +53,7 @@ def benchmarks(
 
 def main() -> None:
     """Run the command; exit with status 2 on invalid input, 130 on an interrupt, with a one-line message."""
-    carry_out(app, "python -m benchmarks")
+    run_app(app, "python -m benchmarks")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from benchmarks.contenders.contender import Task
 from benchmarks.effort import Effort
 from bodycheck.reference_impl.arrays import Array
 
-_MOST_RUNS = 2000  # of one task in one round
+_MAX_RUNS = 2000  # of one task in one round
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def _once(task: Task) -> float:
 
 def _repeats(task: Task, seconds: float) -> int:
     _once(task)
-    return min(max(math.ceil(seconds / max(_once(task), 1e-9)), 1), _MOST_RUNS)
+    return min(max(math.ceil(seconds / max(_once(task), 1e-9)), 1), _MAX_RUNS)
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from bodycheck.cli import commands
 from bodycheck.reports.document import json_text
 from bodycheck.reports.gates.gate import parse_gates
 from bodycheck.reports.gates.gate_output import as_junit, results_data
-from bodycheck.reports.gates.verdict import held
+from bodycheck.reports.gates.verdict import check_gates
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.runs import gate_run
 from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
@@ -172,7 +172,7 @@ def test_any_message_of_an_engine_fits_into_xml_and_json() -> None:
     from tests.helpers.gate_tables import make_tables
 
     gates = parse_gates('[[gate]]\nmeasure = "energy_drift"\nupper = 1.0\nreason = "r"\n', "t")
-    results = held(gates, make_tables([{"outcome": "failed", "message": "\x1b[31m<&>\x00\ud800\n"}]))
+    results = check_gates(gates, make_tables([{"outcome": "failed", "message": "\x1b[31m<&>\x00\ud800\n"}]))
     failure = ElementTree.fromstring(as_junit(results, "t")).find(".//failure")
     assert failure is not None
     assert "[31m<&>" in (failure.text or "")
@@ -279,8 +279,8 @@ def test_new_run_is_compared_with_the_gates(folder: Path) -> None:
 @pytest.mark.slow
 def test_only_scenarios_and_methods_of_gates_are_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Others are left out; times are measured if a gate needs them."""
-    asked: list[tuple[Selection, RunOptions]] = []
-    monkeypatch.setattr(gate_run, "run_selection", lambda *told, **_: asked.append(told[:2]))
+    requested: list[tuple[Selection, RunOptions]] = []
+    monkeypatch.setattr(gate_run, "run_selection", lambda *told, **_: requested.append(told[:2]))
     text = '[[gate]]\nengine = "reference"\nmethod = "m[12]"\nscenario = "mine"\nreason = "r"\n'
     defaults = '[[gate]]\nengine = "mujoco"\nmethod = "euler@defaults"\nreason = "r"\n'
     for measure in ("energy_drift", "relative_cpu"):
@@ -294,7 +294,7 @@ def test_only_scenarios_and_methods_of_gates_are_run(folder: Path, monkeypatch: 
             [scenario.name for _, scenario in selection.scenarios],
             [method.name for _, method in selection.methods],
         )
-        for selection, _ in asked
+        for selection, _ in requested
     ]
     assert names == [(["mine"], ["m1", "m2"])] * 2 + [(["intermediate-axis"], ["euler@defaults"])]
-    assert [options.speed for _, options in asked] == [False, True, False]
+    assert [options.speed for _, options in requested] == [False, True, False]

@@ -79,7 +79,7 @@ def bodycheck(*words: str | Path) -> Result:
     return CliRunner().invoke(commands.app, list(map(str, words)))
 
 
-def night(*words: str, angle_rad: float = 0.0) -> Result:
+def run(*words: str, angle_rad: float = 0.0) -> Result:
     """Return the result of a nightly run of the rotated engine."""
     with registered(Turned(angle_rad)):
         return bodycheck(
@@ -90,8 +90,8 @@ def night(*words: str, angle_rad: float = 0.0) -> Result:
 @pytest.mark.slow
 def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
     """Status 3 without a baseline, 0 without a regression, 1 where an orientation is worse."""
-    first, second, moved = night(), night(), night(angle_rad=1e-9)
-    third, fourth = night("--out", "told.md", angle_rad=1e-2), night()
+    first, second, moved = run(), run(), run(angle_rad=1e-9)
+    third, fourth = run("--out", "told.md", angle_rad=1e-2), run()
     assert [done.exit_code for done in (first, second, moved, third, fourth)] == [3, 0, 0, 1, 0], third.output
     assert "Insufficient history" in first.stdout
     assert "Nothing changed" in second.stdout
@@ -109,7 +109,7 @@ def test_nightly_run_fails_on_a_regression(folder: Path) -> None:
 @pytest.mark.slow
 def test_history_is_listed_queried_and_pruned(folder: Path) -> None:
     """One line per nightly run; CSV of SQL results; the names of the removed runs."""
-    night(), night()
+    run(), run()
     listed = bodycheck("history", "list", "kept")
     assert [line.split()[1] for line in listed.stdout.splitlines()] == ["status", "insufficient", "no"]
     asked = bodycheck("history", "query", "kept", "SELECT count(*) AS nights FROM nights")
@@ -155,7 +155,7 @@ def test_interrupted_nightly_run_stores_nothing(folder: Path, monkeypatch: pytes
         raise KeyboardInterrupt
 
     monkeypatch.setattr("bodycheck.runs.runner.compile_kernels", stopped)
-    done = night()
+    done = run()
     assert isinstance(done.exception, StoppedError)
     assert str(done.exception) == "stopped; nothing was stored"
     assert not list(folder.glob("kept/2*"))
@@ -198,7 +198,7 @@ def test_nightly_run_does_what_the_options_request(what: str, monkeypatch: pytes
     def ended(*requested: object) -> None:
         raise RequestedError(*requested)
 
-    monkeypatch.setattr("bodycheck.runs.nightly_run.run_night", ended)
+    monkeypatch.setattr("bodycheck.runs.nightly_run.run_nightly", ended)
     monkeypatch.setattr("bodycheck.cli.nightly.progress_of", lambda *, quiet: f"quiet: {quiet}")
     words, changed = REQUESTS[what]
     done = bodycheck("nightly", *words, "--history", "kept", "--threshold", "0.25")
@@ -241,26 +241,26 @@ def test_status_and_files_are_those_of_the_judgement(
     status: str, code: int, as_json: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The page is named after the text, and each file has the content of its suffix, with links that work."""
-    night = folder / "kept" / "a night"
-    night.mkdir(parents=True)
-    (night / "night.md").write_text("a text\n")
+    run = folder / "kept" / "a night"
+    run.mkdir(parents=True)
+    (run / "night.md").write_text("a text\n")
     judged = SimpleNamespace(status=status)
     module = "bodycheck.reports.history.history_output"
-    monkeypatch.setattr("bodycheck.runs.nightly_run.run_night", lambda *_: (judged, night))
-    monkeypatch.setattr(f"{module}.night_document", lambda of: Document(of.status, (Sentence("Done."),)))
-    monkeypatch.setattr(f"{module}.night_data", lambda of: {"status": of.status})
-    monkeypatch.setattr(f"{module}.night_page", lambda of, place: f"{of.status}: {place}report.html")
+    monkeypatch.setattr("bodycheck.runs.nightly_run.run_nightly", lambda *_: (judged, run))
+    monkeypatch.setattr(f"{module}.nightly_document", lambda of: Document(of.status, (Sentence("Done."),)))
+    monkeypatch.setattr(f"{module}.nightly_data", lambda of: {"status": of.status})
+    monkeypatch.setattr(f"{module}.nightly_page", lambda of, place: f"{of.status}: {place}report.html")
     (folder / "public").mkdir()
     files = ("public/page.html", *(f"told.{suffix}" for suffix in ("html", "md", "json")))
     out = [word for file in files for word in ("--out", file)]
     done = bodycheck("nightly", "--history", "kept", *out, *(["--json"] if as_json else []))
     assert done.exit_code == code, done.output
-    data = {"status": status, "folder": str(night)}
+    data = {"status": status, "folder": str(run)}
     if as_json:
         assert json.loads(done.stdout) == data
     else:
         assert "Done." in done.stdout
-        assert done.stdout.splitlines()[-1] == str(night / "night.html")
+        assert done.stdout.splitlines()[-1] == str(run / "night.html")
     assert (folder / "told.html").read_text() == f"{status}: kept/a night/report.html"
     assert (folder / "public/page.html").read_text() == f"{status}: ../kept/a night/report.html"
     assert (folder / "told.md").read_text() == "a text\n"

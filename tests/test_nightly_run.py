@@ -14,11 +14,11 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.document import Document, Sentence
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import TOLD, check_files, told_of
+from bodycheck.reports.history.baseline import SUMMARY_KEYS, check_files, read_summary
 from bodycheck.runs import nightly_run
 from bodycheck.runs.directory import RunRequest
 from bodycheck.runs.manifest import Identity
-from bodycheck.runs.nightly_run import run_night, store_night
+from bodycheck.runs.nightly_run import run_nightly, store_nightly
 from tests.helpers.expected_messages import ExpectedMessage
 
 EARLIER, TONIGHT = "20260101T000000Z-000001", "20260102T000000Z-000002"
@@ -27,7 +27,7 @@ FUTURE = "29990101T000000Z-000003"
 
 def write_told(folder: Path) -> None:
     """Write a nightly run's report, named by its folder."""
-    told = {**dict.fromkeys(TOLD, 0), "run_id": folder.name.removeprefix(".unfinished-")}
+    told = {**dict.fromkeys(SUMMARY_KEYS, 0), "run_id": folder.name.removeprefix(".unfinished-")}
     (folder / "night.json").write_text(json.dumps(told))
 
 
@@ -37,13 +37,13 @@ def history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> History:
     for name in (EARLIER, FUTURE):
         (tmp_path / name).mkdir()
         write_told(tmp_path / name)
-    monkeypatch.setattr(nightly_run, "write_run_of_night", lambda _, folder: write_told(folder))
-    monkeypatch.setattr(nightly_run, "write_report_of_night", lambda *_: None)
+    monkeypatch.setattr(nightly_run, "write_nightly_tables", lambda _, folder: write_told(folder))
+    monkeypatch.setattr(nightly_run, "write_nightly_report", lambda *_: None)
     monkeypatch.setattr(nightly_run, "read_tables", lambda folder: folder.name)
-    monkeypatch.setattr(nightly_run, "judge_night", lambda *words: words)
+    monkeypatch.setattr(nightly_run, "judge_run", lambda *words: words)
     monkeypatch.setattr(nightly_run, "write_judgement", lambda *_: None)
-    monkeypatch.setattr(nightly_run, "night_page", lambda _: "a pagé\n")
-    monkeypatch.setattr(nightly_run, "night_document", lambda _: Document("", (Sentence("a téxt"),)))
+    monkeypatch.setattr(nightly_run, "nightly_page", lambda _: "a pagé\n")
+    monkeypatch.setattr(nightly_run, "nightly_document", lambda _: Document("", (Sentence("a téxt"),)))
     return History(tmp_path)
 
 
@@ -65,24 +65,24 @@ def test_nightly_run_is_measured_without_a_journal(history: History, monkeypatch
     selection = SimpleNamespace(cases_listed=lambda: 7)
     asked = cast(RunRequest, SimpleNamespace(selection=selection, options="the options"))
     monkeypatch.setattr(nightly_run, "run_selection", run_selection)
-    (judged, night) = run_night(asked, history.folder, watching, Thresholds(0.25))
+    (judged, run) = run_nightly(asked, history.folder, watching, Thresholds(0.25))
     ((words, named),) = measured
     assert words[:2] == (selection, "the options")
     assert isinstance(words[2], Identity)
     assert named == {"journal": None, "progress": "7 cases"}
     assert cast(Any, judged) == (history, f".unfinished-{TONIGHT}", Thresholds(0.25))
-    assert night == history.folder / TONIGHT
+    assert run == history.folder / TONIGHT
 
 
 def test_stored_run_has_its_pages_and_is_sealed(history: History) -> None:
     """In UTF-8; the default thresholds judge it."""
-    judged, night = store_night(RUN, history)
+    judged, run = store_nightly(RUN, history)
     assert cast(Any, judged)[2] is DEFAULT_THRESHOLDS
-    assert (night / "night.html").read_bytes() == "a pagé\n".encode()
-    assert "a téxt".encode() in (night / "night.md").read_bytes()
-    told = told_of(night)
+    assert (run / "night.html").read_bytes() == "a pagé\n".encode()
+    assert "a téxt".encode() in (run / "night.md").read_bytes()
+    told = read_summary(run)
     assert told["sha256"].keys() == {"night.html", "night.md"}
-    check_files(night, told)
+    check_files(run, told)
 
 
 def test_feed_lists_the_runs_up_to_the_stored_one(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,7 +93,7 @@ def test_feed_lists_the_runs_up_to_the_stored_one(history: History, monkeypatch:
         "write_feed",
         lambda folder, told: listed.append((folder, [one["run_id"] for one in told])),
     )
-    store_night(RUN, history)
+    store_nightly(RUN, history)
     assert listed == [(history.folder, [EARLIER, TONIGHT])]
 
 
@@ -106,9 +106,9 @@ def test_feed_that_cannot_be_written_loses_no_run(
         raise InputError("feed.xml: cannot be written: No space left on device")
 
     monkeypatch.setattr(nightly_run, "write_feed", full)
-    judged, night = store_night(RUN, history)
+    judged, run = store_nightly(RUN, history)
     assert judged
-    assert night.is_dir()
+    assert run.is_dir()
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err == "feed.xml: cannot be written: No space left on device; the feed lacks this run\n"
@@ -123,16 +123,16 @@ def test_run_that_cannot_be_judged_is_stored_and_raised(
     def broken(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(nightly_run, "judge_night", broken)
+    monkeypatch.setattr(nightly_run, "judge_run", broken)
     monkeypatch.setattr(nightly_run, "write_unjudged", lambda _, folder: written.append(folder))
     error: Exception = OSError(28, "No space left on device")
     with expected_message.raises(InputError):
-        store_night(RUN, history)
+        store_nightly(RUN, history)
     assert (written, (history.folder / TONIGHT).exists()) == ([], False)
     error = TypeError("unexpected")
     with pytest.raises(TypeError) as raised:
-        store_night(RUN, history)
-    night = history.folder / TONIGHT
-    assert raised.value.__notes__ == [f"the run is stored in {night}, but could not be judged"]
+        store_nightly(RUN, history)
+    run = history.folder / TONIGHT
+    assert raised.value.__notes__ == [f"the run is stored in {run}, but could not be judged"]
     assert len(written) == 1
-    assert "sha256" in told_of(night)
+    assert "sha256" in read_summary(run)

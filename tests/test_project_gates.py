@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bodycheck.reports.gates.gate import read_gates
-from bodycheck.reports.gates.verdict import held
+from bodycheck.reports.gates.verdict import check_gates
 from bodycheck.runs.gate_run import run_for_gates
 from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
 from bodycheck.scenarios.library import suites
@@ -20,10 +20,10 @@ ROOT = Path(__file__).parents[1]
 def test_gates_of_the_intermediate_axis_hold() -> None:
     """All gates that match the intermediate axis hold there, and were measured."""
     gates = [
-        gate for gate in read_gates(ROOT / "tolerances.toml") if gate.wants_scenario("intermediate-axis")
+        gate for gate in read_gates(ROOT / "tolerances.toml") if gate.matches_scenario("intermediate-axis")
     ]
     run = run_for_gates(gates, ["intermediate-axis"], RunOptions(), lambda _: nullcontext(NULL_PROGRESS))
-    results = held(gates, run)
+    results = check_gates(gates, run)
     lost = run.manifest["engines"].get("pybullet", {}).get("unavailable")
     wanted = {"passed"} if lost is None else {"passed", "nothing"}  # on later Pythons there is no PyBullet
     assert {result.status for result in results} == wanted
@@ -33,4 +33,4 @@ def test_gates_of_the_intermediate_axis_hold() -> None:
 def test_every_gate_matches_the_standard_suite() -> None:
     """Each has a scenario there, so `bodycheck gate` without names measures every gate."""
     for gate in read_gates(ROOT / "tolerances.toml"):
-        assert any(gate.wants_scenario(name) for name in suites()["standard"]), gate.title
+        assert any(gate.matches_scenario(name) for name in suites()["standard"]), gate.title

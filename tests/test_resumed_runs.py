@@ -206,7 +206,7 @@ def test_run_that_cannot_be_resumed_is_refused(command: Command, tmp_path: Path)
         "--resume: continues a run with its original settings; cannot be combined with other options"
     )
     (tmp_path / "out.partial").mkdir()
-    (tmp_path / "out.partial/request.json").write_text('{"asked": {')
+    (tmp_path / "out.partial/request.json").write_text('{"request": {')
     status, words = finished(command("run", "--resume", "out"))
     assert status == 2
     assert words.startswith("--resume out: out.partial/request.json: is not JSON: ")

@@ -166,10 +166,10 @@ def test_rebuilt_engine_is_run_again_and_named_first(
     assert all(new != old for new, old in zip(errors[3], errors[0], strict=True))
     before, after = read_tables(folder / "a"), read_tables(folder / "d")
     told = f"build of shaky 1.0: {builds[0][0]} -> {builds[3][0]} (adapter)"
-    assert compare(before, after).circumstances == (told,)
-    assert compare(before, read_tables(folder / "c")).circumstances == ()
+    assert compare(before, after).environment == (told,)
+    assert compare(before, read_tables(folder / "c")).environment == ()
     print_document(comparison_document(compare(before, after)))
-    assert capsys.readouterr().out.splitlines()[2] == f"Different circumstances: {told}."
+    assert capsys.readouterr().out.splitlines()[2] == f"Different environment: {told}."
     assert rebuilt.manifest["engines"]["shaky"]["builds"] == builds[3]
     assert rebuilt.manifest["engines"]["shaky"]["build"]["id"].startswith(builds[3][0])
     assert after.results["reused"].tolist() == [False, False]

@@ -22,13 +22,13 @@ import numpy as np
 
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
-from bodycheck.reports.summary.cases_within import keeping, largest_error
+from bodycheck.reports.summary.cases_within import cases_within, largest_error
 from bodycheck.reports.summary.error_curve import ErrorCurve, Estimate, curves_of
 from bodycheck.runs.advice_run import measure_steps
 from bodycheck.runs.run_options import NULL_PROGRESS, RunOptions
 
 FACTOR = 1.5
-MOST_UNSURE = 0.1
+MAX_UNSURE = 0.1
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def main() -> int:
     without = (kinds["unsure"] + kinds["none"]) / answers
     print(f"unsure: {100 * unsure:.1f} % of {predictions} predictions")
     print(f"unsure or no setting: {100 * without:.1f} % of {answers} answers")
-    return int(found["predicted, fails"] > 0 or max(unsure, without) > MOST_UNSURE)
+    return int(found["predicted, fails"] > 0 or max(unsure, without) > MAX_UNSURE)
 
 
 def _questions(
@@ -113,7 +113,7 @@ def _questions(
                 kinds[found.basis] += 1
                 yield Question(place, error, found)
             else:
-                kept = any(True for _ in keeping(curve.cases, error, curve.quantity))
+                kept = any(True for _ in cases_within(curve.cases, error, curve.quantity))
                 kinds["measured" if kept else "none"] += 1
 
 

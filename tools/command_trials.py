@@ -31,7 +31,7 @@ from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
 
-LIMIT_S, MOST_MEGABYTES = 60.0, 500.0
+LIMIT_S, MAX_MEGABYTES = 60.0, 500.0
 STATUSES = {0, 1, 2, 3}
 WITHOUT_VERDICT = {"run", "truth", "judge", "body", "list", "compare", "advise", "report", "table", "plot"}
 """The commands for which 1, a gate or a regression that failed, would be a lie."""
@@ -186,7 +186,7 @@ def main() -> int:
     print(dict(endings))
     print(f"slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
     print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
-    return 1 if failed or megabytes > MOST_MEGABYTES else 0
+    return 1 if failed or megabytes > MAX_MEGABYTES else 0
 
 
 def prepared(folder: Path) -> Path:

@@ -23,15 +23,15 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import bodycheck
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import told_of
+from bodycheck.reports.history.baseline import read_summary
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.runs.nightly_run import store_night
+from bodycheck.runs.nightly_run import store_nightly
 from tests.helpers.child_process import run_in_child
 from tests.helpers.file_mutations import any_bytes, csv_cell, json_value, toml_line
 from tests.helpers.nightly_runs import as_nightly_run, store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
 
-LIMIT_S, MOST_MEGABYTES = 60.0, 500.0
+LIMIT_S, MAX_MEGABYTES = 60.0, 500.0
 GRAMMARS = {".json": json_value, ".csv": csv_cell, ".toml": toml_line}
 
 
@@ -54,18 +54,18 @@ def damage(path: Path, dice: random.Random) -> str:
 
 def trial(run: Run, folder: Path, number: int, damaged: Path) -> None:
     """Store one night more, and raise FaultFound unless it is stored, judged, and names the damaged file."""
-    judged, night = store_night(as_nightly_run(run, number), History(folder))
-    if History(folder).nights()[-1] != night or told_of(night)["status"] != judged.status:
+    judged, night = store_nightly(as_nightly_run(run, number), History(folder))
+    if History(folder).runs()[-1] != night or read_summary(night)["status"] != judged.status:
         raise FaultFound("it is not stored")
-    expected = History(folder).nights()
+    expected = History(folder).runs()
     baseline = next(one for one in reversed(expected[:-1]) if one != damaged.parent)
     if judged.comparison is None or judged.comparison.before.run_id != baseline.name:
         raise FaultFound("it was not compared with the newest sound night")
     if judged.status != "no regression":
         raise FaultFound(f"its status is {judged.status}")
-    named = [why for why in judged.past.left_out if str(damaged) in why]
-    if len(judged.past.left_out) != 1 or not named:
-        raise FaultFound(f"{damaged} is not named in {judged.past.left_out}")
+    named = [why for why in judged.baseline.left_out if str(damaged) in why]
+    if len(judged.baseline.left_out) != 1 or not named:
+        raise FaultFound(f"{damaged} is not named in {judged.baseline.left_out}")
     if named[0].split(": ")[0].rpartition("/")[2] not in (night / "night.md").read_text(encoding="utf-8"):
         raise FaultFound("the page does not name it")
 
@@ -83,27 +83,27 @@ def main() -> int:
         (Path(place) / "mine.toml").write_text(SCENARIO)
         run = bodycheck.run([Path(place) / "mine.toml"], engines=["reference:m1", "reference:rk4"], jobs=1)
         history = Path(place, "history")
-        store_nightly_runs(run, history, [unchanged] * asked.nights)
+        store_nightly_runs(run, history, [unchanged] * asked.runs)
         for number in range(asked.trials):
             dice = random.Random(f"{asked.seed}/{number}")
-            night = dice.choice(History(history).nights())
+            night = dice.choice(History(history).runs())
             path = dice.choice(sorted(night.iterdir()))
             content = path.read_bytes()
             way = f"{path.suffix[1:]} {damage(path, dice)}"
             ways[way] += 1
-            ended = run_in_child(lambda path=path: trial(run, history, asked.nights, path), LIMIT_S)  # type: ignore[misc]
+            ended = run_in_child(lambda path=path: trial(run, history, asked.runs, path), LIMIT_S)  # type: ignore[misc]
             megabytes, slowest = max(megabytes, ended.megabytes), max(slowest, ended.seconds)
             if ended.error is not None:
                 failed.append(number)
                 print(f"trial {number} ({path.name}, {way}): {ended.error[-1500:]}", flush=True)
             path.write_bytes(content)
-            for extra in History(history).nights()[asked.nights :]:
+            for extra in History(history).runs()[asked.runs :]:
                 shutil.rmtree(extra)
     print(f"{asked.trials} trials of seed {asked.seed} in {time.monotonic() - begin:.0f} s")
     print(dict(sorted(ways.items())))
-    print(f"a history of {asked.nights} nights; slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
+    print(f"a history of {asked.runs} nights; slowest {slowest:.1f} s, at most {megabytes:.0f} MB")
     print(f"{len(failed)} failed" + (f": {failed}" if failed else ""))
-    return 1 if failed or megabytes > MOST_MEGABYTES else 0
+    return 1 if failed or megabytes > MAX_MEGABYTES else 0
 
 
 if __name__ == "__main__":

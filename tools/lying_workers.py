@@ -37,7 +37,7 @@ from tests.helpers.child_process import run_in_child
 from tests.helpers.in_process_cli import run_bodycheck
 from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO
 
-TIMEOUT_S, START_S, LIMIT_S, MOST_MEGABYTES = 2.0, 10.0, 120.0, 500.0
+TIMEOUT_S, START_S, LIMIT_S, MAX_MEGABYTES = 2.0, 10.0, 120.0, 500.0
 
 
 class FaultFound(Exception):  # noqa: N818 - what the trials are there to find
@@ -142,7 +142,7 @@ def main() -> int:
     if endings["engine unavailable"] == asked.trials:
         print("no worker got as far as a case: the trials show nothing")
         return 1
-    return 1 if failed or megabytes > MOST_MEGABYTES else 0
+    return 1 if failed or megabytes > MAX_MEGABYTES else 0
 
 
 if __name__ == "__main__":

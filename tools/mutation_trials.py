@@ -34,7 +34,7 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).parents[1]
-LEAST_KILLED = 0.85
+MIN_KILLED = 0.85
 SLACK = 5.0
 """How many times the usual processor time the tests may take, and 5 s beside."""
 
@@ -175,17 +175,17 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "there the two are not equal",
     (
         "reports/measurement/growth.py",
-        'return "exponential" if unfit_in_time * _EXPONENTIAL_GAIN < unfit else None',
-        "unfit_in_time * _EXPONENTIAL_GAIN < unfit -> unfit_in_time * _EXPONENTIAL_GAIN <= unfit",
+        'return "exponential" if misfit_in_time * _EXPONENTIAL_GAIN < misfit else None',
+        "misfit_in_time * _EXPONENTIAL_GAIN < misfit -> misfit_in_time * _EXPONENTIAL_GAIN <= misfit",
     ): "of two fits' residuals neither is this very multiple of the other",
     (
         "reports/measurement/growth.py",
-        'return "sqrt" if low <= exponent <= high and late > _ROOT_LATE and wavers else None',
+        'return "sqrt" if low <= exponent <= high and late > _ROOT_LATE and irregular else None',
         "low <= exponent <= high -> low <= exponent < high",
     ): "an exponent that is fitted is never the very double of an edge",
     (
         "reports/measurement/growth.py",
-        "wavers = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
+        "irregular = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
         "slopes[-1] > _FLAT -> slopes[-1] >= _FLAT",
     ): "a slope between logarithms is never the very double of an edge",
     (
@@ -205,22 +205,22 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "all vectors that come here are (n, 3)",
     (
         "reports/comparison/describe.py",
-        'how = "slow" if change.decades > 0.0 else "fast"',
+        'word = "slow" if change.decades > 0.0 else "fast"',
         "change.decades > 0.0 -> change.decades >= 0.0",
     ): "a speed that is the same is no change",
     (
         "reports/gates/proposal.py",
-        'yield Change(place, "upper", gate.upper, new, most, loosens=new > gate.upper)',
+        'yield Change(index, "upper", gate.upper, new, largest, loosens=new > gate.upper)',
         "new > gate.upper -> new >= gate.upper",
     ): "a bound that stays the same is not proposed",
     (
         "reports/measurement/growth.py",
-        "wavers = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
+        "irregular = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST",
         "float(np.max(slopes)) < _STEEPEST -> float(np.max(slopes)) <= _STEEPEST",
     ): "a slope between logarithms is never the very double of an edge",
     (
         "reports/measurement/growth.py",
-        "if slopes[-1] < _LEAST_EXPONENTIAL or not np.all(np.diff(slopes[1:]) > 0.0):",
+        "if slopes[-1] < _MIN_EXPONENTIAL or not np.all(np.diff(slopes[1:]) > 0.0):",
         "np.diff(slopes[1:]) > 0.0 -> np.diff(slopes[1:]) >= 0.0",
     ): "two slopes between logarithms that are not 0 are never the very same double",
     (
@@ -232,7 +232,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
         "reports/measurement/work.py",
         "if any(abs(t[k] - end) > 1e-9 * scene.sample_interval_s "
-        "for k, end in zip(places, ends, strict=True)):",
+        "for k, end in zip(indices, ends, strict=True)):",
         "abs(t[k] - end) > 1e-09 * scene.sample_interval_s -> "
         "abs(t[k] - end) >= 1e-09 * scene.sample_interval_s",
     ): "the billionth is slack for round-off: no switch is this very double beside a sample",
@@ -251,21 +251,21 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     },
     (
         "reports/cache/answers.py",
-        'return self._motion(engine_pool, engine, case, "record", kept_as="sentinel", cached=False)',
+        'return self._motion(engine_pool, engine, case, "record", kind="sentinel", cached=False)',
         "'sentinel' -> 'sentinel_'",
     ): "another name that no other request has",
     (
         "reports/cache/answers.py",
-        '_Said = TypeVar("_Said", Answer, StableStep)',
-        "'_Said' -> '_Said_'",
+        '_Result = TypeVar("_Result", Answer, StableStep)',
+        "'_Result' -> '_Result_'",
     ): "the name that a type variable prints",
 }
 """Module, line of its source, `before -> after` -> why no test can tell that mutant from the code."""
 
 # one and the same each time, as kernels are cached by their path
-_PLACE = Path(tempfile.gettempdir()) / "bodycheck-mutants"
-_OUTPUT = _PLACE / "output.txt"
-_MOST_MEMORY = 8 * 2**30  # bytes of a mutant that never ends
+_FOLDER = Path(tempfile.gettempdir()) / "bodycheck-mutants"
+_OUTPUT = _FOLDER / "output.txt"
+_MAX_MEMORY = 8 * 2**30  # bytes of a mutant that never ends
 
 _OPTIONS = (
     *("-x", "-q", "-n0", "-p", "no:cacheprovider", "--hypothesis-seed=0"),
@@ -355,13 +355,13 @@ def main() -> int:
     judged = [mutant for mutant in drawn if mutant.key not in EQUIVALENT]
     print(f"{len(chosen)} mutants, {len(drawn)} drawn, {len(drawn) - len(judged)} of them equivalent")
     try:
-        _PLACE.mkdir()
+        _FOLDER.mkdir()
     except FileExistsError:
-        raise SystemExit(f"{_PLACE}: is there: trials go on, or were killed: then remove it") from None
+        raise SystemExit(f"{_FOLDER}: is there: trials go on, or were killed: then remove it") from None
     try:
-        survived = tried(copied(_PLACE), sorted(judged, key=lambda mutant: mutant.module))
+        survived = tried(copied(_FOLDER), sorted(judged, key=lambda mutant: mutant.module))
     finally:
-        shutil.rmtree(_PLACE)
+        shutil.rmtree(_FOLDER)
     return summed_up(judged, survived)
 
 
@@ -373,7 +373,7 @@ def summed_up(judged: Sequence[Mutant], survived: Sequence[Mutant]) -> int:
     killed = len(judged) - len(survived)
     share = killed / len(judged) if judged else 0.0
     print(f"{killed:4} of {len(judged):4} killed in all: {100.0 * share:.1f} %")
-    return 0 if share >= LEAST_KILLED else 1
+    return 0 if share >= MIN_KILLED else 1
 
 
 def copied(place: Path) -> Path:
@@ -438,7 +438,7 @@ def passed(tests: Sequence[str], limit_s: float) -> bool:
 def _test(tests: Sequence[str], limit_s: float) -> None:
     os.setsid()
     resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 1))
-    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
+    resource.setrlimit(resource.RLIMIT_AS, (_MAX_MEMORY, _MAX_MEMORY))
     output = os.open(_OUTPUT, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)

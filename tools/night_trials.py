@@ -31,9 +31,9 @@ import numpy as np
 import pandas as pd
 
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.queries import nights_table, query, recorded_cases
+from bodycheck.reports.history.queries import history_table, query, recorded_cases
 from bodycheck.reports.history.regression import Speeds, speeds_of
-from bodycheck.reports.history.step_detection import LEAST_AFTER, LEAST_BEFORE, pooled_spread
+from bodycheck.reports.history.step_detection import MIN_AFTER, MIN_BEFORE, pooled_spread
 from tests.helpers.scenario_texts import SCENARIO
 
 _QUICK = ["tumble.toml", "--engine", "mujoco:euler,reference:rk4", "--no-speed"]
@@ -83,7 +83,7 @@ def begin(folder: Path, history: Path, words: list[str]) -> subprocess.Popen[str
 
 def digests(history: Path) -> dict[str, str]:
     """Return the hash of every file of every night that is stored."""
-    files = (file for night in History(history).nights() for file in night.iterdir())
+    files = (file for night in History(history).runs() for file in night.iterdir())
     return {
         f"{file.parent.name}/{file.name}": hashlib.sha256(file.read_bytes()).hexdigest() for file in files
     }
@@ -112,9 +112,9 @@ def killed(folder: Path, kills: int, seed: int) -> int:
         after = digests(history)
         stored += len(after) > len(before)
         lost = before.items() - after.items()
-        readable = len(nights_table(History(history).nights())) == len(History(history).nights())
-        asked = query(History(history).nights(), "SELECT count(DISTINCT run_id) AS n FROM results")["n"][0]
-        if lost or not readable or asked != len(History(history).nights()):
+        readable = len(history_table(History(history).runs())) == len(History(history).runs())
+        asked = query(History(history).runs(), "SELECT count(DISTINCT run_id) AS n FROM results")["n"][0]
+        if lost or not readable or asked != len(History(history).runs()):
             failed += 1
             print(f"kill {trial}: lost {sorted(lost)}, readable {readable}, {asked} nights in the tables")
     last = begin(folder, history, _QUICK)
@@ -136,7 +136,7 @@ def unchanged(folder: Path, nights: int) -> int:
         if process.returncode != (3 if night == 0 else 0):
             told += 1
             print(f"night {night}: status {process.returncode}\n{text}")
-    found = int(query(History(history).nights(), "SELECT count(*) AS n FROM changes")["n"][0])
+    found = int(query(History(history).runs(), "SELECT count(*) AS n FROM changes")["n"][0])
     print(f"unchanged nights: {nights}, changes told: {found}", flush=True)
     return told + found
 
@@ -154,7 +154,7 @@ def measure(folder: Path, kept: Path, nights: int) -> None:
         "--history",
         str(kept),
     ]
-    while len(History(kept).nights()) < nights:
+    while len(History(kept).runs()) < nights:
         process = subprocess.run(words, cwd=folder, capture_output=True, text=True)
         if process.returncode not in (0, 3):
             sys.exit(f"a night that ended with status {process.returncode}\n{process.stdout}{process.stderr}")
@@ -162,12 +162,12 @@ def measure(folder: Path, kept: Path, nights: int) -> None:
 
 def measured_nights(kept: Path) -> pd.DataFrame:
     """Return relative_cpu, a row for each case that every night has, a column for each night."""
-    cases = recorded_cases(History(kept).nights())
-    return cases.set_index([*_CASE, "night"])["relative_cpu"].unstack("night").dropna()
+    cases = recorded_cases(History(kept).runs())
+    return cases.set_index([*_CASE, "run"])["relative_cpu"].unstack("run").dropna()
 
 
 def engines_of(nights: pd.DataFrame) -> list[str]:
-    """Return the engines that can become slower: all but the one that is the yardstick."""
+    """Return the engines that can become slower: all but the one that is the reference."""
     return sorted(set(nights.index.get_level_values("engine")) - {"reference"})
 
 
@@ -176,7 +176,7 @@ def as_they_came(nights: pd.DataFrame) -> int:
     count = nights.shape[1]
     told = alarms(judged(nights))
     print(f"{count} nights as they came, speeds told: {told or 'none'}", flush=True)
-    first_nights = range(LEAST_BEFORE, count - _WITHIN + 1)
+    first_nights = range(MIN_BEFORE, count - _WITHIN + 1)
     planted = [(engine, first) for engine in engines_of(nights) for first in first_nights]
     delays = [delay(slowed(nights, engine, first), engine, first) for engine, first in planted]
     return len(told) + report(delays)
@@ -204,7 +204,7 @@ def report(delays: list[int | None]) -> int:
     late = sum(each is None or each > _WITHIN for each in delays)
     print(f"one engine {_SLOWER} times as slow: {len(delays)}, not told within {_WITHIN} nights: {late}")
     if told := [each for each in delays if each is not None]:
-        print(f"told on night {np.median(told):.0f} (median), {max(told)} (latest); earliest {LEAST_AFTER}")
+        print(f"told on night {np.median(told):.0f} (median), {max(told)} (latest); earliest {MIN_AFTER}")
     return late
 
 
@@ -225,7 +225,7 @@ def slowed(nights: pd.DataFrame, engine: str, first: int) -> pd.DataFrame:
 
 def judged(nights: pd.DataFrame) -> Speeds:
     """Return the speeds of nights, judged as a night judges them."""
-    cases = nights.melt(var_name="night", value_name="relative_cpu", ignore_index=False).reset_index()
+    cases = nights.melt(var_name="run", value_name="relative_cpu", ignore_index=False).reset_index()
     return speeds_of(list(nights.columns), cases)
 
 
@@ -239,7 +239,7 @@ def delay(nights: pd.DataFrame, engine: str, first: int) -> int | None:
 
 def alarms(speeds: Speeds) -> list[tuple[tuple[str, str], int, float]]:
     """Return method, night and size of each reported step."""
-    return [(method, step.told, step.size) for method, steps in speeds.steps.items() for step in steps]
+    return [(method, step.detected_at, step.size) for method, steps in speeds.steps.items() for step in steps]
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ from tests.helpers.single_stages import PARTS, STAGES, rk4_with_a_single_stage
 _METHODS = {"rk4-f32": 4, "m1-f32": 1}
 _LADDER = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 _NEIGHBOURS = (-2, -1, 0, 1, 2)
-_LEAST_FIT = 2  # steps besides the two that are predicted
+_MIN_FIT = 2  # steps besides the two that are predicted
 _SHARE = 0.9
 _TRUE = ("property", "unstable")
 _WITHOUT_EFFECT = ("velocity", "position")  # a constant acceleration, and a position nothing depends on
@@ -141,7 +141,7 @@ def _predicted(problem: Problem, method: str, order: int, neighbours: Sequence[i
         errors = list(_errors(problem, method, near))
         if errors and (error := math.exp(fmean(map(math.log, errors)))) < LARGEST_ERROR:
             points.append((interval / stride, error, round_off.at(interval / stride)))
-    if len(points) < _LEAST_FIT + 2:
+    if len(points) < _MIN_FIT + 2:
         return None
     steps, errors, floors = zip(*points[:-2], strict=True)
     branches = fitted(steps, errors, floors, order)

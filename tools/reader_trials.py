@@ -44,7 +44,7 @@ from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.gate import read_gates
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import past_of, readable_nights
+from bodycheck.reports.history.baseline import baseline_of, readable_runs
 from bodycheck.reports.history.queries import TABLES, query
 from bodycheck.reports.recordings.column_map import ColumnMap, read_map
 from bodycheck.reports.recordings.conversion import recorded_arrays
@@ -74,7 +74,7 @@ from tests.helpers.nightly_runs import store_nightly_runs, unchanged
 from tests.helpers.scenario_texts import SCENARIO
 from tests.scenarios.test_mesh_files import ascii_ply, ascii_stl, binary_ply, binary_stl, obj
 
-LONGEST_S, MOST_MEGABYTES, BATCH = 10.0, 500.0, 25
+LONGEST_S, MAX_MEGABYTES, BATCH = 10.0, 500.0, 25
 
 GATES = """[[gate]]
 scenario = "mine*"
@@ -243,29 +243,31 @@ def _night_files(sound: Path, manifest: dict[str, Any]) -> list[Reader]:
     """The files of a past nightly run, with their sums, and of one from before there were sums."""
     unsealed = sound / "unsealed"
     shutil.copytree(sound / "history", unsealed)
-    for night in History(unsealed).nights():
-        told = json.loads((night / "night.json").read_text())
-        (night / "night.json").write_text(
-            json.dumps({k: v for k, v in told.items() if k not in ("sha256", "seal")})
+    for run in History(unsealed).runs():
+        summary = json.loads((run / "night.json").read_text())
+        (run / "night.json").write_text(
+            json.dumps({k: v for k, v in summary.items() if k not in ("sha256", "seal")})
         )
-    tonight = {**manifest, "run_id": "20991231T000000Z-ffffff"}
+    newest = {**manifest, "run_id": "20991231T000000Z-ffffff"}
 
-    def past(path: Path) -> None:
+    def damaged(path: Path) -> None:
         history = History(path.parents[1])
-        found = past_of(history, tonight)
-        readable, _ = readable_nights(history.nights(), TABLES)
+        found = baseline_of(history, newest)
+        readable, _ = readable_runs(history.runs(), TABLES)
         query(readable, "SELECT * FROM nights, (SELECT count(*) FROM results)")
-        if not found.nights:
+        if not found.runs:
             raise AssertionError("the sound night was left out too")
 
-    name = History(unsealed).nights()[-1].name
+    name = History(unsealed).runs()[-1].name
     parquet = Path(name, "results.parquet")
     return [
-        Reader("night.json", sound / "history" / name / "night.json", past, "json", json_value, 0.07),
-        Reader("results.parquet", sound / "history" / parquet, past, "parquet", any_bytes, 0.5),
-        Reader("night.json, no sums", unsealed / name / "night.json", past, "json", json_value, 0.07),
-        Reader("manifest.json, no sums", unsealed / name / "manifest.json", past, "json", json_value, 0.07),
-        Reader("results.parquet, no sums", unsealed / parquet, past, "parquet", any_bytes, 0.5),
+        Reader("night.json", sound / "history" / name / "night.json", damaged, "json", json_value, 0.07),
+        Reader("results.parquet", sound / "history" / parquet, damaged, "parquet", any_bytes, 0.5),
+        Reader("night.json, no sums", unsealed / name / "night.json", damaged, "json", json_value, 0.07),
+        Reader(
+            "manifest.json, no sums", unsealed / name / "manifest.json", damaged, "json", json_value, 0.07
+        ),
+        Reader("results.parquet, no sums", unsealed / parquet, damaged, "parquet", any_bytes, 0.5),
     ]
 
 
@@ -462,7 +464,7 @@ def report(results: list[Tried], megabytes: float, seconds: float, seed: int) ->
     passed = sum(one.passed for one in results)
     print(f"\n{len(results)} mutations of seed {seed} in {seconds:.0f} s; {passed} past the first parser")
     print(f"{Counter(one.ending for one in results)}; at most {megabytes:.0f} MB")
-    return 1 if bad or megabytes > MOST_MEGABYTES else 0
+    return 1 if bad or megabytes > MAX_MEGABYTES else 0
 
 
 if __name__ == "__main__":

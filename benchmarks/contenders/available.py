@@ -12,7 +12,7 @@ from benchmarks.contenders.stepped_taylor import STEPPED_TAYLOR
 from bodycheck.adapters.mujoco import MuJoCo
 from bodycheck.adapters.reference import Reference
 
-_MOST_STEPS = 1 << 15
+_MAX_STEPS = 1 << 15
 
 MUJOCO, SCIPY, HEYOKA = "MuJoCo rk4", "scipy DOP853", "heyoka Taylor"
 
@@ -42,9 +42,9 @@ def whole_field() -> Field:
         CLOSED_FORM,
         CLOSED_FORM_SET_UP_BEFORE,
         STEPPED_TAYLOR,
-        engine_contender("reference rk4", Reference(), "rk4", 8, _MOST_STEPS),
-        engine_contender("reference dop853", Reference(), "dop853", 8, _MOST_STEPS),
-        engine_contender(MUJOCO, MuJoCo(), "rk4", 8, _MOST_STEPS),
+        engine_contender("reference rk4", Reference(), "rk4", 8, _MAX_STEPS),
+        engine_contender("reference dop853", Reference(), "dop853", 8, _MAX_STEPS),
+        engine_contender(MUJOCO, MuJoCo(), "rk4", 8, _MAX_STEPS),
         scipy_dop853(),
     ]
     try:

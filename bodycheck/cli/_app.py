@@ -32,11 +32,11 @@ from bodycheck._util.untrusted import printable, printable_lines
 if TYPE_CHECKING:
     import typer
 
-_PART = 140  # characters of the command and of the error, so that the line has room for what to do
+_MAX_PART = 140  # characters of the command and of the error, so that the line has room for what to do
 _ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
-def carry_out(app: typer.Typer, name: str) -> None:
+def run_app(app: typer.Typer, name: str) -> None:
     """Run an app under a name and exit with its status.
 
     The status is 2 for wrong input, 130 for an interrupt, 143 and 129 for SIGTERM and SIGHUP, each with a
@@ -45,9 +45,9 @@ def carry_out(app: typer.Typer, name: str) -> None:
     """
     received: list[int] = []
     _open_output()
-    with _ended_like_an_interrupt(received):
-        status = _ended(lambda: _status_of(app, name), name)
-        status = _ended(_flushed, name) or status
+    with _interrupted_by_signals(received):
+        status = _status_after(lambda: _status_of(app, name), name)
+        status = _status_after(_flushed, name) or status
     if status == INTERRUPTED and received:
         status = SIGNALLED + received[0]
     if status:
@@ -91,7 +91,7 @@ def _open_output() -> None:
 
 
 @contextmanager
-def _ended_like_an_interrupt(received: list[int]) -> Iterator[None]:
+def _interrupted_by_signals(received: list[int]) -> Iterator[None]:
     """Make SIGTERM and SIGHUP stop a command as Ctrl-C does; a second signal kills it."""
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
@@ -122,9 +122,9 @@ def _status_of(app: typer.Typer, name: str) -> int:
     try:
         return int(app(prog_name=name, standalone_mode=False) or 0)
     except usage_error as error:
-        said = io.StringIO()
-        error.show(file=said)
-        _say(_with_suggestion(said.getvalue().rstrip("\n")))
+        buffer = io.StringIO()
+        error.show(file=buffer)
+        _print_error(_with_suggestion(buffer.getvalue().rstrip("\n")))
         return int(error.exit_code)
     except Abort as error:  # typer raises it from an EOFError
         raise (error.__cause__ or error) from None
@@ -133,8 +133,8 @@ def _status_of(app: typer.Typer, name: str) -> int:
 def _with_suggestion(message: str) -> str:
     """Append the choice that resembles what was typed to a message about an unknown choice."""
     found = re.search(r"'([^']*)' is not one of (.*)\.$", message)
-    near = nearest(found[1], re.findall(r"'([^']*)'", found[2])) if found else None
-    return message.replace("Value error, ", "") + (f" Did you mean '{near}'?" if near else "")
+    suggestion = nearest(found[1], re.findall(r"'([^']*)'", found[2])) if found else None
+    return message.replace("Value error, ", "") + (f" Did you mean '{suggestion}'?" if suggestion else "")
 
 
 def _flushed() -> int:
@@ -142,35 +142,35 @@ def _flushed() -> int:
     return 0
 
 
-def _ended(command: Callable[[], int], name: str) -> int:
+def _status_after(command: Callable[[], int], name: str) -> int:
     """Return the status of a command; if an exception ended it, report that on standard error."""
     try:
         status = command()
         if status == INTERRUPTED:
-            _say("stopped")
+            _print_error("stopped")
         return status
     except KeyboardInterrupt:
-        _say("stopped")
+        _print_error("stopped")
         return INTERRUPTED
     except BodycheckError as error:
-        _say("; ".join([str(error), *getattr(error, "__notes__", ())]))
+        _print_error("; ".join([str(error), *getattr(error, "__notes__", ())]))
         return INTERRUPTED if isinstance(error, StoppedError) else INPUT
     except SystemExit as error:
         if isinstance(error.__context__, BrokenPipeError):
-            return _reader_left()
+            return _closed_pipe()
         raise
     except BrokenPipeError:
-        return _reader_left()
+        return _closed_pipe()
     except Exception as error:  # noqa: BLE001 - unexpected exceptions have their own status
         return report_fault(error, name)
 
 
-def _say(text: str) -> None:
+def _print_error(text: str) -> None:
     with suppress(OSError, ValueError):  # standard error may be closed
         print(printable_lines(text), file=sys.stderr)
 
 
-def _reader_left() -> int:
+def _closed_pipe() -> int:
     """Discard the remaining output and return the status of a program that SIGPIPE killed."""
     _drop_output()
     return SIGNALLED + signal.SIGPIPE
@@ -189,21 +189,23 @@ def report_fault(error: BaseException, name: str) -> int:
     """Store the traceback of an unexpected exception, report it in one line, and return the status."""
     notes = "; ".join(getattr(error, "__notes__", ()))
     doing = " ".join([name, *sys.argv[1:]]) + (f" ({notes})" if notes else "")
-    kept = _kept("".join(traceback.format_exception(error)), doing)
-    where = "its traceback could not be stored" if kept is None else f"its traceback is stored in {kept}"
-    what, why = (printable(" ".join(text.split()), _PART) for text in (doing, _words(error)))
-    _say(f"unexpected error in {what}: {why}; {where}; please report it with that file to the developers")
+    path = _store_traceback("".join(traceback.format_exception(error)), doing)
+    location = "its traceback could not be stored" if path is None else f"its traceback is stored in {path}"
+    what, why = (printable(" ".join(text.split()), _MAX_PART) for text in (doing, _error_text(error)))
+    _print_error(
+        f"unexpected error in {what}: {why}; {location}; please report it with that file to the developers"
+    )
     return FAULT
 
 
-def _words(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     try:
         return f"{type(error).__name__}: {error}"
     except Exception:  # noqa: BLE001 - __str__ of an exception may raise
         return type(error).__name__
 
 
-def _kept(trace: str, doing: str) -> Path | None:
+def _store_traceback(trace: str, doing: str) -> Path | None:
     """Write a traceback to the cache folder, or else to the temporary folder, and return the file."""
     from bodycheck._util.cache_dir import cache_home
 

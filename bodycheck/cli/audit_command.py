@@ -100,7 +100,7 @@ def audit(
     from bodycheck.reports.audit.audit_document import sarif as as_sarif
     from bodycheck.reports.audit.audit_page import audit_page
     from bodycheck.reports.document import answer, json_text
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.runs.audit_merge import write_shard
     from bodycheck.runs.audit_run import AuditOptions
@@ -111,8 +111,8 @@ def audit(
     if model is None:
         _spellings(engine, timeout_s, as_json=json, quiet=quiet)
         return
-    wanted = fail_on.split(",")
-    if unknown := [word for word in wanted if word not in _FAIL_ON]:
+    levels = fail_on.split(",")
+    if unknown := [word for word in levels if word not in _FAIL_ON]:
         raise InputError(f"--fail-on {unknown[0]!r}: unknown (available: {', '.join(_FAIL_ON)})")
     if lint and engine is not None:
         raise InputError("--lint: uses no engines; give --lint or --engine, not both")
@@ -125,7 +125,7 @@ def audit(
         check_file(option, path)
     engines = [] if lint else None if engine is None else engine.split(",")
     part = None if shard is None else Shard.parse(shard)
-    with watched(f"auditing {model}", quiet=quiet):
+    with status_line(f"auditing {model}", quiet=quiet):
         found = audited(model, AuditOptions(engines, not no_spins, timeout_s, part))
     if part is not None and out is not None:
         write_shard(found, part, out)
@@ -134,18 +134,18 @@ def audit(
     if sarif is not None:
         write_whole(sarif, json_text(as_sarif(found, version("bodycheck"))).encode())
     answer(audit_document(found), audit_data(found), as_json=json)
-    if failures(found, wanted):
+    if failures(found, levels):
         raise typer.Exit(1)
 
 
 def _spellings(engine: str | None, timeout_s: float, *, as_json: bool, quiet: bool) -> None:
     from bodycheck.reports.audit.spelling_document import spelling_document
     from bodycheck.reports.document import answer
-    from bodycheck.reports.render.progress import watched
-    from bodycheck.runs.spelling_run import spell
+    from bodycheck.reports.render.progress import status_line
+    from bodycheck.runs.spelling_run import run_spellings
 
-    with watched("spinning the spellings of one body", quiet=quiet):
-        results = spell(None if engine is None else engine.split(","), timeout_s)
+    with status_line("spinning the spellings of one body", quiet=quiet):
+        results = run_spellings(None if engine is None else engine.split(","), timeout_s)
     answer(spelling_document(results), results, as_json=as_json)
     if any(one.broken for one in results):
         raise typer.Exit(1)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli._app import carry_out
+from bodycheck.cli._app import run_app
 from bodycheck.cli.audit_command import auditing
 from bodycheck.cli.engine_commands import adapter_commands, identity_commands
 from bodycheck.cli.ensemble_commands import ensemble_commands
@@ -53,11 +53,11 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; on wrong input, print a message to standard error and exit with status 2."""
-    carry_out(app, "bodycheck")
+    run_app(app, "bodycheck")
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version
 
         print(f"bodycheck {version('bodycheck')}")
@@ -141,8 +141,8 @@ def run(
     from bodycheck.runs.directory import RunRequest, run_to_folder
     from bodycheck.runs.directory import resume as go_on
 
-    watching = progress_of(quiet=quiet)
-    asked = RunRequest(
+    make_progress = progress_of(quiet=quiet)
+    request = RunRequest(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),
         dt_s=numbers(dt, "--dt"),
@@ -159,13 +159,13 @@ def run(
         allow_code=allow_code,
     )
     if resume is not None:
-        if asked != RunRequest() or out is not None:
+        if request != RunRequest() or out is not None:
             raise InputError(
                 "--resume: continues a run with its original settings; cannot be combined with other options"
             )
-        measured, report = go_on(resume, watching)
+        measured, report = go_on(resume, make_progress)
     else:
-        measured, report = run_to_folder(asked, out, watching)
+        measured, report = run_to_folder(request, out, make_progress)
     answer(run_document(measured), {**run_data(measured), "report": report}, as_json=json)
     if not json:
         print(report)
@@ -189,12 +189,12 @@ def truth(
 
     The last column, bound_rad, bounds the orientation error of the truth.
     """
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.table_formats import FORMATS
     from bodycheck.reports.run_files.trajectory_files import trajectory_table
     from bodycheck.runs import runner
 
-    with watched(f"solving the truth of {scenario}", quiet=quiet):
+    with status_line(f"solving the truth of {scenario}", quiet=quiet):
         solved = runner.truth(scenario, numbers(at, "--at") or [], allow_code=allow_code)
     table = trajectory_table(solved.trajectory)
     table["bound_rad"] = solved.bound_rad
@@ -264,11 +264,11 @@ def judge(
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.judge import judgement_document
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.runs import runner
 
     steps_s = numbers(dt, "--dt")
-    with watched(f"solving the truth of {scenario or like}"):
+    with status_line(f"solving the truth of {scenario or like}"):
         ranking = runner.rank(
             trajectories,
             scenario,
@@ -281,12 +281,12 @@ def judge(
             runner.explain(
                 path,
                 scenario,
-                dt_s=None if steps_s is None else steps_s[place],
+                dt_s=None if steps_s is None else steps_s[index],
                 column_map=map_ or (),
                 like=like,
                 allow_code=allow_code,
             )
-            for place, path in enumerate(trajectories if explain else ())
+            for index, path in enumerate(trajectories if explain else ())
         ]
     if not cases:
         answer(judgement_document(ranking), ranking.data, as_json=json)
@@ -360,8 +360,8 @@ def body(
     from bodycheck.scenarios.solids import SolidRequest, as_toml, mass_properties
 
     size, box = numbers(size_m, "--size-m"), numbers(box_m, "--box-m")
-    asked = SolidRequest(solid, density_kg_m3, size, box, monte_carlo, allow_code, unit, overlap)
-    lines = "\n".join(as_toml(mass_properties(asked)))
+    request = SolidRequest(solid, density_kg_m3, size, box, monte_carlo, allow_code, unit, overlap)
+    lines = "\n".join(as_toml(mass_properties(request)))
     print(json_text(tomllib.loads(lines)) if json else lines)
 
 
@@ -394,10 +394,10 @@ app.add_typer(questions)
 def doctor(json: Json = False) -> None:
     """Start every engine once; print the versions, the caches, and what works on this machine."""
     from bodycheck.reports.document import answer
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.runs.doctor import diagnosis, diagnosis_document
 
-    with watched("starting every engine"):
+    with status_line("starting every engine"):
         found = diagnosis()
     answer(diagnosis_document(found), found, as_json=json)
 

@@ -41,10 +41,10 @@ def check(
     Each failure is described. The exit status is 1 if a check fails.
     """
     from bodycheck.reports.document import answer
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.runs.check_adapter import check_adapter, conformance_document
 
-    with watched(f"checking {engine}", quiet=quiet):
+    with status_line(f"checking {engine}", quiet=quiet):
         found = check_adapter(engine, timeout_s=timeout_s, allow_code=allow_code)
     answer(conformance_document(found), found, as_json=json)
     if found.failures:
@@ -113,11 +113,11 @@ def fingerprint(
     its distance. If no known map matches, prints the local order and the leading error term.
     """
     from bodycheck.reports.document import answer
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.summary.method_identity import fingerprint_document
     from bodycheck.runs.identify import fingerprints
 
-    with watched(f"comparing {engine} with known maps", quiet=quiet):
+    with status_line(f"comparing {engine} with known maps", quiet=quiet):
         rows = fingerprints(engine, timeout_s=timeout_s, all_loads=all_loads, allow_code=allow_code)
     answer(fingerprint_document(rows), rows, as_json=json)
 
@@ -139,11 +139,11 @@ def laws(
     is 1 if a law is broken; a property, such as a step that is not reversible, does not count.
     """
     from bodycheck.reports.document import answer
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.summary.method_identity import laws_document
     from bodycheck.runs.identify import laws as checked
 
-    with watched(f"checking the laws on {engine}", quiet=quiet):
+    with status_line(f"checking the laws on {engine}", quiet=quiet):
         rows = checked(engine, timeout_s=timeout_s, allow_code=allow_code)
     answer(laws_document(rows), rows, as_json=json)
     if any(row["verdict"] == "broken" for row in rows):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 gating = typer.Typer()
 
 _FAILED = 1
-_MOST_MARGIN = 300.0  # decades; a larger margin would overflow the bound
+_MAX_MARGIN = 300.0  # decades; a larger margin would overflow the bound
 
 
 @gating.command(
@@ -90,7 +90,7 @@ def gate(
     from bodycheck.reports.document import answer, print_document
     from bodycheck.reports.gates.gate import read_gates
     from bodycheck.reports.gates.gate_output import as_junit, results_data, results_document
-    from bodycheck.reports.gates.verdict import held
+    from bodycheck.reports.gates.verdict import check_gates
     from bodycheck.reports.run_files.run_reader import read_tables
     from bodycheck.reports.run_files.writer import check_output
     from bodycheck.runs.run_options import RunOptions
@@ -104,11 +104,13 @@ def gate(
     measured: Run | Tables
     if run is None:
         options = RunOptions(jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "truths"))
-        watching = progress_of(quiet=quiet)
-        measured = _new_run(gates, scenarios or ["standard"], options, watching, out, allow_code=allow_code)
+        make_progress = progress_of(quiet=quiet)
+        measured = _new_run(
+            gates, scenarios or ["standard"], options, make_progress, out, allow_code=allow_code
+        )
     else:
         measured = read_tables(run)
-    results = held(gates, measured)
+    results = check_gates(gates, measured)
     answer(results_document(results), results_data(results, str(tolerances), measured.run_id), as_json=json)
     if junit is not None:
         write_whole(junit, as_junit(results, str(tolerances)))
@@ -116,7 +118,7 @@ def gate(
         changes = _update(tolerances, results, margin, loosen)
         if not json:
             print_document(changes)
-        results = held(read_gates(tolerances), measured)
+        results = check_gates(read_gates(tolerances), measured)
     if any(result.status != "passed" for result in results):
         raise typer.Exit(_FAILED)
 
@@ -125,8 +127,8 @@ def _check(*, update: bool, margin: float | None, loosen: str | None) -> None:
     """Raise InputError if the options of --update are wrong or given without it."""
     if not update and (margin is not None or loosen is not None):
         raise InputError("--margin and --loosen require --update")
-    if margin is not None and not 0.0 <= margin <= _MOST_MARGIN:
-        raise InputError(f"--margin {margin}: must be between 0 and {_MOST_MARGIN:g} decades")
+    if margin is not None and not 0.0 <= margin <= _MAX_MARGIN:
+        raise InputError(f"--margin {margin}: must be between 0 and {_MAX_MARGIN:g} decades")
     if loosen is not None and not loosen.strip():
         raise InputError("--loosen: must state the reason for loosening the bounds")
 
@@ -135,7 +137,7 @@ def _new_run(
     gates: Sequence[Gate],
     scenarios: Sequence[str],
     options: RunOptions,
-    watching: ProgressFactory,
+    make_progress: ProgressFactory,
     out: Path | None,
     *,
     allow_code: bool,
@@ -145,7 +147,7 @@ def _new_run(
     from bodycheck.runs.gate_run import run_for_gates
 
     try:
-        run = run_for_gates(gates, scenarios, options, watching, allow_code=allow_code)
+        run = run_for_gates(gates, scenarios, options, make_progress, allow_code=allow_code)
     except KeyboardInterrupt:
         raise StoppedError("stopped before any gate was checked") from None
     if out is not None:

@@ -9,7 +9,7 @@ import typer
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli.help_text import MEASURE, OUTPUT, described
-from bodycheck.cli.nightly import tell_night
+from bodycheck.cli.nightly import print_judgement
 from bodycheck.cli.options import AllowCode, Json, Threshold, Tolerances, thresholds_of
 from bodycheck.reports.gates.thresholds import THRESHOLD
 
@@ -64,7 +64,7 @@ def merge(
     from bodycheck.runs.ensemble_answer import ensemble_data, ensemble_document
     from bodycheck.runs.ensemble_merge import is_ensemble, merge_ensembles
     from bodycheck.runs.merge import merge as merged
-    from bodycheck.runs.nightly_run import store_night
+    from bodycheck.runs.nightly_run import store_nightly
 
     if (out is None) == (history is None):
         raise InputError("--out or --history: give one of them")
@@ -83,8 +83,8 @@ def merge(
         return
     run = merged(parts, allow_code=allow_code)
     if history is not None:
-        judged, night = store_night(run, History.at(history), thresholds)
-        tell_night(judged, night, None, json=json)
+        judged, run_folder = store_nightly(run, History.at(history), thresholds)
+        print_judgement(judged, run_folder, None, json=json)
         return
     assert out is not None
     report = write_run(run, out)

@@ -85,11 +85,11 @@ def nightly_(
     compare with.
     """
     from bodycheck.runs.directory import RunRequest
-    from bodycheck.runs.nightly_run import SPEED_PASSES, run_night
+    from bodycheck.runs.nightly_run import SPEED_PASSES, run_nightly
 
     thresholds = thresholds_of(threshold, tolerances)
     check_out_files(out)
-    asked = RunRequest(
+    request = RunRequest(
         scenarios=scenarios or ["standard"],
         engines=None if engine is None else engine.split(","),
         speed=not no_speed,
@@ -101,45 +101,47 @@ def nightly_(
         allow_code=allow_code,
     )
     if shard is not None:
-        _run_shard(asked, part, history, progress_of(quiet=quiet))
+        _run_shard(request, part, history, progress_of(quiet=quiet))
         return
     if history is None or part is not None:
         raise InputError(
             "--part: requires --shard" if part else "--history: required, the folder of a history"
         )
     try:
-        judged, night = run_night(asked, history, progress_of(quiet=quiet), thresholds)
+        judged, run_folder = run_nightly(request, history, progress_of(quiet=quiet), thresholds)
     except KeyboardInterrupt:
         raise StoppedError("stopped; nothing was stored") from None
-    tell_night(judged, night, out, json=json)
+    print_judgement(judged, run_folder, out, json=json)
 
 
-def _run_shard(asked: RunRequest, part: Path | None, history: Path | None, watching: ProgressFactory) -> None:
+def _run_shard(
+    request: RunRequest, part: Path | None, history: Path | None, make_progress: ProgressFactory
+) -> None:
     """Run one shard of a nightly run into a folder of its own; `merge --history` judges all of them."""
     from bodycheck.runs.directory import run_to_folder
 
     if part is None or history is not None:
         raise InputError(
-            f"--shard {asked.shard}: requires --part, no --history (`bodycheck merge --history` stores it)"
+            f"--shard {request.shard}: requires --part, no --history (`bodycheck merge --history` stores it)"
         )
-    _, report = run_to_folder(asked, part, watching)
+    _, report = run_to_folder(request, part, make_progress)
     print(report)
 
 
-def tell_night(judged: Judgement, night: Path, out: Sequence[Path] | None, *, json: bool) -> None:
+def print_judgement(judged: Judgement, run_folder: Path, out: Sequence[Path] | None, *, json: bool) -> None:
     """Print the judgement of a stored nightly run, write the files of --out, and exit with its status."""
     from bodycheck.reports.document import answer, json_text
-    from bodycheck.reports.history.history_output import night_data, night_document, night_page
+    from bodycheck.reports.history.history_output import nightly_data, nightly_document, nightly_page
 
-    data = {**night_data(judged), "folder": night}
-    answer(night_document(judged), data, as_json=json)
+    data = {**nightly_data(judged), "folder": run_folder}
+    answer(nightly_document(judged), data, as_json=json)
     if not json:
-        print(night / "night.html")
+        print(run_folder / "night.html")
     write_out_files(
         out,
         {
-            ".html": lambda path: night_page(judged, relpath(night, path.parent) + "/"),
-            ".md": lambda _: (night / "night.md").read_text(),
+            ".html": lambda path: nightly_page(judged, relpath(run_folder, path.parent) + "/"),
+            ".md": lambda _: (run_folder / "night.md").read_text(),
             ".json": lambda _: json_text(data) + "\n",
         },
     )
@@ -158,14 +160,14 @@ def list_(folder: _Folder, json: Json = False) -> None:
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.history.archive import History
-    from bodycheck.reports.history.baseline import readable_nights
-    from bodycheck.reports.history.history_output import nights_data, nights_document
-    from bodycheck.reports.history.queries import nights_table
+    from bodycheck.reports.history.baseline import readable_runs
+    from bodycheck.reports.history.history_output import history_data, history_document
+    from bodycheck.reports.history.queries import history_table
 
-    nights, left_out = readable_nights(History.existing(folder).nights())
-    table = nights_table(nights)
-    answer(nights_document(table), nights_data(table), as_json=json)
-    _tell(left_out)
+    runs, left_out = readable_runs(History.existing(folder).runs())
+    table = history_table(runs)
+    answer(history_document(table), history_data(table), as_json=json)
+    _report_left_out(left_out)
 
 
 @history.command(
@@ -185,14 +187,14 @@ def query(
     Damaged runs are reported on standard error and excluded; the exit status is then 1.
     """
     from bodycheck.reports.history.archive import History
-    from bodycheck.reports.history.baseline import readable_nights
+    from bodycheck.reports.history.baseline import readable_runs
     from bodycheck.reports.history.queries import TABLES
-    from bodycheck.reports.history.queries import query as asked
+    from bodycheck.reports.history.queries import query as run_query
     from bodycheck.reports.run_files.table_formats import FORMATS
 
-    nights, left_out = readable_nights(History.existing(folder).nights(), TABLES)
-    sys.stdout.write(FORMATS[as_](asked(nights, sql)).decode())
-    _tell(left_out)
+    runs, left_out = readable_runs(History.existing(folder).runs(), TABLES)
+    sys.stdout.write(FORMATS[as_](run_query(runs, sql)).decode())
+    _report_left_out(left_out)
 
 
 @history.command(
@@ -206,15 +208,15 @@ def prune(
     from bodycheck.reports.history.archive import History
 
     history = History.existing(folder)
-    for night in history.dated_in_future():
-        print(f"{night}: is dated in the future; neither counted nor removed", file=sys.stderr)
+    for run in history.dated_in_future():
+        print(f"{run}: is dated in the future; neither counted nor removed", file=sys.stderr)
     for name in history.prune(keep):
         print(name)
 
 
-def _tell(left_out: Sequence[str]) -> None:
+def _report_left_out(left_out: Sequence[str]) -> None:
     """Report nightly runs that were left out on standard error, and exit with status 1 if there are any."""
-    for why in left_out:
-        print(f"{why}; this nightly run is excluded", file=sys.stderr)
+    for fault in left_out:
+        print(f"{fault}; this nightly run is excluded", file=sys.stderr)
     if left_out:
         raise typer.Exit(_LEFT_OUT)

@@ -191,7 +191,7 @@ def advise(
     from bodycheck.runs import advice_run
 
     inertia, spin = numbers(inertia_kg_m2, "--inertia-kg-m2"), numbers(spin_rad_s, "--spin-rad-s")
-    asked = advice_run.AdviceRequest(
+    request = advice_run.AdviceRequest(
         error=error,
         dt_s=dt,
         quantity=quantity,
@@ -202,7 +202,7 @@ def advise(
         run=run,
         allow_code=allow_code,
     )
-    advice = advice_run.advise(asked, progress_of(quiet=quiet))
+    advice = advice_run.advise(request, progress_of(quiet=quiet))
     answer(advice_document(advice), advice, as_json=json)
 
 
@@ -255,11 +255,11 @@ def explain(
     """
     from bodycheck.reports.document import answer, json_text
     from bodycheck.reports.document import markdown as as_markdown
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.runs.explain_run import explain_run
 
     check_explanation_files(out)
-    with watched("comparing the motions with each fault", quiet=quiet):
+    with status_line("comparing the motions with each fault", quiet=quiet):
         cases = explain_run(run, case, allow_code=allow_code)
     from bodycheck.reports.diagnosis import explanation_document as explanations
 
@@ -300,10 +300,10 @@ def report(
     from bodycheck._util.files import write_whole
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.render.html import render_report
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
 
     page = run / "report.html"
-    with watched("measuring the stored motions again"):
+    with status_line("measuring the stored motions again"):
         rendered = render_report(read_run(run, allow_code=allow_code, cache=Cache.default()))
     write_whole(page, rendered.encode())
     print(page)
@@ -352,11 +352,11 @@ def table(
         "laws": tables.laws,
     }[which]
     if columns is not None:
-        asked = [name.strip() for name in columns.split(",")]
-        if unknown := [name for name in asked if name not in found.columns]:
+        requested = [name.strip() for name in columns.split(",")]
+        if unknown := [name for name in requested if name not in found.columns]:
             known = meant(unknown[0], found.columns)
             raise InputError(f"--columns {columns}: {which} has no {', '.join(unknown)}{known}")
-        found = found[asked]
+        found = found[requested]
     content = FORMATS[as_](found)
     if out is None:
         print(content.decode(), end="")
@@ -414,12 +414,12 @@ def plot(
     check_picture(out)
     check_file("--out", out)
     if quantity is not None and (figure in (STABILITY, *BODIES) or quantity not in TRUTH_BOUNDS):
-        what = (
+        fault = (
             f"not used by --figure {figure}"
             if figure in (STABILITY, *BODIES)
             else f"unknown measure{meant(quantity, TRUTH_BOUNDS)}"
         )
-        raise InputError(f"--quantity {quantity}: {what}")
+        raise InputError(f"--quantity {quantity}: {fault}")
     tables = read_tables(run)
     scenario = _scenario_of(tables, scenario)
     engines = _engines_of(tables, engine)
@@ -433,12 +433,12 @@ def plot(
 
 def _scenario_of(tables: Tables, scenario: str | None) -> str:
     """Return the scenario that --scenario names, or the only one; raises InputError if there is none."""
-    there = list(tables.manifest["scenarios"])
-    if scenario is None and len(there) == 1:
-        return there[0]
-    if scenario is None or scenario not in there:
-        asked = "is required" if scenario is None else f"{scenario}: not in this run"
-        raise InputError(f"--scenario {asked}{meant(scenario or '', there)}")
+    available = list(tables.manifest["scenarios"])
+    if scenario is None and len(available) == 1:
+        return available[0]
+    if scenario is None or scenario not in available:
+        fault = "is required" if scenario is None else f"{scenario}: not in this run"
+        raise InputError(f"--scenario {fault}{meant(scenario or '', available)}")
     return scenario
 
 
@@ -483,7 +483,7 @@ def movie(
     from bodycheck._util.files import check_file, write_whole
     from bodycheck.reports.cache.disk_cache import Cache
     from bodycheck.reports.render import movie as films
-    from bodycheck.reports.render.progress import watched
+    from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.run_files.run_reader import read_run, read_tables
 
     films.check_movie(out)
@@ -491,7 +491,7 @@ def movie(
     tables = read_tables(run)
     scenario = _scenario_of(tables, scenario)
     engines = _engines_of(tables, engine)
-    with watched("drawing the frames", quiet=quiet):
+    with status_line("drawing the frames", quiet=quiet):
         found = read_run(run, allow_code=allow_code, cache=Cache.default())
         film = films.movie(found, scenario, out.suffix, engines, dt)
     write_whole(out, film)

@@ -87,15 +87,17 @@ def versions(
     from bodycheck.runs.run_options import RunOptions
     from bodycheck.runs.version_search import Search, search
 
-    told = partial(_tell, quiet=quiet)
+    announce = partial(_announce, quiet=quiet)
     if audit is not None:
         from bodycheck.runs.audit_versions import audit_versions
 
-        found = audit_versions(engine, since, until, audit, every=every, timeout_s=timeout_s, told=told)
+        found = audit_versions(
+            engine, since, until, audit, every=every, timeout_s=timeout_s, announce=announce
+        )
         answer(found_document(found), found_data(found), as_json=json)
         return
     steps = numbers(dt, "--dt")
-    asked = Search(
+    request = Search(
         *(engine, since, until, scenario, method, measure, steps),
         allow_code=allow_code,
         every=every,
@@ -105,15 +107,15 @@ def versions(
         speed=False, jobs=jobs, timeout_s=timeout_s, reuse=reuse_of(fresh, "installed"), laws=False
     )
     found = search(
-        asked,
+        request,
         options,
-        told=told,
-        watching=lambda name: progress_of(quiet=quiet, label=name),
+        announce=announce,
+        progress_for=lambda name: progress_of(quiet=quiet, label=name),
     )
     answer(found_document(found), found_data(found), as_json=json)
 
 
-def _tell(name: str, *, quiet: bool) -> None:
+def _announce(name: str, *, quiet: bool) -> None:
     if not quiet:
         print(name, file=sys.stderr)
 

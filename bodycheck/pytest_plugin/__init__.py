@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from bodycheck.pytest_plugin.fixtures import Bench, HeldGate
+    from bodycheck.pytest_plugin.fixtures import Bench, GateCase
 
 _MARKER = "bodycheck(scenario, engine, method, dt_s): defaults of the fixture `bodycheck` in this test"
 _PROPERTY = "bodycheck"
@@ -82,10 +82,10 @@ def bodycheck(request: pytest.FixtureRequest) -> Bench:
 
 
 @pytest.fixture
-def bodycheck_gate(request: pytest.FixtureRequest) -> HeldGate:
+def bodycheck_gate(request: pytest.FixtureRequest) -> GateCase:
     """Return one gate of the file that --bodycheck-tolerances names."""
-    held: HeldGate = request.param
-    return held.within(request)
+    case: GateCase = request.param
+    return case.within(request)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -21,7 +21,7 @@ from bodycheck.adapters.step_function import Step, StepFunction
 from bodycheck.pytest_plugin.measurement import Measured, Record, assert_passed
 from bodycheck.reports.cache.reuse import Reuse
 from bodycheck.reports.gates.gate import Gate, read_gates
-from bodycheck.reports.gates.verdict import held
+from bodycheck.reports.gates.verdict import check_gates
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs import runner
 from bodycheck.runs.directory import write_run
@@ -38,10 +38,10 @@ _LONGEST_NAME = 150
 class Bench:
     """The fixture `bodycheck`; markers and options are the defaults for arguments left out of a call."""
 
-    said: dict[str, Any]
+    defaults: dict[str, Any]
     record: Record
     nodeid: str
-    kept_in: Path | None = None
+    report_folder: Path | None = None
 
     def __repr__(self) -> str:
         return "<the fixture bodycheck>"
@@ -50,8 +50,8 @@ class Bench:
     def of(cls, request: pytest.FixtureRequest) -> Bench:
         """Return the fixture of one test."""
         marker = request.node.get_closest_marker("bodycheck")
-        said = {**(_said(marker) if marker else {}), **getattr(request, "param", {})}
-        return cls(said, _recorder(request), request.node.nodeid, _report_folder(request))
+        defaults = {**(_marker_defaults(marker) if marker else {}), **getattr(request, "param", {})}
+        return cls(defaults, _recorder(request), request.node.nodeid, _report_folder(request))
 
     def run(
         self,
@@ -69,12 +69,12 @@ class Bench:
         and more until an order can be fitted]. tolerance: the error tolerance of an adaptive method. Raises
         InputError for wrong input.
         """
-        told = {"scenario": scenario, "engine": engine, "method": method, "dt_s": dt_s}
-        asked = {**self.said, **{key: value for key, value in told.items() if value is not None}}
+        arguments = {"scenario": scenario, "engine": engine, "method": method, "dt_s": dt_s}
+        requested = {**self.defaults, **{key: value for key, value in arguments.items() if value is not None}}
         for key in ("scenario", "engine"):
-            if asked.get(key) is None:
+            if requested.get(key) is None:
                 raise InputError(f"bodycheck.run: {key}= is required, in the call or in the marker")
-        engine = asked["engine"]
+        engine = requested["engine"]
         own = not isinstance(engine, str)
         if own and not hasattr(engine, "name"):
             raise InputError(
@@ -82,18 +82,18 @@ class Bench:
             )
         name = engine if isinstance(engine, str) else engine.name
         with _known(engine):
-            found = runner.run(
-                [asked["scenario"]],
-                engines=[name if asked.get("method") is None else f"{name}:{asked['method']}"],
-                dt_s=_steps(asked.get("dt_s")),
+            measured = runner.run(
+                [requested["scenario"]],
+                engines=[name if requested.get("method") is None else f"{name}:{requested['method']}"],
+                dt_s=_steps(requested.get("dt_s")),
                 tolerances=None if tolerance is None else [tolerance],
                 speed=False,
             )
         rerun = shlex.join(["pytest", self.nodeid]) if own else None
-        report = None if self.kept_in is None else _kept(found, self.kept_in, rerun)
+        report = None if self.report_folder is None else _write_report(measured, self.report_folder, rerun)
         if report is not None:
             self.record(f"report {report}")
-        return Measured(found, self.record, rerun, report=report)
+        return Measured(measured, self.record, rerun, report=report)
 
     def step(
         self,
@@ -108,8 +108,8 @@ class Bench:
         scenario and dt_s as for run. An exception of the function becomes the cause of the failing check.
         """
         adapter = StepFunction(function)
-        found = self.run(scenario, engine=adapter, method=next(iter(adapter.methods)), dt_s=dt_s)
-        return replace(found, cause=adapter.fault)
+        measured = self.run(scenario, engine=adapter, method=next(iter(adapter.methods)), dt_s=dt_s)
+        return replace(measured, cause=adapter.fault)
 
 
 def _known(engine: Any) -> AbstractContextManager[None]:
@@ -132,7 +132,7 @@ def _file_name(nodeid: str) -> str:
     return f"{plain}-{sha256(nodeid.encode()).hexdigest()[:8]}"
 
 
-def _kept(run: Run, folder: Path, rerun: str | None) -> Path:
+def _write_report(run: Run, folder: Path, rerun: str | None) -> Path:
     """Write a run and its report to folder/RUN_ID; return the report's path.
 
     rerun: the command that runs it again, where that is a test.
@@ -145,12 +145,12 @@ def _kept(run: Run, folder: Path, rerun: str | None) -> Path:
     return write_run(run, folder / run.run_id)
 
 
-def _refuse(why: str) -> NoReturn:
+def _refuse(message: str) -> NoReturn:
     """Fail the collection of a file with this line and without pytest's stack frames."""
-    pytest.fail(why, pytrace=False)
+    pytest.fail(message, pytrace=False)
 
 
-def _said(marker: pytest.Mark) -> dict[str, Any]:
+def _marker_defaults(marker: pytest.Mark) -> dict[str, Any]:
     unknown = [*map(repr, marker.args), *(key for key in marker.kwargs if key not in _KEYS)]
     if unknown:
         known = ", ".join(f"{key}=" for key in _KEYS)
@@ -166,12 +166,12 @@ def parametrize_cases(metafunc: pytest.Metafunc) -> None:
     """Run a marked test once per scenario and method that an option names and its marker does not set."""
     marker = metafunc.definition.get_closest_marker("bodycheck")
     assert marker is not None
-    said = _said(marker)
-    suite = None if "scenario" in said else metafunc.config.getoption("--bodycheck-suite")
-    engines = said.get("engine", metafunc.config.getoption("--bodycheck-engines"))
+    defaults = _marker_defaults(marker)
+    suite = None if "scenario" in defaults else metafunc.config.getoption("--bodycheck-suite")
+    engines = defaults.get("engine", metafunc.config.getoption("--bodycheck-engines"))
     try:
         scenarios = [{"scenario": name} for name in _scenarios(suite)] if suite else [{}]
-        has_methods = isinstance(engines, str) and "method" not in said
+        has_methods = isinstance(engines, str) and "method" not in defaults
         methods = [{"engine": e, "method": m} for e, m in _methods(engines)] if has_methods else [{}]
     except InputError as error:
         _refuse(f"{metafunc.definition.nodeid}: {error}")
@@ -192,17 +192,17 @@ def _methods(engines: str) -> list[tuple[str, str]]:
 
 
 @dataclass(frozen=True, eq=False)
-class HeldGate:
+class GateCase:
     """The fixture `bodycheck_gate`: one gate of a file, to check on a run of the scenarios."""
 
     gate: Gate
-    beside: tuple[Gate, ...]
+    run_gates: tuple[Gate, ...]
     scenarios: tuple[str, ...]
     reuse: Reuse
-    kept_in: Path | None = None
+    report_folder: Path | None = None
     record: Record | None = None
 
-    def within(self, request: pytest.FixtureRequest) -> HeldGate:
+    def within(self, request: pytest.FixtureRequest) -> GateCase:
         """Return a copy that records into one test's report."""
         return replace(self, record=_recorder(request))
 
@@ -210,17 +210,17 @@ class HeldGate:
         """Assert that the gate passes; a gate that matched or measured nothing fails."""
         __tracebackhide__ = True
         assert self.record is not None
-        run, report = _run_of(self.beside, self.scenarios, self.reuse, self.kept_in)
-        (result,) = held([self.gate], run)
+        run, report = _run_of(self.run_gates, self.scenarios, self.reuse, self.report_folder)
+        (result,) = check_gates([self.gate], run)
         assert_passed(result, run, self.record, report=report)
 
 
 @cache
 def _run_of(
-    gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse, kept_in: Path | None
+    gates: tuple[Gate, ...], scenarios: tuple[str, ...], reuse: Reuse, report_folder: Path | None
 ) -> tuple[Run, Path | None]:
     run = run_for_gates(gates, scenarios, RunOptions(reuse=reuse), lambda _: nullcontext(NULL_PROGRESS))
-    return run, None if kept_in is None else _kept(run, kept_in, None)
+    return run, None if report_folder is None else _write_report(run, report_folder, None)
 
 
 def parametrize_gates(metafunc: pytest.Metafunc) -> None:
@@ -238,7 +238,7 @@ def parametrize_gates(metafunc: pytest.Metafunc) -> None:
     shared = hasattr(metafunc.config, "workerinput")
     reuse: Reuse = "everything" if metafunc.config.getoption("--bodycheck-reuse") else "truths"
     folder = metafunc.config.getoption("--bodycheck-report")
-    kept_in = None if folder is None else Path(folder).absolute() / "gates"
-    params = [HeldGate(gate, (gate,) if shared else gates, scenarios, reuse, kept_in) for gate in gates]
-    names = [f"{place}-{gate.scenario}-{gate.engine}-{gate.method}" for place, gate in enumerate(gates)]
+    report_folder = None if folder is None else Path(folder).absolute() / "gates"
+    params = [GateCase(gate, (gate,) if shared else gates, scenarios, reuse, report_folder) for gate in gates]
+    names = [f"{index}-{gate.scenario}-{gate.engine}-{gate.method}" for index, gate in enumerate(gates)]
     metafunc.parametrize("bodycheck_gate", params, ids=names, indirect=True)

@@ -13,10 +13,10 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.gate import Gate, gate_of
 from bodycheck.reports.gates.gate_measure import measure_of
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
-from bodycheck.reports.gates.verdict import Check, GateResult, Row, held, rows_of
+from bodycheck.reports.gates.verdict import Check, GateResult, Row, check_gates, rows_of
 from bodycheck.reports.run_files.run_tables import Run
 
-_MOST_ROWS = 20
+_MAX_ROWS = 20
 
 Record: TypeAlias = Callable[[str], None]
 """Adds a line to the summary at the end of the session."""
@@ -53,9 +53,9 @@ class Measured:
         """
         __tracebackhide__ = True
         row = self._only_row(measure)
-        self.record(f"measured {_who(row)}: {measure} {obtained(Check(row, passed=True))}")
+        self.record(f"measured {_row_name(row)}: {measure} {obtained(Check(row, passed=True))}")
         if row.obtained is None:
-            raise AssertionError(f"{_who(row)}: {row.why}\n    {self._command(row)}") from self.cause
+            raise AssertionError(f"{_row_name(row)}: {row.why}\n    {self._command(row)}") from self.cause
         return row.obtained
 
     def _only_row(self, measure: str) -> Row:
@@ -79,11 +79,11 @@ class Measured:
         lower, near with decades, or equals; floor. A measure that was not measured fails.
         """
         __tracebackhide__ = True
-        told = {**self._same_in_all(), "measure": measure, "reason": "a check", **bound}
-        (result,) = held([gate_of(told, f"check({measure!r})")], self.run)
+        table = {**self._common_names(), "measure": measure, "reason": "a check", **bound}
+        (result,) = check_gates([gate_of(table, f"check({measure!r})")], self.run)
         self._assert(result)
 
-    def _same_in_all(self) -> dict[str, str]:
+    def _common_names(self) -> dict[str, str]:
         """Return the scenario, engine and method that all cases share, for a gate to name."""
         found = {
             key: {case.columns[key] for case in self.run.cases} for key in ("scenario", "engine", "method")
@@ -106,7 +106,7 @@ def _key(row: Mapping[Any, Any]) -> tuple[str, str, str]:
     return row["scenario"], row["engine"], row["method"]
 
 
-def _who(row: Row) -> str:
+def _row_name(row: Row) -> str:
     return " ".join(filter(None, (row.scenario, f"{row.engine}:{row.method}", row.at)))
 
 
@@ -125,15 +125,15 @@ def assert_passed(
     lines = [line_of(result)]
     rows = failure_rows([result])
     diagnoses = {_key(row): row["diagnosis"] for row in run.diagnoses.to_dict("records")}
-    for (_, *cells, command), check in zip(rows[:_MOST_ROWS], result.failed, strict=False):
+    for (_, *cells, command), check in zip(rows[:_MAX_ROWS], result.failed, strict=False):
         if len(result.checks) > 1:
             lines.append(" | ".join(filter(None, cells)))
         lines += [f"    {line}" for line in check.row.errors]
         if diagnosis := diagnoses.get(_key(vars(check.row))):
             lines.append(f"    diagnosis: {diagnosis}")
         lines.append(f"    reproduce: {command}")
-    if len(rows) > _MOST_ROWS:
-        lines.append(f"and {len(rows) - _MOST_ROWS} more")
+    if len(rows) > _MAX_ROWS:
+        lines.append(f"and {len(rows) - _MAX_ROWS} more")
     if report is not None:
         lines += [f"report: {report}", f"explain: bodycheck explain {shlex.quote(str(report.parent))}"]
     raise AssertionError("\n".join(lines)) from cause

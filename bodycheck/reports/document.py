@@ -82,7 +82,7 @@ class Column:
 class Table:
     """Rows under typed columns; empty heads are not shown.
 
-    most: the largest number of rows on a console and in Markdown. rest: where all of them are. folded:
+    max_rows: the largest number of rows on a console and in Markdown. rest: where all of them are. folded:
     Markdown and pages unfold it on request.
     """
 
@@ -90,16 +90,16 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     title: str = ""
     tint: str = "none"
-    most: int | None = None
+    max_rows: int | None = None
     rest: str = ""
     folded: bool = False
     only: tuple[Medium, ...] = MEDIA
 
     def on(self, medium: Medium) -> Table:
         """Return the table with the columns for a medium."""
-        kept = [place for place, column in enumerate(self.columns) if medium in column.only]
-        rows = tuple(tuple(row[place] for place in kept) for row in self.rows)
-        return replace(self, columns=tuple(self.columns[place] for place in kept), rows=rows)
+        indices = [index for index, column in enumerate(self.columns) if medium in column.only]
+        rows = tuple(tuple(row[index] for index in indices) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[index] for index in indices), rows=rows)
 
     @property
     def heads(self) -> list[str]:
@@ -109,7 +109,7 @@ class Table:
     @property
     def left_out(self) -> int:
         """The number of rows that a console and Markdown leave out."""
-        return 0 if self.most is None else max(0, len(self.rows) - self.most)
+        return 0 if self.max_rows is None else max(0, len(self.rows) - self.max_rows)
 
     @property
     def remark(self) -> str:
@@ -182,16 +182,16 @@ def console() -> Console:
 def print_document(document: Document) -> None:
     """Print a document on standard output, as wide as the terminal."""
     out = console()
-    for place, part in enumerate(document.on("console")):
+    for index, part in enumerate(document.on("console")):
         match part:
             case Sentence():
-                _print_sentence(out, part, first=place == 0)
+                _print_sentence(out, part, first=index == 0)
             case Command():
                 _print_command(out, part)
             case Table():
                 if part.title:
                     heading = Sentence(part.title, part.tint, strong=True)
-                    _print_sentence(out, heading, first=place == 0)
+                    _print_sentence(out, heading, first=index == 0)
                 _print_table(out, part)
 
 
@@ -214,22 +214,22 @@ def _print_command(out: Console, command: Command) -> None:
 
 
 def _print_table(out: Console, table: Table) -> None:
-    rows = table.rows[: table.most]
-    commands = [place for place, column in enumerate(table.columns) if column.kind == "command"]
+    rows = table.rows[: table.max_rows]
+    commands = [index for index, column in enumerate(table.columns) if column.kind == "command"]
     below = commands if _total(_longest(table.columns, rows)) > min(out.width, _LONGEST_ROW) else []
-    kept = [place for place in range(len(table.columns)) if place not in below]
-    columns = [table.columns[place] for place in kept]
-    cells = [[row[place] for place in kept] for row in rows]
+    indices = [index for index in range(len(table.columns)) if index not in below]
+    columns = [table.columns[index] for index in indices]
+    cells = [[row[index] for index in indices] for row in rows]
     widths = _widths(columns, cells, out.width)
     if widths is not None and any(column.head for column in columns):
         _print_row(out, columns, [column.head for column in columns], widths, bold=True)
-    for row, shown in zip(rows, cells, strict=True):
+    for row, row_cells in zip(rows, cells, strict=True):
         if widths is None:
-            _print_stacked(out, columns, shown)
+            _print_stacked(out, columns, row_cells)
         else:
-            _print_row(out, columns, shown, widths)
-        for place in below:
-            _print_command(out, Command(plain(row[place])))
+            _print_row(out, columns, row_cells, widths)
+        for index in below:
+            _print_command(out, Command(plain(row[index])))
     if table.remark:
         out.print(_text(table.remark))
 
@@ -252,13 +252,13 @@ def _widths(columns: Sequence[Column], rows: Sequence[Sequence[Cell]], width: in
     natural = _longest(columns, rows)
     if _total(natural) <= width:
         return natural
-    names = [place for place, column in enumerate(columns) if column.kind == "name"]
-    short = [min(wide, _SHORTEST_NAME) if place in names else wide for place, wide in enumerate(natural)]
-    texts = [[column.head, *(plain(row[place]) for row in rows)] for place, column in enumerate(columns)]
+    names = [index for index, column in enumerate(columns) if column.kind == "name"]
+    short = [min(wide, _SHORTEST_NAME) if index in names else wide for index, wide in enumerate(natural)]
+    texts = [[column.head, *(plain(row[index]) for row in rows)] for index, column in enumerate(columns)]
     found = []
     for start in (natural, short):
-        if (fitting := _wrapped(columns, texts, start, width)) is not None:
-            widened = _widened(fitting, natural, names, width)
+        if (wrapped := _wrapped(columns, texts, start, width)) is not None:
+            widened = _widened(wrapped, natural, names, width)
             if _distinct(rows, names, widened):
                 found.append(widened)
     return min(found, key=lambda widths: sum(_heights(texts, widths)), default=None)
@@ -269,15 +269,15 @@ def _wrapped(
 ) -> list[int] | None:
     """Return widths of at most `width` together by wrapping texts, with as few lines as possible."""
     found = list(start)
-    least = [
-        wide if column.kind == "name" else min(wide, _least(column, cells))
+    min_widths = [
+        wide if column.kind == "name" else min(wide, _min_width(column, cells))
         for column, cells, wide in zip(columns, texts, start, strict=True)
     ]
     while _total(found) > width:
-        free = [place for place in range(len(found)) if found[place] > least[place]]
+        free = [index for index in range(len(found)) if found[index] > min_widths[index]]
         if not free:
             return None
-        narrower = [[wide - (k == place) for k, wide in enumerate(found)] for place in free]
+        narrower = [[wide - (k == index) for k, wide in enumerate(found)] for index in free]
         found = min(narrower, key=lambda widths: (sum(_heights(texts, widths)), -max(widths)))
     return found
 
@@ -285,8 +285,8 @@ def _wrapped(
 def _widened(widths: Sequence[int], natural: Sequence[int], names: Iterable[int], width: int) -> list[int]:
     """Return widths with the room that is left given to the names."""
     found = list(widths)
-    for place in names:
-        found[place] += min(natural[place] - found[place], width - _total(found))
+    for index in names:
+        found[index] += min(natural[index] - found[index], width - _total(found))
     return found
 
 
@@ -301,7 +301,7 @@ def _height(text: str, width: int) -> int:
     return max(1, len(wrap(text, max(width, 1)))) if len(text) > width and " " in text else 1
 
 
-def _least(column: Column, cells: Iterable[str]) -> int:
+def _min_width(column: Column, cells: Iterable[str]) -> int:
     """Return the width below which a column would break words or, unless it is text, cells."""
     if column.kind == "text":
         words = [word for cell in cells for word in cell.split()]
@@ -311,9 +311,9 @@ def _least(column: Column, cells: Iterable[str]) -> int:
 
 
 def _distinct(rows: Sequence[Sequence[Cell]], names: Iterable[int], widths: Sequence[int]) -> bool:
-    for place in names:
-        whole = {plain(row[place]) for row in rows}
-        if len({shortened(name, widths[place]) for name in whole}) < len(whole):
+    for index in names:
+        full_names = {plain(row[index]) for row in rows}
+        if len({shortened(name, widths[index]) for name in full_names}) < len(full_names):
             return False
     return True
 
@@ -350,14 +350,14 @@ def _print_row(
             if column.kind == "number":
                 line.pad_left(width - len(line))
         blocks.append(lines)
-    for across in zip_longest(*blocks, fillvalue=Text()):
-        whole = Text()
-        place = 0
-        for line, width in zip(across, widths, strict=True):
-            whole.append(" " * (place - len(whole))).append_text(line)
-            place += width + _GAP
-        whole.rstrip()
-        out.print(whole, soft_wrap=True)
+    for lines_across in zip_longest(*blocks, fillvalue=Text()):
+        line_text = Text()
+        offset = 0
+        for line, width in zip(lines_across, widths, strict=True):
+            line_text.append(" " * (offset - len(line_text))).append_text(line)
+            offset += width + _GAP
+        line_text.rstrip()
+        out.print(line_text, soft_wrap=True)
 
 
 def _print_stacked(out: Console, columns: Sequence[Column], cells: Sequence[Cell]) -> None:
@@ -367,12 +367,12 @@ def _print_stacked(out: Console, columns: Sequence[Column], cells: Sequence[Cell
 
     first, *others = cells
     out.print(_text(first))
-    told = [
+    fields = [
         Text.assemble((f"{column.head} " if column.head else ""), _text(cell))
         for column, cell in zip(columns[1:], others, strict=True)
         if plain(cell)
     ]
-    for line in Text("; ").join(told).wrap(out, max(out.width - 4, 1)):
+    for line in Text("; ").join(fields).wrap(out, max(out.width - 4, 1)):
         line.rstrip()
         out.print(Padding(line, (0, 0, 0, 4), expand=False))
 
@@ -408,7 +408,7 @@ def _markdown_part(table: Table) -> Iterator[str]:
                 f"`{plain(cell)}`" if code and plain(cell) else plain(cell)
                 for cell, code in zip(row, coded, strict=True)
             ]
-            for row in table.rows[: table.most]
+            for row in table.rows[: table.max_rows]
         ],
     )
     if table.remark:

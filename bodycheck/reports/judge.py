@@ -21,7 +21,7 @@ from bodycheck.reports.diagnosis.diagnosis import diagnosed
 from bodycheck.reports.diagnosis.explain import ExplainedCase
 from bodycheck.reports.document import Column, Document, Sentence, Table
 from bodycheck.reports.measurement.case import CaseResult, MeasuredMotion, stable_motion
-from bodycheck.reports.measurement.convergence import Convergence, Judged, Point, convergence_of
+from bodycheck.reports.measurement.convergence import Convergence, Criteria, Point, convergence_of
 from bodycheck.reports.measurement.invariants import invariants_of, worst_drift
 from bodycheck.reports.measurement.measures import (
     MEASURES,
@@ -99,7 +99,7 @@ def _orders(
     for quantity in QUANTITIES:
         if quantity in common and MEASURES[quantity].judged == "limit":
             points = [Point(row["dt_s"], row.get(quantity)) for row in rows]
-            found[quantity] = convergence_of(points, Judged(floor=limit(problem, quantity)))
+            found[quantity] = convergence_of(points, Criteria(floor=limit(problem, quantity)))
     return found
 
 
@@ -141,27 +141,27 @@ def judge_file(
     if not trusted.all():
         until = f"t = {truth.trusted_until_s:.6g} s"
         columns["message"] = f"compared until {until}, where the truth ends: {truth.end_reason}"
-    had = _quantities(arrays)
-    kept = [one for one in invariants_of(scene) if one.needs <= had]
+    available = _quantities(arrays)
+    invariants = [one for one in invariants_of(scene) if one.needs <= available]
     compared = Compared(
-        scene, truth.trajectory, true, trajectory, motion, kept, until=int(np.count_nonzero(trusted))
+        scene, truth.trajectory, true, trajectory, motion, invariants, until=int(np.count_nonzero(trusted))
     )
     departures = departures_of(compared)
     if column_map is not None and column_map.euler:  # the file has no quaternion
         departures.pop("quaternion_norm_error", None)
     series = series_of(compared, departures)
-    founded = {
+    measurable = {
         name: values[: compared.until]
         for name, values in series.items()
-        if MEASURES[name].needs(scene) <= had
+        if MEASURES[name].needs(scene) <= available
     }
     worst = worst_drift(compared.invariant_drifts)
-    own = _drifts_from_start(founded, departures, compared.until, scales)
-    return columns | reduced(founded, scales) | own | (worst.columns if worst else {})
+    own = _drifts_from_start(measurable, departures, compared.until, scales)
+    return columns | reduced(measurable, scales) | own | (worst.columns if worst else {})
 
 
 def _drifts_from_start(
-    founded: Iterable[str], departures: Mapping[str, Array], until: int, scales: Scales
+    measurable: Iterable[str], departures: Mapping[str, Array], until: int, scales: Scales
 ) -> dict[str, float]:
     """Return max |(E - E*) - (E - E*)(0)| over the scale: max |E - E(0)| where the energy is conserved.
 
@@ -170,7 +170,7 @@ def _drifts_from_start(
     found = {}
     for name in ("energy_drift", "rotational_energy_drift"):
         scale = getattr(scales, SCALES[name])
-        if name in founded and scale > 0.0:
+        if name in measurable and scale > 0.0:
             departure = departures[name][:until, 0]
             found[f"{name}{FROM_START}"] = float(np.max(np.abs(departure - departure[0]))) / scale
     return found
@@ -218,12 +218,12 @@ def _sampled_at(scene: Scene, t_s: Array, dt_s: float) -> Scene:
 
 def _quantities(arrays: dict[str, Array]) -> set[str]:
     """Return which of position, velocity, attitude and omega (in body axes) a trajectory has."""
-    had = {name for name in ("position", "velocity") if any(key.startswith(name) for key in arrays)}
+    available = {name for name in ("position", "velocity") if any(key.startswith(name) for key in arrays)}
     if "quaternion" in arrays or "rotation" in arrays:
-        had.add("attitude")
-    if "omega_body_rad_s" in arrays or ("omega_world_rad_s" in arrays and "attitude" in had):
-        had.add("omega")
-    return had
+        available.add("attitude")
+    if "omega_body_rad_s" in arrays or ("omega_world_rad_s" in arrays and "attitude" in available):
+        available.add("omega")
+    return available
 
 
 def _completed(arrays: dict[str, Array], truth: Trajectory) -> Trajectory:
@@ -245,23 +245,23 @@ def judgement_document(ranking: Ranking) -> Document:
         return Document("bodycheck judge", (Table((Column("", "fixed"), Column("")), lines),))
     energies = ("energy_drift", "rotational_energy_drift")
     energy = next((name for name in energies if any(name in row for row in ranking.rows)), energies[0])
-    shown = dict.fromkeys(filter(None, (ranking.quantity, energy, f"{energy}{FROM_START}")))
+    measures = dict.fromkeys(filter(None, (ranking.quantity, energy, f"{energy}{FROM_START}")))
     steps = ["dt_s"] if "dt_s" in ranking.rows[0] else []
     columns = (
         Column("#", "number"),
         Column("file", "name"),
-        *(Column(name.replace("_", " "), "number") for name in (*steps, *shown)),
+        *(Column(name.replace("_", " "), "number") for name in (*steps, *measures)),
         Column("outcome"),
     )
     rows = tuple(
         (
-            str(place) if row["outcome"] == "ok" else "",
+            str(rank) if row["outcome"] == "ok" else "",
             row["file"],
             *(step(row[name]) for name in steps),
-            *(scientific(row[name]) if name in row else "" for name in shown),
+            *(scientific(row[name]) if name in row else "" for name in measures),
             row["outcome"] + f": {row['message']}" * bool(row["message"]),
         )
-        for place, row in enumerate(ranking.rows, 1)
+        for rank, row in enumerate(ranking.rows, 1)
     )
     by = f"ranked by {ranking.quantity}" if ranking.quantity else "not ranked: no measure in common"
     head = Sentence(f"{ranking.rows[0]['scenario']}: {len(rows)} files, {by}")

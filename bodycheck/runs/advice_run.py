@@ -37,8 +37,8 @@ from bodycheck.scenarios.free_body import FreeBody, scenario_text
 from bodycheck.scenarios.library import load_scenarios
 from bodycheck.scenarios.serialization import as_written
 
-_MOST_ROUNDS = 12
-_MOST_STEPS = 2e7  # of a case that a search measures
+_MAX_ROUNDS = 12
+_MAX_STEPS = 2e7  # of a case that a search measures
 
 
 @dataclass(frozen=True)
@@ -62,28 +62,32 @@ class AdviceRequest:
     allow_code: bool = False
 
 
-def advise(asked: AdviceRequest, watching: ProgressFactory) -> Advice:
+def advise(request: AdviceRequest, make_progress: ProgressFactory) -> Advice:
     """Return the answers to a question; raises InputError if it is wrong."""
-    check_question(asked.error, asked.dt_s, asked.quantity)
-    if asked.horizon_s is not None and not 0.0 < asked.horizon_s < math.inf:
-        raise InputError(f"--horizon-s {asked.horizon_s!r}: must be a positive number")
-    if asked.search and asked.error is None:
+    check_question(request.error, request.dt_s, request.quantity)
+    if request.horizon_s is not None and not 0.0 < request.horizon_s < math.inf:
+        raise InputError(f"--horizon-s {request.horizon_s!r}: must be a positive number")
+    if request.search and request.error is None:
         raise InputError("--search: searches the settings that meet --error; --dt names one step")
-    scenarios: Sequence[str] = asked.scenarios
-    if asked.body is not None:
-        if scenarios or asked.run is not None:
+    scenarios: Sequence[str] = request.scenarios
+    if request.body is not None:
+        if scenarios or request.run is not None:
             raise InputError("a body on the command line replaces scenarios and --run; give one of them")
-        scenarios = [_written(asked.body, asked.horizon_s)]
-    elif asked.horizon_s is not None and asked.run is None and scenarios:
-        for _, scenario in load_scenarios(scenarios, allow_code=asked.allow_code):
-            check_horizon(asked.horizon_s, scenario.name, scenario.scene.sample_interval_s)
-    folder, run, names = chosen_run(asked.run, scenarios, allow_code=asked.allow_code, watching=watching)
+        scenarios = [_written(request.body, request.horizon_s)]
+    elif request.horizon_s is not None and request.run is None and scenarios:
+        for _, scenario in load_scenarios(scenarios, allow_code=request.allow_code):
+            check_horizon(request.horizon_s, scenario.name, scenario.scene.sample_interval_s)
+    folder, run, names = chosen_run(
+        request.run, scenarios, allow_code=request.allow_code, make_progress=make_progress
+    )
     found: RunTables = run
-    if asked.horizon_s is not None and asked.body is None:
-        whole = read_run(folder, allow_code=asked.allow_code, cache=Cache.default())
-        found = until(whole, asked.horizon_s)
-    answers = _searched(found, asked, names, watching) if asked.search else _answers(found, asked, names)
-    return Advice(asked.quantity, asked.error, asked.dt_s, str(folder), answers)
+    if request.horizon_s is not None and request.body is None:
+        full_run = read_run(folder, allow_code=request.allow_code, cache=Cache.default())
+        found = until(full_run, request.horizon_s)
+    answers = (
+        _searched(found, request, names, make_progress) if request.search else _answers(found, request, names)
+    )
+    return Advice(request.quantity, request.error, request.dt_s, str(folder), answers)
 
 
 def _written(body: FreeBody, horizon_s: float | None) -> str:
@@ -107,42 +111,42 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
 
 
 def _answers(
-    run: RunTables, asked: AdviceRequest, scenarios: Sequence[str], more: Sequence[Run] = ()
+    run: RunTables, request: AdviceRequest, scenarios: Sequence[str], more: Sequence[Run] = ()
 ) -> tuple[Answer, ...]:
-    curves = curves_of(run, asked.quantity, tuple(case for other in more for case in other.cases))
-    if asked.error is not None:
-        return settings_within(curves, asked.error, scenarios)
-    assert asked.dt_s is not None
-    return errors_at(curves, asked.dt_s, scenarios)
+    curves = curves_of(run, request.quantity, tuple(case for other in more for case in other.cases))
+    if request.error is not None:
+        return settings_within(curves, request.error, scenarios)
+    assert request.dt_s is not None
+    return errors_at(curves, request.dt_s, scenarios)
 
 
 def _searched(
-    run: RunTables, asked: AdviceRequest, scenarios: Sequence[str], watching: ProgressFactory
+    run: RunTables, request: AdviceRequest, scenarios: Sequence[str], make_progress: ProgressFactory
 ) -> tuple[Answer, ...]:
     """Measure predicted settings until all answers are measured, or nothing more can be tried."""
-    assert asked.error is not None
+    assert request.error is not None
     more: list[Run] = []
-    for _ in range(_MOST_ROUNDS):
-        answers = _answers(run, asked, scenarios, more)
-        curves = curves_of(run, asked.quantity, tuple(case for other in more for case in other.cases))
+    for _ in range(_MAX_ROUNDS):
+        answers = _answers(run, request, scenarios, more)
+        curves = curves_of(run, request.quantity, tuple(case for other in more for case in other.cases))
         steps = {
-            place: dt_s
-            for place, dt_s in to_measure(curves, answers, asked.error).items()
-            if curves[place].duration_s / dt_s <= _MOST_STEPS
+            key: dt_s
+            for key, dt_s in to_measure(curves, answers, request.error).items()
+            if curves[key].duration_s / dt_s <= _MAX_STEPS
         }
         if not steps:
             return answers
         options = RunOptions(speed=run.manifest["speed"], laws=False)
-        measured = measure_steps(run, steps, options, watching, allow_code=asked.allow_code)
-        more.append(measured if asked.horizon_s is None else until(measured, asked.horizon_s))
-    return _answers(run, asked, scenarios, more)
+        measured = measure_steps(run, steps, options, make_progress, allow_code=request.allow_code)
+        more.append(measured if request.horizon_s is None else until(measured, request.horizon_s))
+    return _answers(run, request, scenarios, more)
 
 
 def measure_steps(
     run: RunTables,
     steps: Mapping[tuple[str, MethodKey], float],
     options: RunOptions,
-    watching: ProgressFactory,
+    make_progress: ProgressFactory,
     *,
     allow_code: bool = False,
 ) -> Run:
@@ -166,7 +170,7 @@ def measure_steps(
         ),
         single_steps={(name, *key): dt_s for (name, key), dt_s in steps.items()},
     )
-    with watching(selection.cases_listed()) as progress:
+    with make_progress(selection.cases_listed()) as progress:
         return run_selection(
             selection, replace(options, stable_steps=False), Identity.new(), journal=None, progress=progress
         )

@@ -16,7 +16,7 @@ from bodycheck._util.shard import Shard, division_faults
 from bodycheck.reports.audit.audit import AUDIT_FILE, Audit, Body, Difference, read_audit, write_audit
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.run_files.sentinels import differing_facts, machine_facts
-from bodycheck.reports.run_files.writer import whole_folder
+from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.runs.audit_run import spins_in
 from bodycheck.runs.manifest import machine, software
 
@@ -33,7 +33,7 @@ class _Part:
 
 def write_shard(audit: Audit, shard: Shard, out: Path) -> None:
     """Write a shard of an audit to a new folder."""
-    with whole_folder(out) as folder:
+    with atomic_folder(out) as folder:
         write_audit(audit, folder, shard=str(shard), machine={**software(), **machine()})
 
 
@@ -51,12 +51,12 @@ def merge_audits(folders: Sequence[Path], out: Path) -> tuple[Audit, list[str]]:
     parts = _parts(folders)
     first = parts[0].audit
     links = [
-        replace(link, spins=_owner(parts, link.name).audit.links[place].spins)
-        for place, link in enumerate(first.links)
+        replace(link, spins=_owner(parts, link.name).audit.links[index].spins)
+        for index, link in enumerate(first.links)
     ]
     audit = replace(first, links=tuple(links))
     findings = [*differing_facts({str(part.shard): part.facts for part in parts}), *_disagreements(parts)]
-    with whole_folder(out) as folder:
+    with atomic_folder(out) as folder:
         write_audit(audit, folder, bodycheck=version("bodycheck"), findings=findings)
         (folder / "audit.html").write_text(audit_page(audit), encoding="utf-8")
     return audit, findings
@@ -69,18 +69,18 @@ def _parts(folders: Sequence[Path]) -> list[_Part]:
     faults = list(division_faults({part.folder: part.shard for part in parts}))
     first, *others = parts
     for part in others:
-        faults += [f"{part.folder}: {what} than in {first.folder}" for what in _different(part, first)]
+        faults += [f"{part.folder}: {fault} than in {first.folder}" for fault in _different(part, first)]
     if faults:
         raise InputError("\n".join(faults))
     return sorted(parts, key=lambda part: part.shard.index)
 
 
 def _part(folder: Path) -> _Part:
-    audit, told = read_audit(folder)
-    if not isinstance(told.get("shard"), str) or not isinstance(told.get("machine"), dict):
+    audit, facts = read_audit(folder)
+    if not isinstance(facts.get("shard"), str) or not isinstance(facts.get("machine"), dict):
         raise InputError(f"{folder}: a whole audit (expected a folder written with --shard)")
     engines = {column.engine: column.version for column in audit.columns}
-    return _Part(folder, Shard.parse(told["shard"]), audit, machine_facts(told["machine"]) | engines)
+    return _Part(folder, Shard.parse(facts["shard"]), audit, machine_facts(facts["machine"]) | engines)
 
 
 def _different(one: _Part, other: _Part) -> Iterator[str]:
@@ -104,16 +104,16 @@ def _disagreements(parts: Sequence[_Part]) -> Iterator[str]:
     """
     first, *others = parts
     for other in others:
-        for place, column in enumerate(first.audit.columns):
-            its = other.audit.columns[place]
+        for index, column in enumerate(first.audit.columns):
+            its = other.audit.columns[index]
             if its.outcome != column.outcome:
                 yield (
                     f"{column.name}: ended {its.outcome} in shard {other.shard}, and {column.outcome} in "
                     f"shard {first.shard}"
                 )
-        for mine, link in zip(first.audit.links, other.audit.links, strict=True):
-            for name in mine.held.keys() & link.held.keys():
-                digits = _digits(mine.held[name].held, link.held[name].held)
+        for own, link in zip(first.audit.links, other.audit.links, strict=True):
+            for name in own.held.keys() & link.held.keys():
+                digits = _digits(own.held[name].held, link.held[name].held)
                 if digits is not None:
                     yield (
                         f"{name}: {link.name} as held in shard {other.shard} agrees with shard "

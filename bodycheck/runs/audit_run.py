@@ -118,20 +118,20 @@ def imported_audit(
     )
 
 
-def checked_engines(asked: Sequence[str] | None) -> list[str]:
+def checked_engines(requested: Sequence[str] | None) -> list[str]:
     """Return the engines to audit: by default all installed ones with an importer.
 
     Raises InputError for a name that is unknown or has no importer.
     """
     known = engines_with_importers()
-    if asked is None:
+    if requested is None:
         return [name for name in known if _installed(name)]
-    for name in asked:
+    for name in requested:
         if (fault := engine_fault(name)) is not None:
             raise InputError(f"--engine {fault}")
         if base_engine(name) not in known:
             raise InputError(f"--engine {name}: has no importer of model files{meant(name, known)}")
-    return list(dict.fromkeys(asked))
+    return list(dict.fromkeys(requested))
 
 
 def _installed(name: str) -> bool:
@@ -205,11 +205,13 @@ def _named(model: ModelFile, found: Sequence[HeldLink]) -> dict[str, HeldLink]:
     """
     if model.format != "urdf" and len(found) == len(model.links):
         pairs = list(zip(model.links, found, strict=True))
-        if all(held.name in ("", link.name, link.name.rpartition("::")[2]) for link, held in pairs):
-            return {link.name: held for link, held in pairs}
+        if all(
+            found_link.name in ("", link.name, link.name.rpartition("::")[2]) for link, found_link in pairs
+        ):
+            return {link.name: found_link for link, found_link in pairs}
     named: dict[str, HeldLink] = {}
-    for held in found:
-        named.setdefault(held.name, held)
+    for found_link in found:
+        named.setdefault(found_link.name, found_link)
     return named
 
 
@@ -233,9 +235,9 @@ def _discarded(
 
     def after(change: Change) -> Mapping[str, HeldLink]:
         with tempfile.TemporaryDirectory(prefix="bodycheck-audit-") as folder:
-            place = Path(folder) / model.path.name
-            place.write_text(changed_text(model, change), encoding="utf-8")
-            request = ImportRequest(str(place), model.format, flags, place.read_text(encoding="utf-8"))
+            path = Path(folder) / model.path.name
+            path.write_text(changed_text(model, change), encoding="utf-8")
+            request = ImportRequest(str(path), model.format, flags, path.read_text(encoding="utf-8"))
             found, _, _ = import_once(pool, engine, request, timeout_s)
         return _named(model, found)
 
@@ -259,36 +261,38 @@ def _same_tensor(a: HeldLink, b: HeldLink) -> bool:
     return bool(np.max(np.abs(first - second)) <= SAME * np.max(np.abs(first)))
 
 
-def _body(held: HeldLink) -> Body:
-    return Body(held.mass, np.array(held.centre_m), np.array(held.inertia_kg_m2))
+def _body(link: HeldLink) -> Body:
+    return Body(link.mass, np.array(link.centre_m), np.array(link.inertia_kg_m2))
 
 
 def _link_audit(model: ModelFile, link: ModelLink, imported: Sequence[_Imported]) -> LinkAudit:
     stated = None if link.stated is None else Body.of(link.stated.in_link)
-    held = {one.column.name: _compared(model, link, one) for one in imported if one.column.outcome == "ok"}
+    comparisons = {
+        one.column.name: _compared(model, link, one) for one in imported if one.column.outcome == "ok"
+    }
     derived = "" if link.stated is None else link.stated.derived
-    return LinkAudit(link.name, link.line, stated, derived, link.unread, held)
+    return LinkAudit(link.name, link.line, stated, derived, link.unread, comparisons)
 
 
 def _compared(model: ModelFile, link: ModelLink, imported: _Imported) -> Comparison:
-    held = imported.links.get(link.name)
+    link_read = imported.links.get(link.name)
     absent = frozenset(one.name for one in model.links if one.name not in imported.links)
-    if held is None:
+    if link_read is None:
         into = _merged_into(model, link, absent)
         if not into:
             return Comparison("absent", causes=("the import has no link of this name",))
-        told = f"links merged: part of {into}"
+        cause = f"links merged: part of {into}"
         if into == "the world":
-            told = "links merged into the world: the base is fixed and its mass is not held"
-        return Comparison("merged", causes=(told,), into=into)
+            cause = "links merged into the world: the base is fixed and its mass is not held"
+        return Comparison("merged", causes=(cause,), into=into)
     members = model.members(link.name, absent)
     merged = tuple(one.name for one, _ in members[1:])
-    whole = model.merged(link.name, absent)
-    body = _body(held)
-    if whole is None:
+    combined = model.merged(link.name, absent)
+    body = _body(link_read)
+    if combined is None:
         return Comparison("not computed", held=body, merged=merged)
     has_inertia = link.stated is not None or any(model.by_name[name].stated for name in merged)
-    expected = Body.of(whole) if has_inertia else None
+    expected = Body.of(combined) if has_inertia else None
     nothing = Body(0.0, np.zeros(3), np.zeros((3, 3)))
     difference = Difference.between(expected or nothing, body)
     if expected is None and body.mass_kg == 0.0:
@@ -299,7 +303,7 @@ def _compared(model: ModelFile, link: ModelLink, imported: _Imported) -> Compari
             model, members, expected, body, difference, imported.discarded.get(link.name, "")
         )
     causes = tuple(with_issue(imported.column.engine, cause) for cause in causes)
-    joint = joint_causes(link.joint, held)
+    joint = joint_causes(link.joint, link_read)
     return Comparison(_state(difference, joint), expected, body, difference, (*causes, *joint), merged)
 
 

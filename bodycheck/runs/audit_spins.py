@@ -50,10 +50,10 @@ def with_spins(
         if engine not in controls:
             controls[engine] = error_of_numbers(pool, engine, link.stated, truth, timeout_s)
         comparison = link.held.get(column.name)
-        held = None if comparison is None or comparison.merged else comparison.held
+        body = None if comparison is None or comparison.merged else comparison.held
         held_rad = None
-        if held is not None and held.possible:
-            held_rad = error_of_numbers(pool, engine, held, truth, timeout_s)
+        if body is not None and body.possible:
+            held_rad = error_of_numbers(pool, engine, body, truth, timeout_s)
         excerpt_rad, message = _error_of_excerpt(pool, column, model, link.name, truth, timeout_s)
         spins[column.name] = Spin(controls[engine], held_rad, excerpt_rad, message)
     return replace(link, spins=spins)
@@ -98,12 +98,12 @@ def _error_of_excerpt(
     except InputError as error:
         return None, f"not spun alone: {error}"
     with tempfile.TemporaryDirectory(prefix="bodycheck-audit-") as folder:
-        place = Path(folder) / f"excerpt{model.path.suffix or '.xml'}"
-        place.write_text(text, encoding="utf-8")
+        path = Path(folder) / f"excerpt{model.path.suffix or '.xml'}"
+        path.write_text(text, encoding="utf-8")
         bare = ""
         if model.format == "urdf":
-            bare = bare_text(read_urdf(parse_text(text.encode(), str(place)), place))
-        request = ImportRequest(str(place), model.format, column.flags, bare)
+            bare = bare_text(read_urdf(parse_text(text.encode(), str(path)), path))
+        request = ImportRequest(str(path), model.format, column.flags, bare)
         spin = SpinRequest(OMEGA_RAD_S, DT_S, STEPS_PER_SAMPLE, SAMPLES)
         message = {"do": "import", "import": asdict(request), "spin": asdict(spin)}
         answer = pool.ask(column.engine, message, timeout_s)

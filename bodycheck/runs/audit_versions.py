@@ -31,11 +31,11 @@ def audit_versions(
     *,
     every: bool,
     timeout_s: float,
-    told: Callable[[str], None],
+    announce: Callable[[str], None],
 ) -> Found:
     """Audit a file in every release, or bisect between the first and the last one.
 
-    told: called with the name of each release before it imports the file. Raises InputError if the input is
+    announce: called with each release before it imports the file. Raises InputError if the input is
     wrong or no release can be run.
     """
     reads = importer(engine)
@@ -48,7 +48,7 @@ def audit_versions(
     def audited(version: str) -> Audit | str:
         if version not in audits:
             name = Pin(engine, version).name
-            told(name)
+            announce(name)
             audits[version] = _audit(name, model, timeout_s)
         return audits[version]
 
@@ -87,10 +87,10 @@ def summary(audit: Audit, flags: str) -> str:
     (column,) = (one for one in audit.columns if one.flags == flags)
     if column.outcome != "ok":
         return column.outcome
-    held = [link.held[column.name] for link in audit.links]
-    states = Counter(one.state for one in held)
-    told = names([f"{amount} {state}" for state, amount in sorted(states.items())])
-    differing = [one for one in held if one.state == "differs"]
+    comparisons = [link.held[column.name] for link in audit.links]
+    states = Counter(one.state for one in comparisons)
+    states_text = names([f"{amount} {state}" for state, amount in sorted(states.items())])
+    differing = [one for one in comparisons if one.state == "differs"]
     largest = max((one.difference.largest for one in differing if one.difference is not None), default=0.0)
     causes = dict.fromkeys(cause for one in differing for cause in one.causes)
-    return told if not causes else f"{told}, by up to {number(largest, 2)}: {'; '.join(causes)}"
+    return states_text if not causes else f"{states_text}, by up to {number(largest, 2)}: {'; '.join(causes)}"

@@ -84,7 +84,7 @@ def _result(method: Method, check: Check, found: Finding) -> Result:
     return Result(method.name, check.name, check.requirement, found.check, found.verdict, found.message)
 
 
-_WORDS = {
+_VERDICT_TEXTS = {
     "inconsistent": Span("fails", "bad"),
     "consistent": Span("passes", "good"),
     "not-measured": Span("not checked", "open"),
@@ -95,9 +95,9 @@ _HEADS = (Column("method", "fixed"), Column("check", "fixed"), Column("", "fixed
 def conformance_document(found: Conformance) -> Document:
     """Return one row per method and check: what holds, or each failure in words."""
     rows: list[tuple[str | Span, ...]] = []
-    seen: set[str] = set()
+    messages: set[str] = set()
     for (method, check), results in groupby(found.results, key=lambda result: (result.method, result.check)):
-        rows += _rows(method, check, list(results), seen)
+        rows += _rows(method, check, list(results), messages)
     failed = len({(result.method, result.check) for result in found.failures})
     total = len({result.method for result in found.results}) * len(CHECKS)
     summary = f"{found.engine} {found.version}: " + (
@@ -105,31 +105,40 @@ def conformance_document(found: Conformance) -> Document:
     )
     table = Table(_HEADS, tuple(rows))
     tint = "bad" if failed else "good"
-    told = Sentence(summary, tint, strong=True)
+    conclusion = Sentence(summary, tint, strong=True)
     following = Command(f"bodycheck run smoke --engine {found.engine}", "errors and orders")
-    return Document("bodycheck check-adapter", (table, told) if failed else (table, told, following))
+    return Document(
+        "bodycheck check-adapter", (table, conclusion) if failed else (table, conclusion, following)
+    )
 
 
-def _rows(method: str, check: str, results: list[Result], seen: set[str]) -> Iterator[tuple[str | Span, ...]]:
+def _rows(
+    method: str, check: str, results: list[Result], messages: set[str]
+) -> Iterator[tuple[str | Span, ...]]:
     """Yield a row per failure; without one, a row with the requirement, or why nothing was checked.
 
-    seen: the messages so far; a failure that repeats one is only counted.
+    messages: the messages so far; a failure that repeats one is only counted.
     """
     failures = [result for result in results if result.failed]
     repeated = 0
     for result in failures:
-        if result.message in seen:
+        if result.message in messages:
             repeated += 1
             continue
-        seen.add(result.message)
-        yield method, check, _WORDS["inconsistent"], f"{result.finding}: {result.message}"
+        messages.add(result.message)
+        yield method, check, _VERDICT_TEXTS["inconsistent"], f"{result.finding}: {result.message}"
     if repeated:
-        yield method, check, _WORDS["inconsistent"], f"{count(repeated, 'finding')} with a message above"
+        yield (
+            method,
+            check,
+            _VERDICT_TEXTS["inconsistent"],
+            f"{count(repeated, 'finding')} with a message above",
+        )
     if failures:
         return
     skipped = dict.fromkeys(result.message for result in results if result.verdict == "not-measured")
     if all(result.verdict == "not-measured" for result in results):
-        yield method, check, _WORDS["not-measured"], "; ".join(skipped)
+        yield method, check, _VERDICT_TEXTS["not-measured"], "; ".join(skipped)
         return
     remark = f" ({'; '.join(skipped)})" if skipped else ""
-    yield method, check, _WORDS["consistent"], f"{results[0].requirement}{remark}"
+    yield method, check, _VERDICT_TEXTS["consistent"], f"{results[0].requirement}{remark}"

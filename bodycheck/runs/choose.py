@@ -19,10 +19,10 @@ from bodycheck.scenarios.serialization import written
 
 def chosen_run(
     folder: Path | None,
-    asked: Sequence[str],
+    requested: Sequence[str],
     *,
     allow_code: bool,
-    watching: ProgressFactory,
+    make_progress: ProgressFactory,
 ) -> tuple[Path, Tables, list[str]]:
     """Return a run's folder, its tables, and the names of the requested scenarios [default: all of the run].
 
@@ -31,52 +31,58 @@ def chosen_run(
     functions, whose code runs. Raises InputError if the folder is not that of a run or lacks a scenario.
     """
     if folder is not None:
-        return _named(folder, asked, allow_code=allow_code)
-    loaded = load_scenarios(asked, allow_code=allow_code)
-    wanted = {scenario.name: written(scenario) for _, scenario in loaded}
+        return _named(folder, requested, allow_code=allow_code)
+    loaded = load_scenarios(requested, allow_code=allow_code)
+    scenarios_written = {scenario.name: written(scenario) for _, scenario in loaded}
     # a user's function may have changed under the same name, so no stored run is known to match
     own_code = any(scenario.scene.has_callback_load for _, scenario in loaded)
     stored = [] if own_code else _newest_first()
-    fitting = [(path, told) for path, told in stored if wanted.items() <= told["scenarios"].items()]
-    for path, manifest in _fuller_first(fitting):
+    complete = [
+        (path, manifest)
+        for path, manifest in stored
+        if scenarios_written.items() <= manifest["scenarios"].items()
+    ]
+    for path, manifest in _most_complete_first(complete):
         try:
-            return path, read_tables(path), list(wanted or manifest["scenarios"])
+            return path, read_tables(path), list(scenarios_written or manifest["scenarios"])
         except InputError as error:
             _warn_left_out(error)
-    scenarios = list(asked) or ["standard"]
+    scenarios = list(requested) or ["standard"]
     print(f"no stored run in {RUNS}/ has these scenarios; running {' '.join(scenarios)}", file=sys.stderr)
-    _, report = run_to_folder(RunRequest(scenarios=scenarios, allow_code=allow_code), None, watching)
-    return _named(report.parent, asked, allow_code=allow_code)
+    _, report = run_to_folder(RunRequest(scenarios=scenarios, allow_code=allow_code), None, make_progress)
+    return _named(report.parent, requested, allow_code=allow_code)
 
 
-def _named(folder: Path, asked: Sequence[str], *, allow_code: bool) -> tuple[Path, Tables, list[str]]:
+def _named(folder: Path, requested: Sequence[str], *, allow_code: bool) -> tuple[Path, Tables, list[str]]:
     tables = read_tables(folder)
     known = list(tables.manifest["scenarios"])
     names: list[str] = []
-    for word in asked:
-        loaded = [] if word in known else load_scenarios([word], allow_code=allow_code)
-        names += [scenario.name for _, scenario in loaded] or [word]
+    for name in requested:
+        loaded = [] if name in known else load_scenarios([name], allow_code=allow_code)
+        names += [scenario.name for _, scenario in loaded] or [name]
     if missing := [name for name in names if name not in known]:
         raise InputError(f"{folder}: has no scenario {', '.join(missing)}{meant(missing[0], known)}")
     return folder, tables, list(dict.fromkeys(names)) or known
 
 
-def _fuller_first(runs: Sequence[tuple[Path, dict[str, Any]]]) -> Iterator[tuple[Path, dict[str, Any]]]:
+def _most_complete_first(
+    runs: Sequence[tuple[Path, dict[str, Any]]],
+) -> Iterator[tuple[Path, dict[str, Any]]]:
     """Yield runs, newest first, but each after the newest older one that has all its methods and more.
 
     A run of one case, to confirm an answer, must not replace the run that the answer came from.
     """
-    for place, (path, manifest) in enumerate(runs):
-        fuller = (run for run in runs[place + 1 :] if _methods(run[1]) > _methods(manifest))
-        yield from islice(fuller, 1)
+    for index, (path, manifest) in enumerate(runs):
+        more_complete = (run for run in runs[index + 1 :] if _methods(run[1]) > _methods(manifest))
+        yield from islice(more_complete, 1)
         yield path, manifest
 
 
 def _methods(manifest: dict[str, Any]) -> set[tuple[str, str | None, str]]:
     return {
-        (engine, told.get("version"), method)
-        for engine, told in manifest["engines"].items()
-        for method in told.get("methods", ())
+        (engine, entry.get("version"), method)
+        for engine, entry in manifest["engines"].items()
+        for method in entry.get("methods", ())
     }
 
 

@@ -32,7 +32,7 @@ _FIRST_CASE_S = 0.005
 _CONNECTION_S = 30.0
 _COUNTED_AGAIN_S = 2.0
 _LATE, _LATE_S = 5.0, 10.0  # a batch is late after this many times its expected time, and at least so long
-_MOST_COPIES = 3
+_MAX_COPIES = 3
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -64,15 +64,15 @@ def connected(address: str, tls: TlsFiles | None, *, speed: bool) -> Iterator[Cl
     """
     client = _client(address, tls)
     try:
-        where = f"--cluster {address}"
-        _check_workers(client, where)
-        timed_by = _timing_workers(client, where) if speed else None
-        with DaskExecutor(client, where) as executor:
+        option = f"--cluster {address}"
+        _check_workers(client, option)
+        timed_by = _timing_workers(client, option) if speed else None
+        with DaskExecutor(client, option) as executor:
             if timed_by is None:
                 yield Cluster(executor, None)
             else:
                 resources, facts = {TIMING: 1.0}, timed_by[next(iter(timed_by))]
-                with DaskExecutor(client, where, resources=resources, workers=timed_by) as timing:
+                with DaskExecutor(client, option, resources=resources, workers=timed_by) as timing:
                     yield Cluster(executor, Timing(timing, facts))
     finally:
         client.close(timeout=_CONNECTION_S)
@@ -99,28 +99,28 @@ def _client(address: str, tls: TlsFiles | None) -> Any:
         raise InputError(f"--cluster {address}: cannot be reached: {' '.join(str(error).split())}") from None
 
 
-def _check_workers(client: Any, where: str) -> None:
+def _check_workers(client: Any, option: str) -> None:
     """Raise InputError unless there are workers, all of which have this version of bodycheck."""
     try:
         client.wait_for_workers(1, timeout=_CONNECTION_S)
     except TimeoutError:
-        raise InputError(f"{where}: has no workers") from None
+        raise InputError(f"{option}: has no workers") from None
     found = client.run(version, "bodycheck", on_error="return")
     wrong = {address: one for address, one in found.items() if one != version("bodycheck")}
     if wrong:
-        told = (
+        faults = (
             f"{address} has {one if isinstance(one, str) else repr(one)}" for address, one in wrong.items()
         )
-        raise InputError(f"{where}: workers need bodycheck {version('bodycheck')}: {names(list(told))}")
+        raise InputError(f"{option}: workers need bodycheck {version('bodycheck')}: {names(list(faults))}")
 
 
-def _timing_workers(client: Any, where: str) -> dict[str, Mapping[str, Any]]:
+def _timing_workers(client: Any, option: str) -> dict[str, Mapping[str, Any]]:
     """Return address -> machine of the workers that time cases: of the most frequent class."""
-    told = client.scheduler_info(n_workers=-1)["workers"]
-    declared = [address for address, facts in told.items() if facts["resources"].get(TIMING)]
+    workers = client.scheduler_info(n_workers=-1)["workers"]
+    declared = [address for address, facts in workers.items() if facts["resources"].get(TIMING)]
     if not declared:
         raise InputError(
-            f"{where}: no worker declares the resource {TIMING}; start one on a machine of its own with "
+            f"{option}: no worker declares the resource {TIMING}; start one on a machine of its own with "
             f"--resources '{TIMING}=1', or add --no-speed"
         )
     machines: dict[str, dict[str, Any]] = client.run(machine, workers=declared)
@@ -165,12 +165,12 @@ class DaskExecutor(Executor):
     def __init__(
         self,
         client: Any,
-        where: str,
+        option: str,
         *,
         resources: Mapping[str, float] | None = None,
         workers: Collection[str] | None = None,
     ) -> None:
-        self._client, self._where = client, where
+        self._client, self._option = client, option
         self._resources, self._workers = resources, workers
         self._pending: dict[Callable[[Any], Any], deque[_Item]] = {}
         self._batches: set[_Batch] = set()
@@ -280,9 +280,9 @@ class DaskExecutor(Executor):
 
     def _allowed(self, workers: Collection[str] | None) -> list[str] | None:
         """Return the workers for a task, None for any: not those from which nothing is heard, if possible."""
-        heard = set(self._threads if workers is None else workers) - self._silent.keys()
-        if heard and self._silent:
-            return sorted(heard)
+        responding = set(self._threads if workers is None else workers) - self._silent.keys()
+        if responding and self._silent:
+            return sorted(responding)
         return None if workers is None else list(workers)
 
     def _ended(self, batch: _Batch, key: str, items: list[_Item], task: Any) -> None:
@@ -290,24 +290,24 @@ class DaskExecutor(Executor):
         try:
             if task.status == "finished":
                 for item, (seconds, result, error) in zip(items, task.result(), strict=True):
-                    self._learn(item, seconds)
+                    self._update_cost(item, seconds)
                     self._set(item, result, error)
                 return self._forget(batch)
-            told: Exception = RuntimeError(f"task {task.status}")
+            fault: Exception = RuntimeError(f"task {task.status}")
             if task.status == "error":
-                told = task.exception()
+                fault = task.exception()
         except Exception as error:  # noqa: BLE001 - the connection may be lost while the result is fetched
-            told = error
+            fault = error
         with self._changed:
             batch.copies.pop(key, None)
             others = bool(batch.copies)
         if self._closed or others:
             return None
         if self._client.status != "running":
-            return self._break(f"the connection was lost: {told}")
+            return self._break(f"the connection was lost: {fault}")
         self._forget(batch)
         if len(items) == 1:
-            self._set(items[0], None, told)
+            self._set(items[0], None, fault)
             return None
         for item in items:
             alone = _Batch(batch.function, [item])
@@ -316,7 +316,7 @@ class DaskExecutor(Executor):
             self._send(alone, None)
         return None
 
-    def _learn(self, item: _Item, seconds: float) -> None:
+    def _update_cost(self, item: _Item, seconds: float) -> None:
         """Remember how long a step takes; a case that was slowed down, as the first one is, counts little."""
         kind = getattr(item.argument, "kind", None)
         step_s = seconds / getattr(item.argument, "steps", 1.0)
@@ -335,11 +335,11 @@ class DaskExecutor(Executor):
         """Remove a batch whose results are known, and cancel its other copies."""
         with self._changed:
             self._batches.discard(batch)
-            late = [task for task in batch.copies.values() if task.status == "pending"]
+            pending = [task for task in batch.copies.values() if task.status == "pending"]
             batch.copies.clear()
             self._changed.notify_all()
-        if late:
-            self._client.cancel(late, force=True)
+        if pending:
+            self._client.cancel(pending, force=True)
 
     def _rescue(self) -> None:
         """Send batches of which nothing was heard for long to other workers too, if nothing else waits."""
@@ -347,16 +347,16 @@ class DaskExecutor(Executor):
         with self._changed:
             if any(self._pending.values()):
                 return
-            late = [
+            overdue = [
                 batch
                 for batch in self._batches
                 if now - batch.sent_s > max(_LATE_S, _LATE * batch.expected_s)
-                and len(batch.copies) < _MOST_COPIES
+                and len(batch.copies) < _MAX_COPIES
             ]
-        if not late:
+        if not overdue:
             return
         processing, seen_s = self._client.processing(), self._last_seen()
-        for batch in late:
+        for batch in overdue:
             busy = {address for address, keys in processing.items() if batch.copies.keys() & set(keys)}
             self._silent |= {address: seen_s[address] for address in busy & seen_s.keys()}
             if others := set(self._workers or self._threads) - busy:
@@ -366,8 +366,8 @@ class DaskExecutor(Executor):
 
     def _last_seen(self) -> dict[str, float]:
         """Return when the scheduler last heard from each worker, in s of its clock."""
-        told = self._client.scheduler_info(n_workers=-1)["workers"]
-        return {address: facts["last_seen"] for address, facts in told.items()}
+        workers = self._client.scheduler_info(n_workers=-1)["workers"]
+        return {address: facts["last_seen"] for address, facts in workers.items()}
 
     def _count_threads(self) -> None:
         now = time.monotonic()
@@ -395,5 +395,5 @@ class DaskExecutor(Executor):
             self._changed.notify_all()
         for item in items:
             self._set(
-                item, None, BrokenExecutor(f"{self._where}: {why}; {count(len(items), 'case')} under way")
+                item, None, BrokenExecutor(f"{self._option}: {why}; {count(len(items), 'case')} under way")
             )

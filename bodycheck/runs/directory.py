@@ -71,8 +71,10 @@ class RunRequest:
     def selection(self) -> Selection:
         """Resolve and check scenarios, engines, steps and tolerances; raises InputError if any is wrong."""
         shard = None if self.shard is None else Shard.parse(self.shard)
-        whole = select(self.scenarios, self.engines, self.dt_s, self.tolerances, allow_code=self.allow_code)
-        return whole if shard is None else whole.of_shard(shard)
+        selection = select(
+            self.scenarios, self.engines, self.dt_s, self.tolerances, allow_code=self.allow_code
+        )
+        return selection if shard is None else selection.of_shard(shard)
 
     @property
     def options(self) -> RunOptions:
@@ -112,10 +114,10 @@ class _Description(BaseModel):
 
     run_id: Annotated[str, Field(strict=True, pattern=r"^[0-9A-Za-z-]{1,100}$")]
     created: AwareDatetime
-    asked: RunRequest
+    request: RunRequest
 
 
-def run_to_folder(asked: RunRequest, out: Path | None, watching: ProgressFactory) -> tuple[Run, Path]:
+def run_to_folder(request: RunRequest, out: Path | None, make_progress: ProgressFactory) -> tuple[Run, Path]:
     """Carry out a request, write the results to `out`, and return the run and its report's path.
 
     Until the run is complete, the folder is `out` with the suffix .partial. Raises InputError if the input is
@@ -123,26 +125,26 @@ def run_to_folder(asked: RunRequest, out: Path | None, watching: ProgressFactory
     """
     identity = Identity.new()
     out = out or RUNS / identity.run_id
-    _ = asked.options  # checks them
+    _ = request.options  # checks them
     check_output(out)
     partial = partial_of(out)
     if (partial / _REQUEST).exists():
         raise InputError(f"{partial}: holds an interrupted run; continue with --resume {out}, or remove it")
     try:
-        selection = asked.selection
+        selection = request.selection
     except KeyboardInterrupt:
         raise StoppedError("stopped before anything was measured") from None
-    with asked.connected() as options:
-        _describe(partial, asked, identity, out)
-        return _carried_out(selection, options, identity, out, watching)
+    with request.connected() as options:
+        _describe(partial, request, identity, out)
+        return _run_journaled(selection, options, identity, out, make_progress)
 
 
-def _describe(partial: Path, asked: RunRequest, identity: Identity, out: Path) -> None:
+def _describe(partial: Path, request: RunRequest, identity: Identity, out: Path) -> None:
     """Write request.json atomically, without which a folder does not count as a run."""
     description = {
         "run_id": identity.run_id,
         "created": identity.created.isoformat(),
-        "asked": asdict(asked),
+        "request": asdict(request),
     }
     try:
         partial.mkdir(parents=True, exist_ok=True)
@@ -155,14 +157,14 @@ def _describe(partial: Path, asked: RunRequest, identity: Identity, out: Path) -
         raise InputError(f"--out {out}: cannot be written: {error.strerror}") from None
 
 
-def resume(out: Path, watching: ProgressFactory) -> tuple[Run, Path]:
+def resume(out: Path, make_progress: ProgressFactory) -> tuple[Run, Path]:
     """Continue an interrupted run with its original settings, without repeating finished cases.
 
     Raises InputError if there is no interrupted run, and the errors of run_to_folder.
     """
     partial = partial_of(out)
     try:
-        asked, identity = _description(partial / _REQUEST)
+        request, identity = _description(partial / _REQUEST)
     except FileNotFoundError:
         state = "that run is complete" if _run_id(out) else "there is no interrupted run"
         raise InputError(f"--resume {out}: {state}") from None
@@ -172,20 +174,20 @@ def resume(out: Path, watching: ProgressFactory) -> tuple[Run, Path]:
         shutil.rmtree(partial, ignore_errors=True)
         raise InputError(f"--resume {out}: that run is complete")
     try:
-        selection = asked.selection
+        selection = request.selection
     except KeyboardInterrupt:
-        raise StoppedError(f"stopped; {_go_on(out)}") from None
-    with asked.connected() as options:
-        return _carried_out(selection, options, identity, out, watching)
+        raise StoppedError(f"stopped; {_continue_hint(out)}") from None
+    with request.connected() as options:
+        return _run_journaled(selection, options, identity, out, make_progress)
 
 
 def _description(path: Path) -> tuple[RunRequest, Identity]:
     """Read request.json; raises FileNotFoundError if it does not exist, InputError if it is damaged."""
     try:
-        told = _Description.model_validate(read_json(path, escape=False))
+        description = _Description.model_validate(read_json(path, escape=False))
     except ValidationError as error:
         raise InputError("\n".join(f"{path}: {line}" for line in fault_lines(error))) from None
-    return told.asked, Identity(told.run_id, told.created)
+    return description.request, Identity(description.run_id, description.created)
 
 
 def _run_id(out: Path) -> str | None:
@@ -202,38 +204,38 @@ def partial_of(out: Path) -> Path:
     return out.with_name(f"{out.name}.partial")
 
 
-def _carried_out(
-    selection: Selection, options: RunOptions, identity: Identity, out: Path, watching: ProgressFactory
+def _run_journaled(
+    selection: Selection, options: RunOptions, identity: Identity, out: Path, make_progress: ProgressFactory
 ) -> tuple[Run, Path]:
     partial = partial_of(out)
     journal: Journal | None = None
     try:
-        with Journal(partial / "journal") as journal, watching(selection.cases_listed()) as progress:
+        with Journal(partial / "journal") as journal, make_progress(selection.cases_listed()) as progress:
             measured = run_selection(selection, options, identity, journal=journal, progress=progress)
             progress.phase("writing the report")
-            report = write_run(measured, out, beside=partial)
+            report = write_run(measured, out, temp_dir=partial)
     except KeyboardInterrupt:
-        raise StoppedError(f"stopped; {_go_on(out)}") from None
+        raise StoppedError(f"stopped; {_continue_hint(out)}") from None
     except InputError as error:
         if journal is not None and journal.is_empty:  # there is nothing to continue
             shutil.rmtree(partial, ignore_errors=True)
             raise
-        raise InputError(f"{error}; {_go_on(out)}") from None
+        raise InputError(f"{error}; {_continue_hint(out)}") from None
     shutil.rmtree(partial, ignore_errors=True)
     return measured, report
 
 
-def _go_on(out: Path) -> str:
+def _continue_hint(out: Path) -> str:
     return f"continue with: bodycheck run --resume {quoted(str(out))}"
 
 
-def write_run(run: Run, out: str | Path, *, beside: Path | None = None) -> Path:
+def write_run(run: Run, out: str | Path, *, temp_dir: Path | None = None) -> Path:
     """Write the tables, trajectories/, manifest.json and report.html; return the report's path.
 
-    Everything is written under a temporary name, in the folder `beside` [default: the one that `out` is in],
+    Everything is written under a temporary name in the folder `temp_dir` [default: the parent of `out`],
     and renamed at the end. Raises InputError where `out` is in use or cannot be written.
     """
     from bodycheck.reports.render.html import render_report  # late: Jinja is needed only now
 
     check_output(Path(out))
-    return write_files(run, render_report(run) if run.cases else _WITHOUT_CASES, Path(out), beside=beside)
+    return write_files(run, render_report(run) if run.cases else _WITHOUT_CASES, Path(out), temp_dir=temp_dir)

@@ -12,10 +12,10 @@ from bodycheck.reports.document import Column, Command, Document, Sentence, Tabl
 from bodycheck.reports.probes.examination import OTHER_BITS, SAME_BITS
 from bodycheck.reports.summary.quantiles import Quantile
 from bodycheck.runs.ensemble_files import method_rows, quantile_rows
-from bodycheck.runs.ensemble_result import SENTINELS, EnsembleResult, words_of
+from bodycheck.runs.ensemble_result import SENTINELS, EnsembleResult, key_text
 from bodycheck.runs.hunt_run import HuntResult, command_of
 
-_SHOWN = (0.5, 0.95, 0.99)
+_QUANTILES = (0.5, 0.95, 0.99)
 _MEASURE = "orientation_error_rad"
 
 
@@ -26,10 +26,12 @@ def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
     rows = []
     for key, statistics in result.statistics:
         measured = statistics.bodies
-        cells = [_shown(statistics.quantile(_MEASURE, share)) if measured else "" for share in _SHOWN]
+        cells = [
+            _quantile_text(statistics.quantile(_MEASURE, share)) if measured else "" for share in _QUANTILES
+        ]
         worst = _error(statistics.worst[0].error_rad) if statistics.worst else ""
         unstable = statistics.endings["unstable"]
-        rows.append((words_of(key), *cells, worst, str(unstable), str(len(result.request.rows) - measured)))
+        rows.append((key_text(key), *cells, worst, str(unstable), str(len(result.request.rows) - measured)))
     bodies = count(len(result.request.rows), "body").replace("bodys", "bodies")
     shard = f" of {result.request.n}, shard {result.request.shard}" if result.request.shard else ""
     title = f"orientation error in rad of {bodies}{shard}"
@@ -46,17 +48,17 @@ def ensemble_document(result: EnsembleResult, folder: Path) -> Document:
 def _replay_sentences(result: EnsembleResult) -> Iterator[str]:
     """Yield which methods give bodies the same bits in any batch, and which do not."""
     for word in (SAME_BITS, OTHER_BITS):
-        found = [words_of(key) for key, statistics in result.statistics if statistics.replay == word]
+        found = [key_text(key) for key, statistics in result.statistics if statistics.replay == word]
         if found:
-            how = f"alone, together and in reverse order ({SENTINELS} bodies)"
-            yield f"{word.capitalize()} {how}: {'; '.join(found)}"
+            order = f"alone, together and in reverse order ({SENTINELS} bodies)"
+            yield f"{word.capitalize()} {order}: {'; '.join(found)}"
 
 
 def _error(value: float) -> str:
     return scientific(value) if math.isfinite(value) else "unstable"
 
 
-def _shown(quantile: Quantile) -> str:
+def _quantile_text(quantile: Quantile) -> str:
     if not math.isfinite(quantile.value):
         return "unstable"
     half = 0.5 * (quantile.high - quantile.low)
@@ -66,7 +68,7 @@ def _shown(quantile: Quantile) -> str:
 def ensemble_data(result: EnsembleResult, folder: Path) -> dict[str, Any]:
     """Return quantiles, endings and the worst bodies as data."""
     worst = [
-        {"method": words_of(key), "row": body.row, "outcome": body.outcome, **body.measures}
+        {"method": key_text(key), "row": body.row, "outcome": body.outcome, **body.measures}
         for key, statistics in result.statistics
         for body in statistics.worst
     ]
@@ -81,7 +83,7 @@ def ensemble_data(result: EnsembleResult, folder: Path) -> dict[str, Any]:
 
 def hunt_document(result: HuntResult, folder: Path) -> Document:
     """Return the worst start next to the typical one, and the command that repeats it."""
-    names, measure = " against ".join(words_of(key) for key in result.keys), result.request.measure
+    names, measure = " against ".join(key_text(key) for key in result.keys), result.request.measure
     outcome = str(result.path.outcomes[result.worst])
     ratio = result.value / result.typical
     found = f"{_error(result.value)}, {ratio:.3g} times the median" if math.isfinite(ratio) else outcome
@@ -117,8 +119,8 @@ def hunt_data(result: HuntResult, folder: Path) -> dict[str, Any]:
         "omega_body_rad_s": body.omega_body[0],
         "separatrix_distance": float(body.separatrix_distance[0]),
         "path": [
-            {"evaluation": place + 1, "value": float(result.path.values[place])}
-            for place in result.improvements
+            {"evaluation": index + 1, "value": float(result.path.values[index])}
+            for index in result.improvements
         ],
         "reproduce": command_of(result, folder / "worst.toml"),
     }

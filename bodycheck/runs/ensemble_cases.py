@@ -81,19 +81,19 @@ def measured(template: Scene, bodies: Bodies, truth: BatchTruth, answer: BatchAn
     """Measure the motions of an answer against the truth."""
     endings = np.array(answer.endings, dtype=object)
     values = {name: np.full(len(bodies), np.nan) for name in ROTATION_MEASURES}
-    there = endings == "ok"
-    endings[there & ~truth.trusted] = "chaotic"
-    there &= truth.trusted
-    if there.any():
+    ended_well = endings == "ok"
+    endings[ended_well & ~truth.trusted] = "chaotic"
+    ended_well &= truth.trusted
+    if ended_well.any():
         tensors = bodies.inertia if template.pivot is None else _about_pivot(template, bodies)
         found = rotation_measures(
-            tensors[there],
-            (truth.quaternion[there], truth.omega_body[there]),
-            (answer.quaternion[there], answer.omega_body[there]),
+            tensors[ended_well],
+            (truth.quaternion[ended_well], truth.omega_body[ended_well]),
+            (answer.quaternion[ended_well], answer.omega_body[ended_well]),
         )
         for name, measure in found.values.items():
-            values[name][there] = measure
-        rows = np.flatnonzero(there)
+            values[name][ended_well] = measure
+        rows = np.flatnonzero(ended_well)
         endings[rows[found.unstable]] = "unstable"
     return BatchResult(values, endings, answer.messages)
 
@@ -108,19 +108,19 @@ def replay_of(motions: Callable[[Bodies], BatchAnswer], bodies: Bodies) -> tuple
     The first is "" where a body failed.
     """
     m = len(bodies)
-    together, reverse = motions(bodies), motions(bodies[np.arange(m)[::-1]])
+    forward, reverse = motions(bodies), motions(bodies[np.arange(m)[::-1]])
     alone = BatchAnswer.joined(*(motions(bodies[row : row + 1]) for row in range(m)))
-    if {*together.endings, *alone.endings, *reverse.endings} != {"ok"}:
-        return "", together
+    if {*forward.endings, *alone.endings, *reverse.endings} != {"ok"}:
+        return "", forward
     same = all(
-        found.tobytes() == getattr(together, name).tobytes()
+        found.tobytes() == getattr(forward, name).tobytes()
         for name in ("quaternion", "omega_body")
         for found in (getattr(alone, name), getattr(reverse, name)[::-1])
     )
-    return (SAME_BITS if same else OTHER_BITS), together
+    return (SAME_BITS if same else OTHER_BITS), forward
 
 
-class Hosts:
+class EnginePools:
     """The engines of an ensemble: the reference in this process, any other in a worker for each thread."""
 
     def __init__(self, timeout_s: float) -> None:
@@ -137,10 +137,10 @@ class Hosts:
             return record_batch(Reference(), batch)
         rows = _rows_together(batch, engine)
         parts = [batch[first : first + rows] for first in range(0, len(batch), rows)]
-        ask = self._one_by_one if is_program(engine.name) else self._together
+        ask = self._one_by_one if is_program(engine.name) else self._batched
         return BatchAnswer.joined(*(ask(engine, method, part) for part in parts))
 
-    def _together(self, engine: Engine, method: Method, batch: Batch) -> BatchAnswer:
+    def _batched(self, engine: Engine, method: Method, batch: Batch) -> BatchAnswer:
         message = self._pool.ask(engine.name, batch_message(batch), self._timeout_s)
         try:
             if message.get("outcome") == "ok":
@@ -151,7 +151,7 @@ class Hosts:
         if len(batch) > 1:
             middle = len(batch) // 2
             halves = batch[:middle], batch[middle:]
-            return BatchAnswer.joined(*(self._together(engine, method, half) for half in halves))
+            return BatchAnswer.joined(*(self._batched(engine, method, half) for half in halves))
         timed_out = message.get("outcome") == "timeout"
         return BatchAnswer.none(batch, "timeout" if timed_out else "failed", why)
 
@@ -192,8 +192,8 @@ class Hosts:
 
 def _rows_together(batch: Batch, engine: Engine) -> int:
     steps = 1000 if batch.setting.dt_s is None else batch.steps_per_sample * (batch.template.samples - 1)
-    most = _STEPS_TOGETHER if engine.name.partition("==")[0] in _BATCHING else _STEPS_ALONE
-    return max(most // steps, 1)
+    max_steps = _STEPS_TOGETHER if engine.name.partition("==")[0] in _BATCHING else _STEPS_ALONE
+    return max(max_steps // steps, 1)
 
 
 def settings_of(method: Method, dt_s: Sequence[float], tolerances: Sequence[float]) -> list[Setting]:

@@ -15,7 +15,7 @@ from bodycheck.adapters.programs import with_method
 from bodycheck.reports.run_files.ensemble_dataset import SCHEMA_VERSION, Dataset, Part
 from bodycheck.reports.run_files.sentinels import write_sentinels
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
-from bodycheck.runs.ensemble_result import EnsembleResult, Key, MethodStatistics, words_of
+from bodycheck.runs.ensemble_result import EnsembleResult, Key, MethodStatistics, key_text
 from bodycheck.runs.manifest import machine, software
 from bodycheck.scenarios.ensemble import scenario_text
 
@@ -79,8 +79,8 @@ def _method(key: Key, statistics: MethodStatistics) -> dict[str, Any]:
 def quantile_rows(result: EnsembleResult) -> list[dict[str, Any]]:
     """Return the rows of quantiles.csv; the engine `truth` stands for the truth's own bound and round-off."""
     return [
-        {**who, "measure": name, **asdict(sketch.quantile(share)), "bodies": sketch.total}
-        for who, name, sketch in _sketches(result)
+        {**identity, "measure": name, **asdict(sketch.quantile(share)), "bodies": sketch.total}
+        for identity, name, sketch in _sketches(result)
         if sketch.total
         for share in SHARES
     ]
@@ -90,7 +90,7 @@ def method_rows(result: EnsembleResult) -> list[dict[str, Any]]:
     """Return the rows of methods.csv: how many bodies ended how, and at the floor of double precision."""
     return [
         {
-            **_who(key),
+            **_identity(key),
             "bodies": sum(statistics.endings.values()),
             **{ending: statistics.endings[ending] for ending in _ENDINGS},
             "at_floor": statistics.at_floor,
@@ -109,27 +109,27 @@ def _worst_rows(result: EnsembleResult, folder: Path, out: Path) -> Iterator[dic
             (folder / "worst").mkdir(exist_ok=True)
             name = f"row-{body.row}.toml"
             (folder / "worst" / name).write_text(scenario_text(scenario), encoding="utf-8")
-            words = ["bodycheck", "run", str(out / "worst" / name), "--engine"]
-            words.append(with_method(engine.name, method.name))
-            words += [] if setting.dt_s is None else ["--dt", repr(setting.dt_s)]
-            words += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
-            words += ["--allow-code"] if result.request.allow_code else []
-            place = {"rank": rank, "row": body.row, "outcome": body.outcome}
-            yield {**_who(key), **place, **body.measures, "reproduce": joined(words)}
+            arguments = ["bodycheck", "run", str(out / "worst" / name), "--engine"]
+            arguments.append(with_method(engine.name, method.name))
+            arguments += [] if setting.dt_s is None else ["--dt", repr(setting.dt_s)]
+            arguments += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
+            arguments += ["--allow-code"] if result.request.allow_code else []
+            cells = {"rank": rank, "row": body.row, "outcome": body.outcome}
+            yield {**_identity(key), **cells, **body.measures, "reproduce": joined(arguments)}
 
 
 def _sketch_rows(result: EnsembleResult) -> Iterator[dict[str, Any]]:
     """Yield the counts of all bins; sketches of ensembles merge by adding counts of equal bins."""
-    for who, name, sketch in _sketches(result):
+    for identity, name, sketch in _sketches(result):
         for low, high, count in zip(*sketch.edges, sketch.counts.tolist(), strict=True):
-            yield {**who, "measure": name, "bin_low": low, "bin_high": high, "count": count}
+            yield {**identity, "measure": name, "bin_low": low, "bin_high": high, "count": count}
 
 
 def _sketches(result: EnsembleResult) -> Iterator[tuple[dict[str, Any], str, QuantileSketch]]:
     """Yield each sketch with its identifying columns; the engine `truth` stands for the truth's own error."""
     for key, statistics in result.statistics:
         for name, sketch in statistics.sketches.items():
-            yield _who(key), name, sketch
+            yield _identity(key), name, sketch
     for name, sketch in result.floors.items():
         yield {**_COMMON, "engine": TRUTH, "engine_version": version("bodycheck")}, name, sketch
 
@@ -142,11 +142,11 @@ def _draw(result: EnsembleResult, path: Path) -> None:
         return
     from bodycheck.reports.render.distributions import distributions_svg
 
-    sketches = [(words_of(key), statistics.sketches) for key, statistics in result.statistics]
+    sketches = [(key_text(key), statistics.sketches) for key, statistics in result.statistics]
     path.write_bytes(distributions_svg(sketches))
 
 
-def _who(key: Key) -> dict[str, Any]:
+def _identity(key: Key) -> dict[str, Any]:
     engine, method, setting = key
     return {
         **_COMMON,

@@ -24,7 +24,7 @@ from bodycheck.reports.run_files.sentinels import (
     machine_facts,
     read_sentinels,
 )
-from bodycheck.reports.run_files.writer import whole_folder
+from bodycheck.reports.run_files.writer import atomic_folder
 from bodycheck.reports.summary.quantiles import QuantileSketch
 from bodycheck.runs.ensemble_files import TRUTH, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key, MethodStatistics, WorstBody
@@ -60,7 +60,7 @@ class _Method(BaseModel):
         return engine, method, Setting(self.dt_s, self.tolerance)
 
     @property
-    def who(self) -> tuple[Any, ...]:
+    def identity(self) -> tuple[Any, ...]:
         """Engine, method and setting, as in the tables."""
         return self.engine, self.method["name"], self.dt_s, self.tolerance
 
@@ -107,9 +107,9 @@ def merge_ensembles(folders: Sequence[Path], out: Path, *, allow_code: bool = Fa
     """
     parts = _parts(folders)
     result = _merged(parts, allow_code=allow_code)
-    with whole_folder(out) as folder:
+    with atomic_folder(out) as folder:
         for table in ("bodies", "cases"):
-            _unite([part.folder / table for part in parts], folder / table)
+            _concatenate([part.folder / table for part in parts], folder / table)
         write_summaries(result, folder, out)
     return result
 
@@ -123,8 +123,8 @@ def _parts(folders: Sequence[Path]) -> list[_Part]:
     first, *others = parts
     for part in others:
         faults += [
-            f"{part.folder}: {name} is {mine}, but {its} in {first.folder}"
-            for name, mine, its in _different(part.manifest, first.manifest)
+            f"{part.folder}: {name} is {own}, but {expected} in {first.folder}"
+            for name, own, expected in _different(part.manifest, first.manifest)
         ]
     if faults:
         raise InputError("\n".join(faults))
@@ -142,26 +142,28 @@ def _part(folder: Path) -> _Part:
         raise InputError(f"{path}: missing: not a folder of `bodycheck ensemble`") from None
     except ValidationError as error:
         fault = error.errors()[0]
-        where = ".".join(map(str, fault["loc"]))
-        raise InputError(escaped(f"{path}: not of a shard of an ensemble: {where}: {fault['msg']}")) from None
+        location = ".".join(map(str, fault["loc"]))
+        raise InputError(
+            escaped(f"{path}: not of a shard of an ensemble: {location}: {fault['msg']}")
+        ) from None
 
 
 def _different(one: _Manifest, other: _Manifest) -> Iterator[tuple[str, Any, Any]]:
     """Yield in what two requests differ, with both values."""
     for name in (name for name in vars(one.request) if name not in _OF_THE_MACHINE):
-        mine, its = getattr(one.request, name), getattr(other.request, name)
-        if mine != its:
-            yield name, mine, its
+        own, expected = getattr(one.request, name), getattr(other.request, name)
+        if own != expected:
+            yield name, own, expected
     if one.distribution != other.distribution:
         yield "distribution", one.distribution, other.distribution
-    mine, its = ([method.who for method in manifest.methods] for manifest in (one, other))
-    if mine != its:
-        yield "methods", mine, its
+    own, expected = ([method.identity for method in manifest.methods] for manifest in (one, other))
+    if own != expected:
+        yield "methods", own, expected
 
 
 def _merged(parts: Sequence[_Part], *, allow_code: bool) -> EnsembleResult:
     request = replace(parts[0].manifest.request, shard=None, allow_code=allow_code)
-    keys = [_key(told) for told in zip(*(part.manifest.methods for part in parts), strict=True)]
+    keys = [_key(methods) for methods in zip(*(part.manifest.methods for part in parts), strict=True)]
     result = EnsembleResult.empty(request, request.ensemble(), keys)
     for part in parts:
         _add(result, part)
@@ -172,25 +174,27 @@ def _merged(parts: Sequence[_Part], *, allow_code: bool) -> EnsembleResult:
     return replace(result, shards=tuple(str(part.shard) for part in parts), findings=tuple(findings))
 
 
-def _key(told: Sequence[_Method]) -> Key:
+def _key(methods: Sequence[_Method]) -> Key:
     """Return a method of all shards; an engine in several versions has all of them as its version."""
-    versions = " and ".join(dict.fromkeys(one.version for one in told))
-    return told[0].model_copy(update={"version": versions}).key
+    versions = " and ".join(dict.fromkeys(one.version for one in methods))
+    return methods[0].model_copy(update={"version": versions}).key
 
 
 def _add(result: EnsembleResult, part: _Part) -> None:
     """Add the counts, the sketches and the worst bodies of a shard."""
     known: dict[tuple[Any, ...], MethodStatistics] = {}
     for method, (_, statistics) in zip(part.manifest.methods, result.statistics, strict=True):
-        known[method.who], found = statistics, method.statistics
+        known[method.identity], found = statistics, method.statistics
         statistics.endings.update(found.endings)
         statistics.at_floor += found.at_floor
         statistics.replay = OTHER_BITS if OTHER_BITS in (statistics.replay, found.replay) else found.replay
         statistics.keep(found.worst, result.request.worst)
     path = part.folder / "sketches"
     try:
-        for (*who, measure), sketch in _sketches(path):
-            (result.floors if who[0] == TRUTH else known[tuple(who)].sketches)[measure].merge(sketch)
+        for (*identity, measure), sketch in _sketches(path):
+            (result.floors if identity[0] == TRUTH else known[tuple(identity)].sketches)[measure].merge(
+                sketch
+            )
     except (KeyError, ValueError) as error:
         raise InputError(f"{path}: not the sketches of this ensemble: {error!r}") from None
 
@@ -204,19 +208,19 @@ def _sketches(folder: Path) -> Iterator[tuple[tuple[Any, ...], QuantileSketch]]:
             table = database.read_parquet(str(folder / "*.parquet")).df()
     except duckdb.Error as error:
         raise InputError(f"{folder}: cannot be read: {error}") from None
-    who = ["engine", "method", "dt_s", "tolerance", "measure"]
-    for names, rows in table.groupby(who, dropna=False, sort=False, observed=True):
+    identity = ["engine", "method", "dt_s", "tolerance", "measure"]
+    for names, rows in table.groupby(identity, dropna=False, sort=False, observed=True):
         cells = tuple(None if name != name else name for name in names)
         yield cells, QuantileSketch.of_bins(rows["bin_low"].to_numpy(), rows["count"].to_numpy())
 
 
-def _unite(tables: Sequence[Path], whole: Path) -> None:
+def _concatenate(tables: Sequence[Path], target: Path) -> None:
     """Copy the files of a table of all shards, numbered in the order of the shards."""
     numbers: Counter[Path] = Counter()
     for table in tables:
         files = [file for file in table.rglob("*.parquet") if _PART.fullmatch(file.name)]
         for file in sorted(files, key=lambda file: (file.parent, _number(file))):
-            folder = whole / file.parent.relative_to(table)
+            folder = target / file.parent.relative_to(table)
             folder.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, folder / f"part-{numbers[folder]}.parquet")
             numbers[folder] += 1

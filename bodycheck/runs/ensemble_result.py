@@ -68,13 +68,13 @@ class EnsembleRequest:
     @property
     def rows(self) -> range:
         """The rows of the whole ensemble, or of its shard; raises InputError for a wrong shard."""
-        whole = range(self.first_row, self.first_row + self.n)
+        full_range = range(self.first_row, self.first_row + self.n)
         if self.shard is None:
-            return whole
+            return full_range
         part = Shard.parse(self.shard)
         if part.count > self.n:
             raise InputError(f"--shard {self.shard}: there are {self.n} bodies; use {self.n} shards at most")
-        return whole[self.n * (part.index - 1) // part.count : self.n * part.index // part.count]
+        return full_range[self.n * (part.index - 1) // part.count : self.n * part.index // part.count]
 
     @property
     def sentinel_rows(self) -> range:
@@ -84,8 +84,8 @@ class EnsembleRequest:
     def ensemble(self) -> Ensemble:
         """Return the ensemble; raises InputError with one line per error."""
         faults = [
-            f"{option} {value}: must be {wanted}"
-            for option, value, good, wanted in (
+            f"{option} {value}: must be {requirement}"
+            for option, value, good, requirement in (
                 ("--n", self.n, self.n >= 1, "1 or more"),
                 ("--seed", self.seed, 0 <= self.seed < 2**63, f"from 0 to {2**63 - 1}"),
                 ("--first-row", self.first_row, 0 <= self.first_row < 2**60, f"from 0 to {2**60 - 1}"),
@@ -162,16 +162,18 @@ class MethodStatistics:
     worst: list[WorstBody] = field(default_factory=list)
     """The worst first."""
 
-    def add(self, first: int, result: BatchResult, truth: BatchTruth, most: int) -> None:
+    def add(self, first: int, result: BatchResult, truth: BatchTruth, max_kept: int) -> None:
         """Add the results of consecutive rows, of which the first has the number `first`."""
         self.endings.update(result.endings.tolist())
         error = result.measures[_RANKED]
-        there = ~np.isnan(error)
+        measured = ~np.isnan(error)
         for name, sketch in self.sketches.items():
-            sketch.add(result.measures[name][there])
-        self.at_floor += int(np.sum(error[there] <= _FLOOR * (truth.bound_rad + truth.round_off_rad)[there]))
-        rows = np.flatnonzero(there)
-        ranked = rows[np.argsort(-error[rows], kind="stable")[:most]]
+            sketch.add(result.measures[name][measured])
+        self.at_floor += int(
+            np.sum(error[measured] <= _FLOOR * (truth.bound_rad + truth.round_off_rad)[measured])
+        )
+        rows = np.flatnonzero(measured)
+        ranked = rows[np.argsort(-error[rows], kind="stable")[:max_kept]]
         found = (
             WorstBody(
                 first + int(k),
@@ -180,11 +182,11 @@ class MethodStatistics:
             )
             for k in ranked
         )
-        self.keep(found, most)
+        self.keep(found, max_kept)
 
-    def keep(self, bodies: Iterable[WorstBody], most: int) -> None:
+    def keep(self, bodies: Iterable[WorstBody], max_kept: int) -> None:
         """Keep so many of the worst bodies, these included."""
-        self.worst = sorted([*self.worst, *bodies], key=lambda body: (-body.error_rad, body.row))[:most]
+        self.worst = sorted([*self.worst, *bodies], key=lambda body: (-body.error_rad, body.row))[:max_kept]
 
     @property
     def bodies(self) -> int:
@@ -219,7 +221,7 @@ class EnsembleResult:
         return cls(request, ensemble, tuple((key, MethodStatistics()) for key in keys), floors)
 
 
-def words_of(key: Key) -> str:
+def key_text(key: Key) -> str:
     """Return "mujoco:rk4, dt 0.01 s"."""
     engine, method, setting = key
     return f"{with_method(engine.name, method.name)}, {setting_words(method.control, setting.fineness)}"

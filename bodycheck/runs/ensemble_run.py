@@ -23,16 +23,16 @@ from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.run_files.ensemble_dataset import Dataset, Part
 from bodycheck.reports.run_files.sentinels import Sentinel
-from bodycheck.reports.run_files.writer import check_output, whole_folder
-from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, Hosts, measured, replay_of, truth_of
+from bodycheck.reports.run_files.writer import atomic_folder, check_output
+from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, EnginePools, measured, replay_of, truth_of
 from bodycheck.runs.ensemble_files import write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
 from bodycheck.runs.run_options import ProgressFactory, RunOptions
 from bodycheck.scenarios.ensemble import Ensemble, scenario_text
 
-_MOST_LOADED = 10_000
-_MOST_ROWS, _LEAST_ROWS = 8192, 16  # of one task
-_MOST_STATES = 40_960  # of one task: bodies x samples
+_MAX_LOADED = 10_000
+_MAX_ROWS, _MIN_ROWS = 8192, 16  # of one task
+_MAX_STATES = 40_960  # of one task: bodies x samples
 _TASKS_PER_WORKER = 8  # at least, so that the workers end at about the same time
 
 
@@ -46,7 +46,7 @@ class _Rows:
     results: tuple[BatchResult, ...]
 
 
-def run_ensemble(request: EnsembleRequest, out: Path, watching: ProgressFactory) -> EnsembleResult:
+def run_ensemble(request: EnsembleRequest, out: Path, make_progress: ProgressFactory) -> EnsembleResult:
     """Measure the ensemble and write its files to `out`, which must be new or empty.
 
     Raises InputError for wrong input, before anything is run, and StoppedError if the user interrupts it;
@@ -59,9 +59,9 @@ def run_ensemble(request: EnsembleRequest, out: Path, watching: ProgressFactory)
     free = _checked_loads(ensemble, request.n)
     result = EnsembleResult.empty(request, ensemble, keys)
     try:
-        with whole_folder(out) as folder:
+        with atomic_folder(out) as folder:
             with Dataset(folder) as dataset:
-                _measure(result, free, options, dataset, watching)
+                _measure(result, free, options, dataset, make_progress)
             write_summaries(result, folder, out)
     except KeyboardInterrupt:
         raise StoppedError(f"stopped; nothing was written to {out}") from None
@@ -73,10 +73,10 @@ def _checked_loads(ensemble: Ensemble, n: int) -> bool:
     template, bodies = ensemble.template, ensemble.bodies(0, 1)
     scene = scene_of(template, bodies, 0)
     closed = None if scene.has_callback_load else closed_form_of(scene)
-    if closed is None and n > _MOST_LOADED:
+    if closed is None and n > _MAX_LOADED:
         raise InputError(
             f"--n {n}: the loads of {ensemble.scenario.name} have no closed form for random bodies; "
-            f"with such loads n is at most {_MOST_LOADED}"
+            f"with such loads n is at most {_MAX_LOADED}"
         )
     return closed is not None and isinstance(closed.rotation, FreeRotation)
 
@@ -87,44 +87,46 @@ def is_free_rotation(ensemble: Ensemble) -> bool:
 
 
 def _measure(
-    result: EnsembleResult, free: bool, options: RunOptions, dataset: Dataset, watching: ProgressFactory
+    result: EnsembleResult, free: bool, options: RunOptions, dataset: Dataset, make_progress: ProgressFactory
 ) -> None:
     request, ensemble, template = result.request, result.ensemble, result.ensemble.template
-    hosts = Hosts(request.timeout_s)
+    engine_pools = EnginePools(request.timeout_s)
 
     def task(first: int, end: int) -> _Rows:
         bodies = ensemble.bodies(first, end)
         truth = truth_of(template, bodies, free=free)
         results = tuple(
-            measured(template, bodies, truth, hosts.motions(template, bodies, *key))
+            measured(template, bodies, truth, engine_pools.motions(template, bodies, *key))
             for key, _ in result.statistics
         )
         return _Rows(first, bodies, truth, results)
 
-    begin, end = request.rows.start, request.rows.stop
+    start, end = request.rows.start, request.rows.stop
     rows = _rows_per_task(request, options.workers)
-    parts = [(first, min(first + rows, end)) for first in range(begin, end, rows)]
+    parts = [(first, min(first + rows, end)) for first in range(start, end, rows)]
     try:
-        with watching(len(parts)) as progress:
+        with make_progress(len(parts)) as progress:
             progress.phase("compiling")
-            task(begin, begin + 1)  # by one thread, so that nothing is compiled twice
+            task(start, start + 1)  # by one thread, so that nothing is compiled twice
             few = ensemble.bodies(request.sentinel_rows.start, request.sentinel_rows.stop)
             for key, statistics in result.statistics:
-                motions = partial(hosts.motions, template, engine=key[0], method=key[1], setting=key[2])
-                statistics.replay, together = replay_of(motions, few)
+                motions = partial(
+                    engine_pools.motions, template, engine=key[0], method=key[1], setting=key[2]
+                )
+                statistics.replay, forward = replay_of(motions, few)
                 if request.shard is not None:
-                    result.sentinels.extend(_sentinels(result, key, together))
-            progress.motions_begun()
-            for found in _in_order(task, parts, options.workers, hosts.stop):
+                    result.sentinels.extend(_sentinels(result, key, forward))
+            progress.motions_started()
+            for found in _in_order(task, parts, options.workers, engine_pools.stop):
                 _add(result, found, dataset)
                 progress.case_done()
     finally:
-        hosts.close()
+        engine_pools.close()
 
 
 def _rows_per_task(request: EnsembleRequest, workers: int) -> int:
     balanced = math.ceil(len(request.rows) / (workers * _TASKS_PER_WORKER))
-    return max(min(_MOST_ROWS, _MOST_STATES // request.samples, balanced), _LEAST_ROWS)
+    return max(min(_MAX_ROWS, _MAX_STATES // request.samples, balanced), _MIN_ROWS)
 
 
 def _sentinels(result: EnsembleResult, key: Key, motions: BatchAnswer) -> Iterator[Sentinel]:
@@ -132,11 +134,11 @@ def _sentinels(result: EnsembleResult, key: Key, motions: BatchAnswer) -> Iterat
     engine, method, setting = key
     times = result.ensemble.template.sample_times
     still = np.zeros((len(times), 3))
-    for place, row in enumerate(result.request.sentinel_rows):
-        outcome = motions.endings[place]
+    for index, row in enumerate(result.request.sentinel_rows):
+        outcome = motions.endings[index]
         motion = None
         if outcome == "ok":
-            quaternion, omega = motions.quaternion[place], motions.omega_body[place]
+            quaternion, omega = motions.quaternion[index], motions.omega_body[index]
             motion = Trajectory(times, still, still, quaternion=quaternion, omega_body_rad_s=omega)
         yield Sentinel(
             scenario=f"row {row} of {result.ensemble.scenario.name}",
@@ -145,7 +147,7 @@ def _sentinels(result: EnsembleResult, key: Key, motions: BatchAnswer) -> Iterat
             method=method.name,
             setting=setting_words(method.control, setting.fineness),
             outcome=outcome,
-            message=motions.messages[place],
+            message=motions.messages[index],
             build=engine.build.short,
             trajectory=motion,
         )
@@ -211,8 +213,8 @@ def _setting_columns(key: Key, rows: int) -> dict[str, Any]:
 
 def _names(key: Key) -> tuple[str, str, str]:
     engine, method, setting = key
-    words = "none" if setting.fineness is None else repr(setting.fineness)
-    return engine.name, method.name, words
+    setting_text = "none" if setting.fineness is None else repr(setting.fineness)
+    return engine.name, method.name, setting_text
 
 
 # ------------------------------------------------------------------------------------------------ one row

@@ -20,7 +20,7 @@ def run_for_gates(
     gates: Sequence[Gate],
     scenarios: Sequence[str | Path],
     options: RunOptions,
-    watching: ProgressFactory,
+    make_progress: ProgressFactory,
     *,
     allow_code: bool = False,
 ) -> Run:
@@ -28,31 +28,31 @@ def run_for_gates(
 
     scenarios: names, suites, paths of TOML files. Raises InputError if they are wrong.
     """
-    others = [gate.engine for gate in gates if not any(gate.wants_engine(name) for name in engine_names())]
+    others = [gate.engine for gate in gates if not any(gate.matches_engine(name) for name in engine_names())]
     programs = [name for name in dict.fromkeys(others) if is_program(name)]
     named = [name for name in optional_engines() if any(gate.engine == name for gate in gates)]
     selection = select(
         scenarios,
         [*default_engines(), *named, *programs],
         allow_code=allow_code,
-        wanted=lambda engine, method: any(
-            gate.wants_method(engine.name, method.name)
+        predicate=lambda engine, method: any(
+            gate.matches_method(engine.name, method.name)
             # as in any run, a variant of a method runs only if a gate names it
             and (not method.on_request or gate.method == method.name)
             for gate in gates
         ),
     )
-    looked_at = tuple(
+    matching = tuple(
         (scenario_spec, scenario)
         for scenario_spec, scenario in selection.scenarios
-        if any(gate.wants_scenario(scenario.name) for gate in gates)
+        if any(gate.matches_scenario(scenario.name) for gate in gates)
     )
-    selection = replace(selection, scenarios=looked_at)
+    selection = replace(selection, scenarios=matching)
     options = replace(
         options,
-        speed=any(gate.looks_at.is_speed for gate in gates),
-        laws=any(gate.looks_at.source == "laws" for gate in gates),
-        stable_steps=any(gate.looks_at.source == "stability" for gate in gates),
+        speed=any(gate.target.is_speed for gate in gates),
+        laws=any(gate.target.source == "laws" for gate in gates),
+        stable_steps=any(gate.target.source == "stability" for gate in gates),
     )
-    with watching(selection.cases_listed()) as progress:
+    with make_progress(selection.cases_listed()) as progress:
         return run_selection(selection, options, Identity.new(), journal=None, progress=progress)

@@ -21,8 +21,8 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.random_bodies import COORDINATES, Bodies, bodies_at
 from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES
 from bodycheck.reports.run_files.ensemble_dataset import SCHEMA_VERSION
-from bodycheck.reports.run_files.writer import whole_folder
-from bodycheck.runs.ensemble_cases import BatchTruth, Hosts, measured, truth_of
+from bodycheck.reports.run_files.writer import atomic_folder
+from bodycheck.runs.ensemble_cases import BatchTruth, EnginePools, measured, truth_of
 from bodycheck.runs.ensemble_result import EnsembleRequest, Key
 from bodycheck.runs.ensemble_run import is_free_rotation
 from bodycheck.runs.run_options import Progress, ProgressFactory, RunOptions
@@ -33,12 +33,12 @@ _UNIFORM_SHARE = 0.25  # of the evaluations: uniform starts, which give the typi
 _POPULATION, _STARTS = 12, 2
 _SPREAD = 0.15  # of the first population, in widths of the cube
 _INSIDE = 1e-12  # from the faces of the cube, where moments vanish
-_BROKEN = 1e3
+_UNSTABLE_SCORE = 1e3
 """Score of a breakdown, above that of any error."""
 
-_UNKNOWN = -1e3  # of a body that the method does not support, or whose truth is chaotic
-_BREAKDOWNS = ("unstable", "failed", "timeout", "invalid")
-_LEAST = 1e-300
+_UNKNOWN_SCORE = -1e3  # of a body that the method does not support, or whose truth is chaotic
+_UNSTABLE = ("unstable", "failed", "timeout", "invalid")
+_MIN_VALUE = 1e-300
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,14 +62,18 @@ class HuntRequest:
             faults.append(f"--evaluations {self.evaluations}: must be from {20 * _POPULATION} to {10**7}")
         if faults:
             raise InputError("\n".join(faults))
-        asked = self.ensemble
-        ensemble = asked.ensemble()
+        ensemble_request = self.ensemble
+        ensemble = ensemble_request.ensemble()
         ranges = default_distribution(
-            ensemble.scenario, asked.trace_kg_m2, asked.spin_rad_s, asked.torque_n_m, spread=1.0
+            ensemble.scenario,
+            ensemble_request.trace_kg_m2,
+            ensemble_request.spin_rad_s,
+            ensemble_request.torque_n_m,
+            spread=1.0,
         )
         ensemble = replace(ensemble, distribution=ranges)
-        names = [*asked.engines, *([] if self.against is None else [self.against])]
-        keys = [key for name in names for key in replace(asked, engines=[name]).keys(ensemble)]
+        names = [*ensemble_request.engines, *([] if self.against is None else [self.against])]
+        keys = [key for name in names for key in replace(ensemble_request, engines=[name]).keys(ensemble)]
         if len(keys) != len(names):
             raise InputError(
                 f"--engine {','.join(names)}: is {count(len(keys), 'method')} with their settings; "
@@ -110,8 +114,8 @@ class HuntResult:
     @property
     def bodies(self) -> Bodies:
         """The body of the worst start, alone."""
-        place = self.worst
-        return bodies_at(self.ensemble.distribution, self.path.points[place : place + 1])
+        index = self.worst
+        return bodies_at(self.ensemble.distribution, self.path.points[index : index + 1])
 
     @property
     def value(self) -> float:
@@ -133,11 +137,11 @@ class _Search:
         request: HuntRequest,
         ensemble: Ensemble,
         keys: list[Key],
-        hosts: Hosts,
+        engine_pools: EnginePools,
         pool: ThreadPoolExecutor,
     ) -> None:
         self._pool = pool
-        self._request, self._ensemble, self._keys, self._hosts = request, ensemble, keys, hosts
+        self._request, self._ensemble, self._keys, self._engine_pools = request, ensemble, keys, engine_pools
         self._free = is_free_rotation(ensemble)
         self._workers = RunOptions(jobs=request.ensemble.jobs).workers
         self._parts: list[tuple[Array, Array, NDArray[np.object_], Array]] = []
@@ -159,12 +163,12 @@ class _Search:
         if new:
             values, outcomes = self._evaluated(np.array(new))
             with np.errstate(divide="ignore"):
-                found = np.log10(np.maximum(values, _LEAST))
-            found = np.where(np.isin(outcomes, _BREAKDOWNS), _BROKEN, found)
-            found = np.where(np.isnan(found), _UNKNOWN, found)
+                found = np.log10(np.maximum(values, _MIN_VALUE))
+            found = np.where(np.isin(outcomes, _UNSTABLE), _UNSTABLE_SCORE, found)
+            found = np.where(np.isnan(found), _UNKNOWN_SCORE, found)
             self._parts.append((np.array(new), values, outcomes, found))
             self._known |= {point.tobytes(): float(score) for point, score in zip(new, found, strict=True)}
-        return np.array([self._known.get(point.tobytes(), _UNKNOWN) for point in points])
+        return np.array([self._known.get(point.tobytes(), _UNKNOWN_SCORE) for point in points])
 
     def _evaluated(self, points: Array) -> tuple[Array, NDArray[np.object_]]:
         parts = np.array_split(points, min(self._workers, len(points)))
@@ -173,18 +177,18 @@ class _Search:
 
     def _measured(self, points: Array) -> tuple[Array, NDArray[np.object_]]:
         template, bodies = self._ensemble.template, bodies_at(self._ensemble.distribution, points)
-        answer = self._hosts.motions(template, bodies, *self._keys[0])
+        answer = self._engine_pools.motions(template, bodies, *self._keys[0])
         if len(self._keys) == 1:
             truth = truth_of(template, bodies, free=self._free)
         else:
-            other = self._hosts.motions(template, bodies, *self._keys[1])
-            there, nothing = np.array(other.endings) == "ok", np.zeros(len(bodies))
-            truth = BatchTruth(other.quaternion, other.omega_body, nothing, nothing, there)
+            other = self._engine_pools.motions(template, bodies, *self._keys[1])
+            ended_well, nothing = np.array(other.endings) == "ok", np.zeros(len(bodies))
+            truth = BatchTruth(other.quaternion, other.omega_body, nothing, nothing, ended_well)
         found = measured(template, bodies, truth, answer)
         return np.asarray(found.measures[self._request.measure]), found.endings
 
 
-def hunt(request: HuntRequest, watching: ProgressFactory) -> HuntResult:
+def hunt(request: HuntRequest, make_progress: ProgressFactory) -> HuntResult:
     """Search by CMA-ES from the worst of many uniform starts; Hansen (2016), The CMA evolution strategy.
 
     Raises InputError for wrong input, UnavailableError without cma.
@@ -194,49 +198,49 @@ def hunt(request: HuntRequest, watching: ProgressFactory) -> HuntResult:
     except ImportError:
         raise UnavailableError("hunt needs cma: pip install 'bodycheck[hunt]'") from None
     ensemble, keys = request.checked()
-    hosts = Hosts(request.ensemble.timeout_s)
+    engine_pools = EnginePools(request.ensemble.timeout_s)
     pool = ThreadPoolExecutor(RunOptions(jobs=request.ensemble.jobs).workers)
     try:
-        search = _Search(request, ensemble, keys, hosts, pool)
+        search = _Search(request, ensemble, keys, engine_pools, pool)
         uniform = int(_UNIFORM_SHARE * request.evaluations)
-        with watching((request.evaluations - uniform) // _POPULATION) as progress:
+        with make_progress((request.evaluations - uniform) // _POPULATION) as progress:
             progress.phase("trying uniform starts")
             points = ensemble.points(0, uniform)
             ranked = points[np.argsort(-search.scores(points), kind="stable")]
-            progress.motions_begun()
+            progress.motions_started()
             for start in range(_STARTS):
-                most = search.left // (_STARTS - start)
-                _evolve(search, ensemble, ranked[start], most, request.ensemble.seed + start, progress)
+                budget = search.left // (_STARTS - start)
+                _evolve(search, ensemble, ranked[start], budget, request.ensemble.seed + start, progress)
         known = search.path.values[:uniform]
         finite = known[np.isfinite(known)]
         typical = float(np.median(finite)) if len(finite) else math.nan
         return HuntResult(request, ensemble, keys, typical, uniform, search.path)
     except KeyboardInterrupt:
-        hosts.stop()
+        engine_pools.stop()
         raise StoppedError("stopped; nothing was written") from None
     finally:
         pool.shutdown()
-        hosts.close()
+        engine_pools.close()
 
 
 def _evolve(
-    search: _Search, ensemble: Ensemble, begin: Array, most: int, seed: int, progress: Progress
+    search: _Search, ensemble: Ensemble, start_point: Array, budget: int, seed: int, progress: Progress
 ) -> None:
     """Search around a start, along the axes of the cube that change it, with so many evaluations at most."""
     import cma
 
     active = _active(ensemble)
     strategy = cma.CMAEvolutionStrategy(
-        begin[active],
+        start_point[active],
         _SPREAD,
         {"bounds": [0.0, 1.0], "popsize": _POPULATION, "seed": seed + 1, "verbose": -9},  # seed 0: the clock
     )
-    end = search.left - most
+    end = search.left - budget
     while search.left - _POPULATION >= end and not strategy.stop():
-        asked = strategy.ask()
-        points = np.tile(begin, (len(asked), 1))
-        points[:, active] = np.clip(asked, _INSIDE, 1.0 - _INSIDE)
-        strategy.tell(asked, (-search.scores(points)).tolist())
+        candidates = strategy.ask()
+        points = np.tile(start_point, (len(candidates), 1))
+        points[:, active] = np.clip(candidates, _INSIDE, 1.0 - _INSIDE)
+        strategy.tell(candidates, (-search.scores(points)).tolist())
         progress.case_done()
 
 
@@ -258,10 +262,10 @@ def command_of(result: HuntResult, scenario: Path) -> str:
     """Return the command that runs the worst start by the method, and by the other one if there is one."""
     names = ",".join(with_method(engine.name, method.name) for engine, method, _ in result.keys)
     setting = result.keys[0][2]
-    words = ["bodycheck", "run", str(scenario), "--engine", names]
-    words += [] if setting.dt_s is None else ["--dt", repr(setting.dt_s)]
-    words += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
-    return joined(words)
+    arguments = ["bodycheck", "run", str(scenario), "--engine", names]
+    arguments += [] if setting.dt_s is None else ["--dt", repr(setting.dt_s)]
+    arguments += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
+    return joined(arguments)
 
 
 def write_hunt(result: HuntResult, out: Path) -> None:
@@ -296,7 +300,7 @@ def write_hunt(result: HuntResult, out: Path) -> None:
         "typical": result.typical,
         "reproduce": command_of(result, out / "worst.toml"),
     }
-    with whole_folder(out) as folder:
+    with atomic_folder(out) as folder:
         (folder / "worst.toml").write_text(scenario_text(scenario), encoding="utf-8")
         pd.DataFrame(columns).to_csv(folder / "path.csv", index=False)
         (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")

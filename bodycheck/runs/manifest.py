@@ -51,7 +51,7 @@ def manifest_of(
     options: RunOptions,
     cases: Sequence[CaseResult],
     seconds: Mapping[str, float],
-    quietness: MachineNoise | None,
+    noise: MachineNoise | None,
 ) -> dict[str, Any]:
     """Return the manifest of a run as plain data."""
     engines: dict[str, Any] = {name: {"unavailable": why} for name, why in selection.unavailable.items()}
@@ -70,22 +70,22 @@ def manifest_of(
         "speed": options.speed,
         "jobs": options.workers,
         "timeout_s": options.timeout_s,
-        "speed_core": quietness.core if quietness else None,
-        "speed_noise": quietness.spread if quietness else None,
+        "speed_core": noise.core if noise else None,
+        "speed_noise": noise.spread if noise else None,
         "outcomes": dict(Counter(case.columns["outcome"] for case in cases)),
         "scenarios": {s.name: written(s) for _, s in selection.scenarios},
         **seconds,
-        **({} if selection.whole is None else {"shard": _shard(selection, selection.whole)}),
+        **({} if selection.full is None else {"shard": _shard(selection, selection.full)}),
     }
 
 
-def _shard(selection: Selection, whole: Selection) -> dict[str, Any]:
+def _shard(selection: Selection, full: Selection) -> dict[str, Any]:
     """Return which shard a run is, and of what: all scenarios and methods, in order."""
     return {
         "shard": str(selection.shard),
-        "scenarios": {scenario.name: scenario_spec for scenario_spec, scenario in whole.scenarios},
-        "methods": [[engine.name, method.name] for engine, method in whole.methods],
-        "off_centre_only": sorted(map(list, whole.off_centre_only)),
+        "scenarios": {scenario.name: scenario_spec for scenario_spec, scenario in full.scenarios},
+        "methods": [[engine.name, method.name] for engine, method in full.methods],
+        "off_centre_only": sorted(map(list, full.off_centre_only)),
     }
 
 
@@ -121,9 +121,9 @@ def commit() -> str | None:
         return None
 
 
-def _git(folder: Path, *words: str) -> str:
+def _git(folder: Path, *arguments: str) -> str:
     done = subprocess.run(
-        ["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=_GIT_S, check=True
+        ["git", "-C", str(folder), *arguments], capture_output=True, text=True, timeout=_GIT_S, check=True
     )
     return done.stdout.strip()
 

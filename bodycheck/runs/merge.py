@@ -103,19 +103,19 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
         for engine, method in selection.methods:
             if not selection.runs_on(scenario, engine, method):
                 continue
-            who = scenario.name, engine.name, method.name
-            owner = _owner(parts, "study", *who)
+            key = scenario.name, engine.name, method.name
+            owner = _owner(parts, "study", *key)
             if _has(owner, engine.name, method.name):
-                found = [case for case in owner.run.cases if _who(case.columns) == who]
+                found = [case for case in owner.run.cases if _key(case.columns) == key]
                 cases += [case if owner.machine == timed_on else _untimed(case) for case in found]
-                methods += [row for row in rows_of(owner.run.methods) if _who(row) == who]
-                stability += [row for row in rows_of(owner.run.stability) if _who(row) == who]
-                diagnoses += [row for row in rows_of(owner.run.diagnoses) if _who(row) == who]
+                methods += [row for row in rows_of(owner.run.methods) if _key(row) == key]
+                stability += [row for row in rows_of(owner.run.stability) if _key(row) == key]
+                diagnoses += [row for row in rows_of(owner.run.diagnoses) if _key(row) == key]
             else:
                 missing.append(f"{engine.name}:{method.name}")
-                lost = _lost(selection, problems[-1], engine, method, owner)
-                cases += lost.cases
-                methods += lost.method_rows
+                failed_study = _failed_study(selection, problems[-1], engine, method, owner)
+                cases += failed_study.cases
+                methods += failed_study.method_rows
 
     def of_methods(table: str) -> Iterator[dict[str, Any]]:
         for engine, method in selection.methods:
@@ -126,19 +126,19 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
 
     # a shard examines some of the methods only
     methods = list(identified(methods, of_methods("fingerprints"), of_methods("laws")))
-    told = {"run_id": identity.run_id}
+    own_id = {"run_id": identity.run_id}
     return Run(
         run_id=identity.run_id,
-        results=as_table(({**case.columns, **told} for case in cases), RESULT_COLUMNS),
-        methods=as_table(({**row, **told} for row in methods), METHOD_COLUMNS),
-        stability=as_table(({**row, **told} for row in stability), STABILITY_COLUMNS),
+        results=as_table(({**case.columns, **own_id} for case in cases), RESULT_COLUMNS),
+        methods=as_table(({**row, **own_id} for row in methods), METHOD_COLUMNS),
+        stability=as_table(({**row, **own_id} for row in stability), STABILITY_COLUMNS),
         manifest=_manifest(identity, parts, selection, cases, timed_on, missing),
         problems=tuple(problems),
         cases=tuple(cases),
-        probes=as_table(({**row, **told} for row in of_methods("probes")), PROBE_COLUMNS),
-        fingerprints=as_table(({**row, **told} for row in of_methods("fingerprints")), FINGERPRINT_COLUMNS),
-        laws=as_table(({**row, **told} for row in of_methods("laws")), LAW_COLUMNS),
-        diagnoses=as_table(({**row, **told} for row in diagnoses), DIAGNOSIS_COLUMNS),
+        probes=as_table(({**row, **own_id} for row in of_methods("probes")), PROBE_COLUMNS),
+        fingerprints=as_table(({**row, **own_id} for row in of_methods("fingerprints")), FINGERPRINT_COLUMNS),
+        laws=as_table(({**row, **own_id} for row in of_methods("laws")), LAW_COLUMNS),
+        diagnoses=as_table(({**row, **own_id} for row in diagnoses), DIAGNOSIS_COLUMNS),
     )
 
 
@@ -168,12 +168,12 @@ def _shard(folder: Path) -> tuple[Shard, dict[str, Any]]:
         raise InputError(f"{folder}: an interrupted shard; continue with: {resume}")
     manifest = read_manifest(folder)
     try:
-        told = _ShardFacts.model_validate(manifest.get("shard"))
+        facts = _ShardFacts.model_validate(manifest.get("shard"))
     except ValidationError:
         raise InputError(
             f"{folder}: not a shard (expected a folder written by `bodycheck run --shard`)"
         ) from None
-    return Shard.parse(told.shard), manifest
+    return Shard.parse(facts.shard), manifest
 
 
 def _request_faults(manifests: Mapping[Path, dict[str, Any]]) -> Iterator[str]:
@@ -196,10 +196,10 @@ def _selection(parts: Sequence[_Part]) -> Selection:
     engines: dict[str, Engine] = {}
     methods: dict[tuple[str, str], tuple[Engine, Method]] = {}
     for part in parts:
-        told = part.manifest["engines"]
+        entries = part.manifest["engines"]
         for name, method in part.manifest["shard"]["methods"]:
-            engine = engines.setdefault(name, _engine(name, told[name]))
-            methods.setdefault((name, method), (engine, Method.of(told[name]["methods"][method])))
+            engine = engines.setdefault(name, _engine(name, entries[name]))
+            methods.setdefault((name, method), (engine, Method.of(entries[name]["methods"][method])))
     unavailable = {
         name: entry["unavailable"]
         for part in parts
@@ -231,7 +231,7 @@ def _has(part: _Part, engine: str, method: str) -> bool:
     return [engine, method] in part.manifest["shard"]["methods"]
 
 
-def _who(row: Mapping[str, Any]) -> tuple[str, str, str]:
+def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
     return row["scenario"], row["engine"], row["method"]
 
 
@@ -247,7 +247,9 @@ def _timed_on(parts: Sequence[_Part]) -> str:
     return max(timed, key=lambda machine: timed[machine])
 
 
-def _lost(selection: Selection, problem: Problem, engine: Engine, method: Method, owner: _Part) -> Study:
+def _failed_study(
+    selection: Selection, problem: Problem, engine: Engine, method: Method, owner: _Part
+) -> Study:
     """Return the cases of a method that its shard did not have, as failed ones."""
     entry = owner.manifest["engines"].get(engine.name, {})
     why = entry.get(
@@ -261,7 +263,7 @@ def _lost(selection: Selection, problem: Problem, engine: Engine, method: Method
         method,
         settings,
         adaptive=False,
-        ask=lambda engine, case: failed,  # noqa: ARG005 - the signature of Asking
+        ask=lambda engine, case: failed,  # noqa: ARG005 - the signature of RunCase
         search=None,
         case_done=lambda: None,
     )

@@ -12,7 +12,7 @@ from bodycheck.adapters.execution import Case
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.adapters.workers.executors import ExecutorEngines
 from bodycheck.adapters.workers.protocol import Message
-from bodycheck.reports.cache.answers import Answers, Asker, scene_key
+from bodycheck.reports.cache.answers import Answers, EngineClient, scene_key
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.scheduler import Task, run_tasks
 from bodycheck.reports.measurement.study import Study, restored, stored_form, study
@@ -53,48 +53,48 @@ def run_motions(
         if selection.runs_on(problem.scenario, engine, method)
     ]
     probed = [pair for pair in selection.methods if selection.probes(*pair)]
-    studies, whole = _Studies(selection, answers, options, progress), selection.whole
+    studies, full = _Studies(selection, answers, options, progress), selection.full
     done: dict[int, Study] = {}
     rows: dict[MethodKey, Message] = {}
     replays: dict[str, Message] = {}
     compared: dict[int, Sentinel] = {}
 
-    def measure(place: int, problem: Problem, engine: Engine, method: Method) -> Task:
+    def measure(index: int, problem: Problem, engine: Engine, method: Method) -> Task:
         def do(engine_pool: EnginePool) -> None:
-            done[place] = studies.make(engine_pool, problem, engine, method)
+            done[index] = studies.make(engine_pool, problem, engine, method)
 
         return Task(engine.name, studies.cost(problem, engine, method), do)
 
     def examine(engine: Engine, method: Method) -> Task:
-        what = f"examination of {method.name}{' with laws' if options.laws else ''}"
+        topic = f"examination of {method.name}{' with laws' if options.laws else ''}"
 
         def do(engine_pool: EnginePool) -> None:
             derive = partial(examined, engine, method, laws=options.laws)
-            rows[engine.name, method.name] = answers.derived(engine_pool, engine, what, derive)
+            rows[engine.name, method.name] = answers.derived(engine_pool, engine, topic, derive)
 
         return Task(engine.name, 0.0, do)  # cheap, so it runs late
 
     def replay(engine: Engine) -> Task:
         methods = [method for of, method in probed if of is engine]
-        what = f"replays of {', '.join(method.name for method in methods)}"
+        topic = f"replays of {', '.join(method.name for method in methods)}"
 
         def do(engine_pool: EnginePool) -> None:
             derive = partial(replayed, engine, methods)
-            replays[engine.name] = answers.derived(engine_pool, engine, what, derive)
+            replays[engine.name] = answers.derived(engine_pool, engine, topic, derive)
 
         return Task(engine.name, -1.0, do)  # last of all, as it ends the engine's worker
 
-    def repeat(place: int, scenario: Scenario, engine: Engine, method: Method, setting: Setting) -> Task:
+    def repeat(index: int, scenario: Scenario, engine: Engine, method: Method, setting: Setting) -> Task:
         def do(engine_pool: EnginePool) -> None:
             answer = answers.sentinel(engine_pool, engine, Case(scenario.scene, method.name, setting))
-            compared[place] = Sentinel.of(scenario.name, engine, method, setting, answer)
+            compared[index] = Sentinel.of(scenario.name, engine, method, setting, answer)
 
         return Task(engine.name, 0.0, do)
 
-    tasks = [measure(place, *pair) for place, pair in enumerate(pairs)]
+    tasks = [measure(index, *pair) for index, pair in enumerate(pairs)]
     tasks += [examine(*pair) for pair in probed]
     tasks += [replay(engine) for engine in dict.fromkeys(engine for engine, _ in probed if options.laws)]
-    tasks += [repeat(place, *case) for place, case in enumerate([] if whole is None else whole.sentinels())]
+    tasks += [repeat(index, *case) for index, case in enumerate([] if full is None else full.sentinels())]
     remote = None if options.executor is None else ExecutorEngines(options.executor, selection.methods)
     run_tasks(tasks, options.workers, remote)
 
@@ -105,11 +105,11 @@ def run_motions(
                 yield from replays[engine.name][method.name]
 
     return Motions(
-        [done[place] for place in range(len(pairs))],
+        [done[index] for index in range(len(pairs))],
         list(of_methods("probes")),
         list(of_methods("fingerprints")),
         list(of_methods("laws")),
-        [compared[place] for place in sorted(compared)],
+        [compared[index] for index in sorted(compared)],
     )
 
 
@@ -130,28 +130,28 @@ class _Studies:
 
     def make(self, engine_pool: EnginePool, problem: Problem, engine: Engine, method: Method) -> Study:
         """Study a method on a scenario, or take what an earlier run measured on the same motions."""
-        asker, scenario, adaptive = (
-            Asker(self.answers, engine_pool),
+        client, scenario, adaptive = (
+            EngineClient(self.answers, engine_pool),
             problem.scenario,
             self.selection.is_adaptive,
         )
         settings = self.selection.settings(scenario, engine, method)
-        what = {
+        topic = {
             "study": method.name,
             "scenario": [problem.scenario_spec, scenario.name, scenario.family],
             "scene": scene_key(scenario.scene),
             "settings": [vars(setting) for setting in settings],
             "adaptive": adaptive,
         }
-        how: dict[str, Any] = {
+        kwargs: dict[str, Any] = {
             "adaptive": adaptive,
-            "ask": asker.ask,
+            "ask": client.ask,
             "search": partial(self.answers.search, engine_pool) if self.options.stable_steps else None,
             "case_done": self.progress.case_done,
         }
-        stored = self.answers.known(engine, what)
-        found = None if stored is None else restored(stored, problem, engine, method, **how)
+        stored = self.answers.known(engine, topic)
+        found = None if stored is None else restored(stored, problem, engine, method, **kwargs)
         if found is None:
-            found = study(problem, engine, method, settings, **how)
-            self.answers.keep(engine, what, stored_form(found), asker)
+            found = study(problem, engine, method, settings, **kwargs)
+            self.answers.keep(engine, topic, stored_form(found), client)
         return found

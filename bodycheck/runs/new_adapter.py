@@ -80,8 +80,8 @@ def new_adapter(name: str) -> Path:
         unfinished = Path(tempfile.mkdtemp(prefix=f".{folder}-", dir="."))
         try:
             unfinished.chmod(0o755)
-            for place, text in _files(name).items():
-                path = unfinished / place
+            for file_name, text in _files(name).items():
+                path = unfinished / file_name
                 path.parent.mkdir(exist_ok=True)
                 path.write_text(text, encoding="utf-8")
             unfinished.rename(folder)
@@ -94,16 +94,16 @@ def new_adapter(name: str) -> Path:
 
 def _files(name: str) -> Mapping[str, str]:
     """Return the texts of the package by their places."""
-    words = {
+    values = {
         "name": name,
         "module": f"bodycheck_{name.replace('-', '_')}",
         "class_name": "".join(part.capitalize() for part in name.split("-")),
         "bodycheck": version("bodycheck"),
     }
     return {
-        "pyproject.toml": _PYPROJECT.format(**words),
-        f"{words['module']}/__init__.py": _adapter(words["name"], words["class_name"]),
-        "tests/test_adapter.py": _TEST.format(**words),
+        "pyproject.toml": _PYPROJECT.format(**values),
+        f"{values['module']}/__init__.py": _adapter(values["name"], values["class_name"]),
+        "tests/test_adapter.py": _TEST.format(**values),
     }
 
 

@@ -9,16 +9,16 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.document import markdown
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import readable_nights, seal_night, told_of
+from bodycheck.reports.history.baseline import read_summary, readable_runs, seal_run
 from bodycheck.reports.history.feed import write_feed
-from bodycheck.reports.history.history_output import night_document, night_page
+from bodycheck.reports.history.history_output import nightly_document, nightly_page
 from bodycheck.reports.history.nightly_files import (
     write_judgement,
-    write_report_of_night,
-    write_run_of_night,
+    write_nightly_report,
+    write_nightly_tables,
     write_unjudged,
 )
-from bodycheck.reports.history.regression import Judgement, judge_night
+from bodycheck.reports.history.regression import Judgement, judge_run
 from bodycheck.reports.run_files.run_reader import read_tables
 from bodycheck.reports.run_files.run_tables import Run
 from bodycheck.runs.directory import RunRequest
@@ -30,22 +30,25 @@ SPEED_PASSES = 10
 """How often a nightly run times every case; noise of a shared machine rarely disturbs every pass."""
 
 
-def run_night(
-    asked: RunRequest, folder: Path, watching: ProgressFactory, thresholds: Thresholds = DEFAULT_THRESHOLDS
+def run_nightly(
+    request: RunRequest,
+    folder: Path,
+    make_progress: ProgressFactory,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> tuple[Judgement, Path]:
     """Carry out a request, store it in a history, and return its judgement and its folder.
 
     folder: that of the history, created if it does not exist. thresholds: the size above which a change
     counts. Raises InputError if the input is wrong or cannot be written; the history is then unchanged.
     """
-    selection, options = asked.selection, asked.options
+    selection, options = request.selection, request.options
     history = History.at(folder)
-    with watching(selection.cases_listed()) as progress:
+    with make_progress(selection.cases_listed()) as progress:
         run = run_selection(selection, options, Identity.new(), journal=None, progress=progress)
-    return store_night(run, history, thresholds)
+    return store_nightly(run, history, thresholds)
 
 
-def store_night(
+def store_nightly(
     run: Run, history: History, thresholds: Thresholds = DEFAULT_THRESHOLDS
 ) -> tuple[Judgement, Path]:
     """Judge a run and append it to a history, while no other run is being appended.
@@ -53,8 +56,8 @@ def store_night(
     An error in judging the run or in rendering its pages is raised after the run was stored.
     """
     fault: Exception | None = None
-    with history.new_night(run.run_id) as folder:
-        write_run_of_night(run, folder)
+    with history.new_run(run.run_id) as folder:
+        write_nightly_tables(run, folder)
         try:
             judged = _judged(run, history, folder, thresholds)
         except OSError:
@@ -62,25 +65,25 @@ def store_night(
         except Exception as error:  # noqa: BLE001 - store the run even if the history is faulty
             write_unjudged(run, folder)
             fault = error
-        seal_night(folder)
-    night = history.folder / run.run_id
+        seal_run(folder)
+    stored_folder = history.folder / run.run_id
     if fault is not None:
-        fault.add_note(f"the run is stored in {night}, but could not be judged")
+        fault.add_note(f"the run is stored in {stored_folder}, but could not be judged")
         raise fault
     with history.locked():
-        stored = [folder for folder in history.nights() if folder not in history.dated_in_future(run.run_id)]
-        readable, _ = readable_nights(stored)
+        stored = [folder for folder in history.runs() if folder not in history.dated_in_future(run.run_id)]
+        readable, _ = readable_runs(stored)
         try:
-            write_feed(history.folder, map(told_of, readable))
+            write_feed(history.folder, map(read_summary, readable))
         except InputError as error:  # the run is stored and judged
             print(f"{error}; the feed lacks this run", file=sys.stderr)
-    return judged, night
+    return judged, stored_folder
 
 
 def _judged(run: Run, history: History, folder: Path, thresholds: Thresholds) -> Judgement:
-    write_report_of_night(run, folder)
-    judged = judge_night(history, read_tables(folder), thresholds)
+    write_nightly_report(run, folder)
+    judged = judge_run(history, read_tables(folder), thresholds)
     write_judgement(judged, folder)
-    (folder / "night.html").write_bytes(night_page(judged).encode())
-    (folder / "night.md").write_bytes(markdown(night_document(judged)).encode())
+    (folder / "night.html").write_bytes(nightly_page(judged).encode())
+    (folder / "night.md").write_bytes(markdown(nightly_document(judged)).encode())
     return judged

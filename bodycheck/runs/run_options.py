@@ -71,22 +71,22 @@ class RunOptions:
 class Progress(Protocol):
     """Callbacks that report the progress of a run."""
 
-    def phase(self, what: str) -> None:
+    def phase(self, name: str) -> None:
         """Report the start of a phase."""
 
     def compiling(self, done: int, total: int) -> None:
         """Report that kernels are being compiled, and how many of the compilations are done."""
 
-    def truth_begun(self, scenario: str) -> None:
+    def truth_started(self, scenario: str) -> None:
         """Report that a truth that is not in the cache is being solved, which may take long."""
 
-    def motions_begun(self) -> None:
+    def motions_started(self) -> None:
         """Report that the cases begin."""
 
     def case_done(self) -> None:
         """Report that another case has ended."""
 
-    def speeds_begun(self) -> None:
+    def speeds_started(self) -> None:
         """Report that the timing of the cases begins."""
 
     def speed_measured(self) -> None:
@@ -97,7 +97,9 @@ class _NullProgress:
     def _ignore(self, *_: object) -> None:
         pass
 
-    phase = compiling = truth_begun = motions_begun = case_done = speeds_begun = speed_measured = _ignore
+    phase = compiling = truth_started = motions_started = case_done = speeds_started = speed_measured = (
+        _ignore
+    )
 
 
 NULL_PROGRESS: Progress = _NullProgress()

@@ -93,27 +93,27 @@ def run_selection(
 
     journal: stores the results of this run and supplies those of its interrupted part; None to store none.
     """
-    begin = time.perf_counter()
+    start = time.perf_counter()
     cache = Cache.default()
     cache.prune()
     cache = cache.write_only() if options.reuse == "nothing" else cache
     # without a compilation, what was checked and loaded counts as part of the truths
-    compiled = time.perf_counter() if _compile(selection, cache, progress) else begin
+    compiled = time.perf_counter() if _compile(selection, cache, progress) else start
     answers = Answers(journal, cache, options.timeout_s, reuse=options.reuse, run_id=identity.run_id)
     progress.phase("solving the truths")
     problems = [
         _solved(scenario, scenario_spec, cache, progress) for scenario_spec, scenario in selection.scenarios
     ]
-    progress.motions_begun()
+    progress.motions_started()
     solved = time.perf_counter()
     found = run_motions(selection, problems, answers, options, progress)
     recorded = time.perf_counter()
     cases = tuple(case for studied in found.studies for case in studied.cases)
     diagnoses = _diagnoses(selection, problems, found.studies, progress)
-    quietness = None
+    noise = None
     if options.speed:
-        progress.speeds_begun()
-        cases, quietness = measure_speeds(
+        progress.speeds_started()
+        cases, noise = measure_speeds(
             problems,
             cases,
             {engine.name: engine for engine, _ in selection.methods},
@@ -126,7 +126,7 @@ def run_selection(
     ended = time.perf_counter()
     run_id = identity.run_id
     seconds = {
-        "compile_s": compiled - begin,
+        "compile_s": compiled - start,
         "truths_s": solved - compiled,
         "motions_s": recorded - solved,
         "speeds_s": ended - recorded,
@@ -144,7 +144,7 @@ def run_selection(
         results=table([case.columns for case in cases], RESULT_COLUMNS),
         methods=table(method_rows, METHOD_COLUMNS),
         stability=table(stability_rows, STABILITY_COLUMNS),
-        manifest=manifest_of(identity, selection, options, cases, seconds, quietness),
+        manifest=manifest_of(identity, selection, options, cases, seconds, noise),
         problems=tuple(problems),
         cases=cases,
         probes=table(found.probes, PROBE_COLUMNS),
@@ -172,7 +172,7 @@ def _solved(scenario: Scenario, scenario_spec: str, cache: Cache, progress: Prog
     """Return a scenario with its truth; report first if the truth is not cached and may take long."""
     scene = scenario.scene
     if not is_known(scene, scene.sample_times, cache):
-        progress.truth_begun(scenario.name)
+        progress.truth_started(scenario.name)
     return Problem.of(scenario, scenario_spec, cache)
 
 

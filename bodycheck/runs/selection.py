@@ -24,7 +24,7 @@ from bodycheck.scenarios.library import load_scenarios
 from bodycheck.scenarios.model import Scenario
 from bodycheck.scenarios.user_functions import user_function
 
-Wanted: TypeAlias = Callable[[Engine, Method], bool]
+Predicate: TypeAlias = Callable[[Engine, Method], bool]
 """(engine, method) -> whether to run the method."""
 
 
@@ -42,8 +42,8 @@ class Selection:
     single_steps: Mapping[tuple[str, str, str], float] | None = None
     """(scenario, engine, method) -> the only step in s to run, for measurements in addition to a run."""
     shard: Shard | None = None
-    """The part of `whole` that is run."""
-    whole: Selection | None = None
+    """The part of `full` that is run."""
+    full: Selection | None = None
 
     @property
     def is_adaptive(self) -> bool:
@@ -69,8 +69,8 @@ class Selection:
             case "dt":
                 return [Setting(dt_s=dt_s) for dt_s in sorted(self.dt_s or scenario.steps, reverse=True)]
             case "tolerance":
-                asked = self.tolerances or method.tolerances
-                return [Setting(tolerance=tolerance) for tolerance in sorted(asked, reverse=True)]
+                requested = self.tolerances or method.tolerances
+                return [Setting(tolerance=tolerance) for tolerance in sorted(requested, reverse=True)]
             case _:
                 return [Setting()]
 
@@ -80,7 +80,7 @@ class Selection:
 
     def of_shard(self, shard: Shard) -> Selection:
         """Return the part of this selection that a shard runs, with those scenarios that it needs."""
-        part = replace(self, shard=shard, whole=self)
+        part = replace(self, shard=shard, full=self)
         needed = tuple(
             (scenario_spec, scenario)
             for scenario_spec, scenario in self.scenarios
@@ -121,32 +121,32 @@ def select(
     tolerances: Iterable[float] | None = None,
     *,
     allow_code: bool = False,
-    wanted: Wanted | None = None,
+    predicate: Predicate | None = None,
 ) -> Selection:
     """Resolve names, suites and paths; engines as `split_method` has them; steps in s for every scenario.
 
-    allow_code: scenarios may name functions, whose code runs. wanted: replaces `engines`; selects among the
+    allow_code: scenarios may name functions, whose code runs. predicate: replaces `engines`; selects from the
     methods of all available engines.
 
     Raises InputError with one line per error: unknown names, wrong files, steps that do not fit.
     """
     if os.environ.get(RUN_PID):
         raise InsideWorkerError("a run cannot be started from within a worker of another run")
-    for what, listed in (("scenarios", scenarios), ("engines", engines)):
+    for option, listed in (("scenarios", scenarios), ("engines", engines)):
         if isinstance(listed, str):
-            raise InputError(f"{what} must be a list of names, like [{listed!r}], not a string")
-    steps, asked_tolerances = _doubles("dt_s", dt_s), _doubles("tolerances", tolerances)
+            raise InputError(f"{option} must be a list of names, like [{listed!r}], not a string")
+    steps, requested_tolerances = _doubles("dt_s", dt_s), _doubles("tolerances", tolerances)
     names = [split_method(name) for name in engines or default_engines()]
     _register_modules(names, allow_code=allow_code)
-    asked = [name for name in dict.fromkeys(engine for engine, _, _ in names) if not engine_fault(name)]
-    with announcing(asked) as announcement:
-        loaded = checked_scenarios(scenarios, steps, asked_tolerances, allow_code=allow_code)
-        if wanted is None:
+    requested = [name for name in dict.fromkeys(engine for engine, _, _ in names) if not engine_fault(name)]
+    with announcing(requested) as announcement:
+        loaded = checked_scenarios(scenarios, steps, requested_tolerances, allow_code=allow_code)
+        if predicate is None:
             methods, unavailable = _methods(names, announcement, by_name=bool(engines))
         else:
-            methods, unavailable = _wanted_methods(wanted, announcement())
-    selection = Selection(tuple(loaded), methods, unavailable, steps or None, asked_tolerances or None)
-    off_centre = wanted is None and any(scenario.scene.is_off_centre for _, scenario in loaded)
+            methods, unavailable = _selected_methods(predicate, announcement())
+    selection = Selection(tuple(loaded), methods, unavailable, steps or None, requested_tolerances or None)
+    off_centre = predicate is None and any(scenario.scene.is_off_centre for _, scenario in loaded)
     return _with_off_centre_methods(selection, names) if off_centre else selection
 
 
@@ -173,8 +173,8 @@ def _is_module(name: str) -> bool:
 
 def _with_off_centre_methods(selection: Selection, names: Sequence[tuple[str, str, str]]) -> Selection:
     """Add the variants of methods for links off the centre of mass, of engines requested as a whole."""
-    whole = {name for name, colon, _ in names if not colon}
-    engines = {engine.name: engine for engine, _ in selection.methods if engine.name in whole}
+    complete = {name for name, colon, _ in names if not colon}
+    engines = {engine.name: engine for engine, _ in selection.methods if engine.name in complete}
     present = {(engine.name, method.name) for engine, method in selection.methods}
     added = tuple(
         (engine, method)
@@ -186,12 +186,12 @@ def _with_off_centre_methods(selection: Selection, names: Sequence[tuple[str, st
     return replace(selection, methods=selection.methods + added, off_centre_only=only)
 
 
-def _doubles(what: str, numbers: Iterable[float] | None) -> tuple[float, ...]:
+def _doubles(option: str, numbers: Iterable[float] | None) -> tuple[float, ...]:
     """Return numbers, also those of an array, as Python floats, because commands contain their repr."""
     try:
         return () if numbers is None else tuple(float(number) for number in numbers)
     except (TypeError, ValueError):
-        raise InputError(f"{what} must be a list of numbers, like [0.01], not {numbers!r}") from None
+        raise InputError(f"{option} must be a list of numbers, like [0.01], not {numbers!r}") from None
 
 
 def checked_scenarios(
@@ -215,16 +215,16 @@ def checked_scenarios(
 def _step_faults(loaded: Sequence[tuple[str, Scenario]], dt_s: Sequence[float]) -> list[str]:
     faults = []
     for _, scenario in loaded:
-        seen: set[int] = set()
+        strides: set[int] = set()
         for step in dt_s:
             try:
                 stride = steps_per_sample(scenario.scene.sample_interval_s, step)
             except ValueError as error:
                 faults.append(f"{scenario.name}: {error}")
                 continue
-            if stride in seen:
+            if stride in strides:
                 faults.append(f"{scenario.name}: the step of {step!r} s is given twice")
-            seen.add(stride)
+            strides.add(stride)
     return faults
 
 
@@ -238,13 +238,13 @@ def _tolerance_faults(tolerances: Sequence[float]) -> list[str]:
     return faults + [f"the tolerance {tolerance!r} is given twice" for tolerance in twice]
 
 
-def _wanted_methods(
-    wanted: Wanted, found: Mapping[str, Engine | str]
+def _selected_methods(
+    predicate: Predicate, found: Mapping[str, Engine | str]
 ) -> tuple[tuple[tuple[Engine, Method], ...], dict[str, str]]:
     engines = [engine for engine in found.values() if isinstance(engine, Engine)]
     pairs = ((engine, method) for engine in engines for method in engine.methods.values())
     unavailable = {name: engine for name, engine in found.items() if isinstance(engine, str)}
-    return tuple(pair for pair in pairs if wanted(*pair)), unavailable
+    return tuple(pair for pair in pairs if predicate(*pair)), unavailable
 
 
 def _methods(
@@ -255,8 +255,8 @@ def _methods(
     by_name: whether the engines were requested by name, so that an unavailable one is an error; a program is
     one only if no other engine is available.
     """
-    asked = dict.fromkeys(engine for engine, _, _ in names)
-    faults = [fault for engine in asked if (fault := engine_fault(engine))]
+    engine_names = dict.fromkeys(engine for engine, _, _ in names)
+    faults = [fault for engine in engine_names if (fault := engine_fault(engine))]
     found = announcement()
     unavailable = {name: engine for name, engine in found.items() if isinstance(engine, str)}
     if by_name:

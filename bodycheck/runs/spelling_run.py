@@ -37,7 +37,7 @@ class _Spun:
     causes: tuple[str, ...]
 
 
-def spell(engines: Sequence[str] | None, timeout_s: float) -> list[SpellingResult]:
+def run_spellings(engines: Sequence[str] | None, timeout_s: float) -> list[SpellingResult]:
     """Return one result per spelling and importer; raises InputError for an unknown engine."""
     truth = truth_of(Body.of(body()))
     found: list[SpellingResult] = []
@@ -58,11 +58,14 @@ def _results(
 ) -> Iterator[SpellingResult]:
     first = next((one.rotations for one in spun if one.rotations is not None), None)
     for spelling, one in zip(family, spun, strict=True):
-        error = apart = None
+        error = deviation = None
         if one.rotations is not None and first is not None:
-            error, apart = orientation_error(one.rotations, truth), orientation_error(one.rotations, first)
+            error, deviation = (
+                orientation_error(one.rotations, truth),
+                orientation_error(one.rotations, first),
+            )
         yield SpellingResult(
-            name, spelling.format, spelling.name, error, apart, control, one.message, one.causes
+            name, spelling.format, spelling.name, error, deviation, control, one.message, one.causes
         )
 
 
@@ -87,5 +90,7 @@ def _spun(
 
 
 def _causes(audited: Audit, name: str) -> tuple[str, ...]:
-    held = (link.held[name] for link in audited.links if name in link.held)
-    return tuple(dict.fromkeys(cause for one in held if one.state == "differs" for cause in one.causes))
+    comparisons = (link.held[name] for link in audited.links if name in link.held)
+    return tuple(
+        dict.fromkeys(cause for one in comparisons if one.state == "differs" for cause in one.causes)
+    )

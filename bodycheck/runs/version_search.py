@@ -57,27 +57,27 @@ class _Release:
 
 
 def search(
-    asked: Search,
+    request: Search,
     options: RunOptions,
-    told: Callable[[str], None],
-    watching: Callable[[str], ProgressFactory] = lambda name: no_progress,  # noqa: ARG005 - a factory per release
+    announce: Callable[[str], None],
+    progress_for: Callable[[str], ProgressFactory] = lambda name: no_progress,  # noqa: ARG005 - a factory per release
 ) -> Found:
     """Run every release, or bisect between the first and the last release to find where the measure changed.
 
-    told: called with the name of each release before it runs. watching: name -> what shows the progress of
-    that release. Releases that cannot be installed or run are skipped. Raises InputError if the input is
-    wrong or no release can be run.
+    announce: called with the name of each release before it runs. progress_for: name -> what shows the
+    progress of that release. Releases that cannot be installed or run are skipped. Raises InputError if the
+    input is wrong or no release can be run.
     """
-    comparable(asked.measure)
-    scenario_spec, scenario = _one_scenario(asked)
-    versions = releases(asked.engine, asked.since, asked.until)
+    comparable(request.measure)
+    scenario_spec, scenario = _one_scenario(request)
+    versions = releases(request.engine, request.since, request.until)
     runs: dict[str, _Release | str] = {}
 
     def run(version: str) -> _Release | str:
         if version not in runs:
-            told(Pin(asked.engine, version).name)
-            watched = watching(Pin(asked.engine, version).name)
-            runs[version] = _run(asked, version, (scenario_spec, scenario), options, watched)
+            announce(Pin(request.engine, version).name)
+            make_progress = progress_for(Pin(request.engine, version).name)
+            runs[version] = _run(request, version, (scenario_spec, scenario), options, make_progress)
         return runs[version]
 
     ends = [
@@ -86,32 +86,36 @@ def search(
     ]
     methods = {name: method for end in ends if end is not None for name, method in end.methods.items()}
     if not methods:
-        raise InputError(_nothing(asked, runs))
-    found_by = every_change if asked.every else changes
+        raise InputError(_failure_text(request, runs))
+    found_by = every_change if request.every else changes
     tracks = []
     for name, method in methods.items():
-        one = _measure_of(asked, scenario, method)
+        one = _measure_of(request, scenario, method)
         findings: dict[str, Finding] = {}
         changed = found_by(versions, partial(_finding, run, one, findings), one.differ)
         tracks.append(Track(name, findings, changed))
     failed = {version: why for version, why in runs.items() if isinstance(why, str)}
-    return Found(asked.engine, scenario.name, asked.measure, versions, tuple(tracks), failed, asked.every)
+    return Found(
+        request.engine, scenario.name, request.measure, versions, tuple(tracks), failed, request.every
+    )
 
 
-def _one_scenario(asked: Search) -> tuple[str, Scenario]:
+def _one_scenario(request: Search) -> tuple[str, Scenario]:
     """Return the spec and the requested scenario; raises InputError if the spec names several."""
-    first, *others = checked_scenarios([asked.scenario], asked.dt_s, allow_code=asked.allow_code)
+    first, *others = checked_scenarios([request.scenario], request.dt_s, allow_code=request.allow_code)
     if others:
-        raise InputError(f"--scenario {asked.scenario}: names {len(others) + 1} scenarios; give one of them")
+        raise InputError(
+            f"--scenario {request.scenario}: names {len(others) + 1} scenarios; give one of them"
+        )
     return first
 
 
-def _measure_of(asked: Search, scenario: Scenario, method: Method) -> OneMeasure:
+def _measure_of(request: Search, scenario: Scenario, method: Method) -> OneMeasure:
     """Return the measure of a method at the finest requested step or tolerance."""
-    finest = {"dt": min(asked.dt_s or scenario.steps), "tolerance": min(method.tolerances, default=None)}
+    finest = {"dt": min(request.dt_s or scenario.steps), "tolerance": min(method.tolerances, default=None)}
     fineness = finest.get(method.control)
-    who = scenario.name, asked.engine, method.name
-    return OneMeasure(*who, asked.measure, method.control, fineness, asked.thresholds)
+    key = scenario.name, request.engine, method.name
+    return OneMeasure(*key, request.measure, method.control, fineness, request.thresholds)
 
 
 def _finding(
@@ -129,21 +133,21 @@ def _finding(
 
 
 def _run(
-    asked: Search,
+    request: Search,
     version: str,
     scenario: tuple[str, Scenario],
     options: RunOptions,
-    watching: ProgressFactory,
+    make_progress: ProgressFactory,
 ) -> _Release | str:
     """Run one release, or return why it cannot be run."""
-    name = Pin(asked.engine, version).name
+    name = Pin(request.engine, version).name
     engine = announced([name])[name]
     if isinstance(engine, str):
         return engine
     methods = {
         method.name: method
         for method in engine.methods.values()
-        if (method.name == asked.method if asked.method else not method.on_request)
+        if (method.name == request.method if request.method else not method.on_request)
     }
     if not methods:
         return _Release(engine, methods, None)
@@ -151,18 +155,18 @@ def _run(
         scenarios=(scenario,),
         methods=tuple((engine, method) for method in methods.values()),
         unavailable={},
-        dt_s=tuple(asked.dt_s) if asked.dt_s else None,
+        dt_s=tuple(request.dt_s) if request.dt_s else None,
         tolerances=None,
     )
-    with watching(selection.cases_listed()) as progress:
+    with make_progress(selection.cases_listed()) as progress:
         measured = run_selection(selection, options, Identity.new(), journal=None, progress=progress)
-    return _Release(engine, methods, under_one_name(measured, asked.engine))
+    return _Release(engine, methods, under_one_name(measured, request.engine))
 
 
-def _nothing(asked: Search, runs: Mapping[str, _Release | str]) -> str:
+def _failure_text(request: Search, runs: Mapping[str, _Release | str]) -> str:
     """Return why nothing was found: every release failed, or no release has the method."""
     engines = [release.engine for release in runs.values() if isinstance(release, _Release)]
     if not engines:
         return "\n".join(str(why) for why in runs.values())
     has = dict.fromkeys(name for engine in engines for name in engine.methods)
-    return f"--method {asked.method}: {asked.engine} has no such method{meant(str(asked.method), has)}"
+    return f"--method {request.method}: {request.engine} has no such method{meant(str(request.method), has)}"

@@ -83,8 +83,8 @@ def test_limit_equals_that_of_linear_theory(what: str) -> None:
 def breaks_down(engine: str, scene: Scene, method: str, dt_s: float, limit_j: float) -> bool:
     """Whether a recorded case, sampled at every step, is ever not finite or above the limit of K."""
     steps = math.ceil(scene.duration_s / dt_s - 1e-9)
-    watched = replace(scene, duration_s=steps * dt_s, samples=steps + 1)
-    motion = record(get_adapter(engine), Case(watched, method, Setting(dt_s=dt_s))).trajectory
+    status_line = replace(scene, duration_s=steps * dt_s, samples=steps + 1)
+    motion = record(get_adapter(engine), Case(status_line, method, Setting(dt_s=dt_s))).trajectory
     assert motion is not None
     with np.errstate(all="ignore"):
         held = (motion.quaternion, motion.rotation, motion.omega_world_rad_s, motion.omega_body_rad_s)

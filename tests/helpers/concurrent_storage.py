@@ -16,7 +16,7 @@ def name(number: int) -> str:
 
 def write(folder: Path, number: int) -> None:
     """Store a nightly run of two files."""
-    with History.at(folder).new_night(name(number)) as night:
+    with History.at(folder).new_run(name(number)) as night:
         (night / "results.csv").write_text(f"{number}\n")
         (night / "manifest.json").write_text("{}")
 
@@ -29,6 +29,6 @@ def write_some(folder: Path, numbers: range) -> None:
 
 def write_and_die(folder: Path, number: int) -> None:
     """Start to store a nightly run, and be killed half-way."""
-    with History.at(folder).new_night(name(number)) as night:
+    with History.at(folder).new_run(name(number)) as night:
         (night / "results.csv").write_text("half")
         os.kill(os.getpid(), signal.SIGKILL)

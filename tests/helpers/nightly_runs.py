@@ -13,7 +13,7 @@ from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.runs.nightly_run import store_night
+from bodycheck.runs.nightly_run import store_nightly
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
@@ -53,8 +53,8 @@ def store_nightly_runs(
 ) -> list[Judgement]:
     """Store one nightly run per change, in their order; return the judgement of each."""
     history = History.at(folder)
-    nights = (as_nightly_run(run, first + k, change, **manifest) for k, change in enumerate(changes))
-    return [store_night(night, history, thresholds)[0] for night in nights]
+    runs = (as_nightly_run(run, first + k, change, **manifest) for k, change in enumerate(changes))
+    return [store_nightly(run, history, thresholds)[0] for run in runs]
 
 
 def slower(results: pd.DataFrame, engine: str, factor: float) -> pd.DataFrame:

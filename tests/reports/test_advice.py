@@ -22,7 +22,7 @@ from bodycheck.reports.summary.advice import (
     to_measure,
 )
 from bodycheck.reports.summary.advice_document import advice_document
-from bodycheck.reports.summary.cases_within import ladders_of
+from bodycheck.reports.summary.cases_within import sequences_of
 from bodycheck.reports.summary.error_curve import ErrorCurve
 from tests.helpers.expected_messages import ExpectedMessage
 
@@ -50,7 +50,9 @@ def case(method: str, dt_s: float, error: float | None, cpu_s: float | None, **o
     return CaseResult(columns | measured | times | others)
 
 
-def ladder(method: str, errors: Sequence[float | None], cost: float = 1.0, **others: Any) -> list[CaseResult]:
+def sequence(
+    method: str, errors: Sequence[float | None], cost: float = 1.0, **others: Any
+) -> list[CaseResult]:
     """Return the cases at steps 0.1, 0.05, ...: each twice as expensive as the one before."""
     return [case(method, 0.1 / 2**k, error, cost * 2**k, **others) for k, error in enumerate(errors)]
 
@@ -58,8 +60,8 @@ def ladder(method: str, errors: Sequence[float | None], cost: float = 1.0, **oth
 def curves(cases: Sequence[CaseResult], **facts: Any) -> Curves:
     """Return the curves of cases of scenarios of 10 s with samples every 0.1 s."""
     return {
-        place: ErrorCurve(own, ERROR, duration_s=10.0, interval_s=0.1, snippet=SNIPPET, **facts)
-        for place, own in ladders_of(cases).items()
+        key: ErrorCurve(own, ERROR, duration_s=10.0, interval_s=0.1, snippet=SNIPPET, **facts)
+        for key, own in sequences_of(cases).items()
     }
 
 
@@ -83,7 +85,7 @@ def printed(capsys: pytest.CaptureFixture[str], answers: Sequence[Answer]) -> st
 
 def test_the_cheapest_measured_setting_is_recommended() -> None:
     """Of two methods, the one that costs less, at its coarsest step that meets the error."""
-    cases = [*ladder("euler", [1e-1, 5e-2, 9e-4, 4e-4]), *ladder("rk4", [1e-3 - 2e-14, 1e-5], cost=3.0)]
+    cases = [*sequence("euler", [1e-1, 5e-2, 9e-4, 4e-4]), *sequence("rk4", [1e-3 - 2e-14, 1e-5], cost=3.0)]
     (answer,) = advise(cases, 1e-3)
     assert steps(answer) == [("mujoco", "rk4", 0.1, 3.0)]
     assert answer.options[0].basis == "measured"
@@ -100,19 +102,19 @@ def test_the_bound_of_the_truth_counts_as_error(error: float, kept: bool) -> Non
 
 def test_an_error_that_is_small_by_accident_is_not_recommended() -> None:
     """A coarse step within the error with a finer one beyond it: only a step finer than that is taken."""
-    (answer,) = advise(ladder("euler", [1e-4, 5e-2, 8e-4, 4e-4]), 1e-3)
+    (answer,) = advise(sequence("euler", [1e-4, 5e-2, 8e-4, 4e-4]), 1e-3)
     assert steps(answer) == [("mujoco", "euler", 0.025, 4.0)]
 
 
 def test_round_off_of_finer_steps_excludes_no_coarser_one() -> None:
     """Below 1e-9 finer steps may be worse by their round-off."""
-    (answer,) = advise(ladder("rk4", [1e-9, 5e-13, 2e-12]), 1e-12)
+    (answer,) = advise(sequence("rk4", [1e-9, 5e-13, 2e-12]), 1e-12)
     assert steps(answer) == [("mujoco", "rk4", 0.05, 2.0)]
 
 
 def test_a_case_that_did_not_end_well_meets_nothing() -> None:
     """Nor does anything coarser than a step that failed."""
-    (answer,) = advise(ladder("euler", [1e-4, None, None]), 1e-3)
+    (answer,) = advise(sequence("euler", [1e-4, None, None]), 1e-3)
     assert answer.options == ()
     assert [engine for engine, _ in answer.without] == ["mujoco"]
     assert answer.nearest is not None
@@ -122,9 +124,9 @@ def test_a_case_that_did_not_end_well_meets_nothing() -> None:
 def test_the_best_of_each_engine_is_shown_cheapest_first() -> None:
     """One row per engine; an engine that meets it with no method is named."""
     cases = [
-        *ladder("euler", [9e-4], cost=5.0),
-        *ladder("rk4", [1e-6], cost=2.0, engine="reference"),
-        *ladder("maximal", [1e-1], engine="pybullet"),
+        *sequence("euler", [9e-4], cost=5.0),
+        *sequence("rk4", [1e-6], cost=2.0, engine="reference"),
+        *sequence("maximal", [1e-1], engine="pybullet"),
     ]
     (answer,) = advise(cases, 1e-3)
     assert [one.engine for one in answer.options] == ["reference", "mujoco"]
@@ -137,9 +139,9 @@ def test_all_scenarios_together_need_a_method_that_meets_it_in_each() -> None:
     The one command runs them all, with --allow-code where one of them needs it.
     """
     cases = [
-        *ladder("euler", [9e-4, 4e-4]),
-        *ladder("euler", [9e-2, 8e-4], scenario="forced", reproduce="bodycheck run my.toml --allow-code"),
-        *ladder("rk4", [1e-9], cost=0.1),
+        *sequence("euler", [9e-4, 4e-4]),
+        *sequence("euler", [9e-2, 8e-4], scenario="forced", reproduce="bodycheck run my.toml --allow-code"),
+        *sequence("rk4", [1e-9], cost=0.1),
     ]
     together, *each = advise(cases, 1e-3, ["free", "forced"])
     assert together.scenario is None
@@ -155,7 +157,7 @@ def test_all_scenarios_together_need_a_method_that_meets_it_in_each() -> None:
 
 def test_a_method_without_an_option_on_one_scenario_has_none_on_all() -> None:
     """The scenario and the reason are named."""
-    cases = [*ladder("rk4", [1e-5]), *ladder("rk4", [None], scenario="forced")]
+    cases = [*sequence("rk4", [1e-5]), *sequence("rk4", [None], scenario="forced")]
     together = advise(cases, 1e-3, ["free", "forced"])[0]
     assert together.options == ()
     assert together.without == (("mujoco", "forced: failed at every measured setting"),)
@@ -163,7 +165,7 @@ def test_a_method_without_an_option_on_one_scenario_has_none_on_all() -> None:
 
 def test_the_nearest_setting_is_shown_where_none_meets_the_error(capsys: pytest.CaptureFixture[str]) -> None:
     """With its error and its command."""
-    shown = printed(capsys, advise([*ladder("euler", [1e-1, 5e-2]), *ladder("rk4", [1e-3])], 1e-6))
+    shown = printed(capsys, advise([*sequence("euler", [1e-1, 5e-2]), *sequence("rk4", [1e-3])], 1e-6))
     assert "no setting is known to meet it; the nearest is mujoco:rk4, dt 0.1 s: 0.001" in shown
     assert "bodycheck run free --engine mujoco:rk4 --dt 0.1" in shown
 
@@ -191,7 +193,7 @@ def test_a_coarser_step_is_predicted_with_its_cost_and_command() -> None:
 
     Its cost follows from that of the nearest measured step.
     """
-    cases = ladder("rk2", [1e-4 / 4**k for k in range(5)])
+    cases = sequence("rk2", [1e-4 / 4**k for k in range(5)])
     (answer,) = advise(cases, 5e-6)
     (option,) = answer.options
     assert (option.setting, option.basis) == (0.02, "predicted")
@@ -207,7 +209,7 @@ def test_a_sure_option_takes_precedence_over_a_cheaper_unsure_one() -> None:
     """One point and the order in theory make only a guess."""
     cases = [
         case("euler", 0.1, 0.2, 1e-3, order=1),
-        *ladder("rk4", [1e-2 / 16**k for k in range(5)], cost=100.0),
+        *sequence("rk4", [1e-2 / 16**k for k in range(5)], cost=100.0),
     ]
     found = dict(curves(cases, order=1))
     (answer,) = settings_within(found, 1e-1, ["free"])
@@ -221,10 +223,10 @@ def test_a_sure_option_takes_precedence_over_a_cheaper_unsure_one() -> None:
 def test_the_error_of_a_step_is_measured_or_predicted_for_each_method() -> None:
     """The most accurate method first; over several scenarios the largest error, with its scenario."""
     cases = [
-        *ladder("rk2", [1e-2 / 4**k for k in range(5)]),
-        *ladder("rk2", [1e-1 / 4**k for k in range(5)], scenario="forced"),
-        *ladder("euler", [1e-1 / 2**k for k in range(5)]),
-        *ladder("euler", [1e-1 / 2**k for k in range(5)], scenario="forced"),
+        *sequence("rk2", [1e-2 / 4**k for k in range(5)]),
+        *sequence("rk2", [1e-1 / 4**k for k in range(5)], scenario="forced"),
+        *sequence("euler", [1e-1 / 2**k for k in range(5)]),
+        *sequence("euler", [1e-1 / 2**k for k in range(5)], scenario="forced"),
     ]
     together, free, _ = errors_at(curves(cases), 0.025, ["free", "forced"])
     assert [(one.method, one.basis) for one in free.options] == [("rk2", "measured"), ("euler", "measured")]
@@ -239,9 +241,9 @@ def test_the_error_of_a_step_is_measured_or_predicted_for_each_method() -> None:
 def test_a_search_measures_what_is_predicted_and_refines_what_is_not() -> None:
     """An engine without any option gets a step half as large; a measured answer needs nothing more."""
     cases = [
-        *ladder("rk2", [1e-2 / 4**k for k in range(5)])[1:],
-        *ladder("euler", [2.0, 1.0], engine="dart"),
-        *ladder("exact", [1e-12], engine="reference"),
+        *sequence("rk2", [1e-2 / 4**k for k in range(5)])[1:],
+        *sequence("euler", [2.0, 1.0], engine="dart"),
+        *sequence("exact", [1e-12], engine="reference"),
     ]
     answers = advise(cases, 1.1e-4)
     assert to_measure(curves(cases), answers, 1.1e-4) == {
@@ -252,7 +254,7 @@ def test_a_search_measures_what_is_predicted_and_refines_what_is_not() -> None:
 
 def test_advice_is_plain_data() -> None:
     """It can be written as JSON without further conversion."""
-    cases = [*ladder("rk2", [1e-2 / 4**k for k in range(5)]), *ladder("euler", [None], engine="dart")]
+    cases = [*sequence("rk2", [1e-2 / 4**k for k in range(5)]), *sequence("euler", [None], engine="dart")]
     advice = Advice(ERROR, 1e-3, None, "there", tuple(advise(cases, 1e-3)))
     told = json.loads(json.dumps(asdict(advice), allow_nan=False))
     assert told["answers"][0]["options"][0]["setting"] == advice.answers[0].options[0].setting
@@ -261,7 +263,7 @@ def test_advice_is_plain_data() -> None:
 
 def test_the_last_line_of_an_answer_is_the_one_to_paste(capsys: pytest.CaptureFixture[str]) -> None:
     """It is that of the first option whose engine declares one."""
-    cases = ladder("rk2", [1e-2 / 4**k for k in range(5)])
+    cases = sequence("rk2", [1e-2 / 4**k for k in range(5)])
     lines = printed(capsys, advise(cases, 1e-3)).splitlines()
     assert lines[-2].endswith("bodycheck run free --engine mujoco:rk2 --dt 0.025")
     assert lines[-1] == "use mujoco:rk2: model.opt.timestep = 0.025"

@@ -25,7 +25,7 @@ from bodycheck.reports.document import json_text
 from bodycheck.runs import audit_versions as audit_versions_module
 from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
-from bodycheck.runs.spelling_run import spell
+from bodycheck.runs.spelling_run import run_spellings
 from bodycheck.scenarios.model_files.exact import Frame, doubles
 from bodycheck.scenarios.model_files.model_file import Joint, ModelFile
 from bodycheck.scenarios.model_files.model_reader import read_model
@@ -488,7 +488,7 @@ def test_spellings_move_alike_where_no_tensor_is_discarded(tmp_path: Path) -> No
     """As URDF: PyBullet's default import breaks the law, its recommended one and DART's obey it."""
     done = run_bodycheck(tmp_path, "audit", "--spellings", "--engine", "pybullet,dart", "--quiet")
     assert done.returncode == 1
-    found = [one for one in spell(["pybullet", "dart"], 60.0) if one.format == "urdf"]
+    found = [one for one in run_spellings(["pybullet", "dart"], 60.0) if one.format == "urdf"]
     assert len(found) > 20
     broken = [one for one in found if one.broken]
     assert {one.importer for one in broken} == {"pybullet:default"}
@@ -512,7 +512,7 @@ def test_release_in_which_an_audit_changed_is_named(tmp_path: Path, monkeypatch:
     )
     asked: list[str] = []
     found = audit_versions_module.audit_versions(
-        "mujoco", "3.11.0", None, path, every=False, timeout_s=60.0, told=asked.append
+        "mujoco", "3.11.0", None, path, every=False, timeout_s=60.0, announce=asked.append
     )
     assert len(asked) < len(versions)
     for track in found.tracks:

@@ -80,7 +80,7 @@ def test_stored_scenario_keeps_the_mesh(t_handle: Scenario) -> None:
     del older["body"]["mesh"]["surface"]
     assert not redefined({"scenarios": {"one": older}}, {"scenarios": {"one": told}})
     box = surface_of(as_written(older, "here").body)
-    assert (len(box.faces), box.what) == (6, "a box of the same inertia")
+    assert (len(box.faces), box.name) == (6, "a box of the same inertia")
 
 
 @pytest.mark.parametrize(
@@ -154,4 +154,4 @@ def test_many_triangles_in_a_file_reach_the_scenario(tmp_path: Path) -> None:
     text = written(scenario)["body"]["mesh"]["surface"]
     assert 300 < text.count("f ") <= MOST_TRIANGLES
     assert len(text) < 30_000
-    assert surface_of(scenario.body).what == "the mesh part.obj"
+    assert surface_of(scenario.body).name == "the mesh part.obj"

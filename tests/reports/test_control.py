@@ -10,7 +10,7 @@ import pytest
 
 import bodycheck
 from bodycheck._util.formatting import number
-from bodycheck.reports.measurement.convergence import Judged, Point, tolerance_convergence
+from bodycheck.reports.measurement.convergence import Criteria, Point, tolerance_convergence
 from bodycheck.reports.render.page.scenario_facts import scenario_facts
 from tests.helpers.expected_messages import ExpectedMessage
 
@@ -106,12 +106,12 @@ def points(*errors: float | None) -> list[Point]:
 )
 def test_tolerance_convergence_is_judged_over_all_tolerances(found: list[Point], verdict: str) -> None:
     """Errors that fall as the tolerance's root or reach the floor converge; constant ones do not."""
-    assert tolerance_convergence(found, Judged(1e-14)).verdict == verdict
+    assert tolerance_convergence(found, Criteria(1e-14)).verdict == verdict
 
 
 def test_lost_motion_is_chaotic() -> None:
     """If round-off alone exceeds a hundredth of 0.3, the verdict is chaotic."""
-    assert tolerance_convergence(points(0.1, 0.2), Judged(0.01)).verdict == "chaotic"
+    assert tolerance_convergence(points(0.1, 0.2), Criteria(0.01)).verdict == "chaotic"
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 
 from bodycheck.reports.measurement.convergence import (
     Convergence,
-    Judged,
+    Criteria,
     Point,
     convergence_of,
     next_step_size,
@@ -76,7 +76,7 @@ def test_the_floor_is_where_finer_steps_gain_less_than_half_an_order(
 )
 def test_an_order_settles_from_four_points_from_a_half_on(some: list[Point], verdict: str) -> None:
     """Fewer points or a lower order are none."""
-    found = convergence_of(some, Judged(LIMIT))
+    found = convergence_of(some, Criteria(LIMIT))
     assert found.verdict == verdict
     assert (found.order is None) == (verdict != "converges")
 
@@ -105,7 +105,7 @@ def test_a_verdict_without_an_order_has_its_reason(
 ) -> None:
     """Verdict, usable points and floor, in whatever order the cases come."""
     for ordered in (some, some[::-1]):
-        found = convergence_of(ordered, Judged(limit))
+        found = convergence_of(ordered, Criteria(limit))
         assert (found.verdict, found.points, found.floor) == told
 
 
@@ -129,15 +129,15 @@ def test_a_tolerance_is_obeyed_where_errors_fall_with_its_root(
     some: list[Point], limit: float, told: tuple[str, int, float]
 ) -> None:
     """Or down to the floor; two decades of tolerance are needed to say that they do not."""
-    assert tolerance_convergence(some, Judged(limit)) == Convergence(*told)
-    assert tolerance_convergence(some[::-1], Judged(limit)) == Convergence(*told)
+    assert tolerance_convergence(some, Criteria(limit)) == Convergence(*told)
+    assert tolerance_convergence(some[::-1], Criteria(limit)) == Convergence(*told)
 
 
 def test_a_property_of_the_state_does_not_fail_to_obey() -> None:
     """Flat errors of what the state holds are no fault."""
     flat = points((1e-4, 1e-3), (1e-2, 1e-3))
-    assert tolerance_convergence(flat, Judged(LIMIT)).verdict == "does-not-converge"
-    assert tolerance_convergence(flat, Judged(LIMIT, judged="property")).verdict == "pre-asymptotic"
+    assert tolerance_convergence(flat, Criteria(LIMIT)).verdict == "does-not-converge"
+    assert tolerance_convergence(flat, Criteria(LIMIT, judged="property")).verdict == "pre-asymptotic"
 
 
 @pytest.mark.parametrize(
@@ -153,7 +153,7 @@ def test_a_method_without_steps_is_exact_within_ten_floors(
     error: float | None, floor: float, verdict: str
 ) -> None:
     """One error decides."""
-    assert stepless_verdict(points((0.0, error)), Judged(floor)).verdict == verdict
+    assert stepless_verdict(points((0.0, error)), Criteria(floor)).verdict == verdict
 
 
 # ------------------------------------------------------------------------------------------- the next step
@@ -181,12 +181,12 @@ def test_the_next_step_is_the_next_round_number_of_the_interval(
     some: list[Point], duration_s: float, strides: int | None
 ) -> None:
     """1, 2 or 5 times a power of ten: finer where errors are large, coarser where they are too small."""
-    found = next_step_size(some, Judged(LIMIT), [0.1], 1.0, duration_s)
+    found = next_step_size(some, Criteria(LIMIT), [0.1], 1.0, duration_s)
     assert found == (None if strides is None else 1.0 / strides)
 
 
 @pytest.mark.parametrize(("listed", "strides"), [(0.2, 500), (0.21, None)])
 def test_no_step_is_finer_than_a_hundredth_of_the_coarsest_listed(listed: float, strides: int | None) -> None:
     """Exactly a hundredth is still tried."""
-    found = next_step_size(points((0.005, 1.0)), Judged(LIMIT), [0.001, listed], 1.0, 10.0)
+    found = next_step_size(points((0.005, 1.0)), Criteria(LIMIT), [0.001, listed], 1.0, 10.0)
     assert found == (None if strides is None else 1.0 / strides)

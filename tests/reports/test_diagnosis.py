@@ -20,7 +20,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, bases_for, diagnosed
 from bodycheck.reports.diagnosis.engine_model import Grid
 from bodycheck.reports.diagnosis.explanation_document import similar_issues, upstream_issues
-from bodycheck.reports.diagnosis.faults import FAULTS, Circumstances
+from bodycheck.reports.diagnosis.faults import FAULTS, FaultContext
 from bodycheck.reports.diagnosis.fit import planted
 from bodycheck.reports.diagnosis.flow import BASES
 from bodycheck.reports.diagnosis.transitions import Transitions
@@ -194,13 +194,13 @@ def test_faults_with_healthy_parameters_change_nothing(scenario: str) -> None:
     problem = problem_of(scenario)
     scene = problem.scenario.scene
     grid = Grid.of(scene, STEPS[scenario])
-    transitions = Transitions.of(scene, motion_of(scenario, "m1"), grid, problem.scales, KNOWN).some(4)
-    at, healthy = Circumstances(transitions, stepped=True), grid.model(scene)
+    transitions = Transitions.of(scene, motion_of(scenario, "m1"), grid, problem.scales, KNOWN).subset(4)
+    at, healthy = FaultContext(transitions, stepped=True), grid.model(scene)
     assert len({fault.name for fault in FAULTS}) == len(FAULTS)
     models = []
     for fault in FAULTS:
         values = np.array([parameter.healthy for parameter in fault.parameters])
-        assert fault.words(np.full(len(values), 0.37))
+        assert fault.text(np.full(len(values), 0.37))
         if fault.parameters and np.all(np.isfinite(values)) and fault.applies(at) and fault.kind != "limit":
             models.append(planted(at, healthy, [fault], values))
     gaps = transitions.differences(models, BASES["m1"])

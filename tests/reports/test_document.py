@@ -132,7 +132,7 @@ def test_no_drawn_table_is_wider_than_its_terminal(seed: int, monkeypatch: pytes
 
 def test_a_short_list_of_a_long_table_says_where_the_rest_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """On the console and in Markdown alike."""
-    table = Table((Column("a"),), tuple((f"row {k}",) for k in range(5)), most=2, rest="--out FILE.html")
+    table = Table((Column("a"),), tuple((f"row {k}",) for k in range(5)), max_rows=2, rest="--out FILE.html")
     lines = on_console((table,), 80, monkeypatch)
     assert lines == ["a", "row 0", "row 1", "and 3 more lines: --out FILE.html"]
     text = markdown(Document("t", (table,)))

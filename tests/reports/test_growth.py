@@ -48,7 +48,7 @@ SERIES: dict[str, Callable[[np.random.Generator], Array]] = {
     "quadratic": lambda generator: SHARE**2 * ripple(generator),
     "exponential": lambda generator: np.exp(generator.uniform(8, 25) * SHARE) * ripple(generator),
 }
-LEAST_TOLD = {"bounded": 0.9, "sqrt": 0.6, "linear": 1.0, "quadratic": 1.0, "exponential": 0.9}
+MIN_TOLD = {"bounded": 0.9, "sqrt": 0.6, "linear": 1.0, "quadratic": 1.0, "exponential": 0.9}
 
 
 @pytest.mark.parametrize("kind", SERIES)
@@ -58,7 +58,7 @@ def test_synthetic_series_is_classified(kind: str) -> None:
     found = Counter(growth_of(TIMES, SERIES[kind](generator), 1e-12).growth for _ in range(SEEDS))
     told = found[kind] / SEEDS
     others = 1.0 - told - found[None] / SEEDS
-    assert told >= LEAST_TOLD[kind]
+    assert told >= MIN_TOLD[kind]
     assert others <= 0.02
 
 

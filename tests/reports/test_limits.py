@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.measurement.convergence import Judged, Point, convergence_of
+from bodycheck.reports.measurement.convergence import Criteria, Point, convergence_of
 from bodycheck.reports.measurement.limits import Limit, limit_of
 
 SAMPLES = np.linspace(0.0, 1.0, 61)
@@ -61,13 +61,13 @@ def test_a_limit_is_the_truth_if_near_and_approached(distance: float, order: flo
     assert Limit(distance, 0.1, order, is_off=False).is_truth is is_truth
 
 
-def judged(steps: Sequence[float], motions: Sequence[Array], how: Judged | None = None) -> str:
+def judged(steps: Sequence[float], motions: Sequence[Array], how: Criteria | None = None) -> str:
     """Return the verdict on a quantity with these motions."""
     points = [
         Point(step, float(np.max(np.linalg.norm(motion, axis=-1))), motion)
         for step, motion in zip(steps, motions, strict=True)
     ]
-    return convergence_of(points, how or Judged(floor=FLOOR, growing=10.0 * FLOOR)).verdict
+    return convergence_of(points, how or Criteria(floor=FLOOR, growing=10.0 * FLOOR)).verdict
 
 
 @pytest.mark.slow
@@ -98,7 +98,7 @@ def test_plateau_is_reported(whole_motions: bool) -> None:
         else:
             errors = [float(np.max(np.linalg.norm(motion, axis=-1))) for motion in motions]
             points = [Point(step, min(error, 0.29)) for step, error in zip(steps, errors, strict=True)]
-            named += convergence_of(points, Judged(floor=FLOOR)).verdict == "does-not-converge"
+            named += convergence_of(points, Criteria(floor=FLOOR)).verdict == "does-not-converge"
     assert named >= 190
 
 
@@ -142,7 +142,7 @@ def test_no_extrapolation_where_a_load_switches_inside_a_step() -> None:
     main, off = field(rng), field(rng)
     steps = (8e-3, 4e-3, 2e-3, 1e-3)
     moving = [0.2 * off + 30.0 * h * main for h in steps]
-    how = Judged(floor=FLOOR, extrapolated=False)
+    how = Criteria(floor=FLOOR, extrapolated=False)
     assert judged(steps, moving) == "does-not-converge"
     assert judged(steps, moving, how) != "does-not-converge"
     still = [0.2 * off + 0.05 * h * main for h in steps]
@@ -161,7 +161,7 @@ def test_property_is_never_wrong() -> None:
     off = field(np.random.default_rng(8))
     motions = [1e-3 * off for _ in LADDERS[0]]
     assert judged(LADDERS[0], motions) == "does-not-converge"
-    assert judged(LADDERS[0], motions, Judged(floor=FLOOR, judged="property")) != "does-not-converge"
+    assert judged(LADDERS[0], motions, Criteria(floor=FLOOR, judged="property")) != "does-not-converge"
 
 
 def test_errors_of_round_off_are_not_reported() -> None:

@@ -145,13 +145,13 @@ def test_the_heat_map_has_every_cell_with_its_most_severe_verdict(page: Page, ru
             assert next(links) == f"#{anchor_of(scenario, (engine, method))}"
 
 
-def keeping(results: pd.DataFrame, error: str, target: float) -> pd.DataFrame:
-    """Return the timed cases that keep an error."""
+def meeting_tolerance(results: pd.DataFrame, error: str, target: float) -> pd.DataFrame:
+    """Return the timed cases that meet an error tolerance."""
     return results[results["outcome"].eq("ok") & results["cpu_s"].notna() & (results[error] <= target)]
 
 
 def test_the_cheapest_cases_are_those_of_the_results(page: Page, run: Run) -> None:
-    """For each decade of each error the case named is the fastest that keeps it, of all and of engines."""
+    """For each decade of each error the case named is the fastest that meets it, of all and of engines."""
     tables = page.with_class("cheapest")
     assert [table.error for table in tables] == [*ERRORS] * len(run.problems)
     rows = 0
@@ -163,11 +163,11 @@ def test_the_cheapest_cases_are_those_of_the_results(page: Page, run: Run) -> No
             for (who, fineness, cpu_s), some in zip(
                 (shown[:3], shown[3:]), (own, own[own["engine"] != "reference"]), strict=True
             ):
-                kept = keeping(some, table.error, float(target)).sort_values("cpu_s")
-                if kept.empty:
+                best_cases = meeting_tolerance(some, table.error, float(target)).sort_values("cpu_s")
+                if best_cases.empty:
                     assert who == "none"
                     continue
-                row = kept.iloc[0]
+                row = best_cases.iloc[0]
                 assert who == f"{row['engine']}:{row['method']}"
                 assert is_fineness(fineness, row)
                 assert same(cpu_s, row["cpu_s"])
@@ -241,7 +241,7 @@ def test_the_front_is_that_of_the_results(run: Run) -> None:
         assert len(table.rows) > 5
         for target, *shown in table.rows[1:]:
             found = median_costs(run.results, table.error, float(target))
-            for (who, seconds, kept), some in zip(
+            for (who, seconds, best_cases), some in zip(
                 (shown[:3], shown[3:]), (found, found[found["engine"] != "reference"]), strict=True
             ):
                 best = some.sort_values("median").iloc[0]
@@ -250,7 +250,7 @@ def test_the_front_is_that_of_the_results(run: Run) -> None:
                     continue
                 assert who == f"{best['engine']}:{best['method']}"
                 assert same(seconds, best["median"], 3)
-                assert kept.startswith(f"{best['kept']} of ")
+                assert best_cases.startswith(f"{best['kept']} of ")
 
 
 def test_the_stability_map_is_that_of_the_table(page: Page, run: Run) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from bodycheck.reports.render.headings import heading
 from bodycheck.reports.render.page.downsampling import LINE_POINTS, packed_line, thinned_maxima, thinned_times
-from bodycheck.reports.render.page.plots import growth_words
+from bodycheck.reports.render.page.plots import growth_text
 from bodycheck.reports.render.styles import COLOURS, DASHES, MARKERS, engine_colour, merged, styles
 from bodycheck.reports.templating import asset
 
@@ -108,4 +108,4 @@ def test_a_heading_is_words_with_a_unit(column: str, words: str) -> None:
 )
 def test_a_growth_is_told_with_its_exponent(growth: str, exponent: float, words: str) -> None:
     """A power of t has its exponent; what is bounded or exponential has none, and nothing is nothing."""
-    assert growth_words({"growth": growth, "growth_exponent": exponent}) == words
+    assert growth_text({"growth": growth, "growth_exponent": exponent}) == words

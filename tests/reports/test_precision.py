@@ -23,7 +23,7 @@ from bodycheck.reference_impl.loads.kinds.drag import Drag
 from bodycheck.reference_impl.single_precision import SINGLE_PRECISION
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import CaseResult, measured_by
-from bodycheck.reports.measurement.convergence import Judged, Point, convergence_of
+from bodycheck.reports.measurement.convergence import Criteria, Point, convergence_of
 from bodycheck.reports.measurement.measures import Motion
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
@@ -232,19 +232,19 @@ def points(errors: dict[float, float], level: float) -> list[Point]:
 def test_steps_dominated_by_round_off_do_not_hide_a_wrong_limit(steps: tuple[float, ...]) -> None:
     """An error of 0.1 + 3 h, with a predicted round-off of 1e-7 / h, does not converge to the truth."""
     made = [Point(dt, 0.1 + 3.0 * dt, None, 1e-7 / dt) for dt in steps]
-    assert convergence_of(made, Judged(floor=1e-14)).verdict == "does-not-converge"
+    assert convergence_of(made, Criteria(floor=1e-14)).verdict == "does-not-converge"
 
 
 def test_the_verdict_names_the_floor_of_the_arithmetic() -> None:
     """Errors that finer steps do not reduce are at the floor only where the arithmetic explains them."""
-    how, flat = Judged(floor=1e-14), {0.02: 3e-5, 0.01: 5e-6, 0.005: 7e-6, 0.002: 9e-6, 0.001: 8e-6}
-    assert convergence_of(points(flat, 1e-6), how).verdict == "at-precision-floor"
-    assert convergence_of(points(flat, 1e-10), how).verdict != "at-precision-floor"
-    assert convergence_of(points(flat, 0.0), how).verdict != "at-precision-floor"
+    criteria, flat = Criteria(floor=1e-14), {0.02: 3e-5, 0.01: 5e-6, 0.005: 7e-6, 0.002: 9e-6, 0.001: 8e-6}
+    assert convergence_of(points(flat, 1e-6), criteria).verdict == "at-precision-floor"
+    assert convergence_of(points(flat, 1e-10), criteria).verdict != "at-precision-floor"
+    assert convergence_of(points(flat, 0.0), criteria).verdict != "at-precision-floor"
     exact = {0.02: 3e-3, 0.01: 0.0}
-    assert convergence_of(points(exact, 0.0), how).verdict == "too-few-points"
+    assert convergence_of(points(exact, 0.0), criteria).verdict == "too-few-points"
     falling = {dt: 1e-2 * dt for dt in flat}
-    assert convergence_of(points(falling, 1e-9), how).verdict == "converges"
+    assert convergence_of(points(falling, 1e-9), criteria).verdict == "converges"
 
 
 @cache

@@ -50,7 +50,7 @@ def timed(
     about = {"scenario": "intermediate-axis", "engine": ENGINE, "method": "m", "outcome": "ok", "message": ""}
     cases = [CaseResult({**about, "dt_s": dt_s, "steps": round(10.0 / dt_s)}) for dt_s in STEPS_S]
     told: list[int] = []
-    found, quietness = speed.measure_speeds(
+    found, noise = speed.measure_speeds(
         [problem],
         cases,
         {ENGINE: Engine(ENGINE, "1", {})},
@@ -59,7 +59,7 @@ def timed(
         passes=passes,
         case_done=lambda: told.append(laps[ENGINE]),
     )
-    assert quietness.spread is None or quietness.spread >= 0.0
+    assert noise.spread is None or noise.spread >= 0.0
     return [result.columns for result in found], told
 
 
@@ -71,7 +71,7 @@ def test_one_quiet_pass_is_enough(passes: int, quiet: int, monkeypatch: pytest.M
     undisturbed = range(passes * of_a_case)[quiet * of_a_case :][:of_a_case]
 
     def lap(engine: str, number: int) -> Message:
-        # the yardstick, which waits for no memory, is slowed down by less
+        # the reference, which waits for no memory, is slowed down by less
         slower = 1.0 if number in undisturbed else 2.0 if engine == ENGINE else 1.2
         return {"outcome": "ok", "cpu_s": slower * LAP_S[engine]}
 

@@ -46,7 +46,7 @@ def test_a_terminal_shows_the_cases_and_both_times(monkeypatch: pytest.MonkeyPat
     """Cases done of those listed, and a time left once two have ended, each time with its label."""
     terminal = terminal_of(monkeypatch)
     with LiveProgress(100) as progress:
-        progress.motions_begun()
+        progress.motions_started()
         for _ in range(3):
             progress.case_done()
             time.sleep(0.02)
@@ -80,7 +80,7 @@ def test_a_log_has_each_phase_in_a_line(capsys: pytest.CaptureFixture[str]) -> N
     """Where standard error is not a terminal, compiling is a line only where something is compiled."""
     with LiveProgress(100) as progress:
         progress.phase("solving the truths")
-        progress.motions_begun()
+        progress.motions_started()
         progress.case_done()
     assert capsys.readouterr().err == "solving the truths\nmotions\n"
     with LiveProgress(100) as progress:
@@ -158,10 +158,10 @@ def test_speeds_are_counted_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """The count of the speeds starts from 0, and is full when as many were timed as there are cases."""
     terminal = terminal_of(monkeypatch)
     with LiveProgress(2) as progress:
-        progress.motions_begun()
+        progress.motions_started()
         for _ in range(3):
             progress.case_done()
-        progress.speeds_begun()
+        progress.speeds_started()
         for _ in range(3):
             progress.speed_measured()
         shown = last_line(terminal, progress)

@@ -77,14 +77,14 @@ class Difference:
     inertia: float
 
     @classmethod
-    def between(cls, stated: Body, held: Body) -> Difference:
+    def between(cls, stated: Body, imported: Body) -> Difference:
         """Return the relative differences; 1 where something is held in place of zero, inf for NaN."""
         length = max(float(np.linalg.norm(stated.centre_m)), stated.gyration_m)
         moment = float(np.max(np.abs(stated.inertia_kg_m2)))
         return cls(
-            _relative(abs(held.mass_kg - stated.mass_kg), abs(stated.mass_kg)),
-            _relative(float(np.linalg.norm(held.centre_m - stated.centre_m)), length),
-            _relative(float(np.max(np.abs(held.inertia_kg_m2 - stated.inertia_kg_m2))), moment),
+            _relative(abs(imported.mass_kg - stated.mass_kg), abs(stated.mass_kg)),
+            _relative(float(np.linalg.norm(imported.centre_m - stated.centre_m)), length),
+            _relative(float(np.max(np.abs(imported.inertia_kg_m2 - stated.inertia_kg_m2))), moment),
         )
 
     @property
@@ -203,8 +203,8 @@ AUDIT_FILE = "audit.json"
 
 def write_audit(audit: Audit, folder: Path, **facts: Any) -> None:
     """Write an audit and facts about it to audit.json in a folder."""
-    told = {**facts, "audit": asdict(audit)}
-    text = json.dumps(told, default=np.ndarray.tolist)
+    data = {**facts, "audit": asdict(audit)}
+    text = json.dumps(data, default=np.ndarray.tolist)
     (folder / AUDIT_FILE).write_text(text + "\n", encoding="utf-8")
 
 
@@ -212,48 +212,48 @@ def read_audit(folder: Path) -> tuple[Audit, dict[str, Any]]:
     """Read an audit and the facts about it; raises InputError with one line if it cannot be read."""
     path = folder / AUDIT_FILE
     try:
-        told = dict(read_json(path))
-        return _audit(told.pop("audit")), told
+        data = dict(read_json(path))
+        return _audit(data.pop("audit")), data
     except FileNotFoundError:
         raise InputError(f"{path}: missing: not a shard of an audit") from None
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: not a shard of an audit: {error!r}") from None
 
 
-def _audit(told: Mapping[str, Any]) -> Audit:
+def _audit(data: Mapping[str, Any]) -> Audit:
     lists = {
-        "columns": tuple(Column(**one) for one in told["columns"]),
-        "links": tuple(map(_link, told["links"])),
-        "findings": tuple(Finding(**one) for one in told["findings"]),
+        "columns": tuple(Column(**one) for one in data["columns"]),
+        "links": tuple(map(_link, data["links"])),
+        "findings": tuple(Finding(**one) for one in data["findings"]),
     }
-    return Audit(**{**told, **lists})
+    return Audit(**{**data, **lists})
 
 
-def _link(told: Mapping[str, Any]) -> LinkAudit:
+def _link(data: Mapping[str, Any]) -> LinkAudit:
     parts = {
-        "stated": _body(told["stated"]),
-        "held": {name: _comparison(one) for name, one in told["held"].items()},
-        "spins": {name: Spin(**one) for name, one in told["spins"].items()},
+        "stated": _body(data["stated"]),
+        "held": {name: _comparison(one) for name, one in data["held"].items()},
+        "spins": {name: Spin(**one) for name, one in data["spins"].items()},
     }
-    return LinkAudit(**{**told, **parts})
+    return LinkAudit(**{**data, **parts})
 
 
-def _comparison(told: Mapping[str, Any]) -> Comparison:
-    difference = told["difference"]
+def _comparison(data: Mapping[str, Any]) -> Comparison:
+    difference = data["difference"]
     parts = {
-        "expected": _body(told["expected"]),
-        "held": _body(told["held"]),
+        "expected": _body(data["expected"]),
+        "held": _body(data["held"]),
         "difference": None if difference is None else Difference(**difference),
-        "causes": tuple(told["causes"]),
-        "merged": tuple(told["merged"]),
+        "causes": tuple(data["causes"]),
+        "merged": tuple(data["merged"]),
     }
-    return Comparison(**{**told, **parts})
+    return Comparison(**{**data, **parts})
 
 
-def _body(told: Mapping[str, Any] | None) -> Body | None:
-    if told is None:
+def _body(data: Mapping[str, Any] | None) -> Body | None:
+    if data is None:
         return None
-    centre, tensor = (np.array(told[name], dtype=np.float64) for name in ("centre_m", "inertia_kg_m2"))
+    centre, tensor = (np.array(data[name], dtype=np.float64) for name in ("centre_m", "inertia_kg_m2"))
     if centre.shape != (3,) or tensor.shape != (3, 3):
         raise ValueError(f"a body with a centre of shape {centre.shape} and a tensor of {tensor.shape}")
-    return Body(float(told["mass_kg"]), centre, tensor)
+    return Body(float(data["mass_kg"]), centre, tensor)

@@ -42,19 +42,19 @@ def _head(audit: Audit) -> list[Sentence]:
     findings = Counter[str](finding.severity for finding in audit.findings)
     linted = names([count(findings[level], level) for level in reversed(_LEVELS) if findings[level]])
     links = {link.name for link, _, _ in differing}
-    told = f"{count(len(audit.links), 'link')}; {count(len(links), 'link')} imported with differences"
+    summary = f"{count(len(audit.links), 'link')}; {count(len(links), 'link')} imported with differences"
     bad = bool(differing) or findings["error"] > 0
     found = [
         Sentence(
-            f"{told}; {linted or 'no problem'} found in the file itself.",
+            f"{summary}; {linted or 'no problem'} found in the file itself.",
             "bad" if bad else "good",
             strong=True,
         )
     ]
     unread = [link for link in audit.links if link.unread]
     if unread:
-        which = names([f"{link.name} ({link.unread})" for link in unread])
-        found.append(Sentence(f"Not computed, and so not compared: {which}."))
+        names_ = names([f"{link.name} ({link.unread})" for link in unread])
+        found.append(Sentence(f"Not computed, and so not compared: {names_}."))
     if audit.outside:
         found.append(Sentence(f"Names files outside of its folder: {names(list(audit.outside))}."))
     found += [Sentence(note) for note in audit.notes]
@@ -68,8 +68,8 @@ def _importers(audit: Audit) -> Table:
     rows = []
     for one in audit.columns:
         states = Counter(link.held[one.name].state for link in audit.links if one.name in link.held)
-        told = names([f"{amount} {state}" for state, amount in states.items()])
-        result: Cell = told or Span(f"{one.outcome}: {one.message}", "fault")
+        summary = names([f"{amount} {state}" for state, amount in states.items()])
+        result: Cell = summary or Span(f"{one.outcome}: {one.message}", "fault")
         rows.append((one.name, one.version, result, one.settings))
     return Table(columns, tuple(rows), "Importers")
 
@@ -143,8 +143,8 @@ def _spins(audit: Audit) -> Table:
                         link.name,
                         name,
                         _radians(spin.control_rad),
-                        _marked(spin, "held"),
-                        _marked(spin, "excerpt"),
+                        _spin_cell(spin, "held"),
+                        _spin_cell(spin, "excerpt"),
                     )
                 )
     return Table(columns, tuple(rows), "Free spins that deviate from the truth, rad after 1 s")
@@ -154,7 +154,7 @@ def _radians(value: float | None) -> str:
     return "" if value is None else scientific(value)
 
 
-def _marked(spin: Spin, by: str) -> Cell:
+def _spin_cell(spin: Spin, by: str) -> Cell:
     value = spin.held_rad if by == "held" else spin.excerpt_rad
     return Span(_radians(value), "bad" if moves_alike(spin, by=by) is False else "none")
 
@@ -270,12 +270,12 @@ def _sarif_text(message: str, expected: str) -> str:
 
 
 def _sarif_result(rule: str, level: str, file: str, line: int, message: str, link: str) -> dict[str, Any]:
-    place = {"artifactLocation": {"uri": Path(file).as_posix()}, "region": {"startLine": max(line, 1)}}
+    location = {"artifactLocation": {"uri": Path(file).as_posix()}, "region": {"startLine": max(line, 1)}}
     return {
         "ruleId": rule,
         "level": level,
         "message": {"text": f"{link}: {message}"},
-        "locations": [{"physicalLocation": place}],
+        "locations": [{"physicalLocation": location}],
     }
 
 
@@ -284,8 +284,8 @@ def failures(audit: Audit, fail_on: Sequence[str]) -> list[str]:
     found = []
     severities = [level for level in _LEVELS if level in fail_on]
     if severities:
-        least = _LEVELS.index(severities[0])
-        bad = [one for one in audit.findings if _LEVELS.index(one.severity) >= least]
+        min_level = _LEVELS.index(severities[0])
+        bad = [one for one in audit.findings if _LEVELS.index(one.severity) >= min_level]
         found += [count(len(bad), "finding")] if bad else []
     if "difference" in fail_on:
         differing = audit.differing()

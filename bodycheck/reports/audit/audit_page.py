@@ -69,11 +69,11 @@ def _cell(link: LinkAudit, name: str, outcome: str) -> _Cell:
     details = () if one.held is None else _numbers(one.held)
     spin = link.spins.get(name)
     if spin is not None:
-        told = {True: "follows the file's body", False: "leaves the file's body"}
+        texts = {True: "follows the file's body", False: "leaves the file's body"}
         for by, error in (("held", spin.held_rad), ("excerpt", spin.excerpt_rad)):
-            alike = moves_alike(spin, by=by)
-            if alike is not None and error is not None:
-                details += (f"spin of {by}: {scientific(error)} rad, {told[alike]}",)
+            follows = moves_alike(spin, by=by)
+            if follows is not None and error is not None:
+                details += (f"spin of {by}: {scientific(error)} rad, {texts[follows]}",)
     return _Cell(tint_of(one), text, one.causes, details, _ellipsoids(one))
 
 
@@ -114,14 +114,14 @@ def _screen() -> Array:
     """Return the two axes of the drawing (2, 3): to the right and upwards."""
     azimuth, elevation = _CAMERA
     right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
-    towards = np.array(
+    view_axis = np.array(
         [
             math.cos(elevation) * math.cos(azimuth),
             math.cos(elevation) * math.sin(azimuth),
             math.sin(elevation),
         ]
     )
-    return np.array([right, np.cross(towards, right)])
+    return np.array([right, np.cross(view_axis, right)])
 
 
 def _outline(body: Body) -> Array:

@@ -33,7 +33,7 @@ Member: TypeAlias = tuple[ModelLink, Frame]
 """A link, and its pose in the link that it is part of."""
 _WATER_KG_M3 = 1000.0
 """The density of geoms that state none in MJCF, which some importers give to all."""
-_MOST_SUBSETS = 8  # shapes: 255 sums, of which one agrees with a mass by chance once in 1,000 times
+_MAX_SUBSETS = 8  # shapes: 255 sums, of which one agrees with a mass by chance once in 1,000 times
 _NEARLY_A_BOX = 0.05  # shapes of meshes have small margins
 
 
@@ -58,7 +58,7 @@ def body_causes(
     model: ModelFile,
     members: Sequence[Member],
     expected: Body | None,
-    held: Body,
+    imported: Body,
     difference: Difference | None,
     discarded: str,
 ) -> tuple[str, ...]:
@@ -69,8 +69,8 @@ def body_causes(
     """
     link = members[0][0]
     if expected is None or difference is None:
-        return ("mass and tensor invented: the file gives this link no inertia",) if held.mass_kg else ()
-    if not (np.isfinite(held.inertia_kg_m2).all() and math.isfinite(held.mass_kg)):
+        return ("mass and tensor invented: the file gives this link no inertia",) if imported.mass_kg else ()
+    if not (np.isfinite(imported.inertia_kg_m2).all() and math.isfinite(imported.mass_kg)):
         return ("not finite",)
     found = []
     if difference.largest <= SINGLE:
@@ -78,39 +78,39 @@ def body_causes(
             f"rounded: {scientific(difference.largest)}, as single precision or an unfinished iteration does",
         )
     if difference.mass > SINGLE:
-        found.append(_mass_cause(model, members, expected, held))
+        found.append(_mass_cause(model, members, expected, imported))
     if difference.centre > SINGLE:
-        found.append(_centre_cause(link, expected, held))
+        found.append(_centre_cause(link, expected, imported))
     if difference.inertia > SINGLE:
-        found.append(_tensor_cause(model, members, expected, held, discarded))
+        found.append(_tensor_cause(model, members, expected, imported, discarded))
     return tuple(dict.fromkeys(found))
 
 
-def _mass_cause(model: ModelFile, members: Sequence[Member], expected: Body, held: Body) -> str:
-    def near(mass: float) -> bool:
-        return abs(mass - held.mass_kg) <= SINGLE * held.mass_kg
+def _mass_cause(model: ModelFile, members: Sequence[Member], expected: Body, imported: Body) -> str:
+    def matches(mass: float) -> bool:
+        return abs(mass - imported.mass_kg) <= SINGLE * imported.mass_kg
 
     link = members[0][0]
-    if held.mass_kg == 0.0:
+    if imported.mass_kg == 0.0:
         return "mass discarded: the link cannot move"
     if expected.mass_kg == 0.0:
-        return f"mass invented: {number(held.mass_kg, 6)} kg"
-    if held.mass_kg > expected.mass_kg and held.mass_kg in (1e-3, 1e-6, 1e-2, 0.1, 1.0):
-        return f"mass clamped to {number(held.mass_kg, 6)} kg"
-    if held.mass_kg == 1.0 and np.array_equal(held.inertia_kg_m2, np.eye(3)):
+        return f"mass invented: {number(imported.mass_kg, 6)} kg"
+    if imported.mass_kg > expected.mass_kg and imported.mass_kg in (1e-3, 1e-6, 1e-2, 0.1, 1.0):
+        return f"mass clamped to {number(imported.mass_kg, 6)} kg"
+    if imported.mass_kg == 1.0 and np.array_equal(imported.inertia_kg_m2, np.eye(3)):
         return "mass discarded: 1 kg in its place"
     if (stated := link.stated) is not None:
-        if len(members) > 1 and near(float(stated.inertia.mass)):
+        if len(members) > 1 and matches(float(stated.inertia.mass)):
             return "mass of this link alone: that of the links merged into it is lost"
-        if len(stated.parts) > 1 and any(near(float(part.mass)) for part in stated.parts):
+        if len(stated.parts) > 1 and any(matches(float(part.mass)) for part in stated.parts):
             return f"mass of one of {len(stated.parts)} shapes only"
-        if stated.overruled_mass is not None and near(stated.overruled_mass):
+        if stated.overruled_mass is not None and matches(stated.overruled_mass):
             return "mass of <inertial>, which the file overrules by its geoms"
-    if counted := _counted(link, model, held.mass_kg):
+    if counted := _counted(link, model, imported.mass_kg):
         some = "the" if len(counted) == len(link.shapes) else f"{len(counted)} of {len(link.shapes)}"
         unsized = "" if set(counted) <= set(link.shapes) else ", boxes with half edges of 1 m"
         return f"mass recomputed: the volume of {some} shapes at {_WATER_KG_M3:g} kg/m^3{unsized}"
-    return f"mass times {number(held.mass_kg / expected.mass_kg, 6)}"
+    return f"mass times {number(imported.mass_kg / expected.mass_kg, 6)}"
 
 
 def _counted(link: ModelLink, model: ModelFile, mass_kg: float) -> tuple[Shape, ...]:
@@ -122,7 +122,7 @@ def _counted(link: ModelLink, model: ModelFile, mass_kg: float) -> tuple[Shape, 
     unsized = tuple(
         replace(shape, size=(1.0, 1.0, 1.0)) if shape.kind == "box" else shape for shape in link.shapes
     )
-    many = len(link.shapes) > _MOST_SUBSETS
+    many = len(link.shapes) > _MAX_SUBSETS
     for shapes in dict.fromkeys((link.shapes, unsized)):
         volumes = [volume_m3(shape, model) for shape in shapes]
         for size in (len(shapes), 1) if many else range(len(shapes), 0, -1):
@@ -133,50 +133,50 @@ def _counted(link: ModelLink, model: ModelFile, mass_kg: float) -> tuple[Shape, 
     return ()
 
 
-def _centre_cause(link: ModelLink, expected: Body, held: Body) -> str:
+def _centre_cause(link: ModelLink, expected: Body, imported: Body) -> str:
     scale = max(float(np.linalg.norm(expected.centre_m)), expected.gyration_m)
 
-    def near(other: Array) -> bool:
-        return bool(np.linalg.norm(held.centre_m - other) <= SINGLE * scale)
+    def matches(other: Array) -> bool:
+        return bool(np.linalg.norm(imported.centre_m - other) <= SINGLE * scale)
 
-    if near(np.zeros(3)):
+    if matches(np.zeros(3)):
         return "centre of mass ignored"
-    if near(-expected.centre_m):
+    if matches(-expected.centre_m):
         return "centre of mass of the wrong sign"
     parts = () if link.stated is None else link.stated.parts
     shapes = link.shapes if len(link.shapes) > 1 else ()
     centres = (*(part.centre for part in parts), *(shape.frame.position for shape in shapes))
-    if len(centres) > 1 and any(near(doubles(centre)) for centre in centres):
+    if len(centres) > 1 and any(matches(doubles(centre)) for centre in centres):
         return "centre of mass of one shape only"
     if link.stated is not None:
         turned = doubles(link.stated.frame.rotation)
-        if near(turned @ expected.centre_m) or near(turned.T @ expected.centre_m):
+        if matches(turned @ expected.centre_m) or matches(turned.T @ expected.centre_m):
             return "centre of mass rotated by the inertial frame"
-    return f"centre of mass {number(float(np.linalg.norm(held.centre_m - expected.centre_m)), 3)} m off"
+    return f"centre of mass {number(float(np.linalg.norm(imported.centre_m - expected.centre_m)), 3)} m off"
 
 
 def _tensor_cause(
-    model: ModelFile, members: Sequence[Member], expected: Body, held: Body, discarded: str
+    model: ModelFile, members: Sequence[Member], expected: Body, imported: Body, discarded: str
 ) -> str:
-    if np.array_equal(held.inertia_kg_m2, np.eye(3)):
+    if np.array_equal(imported.inertia_kg_m2, np.eye(3)):
         return "replaced by the identity"
-    size = max(float(np.max(np.abs(expected.inertia_kg_m2))), float(np.max(np.abs(held.inertia_kg_m2))))
-    for what, tensor in _faults_of(members):
+    size = max(float(np.max(np.abs(expected.inertia_kg_m2))), float(np.max(np.abs(imported.inertia_kg_m2))))
+    for shape_name, tensor in _faults_of(members):
         other = float(np.max(np.abs(tensor - expected.inertia_kg_m2)))
-        if other > SINGLE * size and float(np.max(np.abs(tensor - held.inertia_kg_m2))) <= SINGLE * size:
-            return what
+        if other > SINGLE * size and float(np.max(np.abs(tensor - imported.inertia_kg_m2))) <= SINGLE * size:
+            return shape_name
     if discarded:
         return f"{DISCARDED}: {discarded}"
-    if held.mass_kg > 0.0 and held.mass_kg != expected.mass_kg > 0.0:
-        scaled = expected.inertia_kg_m2 * (held.mass_kg / expected.mass_kg)
-        if float(np.max(np.abs(scaled - held.inertia_kg_m2))) <= SINGLE * size:
+    if imported.mass_kg > 0.0 and imported.mass_kg != expected.mass_kg > 0.0:
+        scaled = expected.inertia_kg_m2 * (imported.mass_kg / expected.mass_kg)
+        if float(np.max(np.abs(scaled - imported.inertia_kg_m2))) <= SINGLE * size:
             return "tensor scaled with the mass"
     link = members[0][0]
-    moment = float(np.max(np.abs(held.inertia_kg_m2)))
-    for what, tolerance, tensor in _of_shapes(link, model, held.mass_kg):
-        if moment > 0.0 and float(np.max(np.abs(tensor - held.inertia_kg_m2))) <= tolerance * moment:
-            return f"{DISCARDED}: recomputed from {what}"
-    return _by_moments(link, expected, held)
+    moment = float(np.max(np.abs(imported.inertia_kg_m2)))
+    for shape_name, tolerance, tensor in _of_shapes(link, model, imported.mass_kg):
+        if moment > 0.0 and float(np.max(np.abs(tensor - imported.inertia_kg_m2))) <= tolerance * moment:
+            return f"{DISCARDED}: recomputed from {shape_name}"
+    return _by_moments(link, expected, imported)
 
 
 def _of_shapes(link: ModelLink, model: ModelFile, mass_kg: float) -> Iterator[tuple[str, float, Array]]:
@@ -258,33 +258,37 @@ def _faults(link: ModelLink, expected: Body) -> Iterator[tuple[str, Array]]:
         yield "rotated by the inverse of inertial frame and principal axes", A.T @ R.T @ ordered @ R @ A
 
 
-def _by_moments(link: ModelLink, expected: Body, held: Body) -> str:
+def _by_moments(link: ModelLink, expected: Body, imported: Body) -> str:
     """Return what the principal moments and axes alone tell."""
-    given, got = expected.principal[0], held.principal[0]
-    if not got.any():
+    given, found_moments = expected.principal[0], imported.principal[0]
+    if not found_moments.any():
         return "tensor discarded: all moments are zero"
-    if given[2] > 0.0 and np.max(np.abs(got - given)) <= SINGLE * given[2]:
-        return f"principal axes rotated by {number(math.degrees(_angle(expected, held)), 4)} degrees"
+    if given[2] > 0.0 and np.max(np.abs(found_moments - given)) <= SINGLE * given[2]:
+        return f"principal axes rotated by {number(math.degrees(_angle(expected, imported)), 4)} degrees"
     if given[2] > 0.0:
-        ratio = held.inertia_kg_m2 / given[2]
+        ratio = imported.inertia_kg_m2 / given[2]
         factor = float(np.sum(ratio * expected.inertia_kg_m2) / np.sum(expected.inertia_kg_m2**2 / given[2]))
         if (
-            np.max(np.abs(held.inertia_kg_m2 - factor * expected.inertia_kg_m2))
+            np.max(np.abs(imported.inertia_kg_m2 - factor * expected.inertia_kg_m2))
             <= SINGLE * abs(factor) * given[2]
         ):
             scaling = link.inertia_scaling
             scaled = scaling != 1.0 and abs(factor - scaling) <= SINGLE * abs(scaling)
             return f"tensor times {number(factor, 6)}" + (": <inertia_scaling> of the file" if scaled else "")
-    raised = [k for k in range(3) if got[k] > given[k] * (1.0 + SINGLE)]
-    kept = all(k in raised or abs(got[k] - given[k]) <= SINGLE * given[2] for k in range(3))
-    if raised and kept and float(np.ptp(got[raised])) <= SINGLE * float(got[raised[0]]):
-        return f"moments clamped to {number(float(got[raised[0]]), 4)} kg m^2"
+    raised = [k for k in range(3) if found_moments[k] > given[k] * (1.0 + SINGLE)]
+    others_equal = all(k in raised or abs(found_moments[k] - given[k]) <= SINGLE * given[2] for k in range(3))
+    if (
+        raised
+        and others_equal
+        and float(np.ptp(found_moments[raised])) <= SINGLE * float(found_moments[raised[0]])
+    ):
+        return f"moments clamped to {number(float(found_moments[raised[0]]), 4)} kg m^2"
     return "tensor changed; no known fault makes these numbers of the file"
 
 
-def _angle(expected: Body, held: Body) -> float:
+def _angle(expected: Body, imported: Body) -> float:
     """Return the smallest angle in rad between two sets of principal axes, which have no signs."""
-    Q = expected.principal[1].T @ held.principal[1]
+    Q = expected.principal[1].T @ imported.principal[1]
     signed = (Q * np.array([a, b, 1.0]) for a, b in product((1.0, -1.0), repeat=2))
     angles = []
     for turn in signed:
@@ -293,29 +297,33 @@ def _angle(expected: Body, held: Body) -> float:
     return min(angles)
 
 
-def joint_causes(joint: Joint | None, held: HeldLink) -> tuple[str, ...]:
+def joint_causes(joint: Joint | None, imported: HeldLink) -> tuple[str, ...]:
     """Return what the import added to a joint, or left out."""
     if joint is None or joint.fixed or joint.kind in ("free", "floating", "mocap"):
         return ()
     found = []
-    if joint.damping is not None and held.damping is not None and not _near(joint.damping, held.damping):
-        change = "added" if joint.damping == 0.0 else "dropped" if held.damping == 0.0 else "changed"
+    if (
+        joint.damping is not None
+        and imported.damping is not None
+        and not _close(joint.damping, imported.damping)
+    ):
+        change = "added" if joint.damping == 0.0 else "dropped" if imported.damping == 0.0 else "changed"
         found.append(
-            f"damping {change}: {number(joint.damping, 6)} in the file, {number(held.damping, 6)} held"
+            f"damping {change}: {number(joint.damping, 6)} in the file, {number(imported.damping, 6)} held"
         )
-    if joint.limits is None and held.limits is not None and not _endless(held.limits, joint.kind):
-        found.append(f"limits added: {_interval(held.limits)}")
-    if joint.limits is not None and held.limits is not None:
-        if not all(_near(a, b) for a, b in zip(joint.limits, held.limits, strict=True)):
+    if joint.limits is None and imported.limits is not None and not _endless(imported.limits, joint.kind):
+        found.append(f"limits added: {_interval(imported.limits)}")
+    if joint.limits is not None and imported.limits is not None:
+        if not all(_close(a, b) for a, b in zip(joint.limits, imported.limits, strict=True)):
             found.append(
-                f"limits changed: {_interval(joint.limits)} in the file, {_interval(held.limits)} held"
+                f"limits changed: {_interval(joint.limits)} in the file, {_interval(imported.limits)} held"
             )
-    elif joint.limits is not None and held.damping is not None and joint.limits[0] < joint.limits[1]:
+    elif joint.limits is not None and imported.damping is not None and joint.limits[0] < joint.limits[1]:
         found.append(f"limits dropped: {_interval(joint.limits)} in the file")
     return tuple(found)
 
 
-def _near(a: float, b: float) -> bool:
+def _close(a: float, b: float) -> bool:
     return abs(a - b) <= SINGLE * max(abs(a), abs(b))
 
 

@@ -49,18 +49,20 @@ def _range(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     body = Body.of(link.stated.in_link)
     boxes = [box for shape in link.collisions if (box := half_extents(shape, model)) is not None]
     sizes = [size for _, half in boxes for size in half]
-    places = [*body.centre_m, *(place for middle, _ in boxes for place in middle)]
-    least, most = _RANGE
-    for what, unit, numbers, low in (
-        ("mass", "kg", [body.mass_kg], least),
-        ("moment", "kg m^2", np.diagonal(body.inertia_kg_m2), least),
+    positions = [*body.centre_m, *(coordinate for middle, _ in boxes for coordinate in middle)]
+    min_value, max_value = _RANGE
+    for quantity, unit, numbers, low in (
+        ("mass", "kg", [body.mass_kg], min_value),
+        ("moment", "kg m^2", np.diagonal(body.inertia_kg_m2), min_value),
         ("product of inertia", "kg m^2", body.inertia_kg_m2.ravel(), 0.0),
-        ("size", "m", sizes, least),
-        ("position", "m", places, 0.0),
+        ("size", "m", sizes, min_value),
+        ("position", "m", positions, 0.0),
     ):
-        if wrong := [x for x in map(float, numbers) if x != 0.0 and not low <= abs(x) <= most]:
-            told = f"a {what} of {number(wrong[0], 6)} {unit}"
-            yield _finding("number-range", "error", "certain", link, told, f"0, or from {low:g} to {most:g}")
+        if wrong := [x for x in map(float, numbers) if x != 0.0 and not low <= abs(x) <= max_value]:
+            message = f"a {quantity} of {number(wrong[0], 6)} {unit}"
+            yield _finding(
+                "number-range", "error", "certain", link, message, f"0, or from {low:g} to {max_value:g}"
+            )
             return
 
 
@@ -143,11 +145,11 @@ def _units(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     points = corners(link, model)
     confidence: Confidence = "likely" if len(points) else "possible"
     if not len(points):
-        points = _joint_places(link, model)
-    reach = float(np.max(np.linalg.norm(points - body.centre_m, axis=1), initial=0.0))
-    if not reach > 0.0:
+        points = _joint_positions(link, model)
+    radius = float(np.max(np.linalg.norm(points - body.centre_m, axis=1), initial=0.0))
+    if not radius > 0.0:
         return
-    ratio = float(body.principal[0][2]) / (body.mass_kg * reach**2)
+    ratio = float(body.principal[0][2]) / (body.mass_kg * radius**2)
     if ratio > _TOO_LARGE or (ratio < _TOO_SMALL and confidence == "likely"):
         power = round(math.log10(ratio / 0.3) / 3.0) * 3
         factor = 10.0 ** abs(power)
@@ -159,14 +161,14 @@ def _units(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
             confidence,
             link,
             f"the tensor is about {factor:.0e} times too {size} for {number(body.mass_kg)} kg within "
-            f"{number(reach, 3)} m of the centre of mass{unit}".replace("e+0", "e"),
-            f"a largest moment near {number(0.3 * body.mass_kg * reach**2, 2)} kg m^2",
+            f"{number(radius, 3)} m of the centre of mass{unit}".replace("e+0", "e"),
+            f"a largest moment near {number(0.3 * body.mass_kg * radius**2, 2)} kg m^2",
         )
 
 
-def _joint_places(link: ModelLink, model: ModelFile) -> np.ndarray:
-    places = [doubles(child.pose.position) for child in model.links if child.parent == link.name]
-    return np.array([np.zeros(3), *places]) if places else np.empty((0, 3))
+def _joint_positions(link: ModelLink, model: ModelFile) -> np.ndarray:
+    positions = [doubles(child.pose.position) for child in model.links if child.parent == link.name]
+    return np.array([np.zeros(3), *positions]) if positions else np.empty((0, 3))
 
 
 def _about(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
@@ -184,9 +186,9 @@ def _about(link: ModelLink, model: ModelFile) -> Iterator[Finding]:
     here = f"{vector(about_centre[np.triu_indices(3)])} kg m^2 (xx, xy, xz, yy, yz, zz) in link axes"
     if solid is not None:
         scale = float(np.max(solid.inertia))
-        near = float(np.max(np.abs(about_centre - solid.inertia))) / scale
-        far = float(np.max(np.abs(body.inertia_kg_m2 - solid.inertia))) / scale
-        if near < 0.3 and far > 2.0 * near + 0.3:
+        centre_error = float(np.max(np.abs(about_centre - solid.inertia))) / scale
+        origin_error = float(np.max(np.abs(body.inertia_kg_m2 - solid.inertia))) / scale
+        if centre_error < 0.3 and origin_error > 2.0 * centre_error + 0.3:
             yield _finding(
                 "about-another-point",
                 "warning",

@@ -45,9 +45,9 @@ def _tint(one: SpellingResult) -> str:
 def spelling_document(results: Sequence[SpellingResult]) -> Document:
     """Return one row per spelling and importer."""
     broken = [one for one in results if one.broken or one.causes]
-    lost = [one for one in results if one.apart_rad is None]
-    told = f"{count(len(results), 'spelling')} of one body spun; {len(broken)} violate the law"
-    told += f"; {len(lost)} could not be spun" if lost else ""
+    not_spun = [one for one in results if one.apart_rad is None]
+    text = f"{count(len(results), 'spelling')} of one body spun; {len(broken)} violate the law"
+    text += f"; {len(not_spun)} could not be spun" if not_spun else ""
     columns = (
         Column("importer", "fixed"),
         Column("spelling"),
@@ -65,6 +65,6 @@ def spelling_document(results: Sequence[SpellingResult]) -> Document:
         )
         for one in results
     )
-    head = Sentence(f"{told}.", "bad" if broken else "good", strong=True)
+    head = Sentence(f"{text}.", "bad" if broken else "good", strong=True)
     note = Sentence("error: from the truth; apart: from the importer's first spelling; rad within 1 s.")
     return Document("Spellings of one body", (head, note, Table(columns, rows, "Spellings")))

@@ -27,7 +27,7 @@ from bodycheck.reports.cache.entries import Entry, key_of
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.reuse import Reuse
 
-_Said = TypeVar("_Said", Answer, StableStep)
+_Result = TypeVar("_Result", Answer, StableStep)
 
 
 class Answers:
@@ -60,38 +60,42 @@ class Answers:
         return self._motion(engine_pool, engine, case, "replay")
 
     def elsewhere(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
-        """Return the answer to a case that was asked before; the caller has restarted the engine."""
-        return self._motion(engine_pool, engine, case, "record", kept_as="another process")
+        """Return the answer to a case that was requested before; the caller has restarted the engine."""
+        return self._motion(engine_pool, engine, case, "record", kind="another process")
 
     def derived(
-        self, engine_pool: EnginePool, engine: Engine, what: Any, derive: Callable[[Asker], Message]
+        self,
+        engine_pool: EnginePool,
+        engine: Engine,
+        topic: Any,
+        derive: Callable[[EngineClient], Message],
     ) -> Message:
         """Return what follows from an engine's answers alone, from an earlier run where answers are reused.
 
-        what: plain data that distinguishes it from all else that is derived for this engine. derive: computes
-        it, as plain data.
+        topic: plain data that distinguishes it from all else derived for this engine. derive: computes it, as
+        plain data.
         """
-        known = self.known(engine, what)
+        known = self.known(engine, topic)
         if known is not None:
             return known
-        asker = Asker(self, engine_pool)
-        found = derive(asker)
-        self.keep(engine, what, found, asker)
+        client = EngineClient(self, engine_pool)
+        found = derive(client)
+        self.keep(engine, topic, found, client)
         return found
 
-    def known(self, engine: Engine, what: Any) -> Message | None:
+    def known(self, engine: Engine, topic: Any) -> Message | None:
         """Return what an earlier run derived from the answers of this build, where answers are reused."""
-        return self._cache.get(_derived_key(engine, what)) if self._cache and self._reuses(engine) else None
+        return self._cache.get(_derived_key(engine, topic)) if self._cache and self._reuses(engine) else None
 
-    def keep(self, engine: Engine, what: Any, found: Message, asker: Asker) -> None:
-        """Store what was derived from the answers of an asker, if they would be given again."""
+    def keep(self, engine: Engine, topic: Any, found: Message, client: EngineClient) -> None:
+        """Store what was derived from the answers that a client received, if they would be given again."""
         known = engine.build.id and engine.build.kind != "handed over"
-        if self._cache and known and asker.is_lasting:
-            self._cache.put(_derived_key(engine, what), found)
+        if self._cache and known and client.is_repeatable:
+            self._cache.put(_derived_key(engine, topic), found)
 
     def sentinel(self, engine_pool: EnginePool, engine: Engine, case: Case) -> Answer:
         """Return the answer that this machine gives to a case, never one of another run."""
-        return self._motion(engine_pool, engine, case, "record", kept_as="sentinel", cached=False)
+        return self._motion(engine_pool, engine, case, "record", kind="sentinel", cached=False)
 
     def _motion(
         self,
@@ -100,14 +104,14 @@ class Answers:
         case: Case,
         do: str,
         *,
-        kept_as: str = "",
+        kind: str = "",
         cached: bool = True,
     ) -> Answer:
         return self._answered(
             engine_pool,
             engine,
             case,
-            _key(engine, case, kept_as or do),
+            _key(engine, case, kind or do),
             lambda: {"do": do, "case": case_messages.case_message(case)},
             lambda message: _read(message, case),
             cached=cached,
@@ -132,10 +136,10 @@ class Answers:
         case: Case,
         key: str,
         request: Callable[[], Message],
-        read: Callable[[Message], _Said],
+        read: Callable[[Message], _Result],
         *,
         cached: bool = True,
-    ) -> _Said:
+    ) -> _Result:
         journal = self._journal_of(case)
         message = journal.get(key) if journal else None
         if message is not None:
@@ -145,16 +149,16 @@ class Answers:
         reused = entry is not None
         if entry is None:
             message = {**engine_pool.ask(engine.name, request(), self._timeout_s), "run": self._run_id}
-            said = read(message)
-            entry = Entry.of(key, protocol.kept(message, said))
-            if cache and _lasting(said) and message.get("build", engine.build.id) == engine.build.id:
+            result = read(message)
+            entry = Entry.of(key, protocol.kept(message, result))
+            if cache and _is_repeatable(result) and message.get("build", engine.build.id) == engine.build.id:
                 cache.keep(entry)
         else:
-            said = read(entry.value)
+            result = read(entry.value)
         if journal:
             # cached answers too: the cache may be gone when the run is resumed
             journal.append(entry)
-        return replace(said, reused=reused)
+        return replace(result, reused=reused)
 
     def _cache_of(self, engine: Engine, case: Case) -> Cache | None:
         """Return the cache; None where the engine is not identified, or a user's function may change."""
@@ -181,20 +185,20 @@ class Answers:
             journal.put(_key(engine, case, "laps"), measured)
 
 
-class Asker:
-    """The answers that one pool gives. is_lasting: whether every engine would answer the same again."""
+class EngineClient:
+    """The answers that one pool gives. is_repeatable: whether every engine would answer the same again."""
 
     def __init__(self, answers: Answers, engine_pool: EnginePool) -> None:
         self._answers, self._engine_pool = answers, engine_pool
-        self.is_lasting = True
+        self.is_repeatable = True
 
     def ask(self, engine: Engine, case: Case) -> Answer:
         """Return the answer to a case."""
-        return self._noted(engine, case, self._answers.ask(self._engine_pool, engine, case))
+        return self._recorded(engine, case, self._answers.ask(self._engine_pool, engine, case))
 
     def replay(self, engine: Engine, case: Case) -> Answer:
         """Return the motion of a second run after `reset`."""
-        return self._noted(engine, case, self._answers.replay(self._engine_pool, engine, case))
+        return self._recorded(engine, case, self._answers.replay(self._engine_pool, engine, case))
 
     def again(self, engine: Engine) -> Iterator[tuple[str, Callable[[Engine, Case], Answer]]]:
         """Yield the ways to run cases of an engine again, in words and as a function."""
@@ -203,12 +207,12 @@ class Asker:
         yield "in another process", self._elsewhere
 
     def _elsewhere(self, engine: Engine, case: Case) -> Answer:
-        return self._noted(engine, case, self._answers.elsewhere(self._engine_pool, engine, case))
+        return self._recorded(engine, case, self._answers.elsewhere(self._engine_pool, engine, case))
 
-    def _noted(self, engine: Engine, case: Case, answer: Answer) -> Answer:
+    def _recorded(self, engine: Engine, case: Case, answer: Answer) -> Answer:
         same_build = answer.build in ("", engine.build.id)
         # a user's function may change
-        self.is_lasting &= _lasting(answer) and same_build and not case.scene.has_callback_load
+        self.is_repeatable &= _is_repeatable(answer) and same_build and not case.scene.has_callback_load
         return answer
 
 
@@ -216,39 +220,39 @@ def _read(message: Message, case: Case) -> Answer:
     try:
         return replace(protocol.answer_of(message, case.scene.sample_times), build=_build(message))
     except ValueError as error:
-        told = protocol.shown(f"{type(error).__name__}: {error}")
-        return Answer("failed", told, build=_build(message))
+        message_text = protocol.shown(f"{type(error).__name__}: {error}")
+        return Answer("failed", message_text, build=_build(message))
 
 
 def _read_search(message: Message) -> StableStep:
     try:
         return replace(protocol.stable_step_of(message), build=_build(message))
     except ValueError as error:
-        told = protocol.shown(f"{type(error).__name__}: {error}")
-        return StableStep("failed", told, build=_build(message))
+        message_text = protocol.shown(f"{type(error).__name__}: {error}")
+        return StableStep("failed", message_text, build=_build(message))
 
 
 def _build(message: Message) -> str:
     return protocol.shown(str(message.get("build", "")))
 
 
-def _lasting(answer: Answer | StableStep) -> bool:
+def _is_repeatable(answer: Answer | StableStep) -> bool:
     """Whether the engine would answer the same again; a crash or a timeout may be accidental."""
     return answer.outcome == "unsupported" or (answer.outcome == "ok" and not answer.message)
 
 
-def _key(engine: Engine, case: Case, what: str, **within: float | None) -> str:
-    asked = [case.method, vars(case.setting), scene_key(case.scene)]
-    return key_of(what=what, protocol=protocol.VERSION, engine=_identity(engine), case=asked, **within)
+def _key(engine: Engine, case: Case, kind: str, **within: float | None) -> str:
+    setting = [case.method, vars(case.setting), scene_key(case.scene)]
+    return key_of(kind=kind, protocol=protocol.VERSION, engine=_identity(engine), case=setting, **within)
 
 
 def _identity(engine: Engine) -> list[str]:
     return [engine.name, engine.version, engine.build.id]
 
 
-def _derived_key(engine: Engine, what: Any) -> str:
+def _derived_key(engine: Engine, topic: Any) -> str:
     code = [own_code(), _code_of_reports(), numeric_parts()]
-    return key_of(derived=what, protocol=protocol.VERSION, engine=_identity(engine), code=code)
+    return key_of(derived=topic, protocol=protocol.VERSION, engine=_identity(engine), code=code)
 
 
 @cache

@@ -12,7 +12,7 @@ from bodycheck._util.files import atomic_write
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.entries import Entry
 
-_MOST_BYTES = 2_000_000_000
+_MAX_BYTES = 2_000_000_000
 _UNUSED_S = 30 * 86400.0
 _PRUNED_AGAIN_S = 3600.0  # a folder of many entries takes 0.3 s, and each run prunes
 _MARKED_AGAIN_S = 86400.0  # the time of last use is updated at most this often
@@ -41,15 +41,15 @@ class Cache:
 
     def has(self, key: str) -> bool:
         """Whether there is a file for this key, intact or damaged."""
-        return self._readable and os.path.isfile(self._place(key))  # noqa: PTH113 - False without permission
+        return self._readable and os.path.isfile(self._path(key))  # noqa: PTH113 - False without permission
 
     def entry(self, key: str) -> Entry | None:
         """Return the entry stored under this key, with its line; None where it is absent or damaged."""
         if not self._readable:
             return None
-        place = self._place(key)
+        path = self._path(key)
         try:
-            with place.open("rb", buffering=0) as file:
+            with path.open("rb", buffering=0) as file:
                 used = os.fstat(file.fileno()).st_mtime
                 entry = Entry.read(file.readall())
         except OSError:
@@ -58,7 +58,7 @@ class Cache:
             return None
         if abs(time.time() - used) > _MARKED_AGAIN_S:
             with suppress(OSError):
-                os.utime(place)
+                os.utime(path)
         return entry
 
     def put(self, key: str, message: Message) -> None:
@@ -69,10 +69,10 @@ class Cache:
         """Store a message that already has its checksum, like `put`."""
         if not self._writable:
             return
-        place = self._place(entry.key)
+        path = self._path(entry.key)
         try:
-            place.parent.mkdir(parents=True, exist_ok=True)
-            atomic_write(place, entry.line)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            atomic_write(path, entry.line)
         except OSError:
             self._writable = False
 
@@ -95,11 +95,11 @@ class Cache:
                         files.append((facts.st_mtime, facts.st_size, entry.path))
         total = sum(size for _, size, _ in files)
         for used, size, path in sorted(files):
-            if now_s - used < _UNUSED_S and total <= _MOST_BYTES:
+            if now_s - used < _UNUSED_S and total <= _MAX_BYTES:
                 break
             with suppress(OSError):
                 Path(path).unlink()
             total -= size
 
-    def _place(self, key: str) -> Path:
+    def _path(self, key: str) -> Path:
         return self._folder / key[:2] / key[2:]

@@ -28,7 +28,7 @@ class Journal:
         try:
             self._file = path.open("ab", buffering=0)
             try:
-                self._hold()
+                self._lock_file()
                 self._end = self._read()
                 self._file.truncate(self._end)
             except BaseException:
@@ -39,7 +39,7 @@ class Journal:
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
-    def _hold(self) -> None:
+    def _lock_file(self) -> None:
         """Lock the file against other processes until this one ends, however it ends."""
         fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 

@@ -67,7 +67,7 @@ def by_rank(before: int, after: int) -> Status:
     return "moved" if before == after else "improved" if after > before else "worse"
 
 
-_LEAST_ORDER_CHANGE = 0.05
+_MIN_ORDER_CHANGE = 0.05
 
 _Row: TypeAlias = Mapping[str, Any]
 
@@ -103,11 +103,11 @@ def order_change(before: _Row, after: _Row, theory: float | None, thresholds: Th
     up = after["order_low"] > before["order_high"]
     down = after["order_high"] < before["order_low"]
     old, new = before["order"], after["order"]
-    if not (up or down) or abs(new - old) <= _LEAST_ORDER_CHANGE:
+    if not (up or down) or abs(new - old) <= _MIN_ORDER_CHANGE:
         return None
     lower = before if up else after
-    least = max(old, new) if theory is None else min(theory, max(old, new))
-    below = lower["order_high"] < least - thresholds.of_order(after["quantity"])
+    reference = max(old, new) if theory is None else min(theory, max(old, new))
+    below = lower["order_high"] < reference - thresholds.of_order(after["quantity"])
     status: Status = "moved" if not below else "improved" if up else "worse"
     return _row_change("order", after, old, new, status)
 
@@ -140,8 +140,8 @@ def changed_judgements(
 
 
 def _row_change(kind: Any, row: _Row, old: float | str, new: float | str, status: Status) -> Change:
-    who = row["scenario"], row["engine"], row["method"]
-    return Change(kind, *who, f"{kind} of {row['quantity']}", old, new, status)
+    key = row["scenario"], row["engine"], row["method"]
+    return Change(kind, *key, f"{kind} of {row['quantity']}", old, new, status)
 
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -163,11 +163,11 @@ def noise(measure: str, row: Mapping[str, Any], floors: Floors) -> float:
 
     row: a row of results.csv. floors: of its method on its scenario; they include the motion's sensitivity.
     """
-    least = _EPS * (_ROUND_OFFS + math.sqrt(row.get("steps", 0))) * _size(measure, row)
+    round_off = _EPS * (_ROUND_OFFS + math.sqrt(row.get("steps", 0))) * _size(measure, row)
     if measure not in TRUTH_BOUNDS:
-        return least
+        return round_off
     floor = floors.get(_LARGEST_OF.get(measure, measure), 0.0)
-    return max(least, FLOOR_BOUNDS * bound_of(row, measure), floor)
+    return max(round_off, FLOOR_BOUNDS * bound_of(row, measure), floor)
 
 
 def _drift_of_round_off(measure: str, row: Mapping[str, Any]) -> float:
@@ -201,8 +201,8 @@ def accuracy_changes(
     def changed(
         measure: str, old: float | None, new: float | None, status: Status, decades: float | None = None
     ) -> Change:
-        who = after["scenario"], after["engine"], after["method"]
-        return Change("accuracy", *who, measure, old, new, status, after["control"], fineness, decades)
+        key = after["scenario"], after["engine"], after["method"]
+        return Change("accuracy", *key, measure, old, new, status, after["control"], fineness, decades)
 
     for measure in _present(before, after):
         old, new = before.get(measure), after.get(measure)
@@ -213,17 +213,17 @@ def accuracy_changes(
             continue
         rows = before, after
         scale = 1.0 if measure == pure else max(old, new)  # no scale of the scene: use its own size
-        least = scale * min(noise(pure, *side) for side in zip(rows, floors, strict=True))
+        floor = scale * min(noise(pure, *side) for side in zip(rows, floors, strict=True))
         drift = scale * min(_drift_of_round_off(pure, row) for row in rows)
-        low, high = sorted((max(old, least), max(new, least)))
-        if high - low > _TWO_VALUES * least:
+        low, high = sorted((max(old, floor), max(new, floor)))
+        if high - low > _TWO_VALUES * floor:
             decades = math.log10(high / low)
-            beyond = high - low - _TWO_VALUES * max(least, drift)
-            matters = beyond > thresholds.of(measure) * _reference(measure, low, before, after)
+            excess = high - low - _TWO_VALUES * max(floor, drift)
+            exceeds = excess > thresholds.of(measure) * _reference(measure, low, before, after)
             if new > old:
-                yield changed(measure, old, new, "worse" if matters else "moved", decades)
+                yield changed(measure, old, new, "worse" if exceeds else "moved", decades)
             else:
-                yield changed(measure, old, new, "improved" if matters else "moved", -decades)
+                yield changed(measure, old, new, "improved" if exceeds else "moved", -decades)
 
 
 def _reference(measure: str, low: float, *rows: Mapping[str, Any]) -> float:
@@ -241,7 +241,7 @@ def _present(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[st
             yield f"{measure}_abs"
 
 
-_MOST = (0.25, 0.75)  # three quarters of the cases must have changed in one direction
+_QUARTILES = (0.25, 0.75)  # three quarters of the cases must have changed in one direction
 _NOISES_OF_A_SCENARIO = 3.0  # its few cases are timed in sequence, so one disturbance affects all
 
 
@@ -273,8 +273,8 @@ def ratio(before: Mapping[str, Any], after: Mapping[str, Any], *, same_machine: 
         [math.log10(scale * row[name]) for name in ("cpu_s_low", "cpu_s", "cpu_s_high")]
         for scale, row in zip(scales, (before, after), strict=True)
     )
-    least, most = low_b - high_a, high_b - low_a
-    sure = least if least > 0.0 else most if most < 0.0 else 0.0
+    smallest, largest = low_b - high_a, high_b - low_a
+    sure = smallest if smallest > 0.0 else largest if largest < 0.0 else 0.0
     return Ratio(after["scenario"], after["engine"], after["method"], mid_b - mid_a, sure)
 
 
@@ -299,7 +299,7 @@ def speed_changes(ratios: Iterable[Ratio], noises: tuple[float, float], threshol
 
 
 def _judged(cases: list[Ratio], slack: float, threshold: float, scenario: str | None) -> Change | None:
-    low, high = np.quantile([case.sure for case in cases], _MOST).tolist()
+    low, high = np.quantile([case.sure for case in cases], _QUARTILES).tolist()
     if low <= slack and high >= -slack:
         return None
     decades = float(np.median([case.decades for case in cases]))
@@ -326,8 +326,8 @@ def stability_change(before: Mapping[str, Any], after: Mapping[str, Any], thresh
     if low_b >= high_a or high_b <= low_a:
         up = low_b >= high_a
         decades = math.log10(max(low_a, low_b) / min(low_a, low_b)) if low_a and low_b else None
-        matters = decades is None or decades > math.log10(1.0 + threshold)
-        status: Status = "moved" if not matters else "improved" if up else "worse"
+        exceeds = decades is None or decades > math.log10(1.0 + threshold)
+        status: Status = "moved" if not exceeds else "improved" if up else "worse"
         signed = decades if decades is None or up else -decades
         texts = (before.get("dt_stable_s", "none"), after.get("dt_stable_s", "none"))
         return _stability_change(after, "dt_stable_s", *texts, status, signed)
@@ -336,14 +336,14 @@ def stability_change(before: Mapping[str, Any], after: Mapping[str, Any], thresh
 
 def _stability_change(
     row: Mapping[str, Any],
-    what: str,
+    quantity: str,
     before: float | str,
     after: float | str,
     status: Status,
     decades: float | None = None,
 ) -> Change:
-    who = row["scenario"], row["engine"], row["method"]
-    return Change("stability", *who, what, before, after, status, decades=decades)
+    key = row["scenario"], row["engine"], row["method"]
+    return Change("stability", *key, quantity, before, after, status, decades=decades)
 
 
 def _span(row: Mapping[str, Any]) -> tuple[float, float]:

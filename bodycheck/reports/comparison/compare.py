@@ -22,7 +22,7 @@ from bodycheck.reports.comparison.change import (
     stability_change,
 )
 from bodycheck.reports.comparison.environment_diff import (
-    circumstances,
+    environment_diff,
     is_refinement,
     redefined,
     same_machine,
@@ -78,7 +78,7 @@ def _renamed(tables: Tables, names: Mapping[str, str]) -> Tables:
         return replace(one, columns={**one.columns, "engine": names.get(engine, engine)})
 
     engines: dict[str, Any] = {
-        names.get(name, name): about for name, about in tables.manifest["engines"].items()
+        names.get(name, name): entry for name, entry in tables.manifest["engines"].items()
     }
     return replace(
         tables,
@@ -100,7 +100,7 @@ _Key: TypeAlias = tuple[Any, ...]
 class Comparison:
     """What changed from one run to another.
 
-    before, after: the two runs, with one name for both versions of an engine. circumstances: differences of
+    before, after: the two runs, with one name for both versions of an engine. environment: differences of
     machine, versions and settings. redefined: scenarios whose definitions differ between the runs; their
     cases are not compared. paired: the number of cases that both runs have and that were compared. timed: how
     many of them were also compared by speed. refined: the number of cases that only one run has, at steps
@@ -110,7 +110,7 @@ class Comparison:
 
     before: Tables
     after: Tables
-    circumstances: tuple[str, ...]
+    environment: tuple[str, ...]
     redefined: tuple[str, ...]
     paired: int
     timed: int
@@ -135,21 +135,21 @@ def compare(before: Tables, after: Tables, thresholds: Thresholds = DEFAULT_THRE
     the laps and the noise of both machines.
     """
     before, after = paired_versions(before, after)
-    apart = redefined(before.manifest, after.manifest)
-    old, new = (_cases(tables, apart) for tables in (before, after))
+    redefined_names = redefined(before.manifest, after.manifest)
+    old, new = (_cases(tables, redefined_names) for tables in (before, after))
     both = [(old[key], new[key]) for key in new if key in old]
     ratios = _ratios(both, same=same_machine(before.manifest, after.manifest))
     noises = (before.manifest.get("speed_noise") or 0.0, after.manifest.get("speed_noise") or 0.0)
-    verdicts = [_judged(tables, apart) for tables in (before, after)]
+    verdicts = [_judged(tables, redefined_names) for tables in (before, after)]
     errors = list(_accuracies(both, _floors(before), _floors(after), thresholds))
-    gone = _one_run_only(old, new, before.manifest)
-    come = _one_run_only(new, old, after.manifest)
+    missing = _one_run_only(old, new, before.manifest)
+    new_cases = _one_run_only(new, old, after.manifest)
     changes = [
-        *(_of_case("case", key, "case", row["outcome"], None, "missing") for key, row in gone.items()),
-        *(_of_case("case", key, "case", None, row["outcome"], "new") for key, row in come.items()),
+        *(_of_case("case", key, "case", row["outcome"], None, "missing") for key, row in missing.items()),
+        *(_of_case("case", key, "case", None, row["outcome"], "new") for key, row in new_cases.items()),
         *_outcomes(both),
         *changed_judgements(verdicts[0], verdicts[1], _theories(before, after), errors, thresholds),
-        *_stable_steps(before, after, apart, thresholds),
+        *_stable_steps(before, after, redefined_names, thresholds),
         *errors,
         *_fingerprints(before, after),
         *speed_changes(ratios, noises, thresholds.of("relative_cpu")),
@@ -157,11 +157,11 @@ def compare(before: Tables, after: Tables, thresholds: Thresholds = DEFAULT_THRE
     return Comparison(
         before=before,
         after=after,
-        circumstances=circumstances(before.manifest, after.manifest),
-        redefined=apart,
+        environment=environment_diff(before.manifest, after.manifest),
+        redefined=redefined_names,
         paired=len(both),
         timed=len(ratios),
-        refined=len(old.keys() ^ new.keys()) - len(gone) - len(come),
+        refined=len(old.keys() ^ new.keys()) - len(missing) - len(new_cases),
         thresholds=thresholds,
         changes=tuple(sorted(changes, key=lambda change: -change.size)),
     )
@@ -178,15 +178,15 @@ def _fingerprints(before: Tables, after: Tables) -> Iterator[Change]:
             yield Change("fingerprint", None, row["engine"], row["method"], "one-step map", was, now, "moved")
 
 
-def ended_well_anew(before: Tables, after: Tables) -> Tables:
+def newly_ended_well(before: Tables, after: Tables) -> Tables:
     """Return `after` with only the cases that ended well there, but did not end well or exist in `before`."""
     well = {_case_key(case.columns) for case in before.cases if case.ok}
-    anew = (case for case in after.cases if case.ok and _case_key(case.columns) not in well)
-    return replace(after, cases=tuple(anew))
+    newly = (case for case in after.cases if case.ok and _case_key(case.columns) not in well)
+    return replace(after, cases=tuple(newly))
 
 
-def _cases(tables: Tables, apart: tuple[str, ...]) -> dict[_Key, _Row]:
-    rows = (case.columns for case in tables.cases if case.columns["scenario"] not in apart)
+def _cases(tables: Tables, redefined_names: tuple[str, ...]) -> dict[_Key, _Row]:
+    rows = (case.columns for case in tables.cases if case.columns["scenario"] not in redefined_names)
     return {_case_key(row): row for row in rows}
 
 
@@ -199,16 +199,16 @@ def _case_key(row: _Row) -> _Key:
 
 
 def _one_run_only(
-    here: Mapping[_Key, _Row], there: Mapping[_Key, _Row], manifest: Mapping[str, Any]
+    first: Mapping[_Key, _Row], second: Mapping[_Key, _Row], manifest: Mapping[str, Any]
 ) -> dict[_Key, _Row]:
     """Return the cases that only the first run has, except those at steps that it chose itself."""
-    return {key: row for key, row in here.items() if key not in there and not is_refinement(row, manifest)}
+    return {key: row for key, row in first.items() if key not in second and not is_refinement(row, manifest)}
 
 
-def _of_case(kind: Any, key: _Key, what: str, before: Any, after: Any, status: Status) -> Change:
+def _of_case(kind: Any, key: _Key, quantity: str, before: Any, after: Any, status: Status) -> Change:
     scenario, engine, method, control, dt_s, tolerance = key
     fineness = tolerance if dt_s is None else dt_s
-    return Change(kind, scenario, engine, method, what, before, after, status, control, fineness)
+    return Change(kind, scenario, engine, method, quantity, before, after, status, control, fineness)
 
 
 def _outcomes(both: Iterable[tuple[_Row, _Row]]) -> Iterator[Change]:
@@ -237,18 +237,18 @@ def _ratios(both: Iterable[tuple[_Row, _Row]], *, same: bool) -> list[Ratio]:
     return [found for found in ratios if found is not None]
 
 
-def _judged(tables: Tables, apart: tuple[str, ...] = ()) -> dict[_Key, dict[str, Any]]:
+def _judged(tables: Tables, redefined_names: tuple[str, ...] = ()) -> dict[_Key, dict[str, Any]]:
     """Return the rows of methods.csv by scenario, engine, method and quantity, without empty cells."""
     rows = _rows(tables.methods, ("scenario", "engine", "method", "quantity"))
-    return {key: row for key, row in rows.items() if key[0] not in apart}
+    return {key: row for key, row in rows.items() if key[0] not in redefined_names}
 
 
 def _theories(*runs: Tables) -> dict[tuple[str, str], float | None]:
     """Return the theoretical order of each method; the higher one if the runs differ."""
     found: dict[tuple[str, str], float | None] = {}
     for tables in runs:
-        for engine, about in tables.manifest["engines"].items():
-            for method, facts in about.get("methods", {}).items():
+        for engine, entry in tables.manifest["engines"].items():
+            for method, facts in entry.get("methods", {}).items():
                 orders = (found.get((engine, method)), facts.get("order"))
                 found[engine, method] = max((order for order in orders if order is not None), default=None)
     return found
@@ -271,12 +271,12 @@ def _floors(tables: Tables) -> dict[_Key, dict[str, float]]:
 
 
 def _stable_steps(
-    before: Tables, after: Tables, apart: tuple[str, ...], thresholds: Thresholds
+    before: Tables, after: Tables, redefined_names: tuple[str, ...], thresholds: Thresholds
 ) -> Iterator[Change]:
     old, new = (_rows(tables.stability, ("scenario", "engine", "method")) for tables in (before, after))
     chaotic = _chaotic(before) | _chaotic(after)
     for key in new:
-        if key in old and key[0] not in apart:
+        if key in old and key[0] not in redefined_names:
             change = stability_change(old[key], new[key], thresholds.of("stability.dt_stable_s"))
             if change is not None:
                 # in a chaotic motion the step at which a method becomes unstable is random

@@ -34,7 +34,7 @@ _TINTS: dict[Status, str] = {
     "moved": "open",
     "new": "open",
 }
-_MOST_LINES = 20
+_MAX_LINES = 20
 _KINDS: tuple[Kind, ...] = (
     "outcome",
     "verdict",
@@ -92,7 +92,7 @@ def groups(changes: Iterable[Change]) -> list[Group]:
     for change in changes:
         key = (change.status, change.kind, change.scenario, f"{change.engine}:{change.method}")
         found.setdefault(key, []).append(change)
-    made = [Group(*key, tuple(alike)) for key, alike in found.items()]
+    made = [Group(*key, tuple(members)) for key, members in found.items()]
     statuses = list(HEADINGS)
     return sorted(
         made,
@@ -109,12 +109,12 @@ def change_text(change: Change) -> str:
     at = _at(change)
     if change.kind == "speed":
         assert change.decades is not None
-        how = "slow" if change.decades > 0.0 else "fast"
-        return f"{number(10.0 ** abs(change.decades), 3)} times as {how}"
+        word = "slow" if change.decades > 0.0 else "fast"
+        return f"{number(10.0 ** abs(change.decades), 3)} times as {word}"
     if change.kind == "case":
-        which, outcome = ("new", change.after) if change.before is None else ("missing", change.before)
-        return f"{which} case{at} ({outcome})"
-    before, after = _apart(change.before, change.after)
+        kind, outcome = ("new", change.after) if change.before is None else ("missing", change.before)
+        return f"{kind} case{at} ({outcome})"
+    before, after = _distinct(change.before, change.after)
     return f"{change.quantity} {before} -> {after}{_size(change)}{at}"
 
 
@@ -122,10 +122,10 @@ def _size(change: Change) -> str:
     """Return the size of a change: " (factor 10 up)", " (1.2 % down)"; "" without a size."""
     if change.decades is None or change.relative is None:
         return ""
-    way = "up" if change.decades > 0.0 else "down"
+    direction = "up" if change.decades > 0.0 else "down"
     if change.relative >= 1.0:
-        return f" (factor {number(10.0**change.size, 3)} {way})"
-    return f" ({number(100.0 * change.relative, 2)} % {way})"
+        return f" (factor {number(10.0**change.size, 3)} {direction})"
+    return f" ({number(100.0 * change.relative, 2)} % {direction})"
 
 
 def _at(change: Change) -> str:
@@ -133,7 +133,7 @@ def _at(change: Change) -> str:
     return "" if change.fineness is None else f" at {setting(change.control, change.fineness)}"
 
 
-def _apart(before: float | str | None, after: float | str | None) -> tuple[str, str]:
+def _distinct(before: float | str | None, after: float | str | None) -> tuple[str, str]:
     """Return both values with as many digits as distinguish them, at least four."""
     for digits in range(4, 18):
         texts = tuple(_value(value, digits) for value in (before, after))
@@ -155,19 +155,20 @@ def identity(tables: Tables) -> str:
 
 
 def sentences(comparison: Comparison) -> list[str]:
-    """Return what changed, one sentence per engine, then the circumstances and how much was compared.
+    """Return what changed, one sentence per engine, then the environment and how much was compared.
 
     A different build under the same version comes first, because no version number shows it.
     """
     found = headlines(comparison) or [_nothing(comparison)]
     if collapsed := _collapsed(comparison):
         found.append(collapsed)
-    if not comparison.circumstances:
+    if not comparison.environment:
         found.append("The same machine, versions and settings.")
     else:
-        rebuilt = any(one.startswith(BUILD_OF) for one in comparison.circumstances)
+        rebuilt = any(one.startswith(BUILD_OF) for one in comparison.environment)
         found.insert(
-            0 if rebuilt else len(found), f"Different circumstances: {'; '.join(comparison.circumstances)}."
+            0 if rebuilt else len(found),
+            f"Different environment: {'; '.join(comparison.environment)}.",
         )
     if comparison.redefined:
         found.append(f"Not compared (scenario definition changed): {names(comparison.redefined)}.")
@@ -222,7 +223,7 @@ def change_tables(changes: Iterable[Change], rest: str) -> tuple[Table, ...]:
             tuple(group.row for group in made if group.status == status),
             heading,
             _TINTS[status],
-            most=_MOST_LINES,
+            max_rows=_MAX_LINES,
             rest=rest,
             folded=status not in FAILING,
             only=MEDIA if status in FAILING else ("page",),

@@ -11,12 +11,12 @@ from bodycheck.scenarios.model import DEFAULT_STEPS_PER_SAMPLE
 _MACHINE = ("cpu", "cores", "platform")
 _SOFTWARE = ("bodycheck", "python")
 _SETTINGS = ("dt_s", "tolerances", "speed", "timeout_s")
-_IDLE = ("summary", "source", "tags", "steps_s")  # keys of a scenario that do not affect the simulation
+_NOT_SIMULATED = ("summary", "source", "tags", "steps_s")  # keys that do not affect the motion
 
 _Manifest = Mapping[str, Any]
 
 BUILD_OF = "build of"
-"""The beginning of the circumstance that reports a different build of the same version."""
+"""The beginning of the difference that reports a different build of the same version."""
 
 
 def same_machine(before: _Manifest, after: _Manifest) -> bool:
@@ -24,15 +24,15 @@ def same_machine(before: _Manifest, after: _Manifest) -> bool:
     return all(before.get(key) == after.get(key) for key in _MACHINE)
 
 
-def circumstances(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
-    """Return the differing circumstances as `name: before -> after`; builds of one version come first."""
-    told = rebuilt(before, after)
+def environment_diff(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
+    """Return the differences of environment as `name: before -> after`; builds of one version come first."""
+    builds = rebuilt(before, after)
     pairs = [(key, before.get(key), after.get(key)) for key in (*_MACHINE, *_SOFTWARE)]
-    for table, words in (("engines", _version), ("libraries", str)):
+    for table, text_of in (("engines", _version), ("libraries", str)):
         old, new = before.get(table, {}), after.get(table, {})
-        pairs += [(name, words(old.get(name)), words(new.get(name))) for name in {**old, **new}]
+        pairs += [(name, text_of(old.get(name)), text_of(new.get(name))) for name in {**old, **new}]
     pairs += [(key, before.get(key), after.get(key)) for key in _SETTINGS]
-    return (*told, *(f"{name}: {_shown(a)} -> {_shown(b)}" for name, a, b in pairs if a != b))
+    return (*builds, *(f"{name}: {_text(a)} -> {_text(b)}" for name, a, b in pairs if a != b))
 
 
 def rebuilt(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
@@ -40,7 +40,7 @@ def rebuilt(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
     old, new = before.get("engines", {}), after.get("engines", {})
     both = [(name, old[name], new[name]) for name in new if name in old]
     return tuple(
-        f"{BUILD_OF} {name} {b['version']}: {_ids(a)} -> {_ids(b)}{_differing(a, b)}"
+        f"{BUILD_OF} {name} {b['version']}: {_ids(a)} -> {_ids(b)}{_differing_parts(a, b)}"
         for name, a, b in both
         if "build" in a and "build" in b and a["version"] == b["version"] and _ids(a) != _ids(b)
     )
@@ -51,7 +51,7 @@ def _ids(engine: Mapping[str, Any]) -> str:
     return ", ".join(engine.get("builds") or [engine["build"]["id"][:12] or "unknown"])
 
 
-def _differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+def _differing_parts(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
     """Return the names of the parts that differ, in parentheses."""
     old, new = before["build"]["parts"], after["build"]["parts"]
     names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
@@ -64,7 +64,7 @@ def _version(engine: Mapping[str, Any] | None) -> str | None:
     return str(engine["version"]) if "version" in engine else "unavailable"
 
 
-def _shown(value: Any) -> str:
+def _text(value: Any) -> str:
     return "none" if value is None else str(value)
 
 
@@ -79,11 +79,11 @@ def redefined(before: _Manifest, after: _Manifest) -> tuple[str, ...]:
 
 
 def _simulated(scenario: Mapping[str, Any]) -> dict[str, Any]:
-    told = {key: value for key, value in scenario.items() if key not in _IDLE}
-    match told.get("body"):
+    simulated = {key: value for key, value in scenario.items() if key not in _NOT_SIMULATED}
+    match simulated.get("body"):
         case {"mesh": {"surface": _, **facts}, **others}:  # drawn only; absent from runs of earlier versions
-            told["body"] = {**others, "mesh": facts}
-    return told
+            simulated["body"] = {**others, "mesh": facts}
+    return simulated
 
 
 _SAME = 1e-9  # relative tolerance at which two steps count as equal

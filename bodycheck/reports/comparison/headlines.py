@@ -13,7 +13,7 @@ from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.gates.thresholds import Thresholds
 
 ORIENTATION = "orientation_error_rad"
-_MOST_METHODS = 6
+_MAX_METHODS = 6
 _FARTHER_DECADES = 1.0  # a measure that changed by this much more than the orientation is named as well
 _DIGITS_BELOW = 1e-3  # a smaller relative change is reported as a digit, a larger one in percent
 
@@ -95,9 +95,9 @@ def _versions(comparison: Comparison, engine: str) -> str:
 
 def _clauses(methods: Sequence[MethodChanges], thresholds: Thresholds, *, several: bool) -> list[str]:
     """Return one clause per method; methods that only moved share a clause, and so do new ones."""
-    told = [one for one in methods if one.net in ("worse", "missing", "improved")]
-    clauses = [_clause(one, several=several) for one in told[:_MOST_METHODS]]
-    rest = [one.net for one in told[_MOST_METHODS:]]
+    described = [one for one in methods if one.net in ("worse", "missing", "improved")]
+    clauses = [_clause(one, several=several) for one in described[:_MAX_METHODS]]
+    rest = [one.net for one in described[_MAX_METHODS:]]
     clauses += [f"{count(rest.count(net), 'more method')} {net}" for net in dict.fromkeys(rest)]
     renamed = [one for one in methods if one.net in ("moved", "new") and one.map_change]
     clauses += [f"{one.method} moved{one.map_change}" for one in renamed]
@@ -130,8 +130,8 @@ def _missing(changes: Sequence[Change]) -> str:
     """Return what is no longer measured."""
     cases = sum(change.kind == "case" for change in changes)
     measures = dict.fromkeys(change.quantity for change in changes if change.kind != "case")
-    lost = [count(cases, "case")] if cases else []
-    return f"missing ({', '.join([*lost, *measures])})" if changes else ""
+    parts = [count(cases, "case")] if cases else []
+    return f"missing ({', '.join([*parts, *measures])})" if changes else ""
 
 
 def _direction(status: Status, changes: Sequence[Change], *, several: bool) -> str:
@@ -160,8 +160,8 @@ def _direction(status: Status, changes: Sequence[Change], *, several: bool) -> s
 def _of_scenario(orders: Sequence[Change], error: Change | None) -> Change | None:
     """Return the change of order that matches an error by quantity and, if possible, by scenario."""
     if error is not None:
-        wanted = f"order of {error.quantity}"
-        of_it = [one for one in orders if one.quantity == wanted]
+        quantity_name = f"order of {error.quantity}"
+        of_it = [one for one in orders if one.quantity == quantity_name]
         return next((one for one in of_it if one.scenario == error.scenario), next(iter(of_it), None))
     return next(iter(orders), None)
 
@@ -178,8 +178,8 @@ def _other(change: Change, *, several: bool) -> str:
     """Return a change of an outcome, a verdict, a stable step or a speed as text."""
     if change.kind == "speed":
         assert change.decades is not None
-        how = "slower" if change.decades > 0.0 else "faster"
-        return f"{number(10.0**change.size, 3)} times {how}{_where(change, several=several)}"
+        direction = "slower" if change.decades > 0.0 else "faster"
+        return f"{number(10.0**change.size, 3)} times {direction}{_where(change, several=several)}"
     at = "" if change.fineness is None else f" at {_step(change)}"
     return f"{change.quantity}{at} {_pair(change)}{_where(change, several=several)}"
 

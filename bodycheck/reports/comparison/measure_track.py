@@ -29,7 +29,7 @@ def comparable(name: str) -> Measure:
         raise InputError(f"--measure {name}: {error}") from None
     if measure.is_speed:
         raise InputError(f"--measure {name}: cannot search by speed: it varies from run to run")
-    in_results = measure.source == "results" and not measure.words
+    in_results = measure.source == "results" and not measure.choices
     if in_results and name.removesuffix(_ABSOLUTE) not in MEASURES:
         raise InputError(f"--measure {name}: runs are not compared by it; see bodycheck list measures")
     return measure
@@ -62,13 +62,13 @@ class OneMeasure:
 
     def finding(self, tables: Tables) -> Finding:
         """Return the value of the measure in a run."""
-        of_one = comparable(self.name).source == "results"
+        of_case = comparable(self.name).source == "results"
         gate = Gate(
             scenario=escape(self.scenario),
             engine=self.engine,
             method=self.method,
-            dt_s=self.fineness if of_one and self.control == "dt" else None,
-            tolerance=self.fineness if of_one and self.control == "tolerance" else None,
+            dt_s=self.fineness if of_case and self.control == "dt" else None,
+            tolerance=self.fineness if of_case and self.control == "tolerance" else None,
             measure=self.name,
             reason="requested",
         )
@@ -91,13 +91,13 @@ class OneMeasure:
         assert after.tables is not None
         return any(
             (change.scenario, change.engine, change.method) == (self.scenario, self.engine, self.method)
-            and change.quantity in self._told_as
+            and change.quantity in self._quantities_of
             and self._is_of(change.fineness)
             for change in compare(before.tables, after.tables, self.thresholds).of_status("worse", "improved")
         )
 
     @property
-    def _told_as(self) -> tuple[str, ...]:
+    def _quantities_of(self) -> tuple[str, ...]:
         """The quantities under which a comparison reports changes of this measure, if it is a number."""
         measure = comparable(self.name)
         if measure.quantity is not None:

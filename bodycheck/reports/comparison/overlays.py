@@ -12,11 +12,11 @@ from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION
 from bodycheck.reports.run_files.run_reader import Tables
 
-_MOST = 12
+_MAX_OVERLAYS = 12
 _KINDS = ("accuracy", "order", "verdict", "outcome", "stability")
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 312.0, 10.0, 150.0
-_MOST_TICKS = 5
-_LEAST_DECADES = 0.5  # of an axis: a smaller range is widened, so that it does not look like a change
+_MAX_TICKS = 5
+_MIN_DECADES = 0.5  # of an axis: a smaller range is widened, so that it does not look like a change
 
 Point = tuple[float, float]
 
@@ -48,7 +48,7 @@ def overlays_of(comparison: Comparison) -> list[Overlay]:
     """Return one overlay per method, scenario and quantity that changed, as listed, at most twelve."""
     keys = dict.fromkeys(_key(one) for one in _listed(comparison.changes))
     found = (_overlay(comparison, *key) for key in keys)
-    return [one for one in found if one is not None][:_MOST]
+    return [one for one in found if one is not None][:_MAX_OVERLAYS]
 
 
 def _listed(changes: Iterable[Change]) -> list[Change]:
@@ -71,10 +71,10 @@ def _overlay(
         _points(tables, (scenario, engine, method), quantity)
         for tables in (comparison.before, comparison.after)
     ]
-    together = [*points[0], *points[1]]
+    all_points = [*points[0], *points[1]]
     if max(map(len, points)) < 2:
         return None
-    x_range, y_range = _range([x for x, _ in together]), _range([y for _, y in together])
+    x_range, y_range = _range([x for x, _ in all_points]), _range([y for _, y in all_points])
     curves = [
         _curve(found, x_range, y_range, tables.manifest["engines"].get(engine, {}).get("version", ""))
         for found, tables in zip(points, (comparison.before, comparison.after), strict=True)
@@ -100,7 +100,7 @@ def _points(tables: Tables, key: tuple[str, str, str], quantity: str) -> list[Po
 def _range(values: Sequence[float]) -> tuple[float, float]:
     """Return the ends of a logarithmic axis, in decades."""
     low, high = math.log10(min(values)), math.log10(max(values))
-    wider = max(0.0, 0.5 * (_LEAST_DECADES - (high - low)))
+    wider = max(0.0, 0.5 * (_MIN_DECADES - (high - low)))
     return low - wider, high + wider
 
 
@@ -108,9 +108,9 @@ def _ticks(ends: tuple[float, float]) -> list[float]:
     """Return the powers of ten on an axis, at most five; also 2 and 5 of each decade where there are few."""
     powers = range(math.floor(ends[0]), math.floor(ends[1] + 1e-9) + 1)
     fine = [float(f"{m}e{e}") for e in powers for m in (1, 2, 5)]
-    shown = [value for value in fine if ends[0] - 1e-9 <= math.log10(value) <= ends[1] + 1e-9]
-    whole = [value for value in shown if f"{value:e}".startswith("1.0")]
-    return shown if len(whole) < 2 else whole[:: -(-len(whole) // _MOST_TICKS)]
+    visible = [value for value in fine if ends[0] - 1e-9 <= math.log10(value) <= ends[1] + 1e-9]
+    powers_of_ten = [value for value in visible if f"{value:e}".startswith("1.0")]
+    return visible if len(powers_of_ten) < 2 else powers_of_ten[:: -(-len(powers_of_ten) // _MAX_TICKS)]
 
 
 def _at(value: float, ends: tuple[float, float], start: float, stop: float) -> float:
@@ -120,12 +120,12 @@ def _at(value: float, ends: tuple[float, float], start: float, stop: float) -> f
 def _curve(
     points: Sequence[Point], x_range: tuple[float, float], y_range: tuple[float, float], version: str
 ) -> Curve:
-    places = [
+    positions = [
         (f"{_at(x, x_range, _LEFT, _RIGHT):.1f}", f"{_at(y, y_range, _BOTTOM, _TOP):.1f}") for x, y in points
     ]
-    told = [f"step {step(x)} s: {number(y, 4)}" for x, y in points]
+    labels = [f"step {step(x)} s: {number(y, 4)}" for x, y in points]
     return Curve(
-        path="".join(f"{'L' if k else 'M'}{x} {y}" for k, (x, y) in enumerate(places)),
-        points=tuple((x, y, text) for (x, y), text in zip(places, told, strict=True)),
+        path="".join(f"{'L' if k else 'M'}{x} {y}" for k, (x, y) in enumerate(positions)),
+        points=tuple((x, y, text) for (x, y), text in zip(positions, labels, strict=True)),
         version=version,
     )

@@ -63,11 +63,11 @@ def found_data(found: Found) -> dict[str, Any]:
 
 def found_sentences(found: Found) -> list[str]:
     """Return where each method changed, and where every release was run, those with a change."""
-    told = [
+    lines = [
         f"{found.engine}:{track.method}: {sentence(found, track, _texts(found, track))}"
         for track in found.tracks
     ]
-    return [*told, _changed_in(found)] if found.every else told
+    return [*lines, _changed_in(found)] if found.every else lines
 
 
 def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:
@@ -80,13 +80,11 @@ def sentence(found: Found, track: Track, texts: Mapping[str, str]) -> str:
             return f"{texts[run[-1]]} in all {len(run)} releases run"
         same = f"{texts[run[-1]]} in {run[-1]}, as in {run[0]}"
         return f"{same}; a change that was undone between them would be missed"
-    befores, afters = zip(*track.changes, strict=True)
-    parts = [f"{texts[run[0]]} up to {befores[0]}"]
-    parts += [
-        f"{texts[start]} from {start} to {end}" for start, end in zip(afters, befores[1:], strict=False)
-    ]
-    parts.append(f"{texts[afters[-1]]} from {afters[-1]}")
-    return "; ".join([", ".join(parts), *_left_open(found, track)])
+    before, after = zip(*track.changes, strict=True)
+    parts = [f"{texts[run[0]]} up to {before[0]}"]
+    parts += [f"{texts[start]} from {start} to {end}" for start, end in zip(after, before[1:], strict=False)]
+    parts.append(f"{texts[after[-1]]} from {after[-1]}")
+    return "; ".join([", ".join(parts), *_unresolved(found, track)])
 
 
 def _changed_in(found: Found) -> str:
@@ -95,17 +93,17 @@ def _changed_in(found: Found) -> str:
         version: [track.method for track in found.tracks if version in (after for _, after in track.changes)]
         for version in found.versions
     }
-    told = [f"{version} ({', '.join(methods)})" for version, methods in changed.items() if methods]
-    return f"changed in {', '.join(told)}" if told else "changed in no release"
+    parts = [f"{version} ({', '.join(methods)})" for version, methods in changed.items() if methods]
+    return f"changed in {', '.join(parts)}" if parts else "changed in no release"
 
 
-def _left_open(found: Found, track: Track) -> list[str]:
+def _unresolved(found: Found, track: Track) -> list[str]:
     """Return which releases between two that differ could not be run; empty if there are none."""
-    places = {version: place for place, version in enumerate(found.versions)}
+    indices = {version: index for index, version in enumerate(found.versions)}
     unknown = [
         version
         for before, after in track.changes
-        for version in found.versions[places[before] + 1 : places[after]]
+        for version in found.versions[indices[before] + 1 : indices[after]]
     ]
     return [f"{names(unknown)} between them could not be run"] if unknown else []
 

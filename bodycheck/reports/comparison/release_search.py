@@ -33,16 +33,16 @@ def changes(
     """
     known: dict[str, Found | None] = {}
 
-    def found(place: int) -> Found | None:
-        member = members[place]
+    def found(index: int) -> Found | None:
+        member = members[index]
         if member not in known:
             known[member] = measured(member)
         return known[member]
 
-    def first_of(places: Sequence[int]) -> int | None:
-        return next((place for place in places if found(place) is not None), None)
+    def first_of(indices: Sequence[int]) -> int | None:
+        return next((index for index in indices if found(index) is not None), None)
 
-    def apart(one: int, other: int) -> bool:
+    def different(one: int, other: int) -> bool:
         a, b = found(one), found(other)
         assert a is not None
         assert b is not None
@@ -50,10 +50,10 @@ def changes(
 
     start, end = first_of(range(len(members))), first_of(range(len(members) - 1, -1, -1))
     pairs = []
-    while start is not None and end is not None and apart(start, end):
+    while start is not None and end is not None and different(start, end):
         low, high = start, end
-        while (middle := first_of(_from_the_middle(low, high))) is not None:
-            if apart(start, middle):
+        while (middle := first_of(_from_middle(low, high))) is not None:
+            if different(start, middle):
                 high = middle
             else:
                 low = middle
@@ -62,9 +62,9 @@ def changes(
     return tuple(pairs)
 
 
-def _from_the_middle(low: int, high: int) -> list[int]:
+def _from_middle(low: int, high: int) -> list[int]:
     """Return the indices between two others, from the middle outwards."""
-    return sorted(range(low + 1, high), key=lambda place: abs(2 * place - low - high))
+    return sorted(range(low + 1, high), key=lambda index: abs(2 * index - low - high))
 
 
 def every_change(
@@ -107,7 +107,7 @@ def release_searches(comparison: Comparison) -> Iterator[str]:
         if since is None or until is None or since == until or _distribution(engine) is None:
             continue
         if (
-            change := _telling(change for change in comparison.changes if change.engine == engine)
+            change := _best_change(change for change in comparison.changes if change.engine == engine)
         ) is not None:
             yield _command(comparison.after, change, *sorted((since, until), key=_numbers))
 
@@ -126,7 +126,7 @@ def _numbers(version: str) -> list[int]:
     return [int(number) for number in version.split(".") if number.isdecimal()]
 
 
-def _telling(changes: Iterable[Change]) -> Change | None:
+def _best_change(changes: Iterable[Change]) -> Change | None:
     """Return the change to search for: of a measure, else of an order or a verdict."""
     kinds = ("accuracy", "order", "verdict")
     found = [one for one in changes if one.kind in kinds and one.status in _STATUSES]
@@ -139,15 +139,15 @@ def _telling(changes: Iterable[Change]) -> Change | None:
 
 
 def _command(run: Tables, change: Change, since: str, until: str) -> str:
-    who = change.scenario, change.engine, change.method
+    key = change.scenario, change.engine, change.method
     rows = (case.columns for case in run.cases)
-    mine = next(row for row in rows if (row["scenario"], row["engine"], row["method"]) == who)
+    own_row = next(row for row in rows if (row["scenario"], row["engine"], row["method"]) == key)
     measure = _PREFIXES.get(change.kind, "") + change.quantity.rpartition(" ")[2]
-    words = ["bodycheck", "versions", change.engine, "--since", since, "--until", until]
-    words += ["--scenario", scenario_spec(mine["reproduce"]) or str(change.scenario)]
-    words += ["--method", change.method, "--measure", measure]
+    arguments = ["bodycheck", "versions", change.engine, "--since", since, "--until", until]
+    arguments += ["--scenario", scenario_spec(own_row["reproduce"]) or str(change.scenario)]
+    arguments += ["--method", change.method, "--measure", measure]
     if change.control == "dt" and change.fineness is not None:
-        words += ["--dt", repr(change.fineness)]
+        arguments += ["--dt", repr(change.fineness)]
     if change.status == "moved":
-        words += ["--threshold", "0"]
-    return shlex.join(words)
+        arguments += ["--threshold", "0"]
+    return shlex.join(arguments)

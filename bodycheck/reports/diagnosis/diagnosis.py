@@ -13,7 +13,7 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.scene import GravityGradient, Scene
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.diagnosis.engine_model import Grid
-from bodycheck.reports.diagnosis.faults import FAULTS, Circumstances, Fault
+from bodycheck.reports.diagnosis.faults import FAULTS, Fault, FaultContext
 from bodycheck.reports.diagnosis.fit import Fit, Start, cost_of, fitted
 from bodycheck.reports.diagnosis.flow import BASES, EXACT, Base
 from bodycheck.reports.diagnosis.transitions import Transitions
@@ -32,7 +32,7 @@ _PARAMETER_COST = 0.1  # decades of the cost that a further parameter must gain
 _BETTER = 10.0  # a pair must reduce the cost of a single that explains the motion by this factor
 _PAIRED = 8
 _COARSEST_TURN = 0.02  # rad, of a step of the exact flow
-_MOST_STEPS = 400  # between two samples
+_MAX_STEPS = 400  # between two samples
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Diagnosis:
     after: float = 0.0
     round_off: float = 0.0
     fit: Fit | None = field(default=None, repr=False, compare=False)
-    circumstances: Circumstances | None = field(default=None, repr=False, compare=False)
+    circumstances: FaultContext | None = field(default=None, repr=False, compare=False)
 
     @property
     def sentence(self) -> str:
@@ -161,29 +161,29 @@ class _Search:
             largest = min(finest, float(np.max(np.diff(trajectory.t_s))) / 4.0)
             fine_grid = Grid.between(scene, trajectory.t_s, largest)
             fine = Transitions.of(scene, trajectory, fine_grid, scales, known)
-        own = own if own is not None and own.grid.stride <= _MOST_STEPS else None
-        fine = fine if fine is not None and fine.grid.stride <= _MOST_STEPS else None
+        own = own if own is not None and own.grid.stride <= _MAX_STEPS else None
+        fine = fine if fine is not None and fine.grid.stride <= _MAX_STEPS else None
         return None if own is None and fine is None else cls(own, fine)
 
     def on(self, base: Base) -> Transitions | None:
         """Return the transitions on which a map is run."""
         return self.fine if base is EXACT else self.own
 
-    def circumstances(self, transitions: Transitions) -> Circumstances:
-        return Circumstances(transitions, transitions is not self.fine)
+    def circumstances(self, transitions: Transitions) -> FaultContext:
+        return FaultContext(transitions, transitions is not self.fine)
 
     def diagnosis(self, bases: Sequence[Base], known_faults: Sequence[tuple[str, ...]]) -> Diagnosis:
         """Choose the map, then the faults."""
         usable = [base for base in bases if self.on(base) is not None]
         if not usable:
             usable = [EXACT] if self.fine is not None else [BASES["rk4"]]
-        looks = [(self._healthy_cost(base), base) for base in usable]
-        best, base = min(looks, key=lambda pair: pair[0])
-        transitions = self._some(base, _FITTED)
+        candidates = [(self._healthy_cost(base), base) for base in usable]
+        best, base = min(candidates, key=lambda pair: pair[0])
+        transitions = self._subset(base, _FITTED)
         unchanged = _healthy(transitions, base)
         if cost_of(unchanged, transitions) <= _AT_ROUND_OFF * transitions.round_off:
             return Diagnosis(
-                "healthy", base.name, base.words, before=best, after=best, round_off=transitions.round_off
+                "healthy", base.name, base.text, before=best, after=best, round_off=transitions.round_off
             )
         for one in usable:
             if (known := self._known(one, known_faults)) is not None:
@@ -194,8 +194,8 @@ class _Search:
 
     def _known(self, base: Base, known_faults: Sequence[tuple[str, ...]]) -> Diagnosis | None:
         """Return the diagnosis with faults that are already known, if they leave nothing but round-off."""
-        few, whole = self._some(base, _SCREENED), self._some(base, _FITTED)
-        at = self._circumstances(base, few)
+        few, full = self._subset(base, _SCREENED), self._subset(base, _FITTED)
+        at = self._context(base, few)
         by_name = {fault.name: fault for fault in FAULTS if fault.applies(at)}
         for names in known_faults:
             if not by_name.keys() >= set(names):
@@ -205,47 +205,47 @@ class _Search:
             singles = fitted(few, base, at, [one for fault in faults for one in _combined((fault,), at)])
             best = min(singles, key=lambda fit: _score(fit, few))
             if best.cost <= _AT_ROUND_OFF * few.round_off:
-                return self._conclusion(base, few, whole, [best], [])
+                return self._conclusion(base, few, full, [best], [])
             if len(faults) > 1:
                 pairs = fitted(few, base, at, _combined(faults, at))
                 if pairs[0].cost <= _AT_ROUND_OFF * few.round_off:
-                    return self._conclusion(base, few, whole, [best], pairs)
+                    return self._conclusion(base, few, full, [best], pairs)
         return None
 
     def _best_base(self, bases: Sequence[Base]) -> Base:
         """Return the first map with which a single fault leaves round-off, else the map that it fits best."""
-        looks = [(base, general) for general in (False, True) for base in bases]
+        candidates = [(base, general) for general in (False, True) for base in bases]
         if bases[0].order > 1:  # of the method's own order, so it comes first with general faults, too
-            looks.remove((bases[0], True))
-            looks.insert(1, (bases[0], True))
+            candidates.remove((bases[0], True))
+            candidates.insert(1, (bases[0], True))
         costs: list[float] = []
         first: dict[tuple[int, bool], list[Start]] = {}
-        for base, general in looks:
+        for base, general in candidates:
             fits = self._first_look(base, first.get((base.order, general)), general=general)
             costs.append(fits[0].cost)
             if base.order > 1:  # maps of a higher order differ little, so that the same faults fit
                 leaders: list[Start] = [(fit.faults, tuple(fit.values)) for fit in fits[:_SAME_LEADERS]]
                 first.setdefault((base.order, general), leaders)
-            if costs[-1] <= _AT_ROUND_OFF * self._some(base, _FIRST_LOOK).round_off:
+            if costs[-1] <= _AT_ROUND_OFF * self._subset(base, _FIRST_LOOK).round_off:
                 return base
-            best, _ = looks[int(np.argmin(costs))]
+            best, _ = candidates[int(np.argmin(costs))]
             if base is bases[-1] and min(costs) <= (1.0 - _EXPLAINED) * self._healthy_cost(best):
                 break
-        least = min(costs)
-        return next(base for cost, (base, _) in zip(costs, looks, strict=False) if cost <= 1.2 * least)
+        lowest = min(costs)
+        return next(base for cost, (base, _) in zip(costs, candidates, strict=False) if cost <= 1.2 * lowest)
 
-    def _some(self, base: Base, most: int) -> Transitions:
+    def _subset(self, base: Base, max_count: int) -> Transitions:
         transitions = self.on(base)
         assert transitions is not None
-        return transitions.some(most)
+        return transitions.subset(max_count)
 
     def _first_look(self, base: Base, starts: Sequence[Start] | None, *, general: bool) -> list[Fit]:
         """Return the best fits of a single fault, specific or general, on a few transitions.
 
         starts: from which the fits start; None: from those of all faults.
         """
-        few = self._some(base, _FIRST_LOOK)
-        at = self._circumstances(base, few)
+        few = self._subset(base, _FIRST_LOOK)
+        at = self._context(base, few)
         if starts is None:
             starts = [start for start in _starts(at) if start[0][0].is_general == general]
         fits = sorted(fitted(few, base, at, starts, sweeps=_FIRST_SWEEPS), key=lambda fit: fit.cost)
@@ -253,32 +253,32 @@ class _Search:
         return sorted([*fitted(few, base, at, leaders), *fits[_LEADERS:]], key=lambda fit: fit.cost)
 
     def _healthy_cost(self, base: Base) -> float:
-        few = self._some(base, _FIRST_LOOK)
+        few = self._subset(base, _FIRST_LOOK)
         return cost_of(_healthy(few, base), few)
 
-    def _circumstances(self, base: Base, transitions: Transitions) -> Circumstances:
-        return Circumstances(transitions, base is not EXACT)
+    def _context(self, base: Base, transitions: Transitions) -> FaultContext:
+        return FaultContext(transitions, base is not EXACT)
 
     def _with_base(self, base: Base) -> Diagnosis:
-        few, whole = self._some(base, _SCREENED), self._some(base, _FITTED)
-        at = self._circumstances(base, few)
+        few, full = self._subset(base, _SCREENED), self._subset(base, _FITTED)
+        at = self._context(base, few)
         singles = sorted(fitted(few, base, at, _starts(at)), key=lambda fit: _score(fit, few))
         best = singles[0]
         pairs: list[Fit] = []
-        is_whole = best.cost <= _AT_ROUND_OFF * few.round_off
-        if best.is_general or not is_whole:
+        is_exact = best.cost <= _AT_ROUND_OFF * few.round_off
+        if best.is_general or not is_exact:
             # where a general fault explains all, two of fewer parameters say more
-            ones = [fit for fit in singles if fit.complexity < best.complexity] if is_whole else singles
-            starts = _pair_starts(ones, at, general=is_whole)
+            ones = [fit for fit in singles if fit.complexity < best.complexity] if is_exact else singles
+            starts = _pair_starts(ones, at, general=is_exact)
             pairs = sorted(fitted(few, base, at, starts), key=lambda fit: _score(fit, few))
             if specific := _specific(pairs[0], singles, at):
                 pairs = sorted([*pairs, *fitted(few, base, at, specific)], key=lambda fit: _score(fit, few))
             if substitutes := _substitutes(pairs[0], singles):
                 pairs += fitted(few, base, at, substitutes)
-        return self._conclusion(base, few, whole, singles, pairs)
+        return self._conclusion(base, few, full, singles, pairs)
 
     def _conclusion(
-        self, base: Base, few: Transitions, whole: Transitions, singles: Sequence[Fit], pairs: Sequence[Fit]
+        self, base: Base, few: Transitions, full: Transitions, singles: Sequence[Fit], pairs: Sequence[Fit]
     ) -> Diagnosis:
         before, round_off = cost_of(_healthy(few, base), few), few.round_off
         best, rivals = singles[0], singles
@@ -288,33 +288,33 @@ class _Search:
             if _share(pair, before) >= _EXPLAINED and (is_as_good or _BETTER * pair.cost < best.cost):
                 best, rivals = pair, pairs
         described = Diagnosis(
-            "unexplained", base.name, base.words, before=before, after=before, round_off=round_off,
-            nearly=_described(singles[0]), circumstances=self._circumstances(base, whole),
+            "unexplained", base.name, base.text, before=before, after=before, round_off=round_off,
+            nearly=_described(singles[0]), circumstances=self._context(base, full),
         )  # fmt: skip
         if _share(best, before) < _EXPLAINED:
             return described
-        alike = _alike(best, rivals, few)
-        if len(best.faults) > 1 and len(alike) > _MOST_PAIRS:
+        equivalent = _equivalent(best, rivals, few)
+        if len(best.faults) > 1 and len(equivalent) > _MAX_PAIRS:
             return described
-        fine, *others = self._refitted(base, whole, [best, *alike])
+        fine, *others = self._refitted(base, full, [best, *equivalent])
         return Diagnosis(
-            "explained", base.name, base.words, _described(fine), _share(best, before),
-            tuple("; and ".join(fault.words(values) for fault, values in one.parts) for one in others),
+            "explained", base.name, base.text, _described(fine), _share(best, before),
+            tuple("; and ".join(fault.text(values) for fault, values in one.parts) for one in others),
             tuple(tuple(fault.name for fault in one.faults) for one in others),
             before=before, after=best.cost, round_off=round_off, fit=fine,
-            circumstances=self._circumstances(base, whole),
+            circumstances=self._context(base, full),
         )  # fmt: skip
 
-    def _refitted(self, base: Base, whole: Transitions, alike: Sequence[Fit]) -> list[Fit]:
+    def _refitted(self, base: Base, full: Transitions, equivalent: Sequence[Fit]) -> list[Fit]:
         """Return the fits on more transitions, without those that these tell from the best one."""
-        starts: list[Start] = [(one.faults, tuple(one.values)) for one in alike]
-        found = fitted(whole, base, self._circumstances(base, whole), starts, sweeps=3)
-        if found[0].cost > _AT_ROUND_OFF * whole.round_off:
-            found.sort(key=lambda fit: _score(fit, whole))
-        return [found[0], *_alike(found[0], found[1:], whole)]
+        starts: list[Start] = [(one.faults, tuple(one.values)) for one in equivalent]
+        found = fitted(full, base, self._context(base, full), starts, sweeps=3)
+        if found[0].cost > _AT_ROUND_OFF * full.round_off:
+            found.sort(key=lambda fit: _score(fit, full))
+        return [found[0], *_equivalent(found[0], found[1:], full)]
 
 
-_MOST_PAIRS = 6  # more pairs that fit equally well are no explanation
+_MAX_PAIRS = 6  # more pairs that fit equally well are no explanation
 
 
 def _healthy(transitions: Transitions, base: Base) -> Array:
@@ -327,22 +327,22 @@ def _share(fit: Fit, before: float) -> float:
 
 def _score(fit: Fit, transitions: Transitions) -> float:
     """Return the decades of the cost, above round-off, with a charge for parameters."""
-    least = 3.0 * transitions.round_off
-    return math.log10(max(fit.cost, least)) + _PARAMETER_COST * fit.complexity
+    lowest = 3.0 * transitions.round_off
+    return math.log10(max(fit.cost, lowest)) + _PARAMETER_COST * fit.complexity
 
 
-def _starts(at: Circumstances) -> list[Start]:
+def _starts(at: FaultContext) -> list[Start]:
     possible = (fault for fault in FAULTS if fault.applies(at))
     return [((fault,), start) for fault in possible for start in fault.starts(at)]
 
 
-def _combined(faults: tuple[Fault, ...], at: Circumstances) -> list[Start]:
+def _combined(faults: tuple[Fault, ...], at: FaultContext) -> list[Start]:
     """Return every combination of the starts of some faults."""
     starts = product(*(fault.starts(at) for fault in faults))
     return [(faults, [value for start in each for value in start]) for each in starts]
 
 
-def _pair_starts(singles: Sequence[Fit], at: Circumstances, *, general: bool) -> list[Start]:
+def _pair_starts(singles: Sequence[Fit], at: FaultContext, *, general: bool) -> list[Start]:
     """Return the pairs of the eight best single faults, and those of the best one with all specific faults.
 
     general: with all general faults instead.
@@ -379,11 +379,11 @@ def _substitutes(pair: Fit, singles: Sequence[Fit]) -> list[Start]:
     ]
 
 
-def _specific(pair: Fit, singles: Sequence[Fit], at: Circumstances) -> list[Start]:
+def _specific(pair: Fit, singles: Sequence[Fit], at: FaultContext) -> list[Start]:
     """Return the pairs in which a specific fault stands for a general one."""
     found: list[Start] = []
-    for place, (fault, _) in enumerate(pair.parts):
-        rest, values = pair.parts[1 - place]
+    for index, (fault, _) in enumerate(pair.parts):
+        rest, values = pair.parts[1 - index]
         if fault.is_general and not rest.is_general:
             others = (one.faults[0] for one in singles if not one.is_general and one.faults[0] is not rest)
             found += [((one, rest), (*start, *values)) for one in others for start in one.starts(at)]
@@ -408,7 +408,7 @@ def _gap(one: Fit, other: Fit) -> float:
     return float(np.sqrt(np.mean((one.remaining - other.remaining) ** 2)))
 
 
-def _alike(best: Fit, rivals: Iterable[Fit], transitions: Transitions) -> list[Fit]:
+def _equivalent(best: Fit, rivals: Iterable[Fit], transitions: Transitions) -> list[Fit]:
     """Return the other fits that explain the trajectory as well.
 
     Where the best one leaves round-off, these make the same motion: the scene cannot tell them apart. Fits
@@ -434,6 +434,6 @@ def _described(fit: Fit) -> tuple[FittedFault, ...]:
                 FittedParameter(parameter.name, parameter.unit, float(value), value - width, value + width)
             )
         found.append(
-            FittedFault(fault.name, fault.kind, fault.words(values), tuple(parameters), fault.confirm)
+            FittedFault(fault.name, fault.kind, fault.text(values), tuple(parameters), fault.confirm)
         )
     return tuple(found)

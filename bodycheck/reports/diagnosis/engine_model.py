@@ -105,19 +105,19 @@ class Loads:
         """Sum the loads of each stretch, each multiplied by its share of the time."""
         p = len(spans) + 1
         a, b, c, d, e = np.zeros((5, p, 3))
-        held = cls(a, b, c, d, e, np.zeros((p, 3, 3)))
+        loads = cls(a, b, c, d, e, np.zeros((p, 3, 3)))
         for row, span in enumerate(spans):
             for load, share in span:
                 value = share * load.value
                 if isinstance(load, PointForce) and load.axes == "body":
-                    held.force_body[row] += value
-                    held.lever[row] += np.cross(load.at, value)
+                    loads.force_body[row] += value
+                    loads.lever[row] += np.cross(load.at, value)
                 elif isinstance(load, PointForce):
-                    held.force_world[row] += value
-                    held.moment[row] += np.outer(load.at, value)
+                    loads.force_world[row] += value
+                    loads.moment[row] += np.outer(load.at, value)
                 else:
-                    (held.torque_body if load.axes == "body" else held.torque_world)[row] += value
-        return held
+                    (loads.torque_body if load.axes == "body" else loads.torque_world)[row] += value
+        return loads
 
     @property
     def kinds(self) -> frozenset[str]:
@@ -209,18 +209,18 @@ class Model:
 
         About a pivot, which carries all forces, these have moments only.
         """
-        held, weight = self.loads, self.mass * self.gravity
+        loads, weight = self.loads, self.mass * self.gravity
         body_weight = self.mass * self.gravity_body
-        torque = held.torque_body + held.lever + self.spurious_torque_body
-        moment = held.moment
-        force_body = held.force_body + body_weight + self.spurious_force_body
-        force_world = held.force_world + weight + self.spurious_force_world
+        torque = loads.torque_body + loads.lever + self.spurious_torque_body
+        moment = loads.moment
+        force_body = loads.force_body + body_weight + self.spurious_force_body
+        force_world = loads.force_world + weight + self.spurious_force_world
         if self.pivot is not None:
             arm = -self.pivot
             torque = torque + np.cross(arm, force_body)
             moment = moment + arm[:, None] * force_world[:, None, :]
             force_body, force_world = 0.0 * force_body, 0.0 * force_world
-        torque_world = held.torque_world + self.spurious_torque_world
+        torque_world = loads.torque_world + self.spurious_torque_world
         if self.arm_in_world:
             turn = self.initial_rotation if self.arm_in_world > 1.0 else np.eye(3)
             turned = np.einsum("ij,pjk->pik", turn, moment)
@@ -274,14 +274,14 @@ class Grid:
         spans: list[Any] = []
         known: dict[tuple[Any, ...], int] = {}
         rows = np.empty((len(gaps), stride), dtype=np.intp)
-        for k, begin in enumerate(t_s[:-1]):
+        for k, start in enumerate(t_s[:-1]):
             for i in range(stride):
-                span = _shares(scene, begin + i * dts[k], begin + (i + 1) * dts[k])
-                alike = tuple((id(load), share) for load, share in span)
-                if alike not in known:
-                    known[alike] = len(spans)
+                span = _shares(scene, start + i * dts[k], start + (i + 1) * dts[k])
+                key = tuple((id(load), share) for load, share in span)
+                if key not in known:
+                    known[key] = len(spans)
                     spans.append(span)
-                rows[k, i] = known[alike]
+                rows[k, i] = known[key]
         return cls(stride, dts, Loads.of(spans), rows)
 
     def model(self, scene: Scene) -> Model:
@@ -297,12 +297,12 @@ class Grid:
         )
 
 
-def _shares(scene: Scene, begin_s: float, end_s: float) -> list[tuple[Any, float]]:
+def _shares(scene: Scene, start_s: float, end_s: float) -> list[tuple[Any, float]]:
     """Return the constant loads that act within an interval, each with its share of it."""
     found = []
     for load in scene.piecewise_constant_loads:
-        overlap = min(end_s, load.until_s) - max(begin_s, load.from_s)
-        share = min(max(overlap / (end_s - begin_s), 0.0), 1.0)
+        overlap = min(end_s, load.until_s) - max(start_s, load.from_s)
+        share = min(max(overlap / (end_s - start_s), 0.0), 1.0)
         if share > 1e-9:
             found.append((load, 1.0 if share > 1.0 - 1e-9 else share))
     return found

@@ -11,7 +11,7 @@ import numpy as np
 from bodycheck._util.formatting import setting
 from bodycheck.reports.diagnosis.diagnosis import Diagnosis, diagnosed
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.measures import WHO
+from bodycheck.reports.measurement.measures import IDENTITY
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.verdicts import QuantityVerdict, most_severe
 from bodycheck.reports.run_files.run_tables import MethodKey, key_of
@@ -121,7 +121,7 @@ def explained_cases(
 def diagnosis_row(one: ExplainedCase) -> dict[str, Any]:
     """Return the row of diagnoses.csv of a diagnosed case; the parameter is that of the first fault."""
     columns, found = one.case.columns, one.diagnosis
-    row: dict[str, Any] = {name: columns[name] for name in WHO}
+    row: dict[str, Any] = {name: columns[name] for name in IDENTITY}
     row |= {name: columns[name] for name in ("dt_s", "tolerance") if columns.get(name) is not None}
     row |= {"quantity": one.wrong[0].quantity if one.wrong else "", "reproduce": columns["reproduce"]}
     if found is None:

@@ -24,9 +24,9 @@ from bodycheck.reports.diagnosis.transitions import QUANTITIES
 from bodycheck.reports.document import Cell, Column, Command, Document, Part, Sentence, Span, Table, page
 
 _HOLDS = 30.0  # multiples of the round-off
-_LEAST_SHOWN = 1e-18  # below round-off: exact agreement on a logarithmic axis
+_MIN_SHOWN = 1e-18  # below round-off: exact agreement on a logarithmic axis
 _PANEL_IN = 2.2
-_WORDS = {
+_QUANTITY_NAMES = {
     "position": "position",
     "velocity": "velocity",
     "attitude": "attitude",
@@ -100,7 +100,7 @@ def _differences(found: Diagnosis) -> tuple[Array, Array, Array | None] | None:
         models.append(planted(at, healthy, found.fit.faults, found.fit.values))
     with np.errstate(all="ignore"):
         gaps = transitions.differences(models, base)
-    times = transitions.trajectory.t_s[transitions.places + 1]
+    times = transitions.trajectory.t_s[transitions.indices + 1]
     return times, gaps[0], gaps[1] if len(gaps) > 1 else None
 
 
@@ -112,12 +112,12 @@ def evidence_of(found: Diagnosis) -> list[Evidence]:
     _, before, after = parts
     transitions = found.circumstances.transitions
     evidence = []
-    for name, place in QUANTITIES.items():
-        if name in transitions.known and transitions.weights[place.start] > 0.0:
-            weight = transitions.weights[place.start]
-            largest = float(np.max(np.abs(before[place]))) / weight
-            rest = None if after is None else float(np.max(np.abs(after[place]))) / weight
-            evidence.append(Evidence(name, largest, rest, float(transitions.noise[place.start])))
+    for name, span in QUANTITIES.items():
+        if name in transitions.known and transitions.weights[span.start] > 0.0:
+            weight = transitions.weights[span.start]
+            largest = float(np.max(np.abs(before[span]))) / weight
+            rest = None if after is None else float(np.max(np.abs(after[span]))) / weight
+            evidence.append(Evidence(name, largest, rest, float(transitions.noise[span.start])))
     return evidence
 
 
@@ -192,7 +192,7 @@ def _evidence_table(evidence: Sequence[Evidence], title: str) -> Table:
     )
     rows = tuple(
         (
-            _WORDS[one.quantity],
+            _QUANTITY_NAMES[one.quantity],
             Span("yes", "good") if one.holds else Span("no", "bad"),
             number(one.before, 3),
             number(one.after, 3),
@@ -214,16 +214,18 @@ def explanation_data(cases: Sequence[ExplainedCase]) -> list[dict[str, Any]]:
     """Return the explanations as plain data."""
     found = []
     for one in cases:
-        told = one.diagnosis
+        diagnosis = one.diagnosis
         found.append(
             {
                 "scenario": one.problem.scenario.name,
                 "method": ":".join(one.key),
                 "dt_s": one.case.dt_s,
                 "wrong": [verdict.text for verdict in one.wrong],
-                "diagnosis": None if told is None else replace(told, fit=None, circumstances=None),
-                "evidence": [] if told is None else evidence_of(told),
-                "issues": [] if told is None else similar_issues([fault.name for fault in told.faults]),
+                "diagnosis": None if diagnosis is None else replace(diagnosis, fit=None, circumstances=None),
+                "evidence": [] if diagnosis is None else evidence_of(diagnosis),
+                "issues": []
+                if diagnosis is None
+                else similar_issues([fault.name for fault in diagnosis.faults]),
             }
         )
     return found
@@ -247,14 +249,14 @@ def explanation_figure(cases: Sequence[ExplainedCase], suffix: str) -> bytes:
 
     from bodycheck.reports.render.figures import WIDTHS_IN, figure_bytes, rendering
 
-    shown = [(one, errors) for one in cases if one.diagnosis and (errors := errors_over_time(one.diagnosis))]
+    rows = [(one, errors) for one in cases if one.diagnosis and (errors := errors_over_time(one.diagnosis))]
     with rendering():
-        drawn = Figure(figsize=(WIDTHS_IN[2], _PANEL_IN * max(len(shown), 1)), layout="constrained")
-        for place, (one, (times, before, after)) in enumerate(shown, 1):
-            axes = drawn.add_subplot(len(shown), 1, place, title=one.title, yscale="log")
-            axes.plot(times, np.maximum(before, _LEAST_SHOWN), ".-", label="difference from the map")
+        drawn = Figure(figsize=(WIDTHS_IN[2], _PANEL_IN * max(len(rows), 1)), layout="constrained")
+        for row, (one, (times, before, after)) in enumerate(rows, 1):
+            axes = drawn.add_subplot(len(rows), 1, row, title=one.title, yscale="log")
+            axes.plot(times, np.maximum(before, _MIN_SHOWN), ".-", label="difference from the map")
             if after is not None:
-                axes.plot(times, np.maximum(after, _LEAST_SHOWN), ".-", label="with the fault in the map")
+                axes.plot(times, np.maximum(after, _MIN_SHOWN), ".-", label="with the fault in the map")
             axes.set_ylabel("per interval, of scale")
             axes.legend(fontsize=6)
             axes.set_xlabel("t, s")

@@ -34,7 +34,7 @@ Kind: TypeAlias = Literal["body", "gravity", "map", "loads", "limit", "step", "r
 
 
 @dataclass(frozen=True)
-class Circumstances:
+class FaultContext:
     """What decides which faults are possible, and where a fit starts: a scene and its trajectory.
 
     stepped: whether the step of the method is known.
@@ -110,8 +110,8 @@ class Parameter:
     size: float = 1.0
 
 
-Plant: TypeAlias = Callable[[Model, Array, Circumstances], None]
-Starts: TypeAlias = Callable[[Circumstances], Sequence[Sequence[float]]]
+Plant: TypeAlias = Callable[[Model, Array, FaultContext], None]
+Starts: TypeAlias = Callable[[FaultContext], Sequence[Sequence[float]]]
 
 
 @dataclass(frozen=True)
@@ -130,21 +130,21 @@ class Fault:
     plant: Plant
     parameters: tuple[Parameter, ...] = ()
     starts: Starts = lambda _: [()]
-    applies: Callable[[Circumstances], bool] = lambda _: True
+    applies: Callable[[FaultContext], bool] = lambda _: True
     special: tuple[tuple[float, str], ...] = ()
     is_general: bool = False
     confirm: str = ""
 
-    def special_words(self, values: Sequence[float] | Array) -> str:
+    def special_text(self, values: Sequence[float] | Array) -> str:
         """Return the sentence of a particular value of the first parameter; "" for any other value."""
         for value, sentence in self.special:
             if len(values) and abs(values[0] - value) <= 1e-3 * max(1.0, abs(value)):
                 return sentence
         return ""
 
-    def words(self, values: Sequence[float] | Array) -> str:
+    def text(self, values: Sequence[float] | Array) -> str:
         """Return the sentence with these values of the parameters."""
-        return self.special_words(values) or self.sentence.format(*(_number(value) for value in values))
+        return self.special_text(values) or self.sentence.format(*(_number(value) for value in values))
 
 
 def _number(value: float) -> str:
@@ -160,15 +160,15 @@ def _set(name: str) -> Plant:
 
 
 def _constant(**changes: Any) -> Plant:
-    def plant(model: Model, values: Array, at: Circumstances) -> None:  # noqa: ARG001 - the signature of all
+    def plant(model: Model, values: Array, at: FaultContext) -> None:  # noqa: ARG001 - the signature of all
         for name, value in changes.items():
             setattr(model, name, value)
 
     return plant
 
 
-def _loads(change: Callable[[Loads, Array, Circumstances], dict[str, Array]]) -> Plant:
-    def plant(model: Model, values: Array, at: Circumstances) -> None:
+def _loads(change: Callable[[Loads, Array, FaultContext], dict[str, Array]]) -> Plant:
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
         model.loads = replace(model.loads, **change(model.loads, values, at))
 
     return plant
@@ -184,7 +184,7 @@ def _near(*values: float) -> Starts:
 
 
 def _misread(apply: Callable[[Reading, Array], Reading], undo: Callable[[Reading, Array], Reading]) -> Plant:
-    def plant(model: Model, values: Array, at: Circumstances) -> None:  # noqa: ARG001 - the signature of all
+    def plant(model: Model, values: Array, at: FaultContext) -> None:  # noqa: ARG001 - the signature of all
         misreading = Misreading(lambda r: apply(r, values), lambda r: undo(r, values))
         model.misreadings = (*model.misreadings, misreading)
 
@@ -195,7 +195,7 @@ def _misread(apply: Callable[[Reading, Array], Reading], undo: Callable[[Reading
 
 
 def _inertia(change: Callable[[Array, Array], Any]) -> Plant:
-    def plant(model: Model, values: Array, at: Circumstances) -> None:  # noqa: ARG001 - the signature of all
+    def plant(model: Model, values: Array, at: FaultContext) -> None:  # noqa: ARG001 - the signature of all
         model.inertia = np.asarray(change(model.inertia, values), dtype=np.float64)
 
     return plant
@@ -227,18 +227,18 @@ def _any_inertia(inertia: Array, values: Array) -> Array:
     return np.asarray(inertia + np.trace(inertia) / 3.0 * np.array([[a, d, e], [d, b, f], [e, f, c]]))
 
 
-def _has_off_diagonals(at: Circumstances) -> bool:
+def _has_off_diagonals(at: FaultContext) -> bool:
     inertia = at.scene.body.inertia
     off = np.max(np.abs(inertia - np.diag(np.diag(inertia))))
     return bool(off > 1e-12 * np.max(np.abs(inertia)))
 
 
-def _mass_and_inertia(model: Model, values: Array, at: Circumstances) -> None:
+def _mass_and_inertia(model: Model, values: Array, at: FaultContext) -> None:
     del at
     model.mass, model.inertia = values[0] * model.mass, values[0] * model.inertia
 
 
-def _mass(model: Model, values: Array, at: Circumstances) -> None:
+def _mass(model: Model, values: Array, at: FaultContext) -> None:
     del at
     model.mass = values[0] * model.mass
 
@@ -260,13 +260,14 @@ def _body() -> Iterator[Fault]:
     )
     names = "xyz"
     for order in list(permutations(range(3)))[1:]:
-        place = list(order)
+        permutation = list(order)
+        axes_text = ", ".join(names[k] for k in permutation)
         yield Fault(
-            f"inertia-axes-{''.join(names[k] for k in place)}",
+            f"inertia-axes-{''.join(names[k] for k in permutation)}",
             "body",
-            f"the axes of the inertia tensor are permuted: x, y, z as {', '.join(names[k] for k in place)}",
-            _inertia(partial(_permuted, place)),
-            applies=partial(_differs, place),
+            f"the axes of the inertia tensor are permuted: x, y, z as {axes_text}",
+            _inertia(partial(_permuted, permutation)),
+            applies=partial(_differs, permutation),
             confirm="permute the moments in the scenario: the error must change with them",
         )
     yield Fault(
@@ -333,38 +334,38 @@ def _body() -> Iterator[Fault]:
     )
 
 
-def _permuted(place: list[int], inertia: Array, values: Array) -> Array:
+def _permuted(permutation: list[int], inertia: Array, values: Array) -> Array:
     del values
-    return inertia[np.ix_(place, place)]
+    return inertia[np.ix_(permutation, permutation)]
 
 
-def _differs(place: list[int], at: Circumstances) -> bool:
+def _differs(permutation: list[int], at: FaultContext) -> bool:
     inertia = at.scene.body.inertia
-    return not np.allclose(inertia[np.ix_(place, place)], inertia, rtol=1e-12, atol=0.0)
+    return not np.allclose(inertia[np.ix_(permutation, permutation)], inertia, rtol=1e-12, atol=0.0)
 
 
 # --------------------------------------------------------------------------------------------- gravity
 
 
 def _gravity(change: Callable[[Array, Array], Array]) -> Plant:
-    def plant(model: Model, values: Array, at: Circumstances) -> None:  # noqa: ARG001 - the signature of all
+    def plant(model: Model, values: Array, at: FaultContext) -> None:  # noqa: ARG001 - the signature of all
         model.gravity = change(model.gravity, values)
 
     return plant
 
 
-def _gravity_in_body_axes(model: Model, values: Array, at: Circumstances) -> None:
+def _gravity_in_body_axes(model: Model, values: Array, at: FaultContext) -> None:
     del values, at
     model.gravity_body, model.gravity = model.gravity, np.zeros(3)
 
 
-def _axes_permuted(place: list[int], gravity: Array, values: Array) -> Array:
+def _axes_permuted(permutation: list[int], gravity: Array, values: Array) -> Array:
     del values
-    return gravity[place]
+    return gravity[permutation]
 
 
-def _gravity_differs(place: list[int], at: Circumstances) -> bool:
-    return bool(np.any(at.scene.gravity[place] != at.scene.gravity))
+def _gravity_differs(permutation: list[int], at: FaultContext) -> bool:
+    return bool(np.any(at.scene.gravity[permutation] != at.scene.gravity))
 
 
 def _gravity_faults() -> Iterator[Fault]:
@@ -380,14 +381,14 @@ def _gravity_faults() -> Iterator[Fault]:
         confirm="drop the body from rest: its fall must be g t^2 / 2",
     )
     for order in list(permutations(range(3)))[1:]:
-        place = list(order)
-        words = ", ".join("xyz"[k] for k in place)
+        permutation = list(order)
+        axes_text = ", ".join("xyz"[k] for k in permutation)
         yield Fault(
-            f"gravity-axes-{words.replace(', ', '')}",
+            f"gravity-axes-{axes_text.replace(', ', '')}",
             "gravity",
-            f"the axes of gravity are permuted: x, y, z as {words}",
-            _gravity(partial(_axes_permuted, place)),
-            applies=partial(_gravity_differs, place),
+            f"the axes of gravity are permuted: x, y, z as {axes_text}",
+            _gravity(partial(_axes_permuted, permutation)),
+            applies=partial(_gravity_differs, permutation),
             confirm="drop the body from rest",
         )
     yield Fault(
@@ -513,12 +514,12 @@ def _map_faults() -> Iterator[Fault]:
     )
 
 
-def _both_damped(model: Model, values: Array, at: Circumstances) -> None:
+def _both_damped(model: Model, values: Array, at: FaultContext) -> None:
     del at
     model.damping_v = model.damping_w = float(values[0])
 
 
-def _bullet_damping(model: Model, values: Array, at: Circumstances) -> None:
+def _bullet_damping(model: Model, values: Array, at: FaultContext) -> None:
     del at
     model.damping_v = model.damping_v_speed = model.damping_w = model.damping_w_speed = float(values[0])
 
@@ -526,7 +527,7 @@ def _bullet_damping(model: Model, values: Array, at: Circumstances) -> None:
 # ------------------------------------------------------------------------------------------------ limits
 
 
-def _largest_of(which: Literal["v", "w"], axes: ClampAxes, at: Circumstances) -> float:
+def _largest_of(which: Literal["v", "w"], axes: ClampAxes, at: FaultContext) -> float:
     """Return the largest component, or norm, after the first sample."""
     v, w_world, w, v_body = at.later
     if axes == "norm":
@@ -536,22 +537,22 @@ def _largest_of(which: Literal["v", "w"], axes: ClampAxes, at: Circumstances) ->
 
 
 def _clamp(which: Literal["v", "w"], axes: ClampAxes, *, first: bool) -> Fault:
-    what, unit = ("the velocity", "m/s") if which == "v" else ("omega", "rad/s")
+    noun, unit = ("the velocity", "m/s") if which == "v" else ("omega", "rad/s")
     part = "the norm of" if axes == "norm" else "each component of"
     tail = ("" if axes == "norm" else f" in {axes} axes") + ("" if first else " after the pose is updated")
 
-    def plant(model: Model, values: Array, at: Circumstances) -> None:
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
         del at
         setattr(model, f"clamp_{which}", (axes, abs(float(values[0]))))
         model.clamped_first = first
 
-    def applies(at: Circumstances) -> bool:
+    def applies(at: FaultContext) -> bool:
         return bool(_largest_of(which, axes, at) > 0.0) and (which == "w" or at.is_free)
 
     return Fault(
         f"{'speed' if which == 'v' else 'omega'}-clamped-{axes}{'' if first else '-after'}",
         "limit",
-        f"{part} {what} is clamped at {{0}} {unit}{tail}",
+        f"{part} {noun} is clamped at {{0}} {unit}{tail}",
         plant,
         (Parameter("limit", unit, math.inf, 0.0, 1e9, 1.0),),
         lambda at: [(_largest_of(which, axes, at),)],
@@ -560,13 +561,13 @@ def _clamp(which: Literal["v", "w"], axes: ClampAxes, *, first: bool) -> Fault:
     )
 
 
-def _both_clamped(model: Model, values: Array, at: Circumstances) -> None:
+def _both_clamped(model: Model, values: Array, at: FaultContext) -> None:
     del at
     limit = abs(float(values[0]))
     model.clamp_v, model.clamp_w = ("world", limit), ("world", limit)
 
 
-def _quiet_speed(at: Circumstances) -> float:
+def _quiet_speed(at: FaultContext) -> float:
     """Return the largest speed, in m/s or rad/s, at which the body does not move; 0 if it always does."""
     path = at.transitions.trajectory
     still = np.all(path.attitude[1:] == path.attitude[:-1], axis=-1)
@@ -624,32 +625,32 @@ def _limits() -> Iterator[Fault]:
 # ------------------------------------------------------------------------------------------------- loads
 
 
-def _frozen(held: Loads, values: Array, at: Circumstances) -> dict[str, Array]:
+def _frozen(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
     del values
-    turned = held.torque_body @ at.scene.initial.rotation.T
-    return {"torque_body": 0.0 * held.torque_body, "torque_world": held.torque_world + turned}
+    turned = loads.torque_body @ at.scene.initial.rotation.T
+    return {"torque_body": 0.0 * loads.torque_body, "torque_world": loads.torque_world + turned}
 
 
-def _arms_shifted(held: Loads, values: Array, at: Circumstances) -> dict[str, Array]:
+def _arms_shifted(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
     del at
     return {
-        "lever": held.lever + np.cross(values, held.force_body),
-        "moment": held.moment + values[:, None] * held.force_world[:, None, :],
+        "lever": loads.lever + np.cross(values, loads.force_body),
+        "moment": loads.moment + values[:, None] * loads.force_world[:, None, :],
     }
 
 
-def _arms_turned(held: Loads, values: Array, at: Circumstances) -> dict[str, Array]:
+def _arms_turned(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
     del values
-    return {"moment": np.einsum("ji,pjk->pik", at.scene.initial.rotation, held.moment)}
+    return {"moment": np.einsum("ji,pjk->pik", at.scene.initial.rotation, loads.moment)}
 
 
-def _forces_swapped(held: Loads, values: Array, at: Circumstances) -> dict[str, Array]:
+def _forces_swapped(loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
     del values, at
-    return {"force_body": held.force_world, "force_world": held.force_body}
+    return {"force_body": loads.force_world, "force_world": loads.force_body}
 
 
 def _shifted(steps: int) -> Plant:
-    def plant(model: Model, values: Array, at: Circumstances) -> None:
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
         del values, at
         line, none = model.timeline, len(model.loads.torque_body) - 1
         model.timeline = np.concatenate([np.full(steps, none), line[:-steps]])
@@ -657,19 +658,19 @@ def _shifted(steps: int) -> Plant:
     return plant
 
 
-def _early(model: Model, values: Array, at: Circumstances) -> None:
+def _early(model: Model, values: Array, at: FaultContext) -> None:
     del values, at
     model.timeline = np.concatenate([model.timeline[1:], model.timeline[-1:]])
 
 
-def _first_step_free(model: Model, values: Array, at: Circumstances) -> None:
+def _first_step_free(model: Model, values: Array, at: FaultContext) -> None:
     del values, at
     line = model.timeline.copy()
     line[0] = len(model.loads.torque_body) - 1
     model.timeline = line
 
 
-def _released_late(model: Model, values: Array, at: Circumstances) -> None:
+def _released_late(model: Model, values: Array, at: FaultContext) -> None:
     """Let each stretch but the first begin a step late, where the one before it has loads."""
     del values, at
     line = model.timeline
@@ -680,43 +681,43 @@ def _released_late(model: Model, values: Array, at: Circumstances) -> None:
         model.loads.torque_world,
     )
     loaded = np.array([any(np.any(part[row]) for part in parts) for row in range(len(parts[0]))])
-    late = line.copy()
-    begins = np.flatnonzero(line[1:] != line[:-1]) + 1
-    for begin in begins:
-        if loaded[line[begin - 1]]:
-            late[begin] = line[begin - 1]
-    model.timeline = late
+    delayed = line.copy()
+    starts = np.flatnonzero(line[1:] != line[:-1]) + 1
+    for index in starts:
+        if loaded[line[index - 1]]:
+            delayed[index] = line[index - 1]
+    model.timeline = delayed
 
 
-def _never_cleared(model: Model, values: Array, at: Circumstances) -> None:
+def _never_cleared(model: Model, values: Array, at: FaultContext) -> None:
     """Let each stretch have the loads of all stretches before it, too."""
     del values, at
-    held = model.loads
+    loads = model.loads
     parts = {
-        name: np.concatenate([np.cumsum(part[:-1], axis=0), part[-1:]]) for name, part in vars(held).items()
+        name: np.concatenate([np.cumsum(part[:-1], axis=0), part[-1:]]) for name, part in vars(loads).items()
     }
-    model.loads = replace(held, **parts)
+    model.loads = replace(loads, **parts)
 
 
-def _held_on(model: Model, values: Array, at: Circumstances) -> None:
+def _prolonged(model: Model, values: Array, at: FaultContext) -> None:
     """Let a stretch without loads keep those of the stretch before it."""
     del values, at
-    held = {name: part.copy() for name, part in vars(model.loads).items()}
-    for row in range(1, len(held["torque_body"]) - 1):
+    parts = {name: part.copy() for name, part in vars(model.loads).items()}
+    for row in range(1, len(parts["torque_body"]) - 1):
         if not any(np.any(part[row]) for part in vars(model.loads).values()):
-            for part in held.values():
+            for part in parts.values():
                 part[row] = part[row - 1]
-    model.loads = replace(model.loads, **held)
+    model.loads = replace(model.loads, **parts)
 
 
 _ALL_LOADS = ("force_body", "force_world", "torque_body", "torque_world", "lever", "moment")
 
 
-def _factor_words(what: str, verb: str = "is") -> tuple[tuple[float, str], ...]:
+def _factor_texts(noun: str, verb: str = "is") -> tuple[tuple[float, str], ...]:
     return (
-        (0.0, f"{what} {verb} missing"),
-        (2.0, f"{what} {verb} applied twice"),
-        (-1.0, f"{what} {'has' if verb == 'is' else 'have'} the opposite sign"),
+        (0.0, f"{noun} {verb} missing"),
+        (2.0, f"{noun} {verb} applied twice"),
+        (-1.0, f"{noun} {'has' if verb == 'is' else 'have'} the opposite sign"),
     )
 
 
@@ -730,7 +731,7 @@ def _load_faults() -> Iterator[Fault]:
         (_FACTOR,),
         _near(1.0),
         lambda at: at.has_torque,
-        _factor_words("the torque"),
+        _factor_texts("the torque"),
         confirm=confirm,
     )
     yield Fault(
@@ -789,7 +790,7 @@ def _load_faults() -> Iterator[Fault]:
         (_FACTOR,),
         _near(1.0),
         lambda at: at.has_force,
-        _factor_words("the force"),
+        _factor_texts("the force"),
         confirm=confirm,
     )
     yield Fault(
@@ -811,7 +812,7 @@ def _load_faults() -> Iterator[Fault]:
         (_FACTOR,),
         _near(1.0),
         lambda at: at.has_torque and at.has_moment,
-        _factor_words("every torque"),
+        _factor_texts("every torque"),
         confirm=confirm,
     )
     yield Fault(
@@ -836,7 +837,7 @@ def _load_faults() -> Iterator[Fault]:
             (_FACTOR,),
             _near(1.0),
             lambda at: {"force_body", "force_world"} <= at.loads,
-            _factor_words(f"the force in {axes} axes"),
+            _factor_texts(f"the force in {axes} axes"),
             confirm=confirm,
         )
         yield Fault(
@@ -871,7 +872,7 @@ def _load_faults() -> Iterator[Fault]:
             (_FACTOR,),
             _near(1.0),
             lambda at: {"torque_body", "torque_world"} <= at.loads,
-            _factor_words(f"the torque in {axes} axes"),
+            _factor_texts(f"the torque in {axes} axes"),
             confirm=confirm,
         )
     yield Fault(
@@ -983,7 +984,7 @@ def _load_faults() -> Iterator[Fault]:
         "load-held-on",
         "loads",
         "a load continues after its end",
-        _held_on,
+        _prolonged,
         applies=lambda at: at.switches,
         confirm="end the load and wait: momentum must be constant",
     )
@@ -1003,7 +1004,7 @@ def _load_faults() -> Iterator[Fault]:
         (_FACTOR,),
         _near(1.0),
         lambda at: bool(at.scene.lasting_loads),
-        _factor_words("the continuous load"),
+        _factor_texts("the continuous load"),
         confirm=confirm,
     )
 
@@ -1018,7 +1019,7 @@ def _applied_faults(confirm: str) -> Iterator[Fault]:
         (_FACTOR,),
         _near(1.0),
         lambda at: at.has_torque and "lever" in at.loads,
-        _factor_words("every torque in body or world axes"),
+        _factor_texts("every torque in body or world axes"),
         confirm=confirm,
     )
     yield Fault(
@@ -1085,39 +1086,39 @@ def _applied_faults(confirm: str) -> Iterator[Fault]:
     )
 
 
-def _has_moments_in(axes: str, at: Circumstances) -> bool:
+def _has_moments_in(axes: str, at: FaultContext) -> bool:
     return f"force_{axes}" in at.loads and at.has_moment
 
 
-def _wrong_axes(axes: str, loads: Loads, values: Array, at: Circumstances) -> dict[str, Array]:
+def _wrong_axes(axes: str, loads: Loads, values: Array, at: FaultContext) -> dict[str, Array]:
     """Return the loads with the forces of these axes, and their moments, in the other ones."""
     del values
-    held = {name: part.copy() for name, part in vars(loads).items()}
+    parts = {name: part.copy() for name, part in vars(loads).items()}
     if axes == "body":
         # the moment a x F of a body force, with F in world axes, needs a F^T, which the lever lacks
         forces = [load for load in at.scene.loads if isinstance(load, PointForce) and load.axes == "body"]
         sums = sum((np.outer(load.at, load.value) for load in forces), np.zeros((3, 3)))
         total = sum((load.value for load in forces), np.zeros(3))
-        share = (held["force_body"] @ total) / max(float(total @ total), 1e-300)
-        held["moment"] = held["moment"] + share[:, None, None] * sums
-        held["force_world"] = held["force_world"] + held["force_body"]
-        held["force_body"], held["lever"] = 0.0 * held["force_body"], 0.0 * held["lever"]
+        share = (parts["force_body"] @ total) / max(float(total @ total), 1e-300)
+        parts["moment"] = parts["moment"] + share[:, None, None] * sums
+        parts["force_world"] = parts["force_world"] + parts["force_body"]
+        parts["force_body"], parts["lever"] = 0.0 * parts["force_body"], 0.0 * parts["lever"]
     else:
-        m = held["moment"]
+        m = parts["moment"]
         turning = np.stack(
             [m[:, 1, 2] - m[:, 2, 1], m[:, 2, 0] - m[:, 0, 2], m[:, 0, 1] - m[:, 1, 0]], axis=-1
         )
-        held["lever"] = held["lever"] + turning
-        held["force_body"] = held["force_body"] + held["force_world"]
-        held["force_world"], held["moment"] = 0.0 * held["force_world"], 0.0 * m
-    return held
+        parts["lever"] = parts["lever"] + turning
+        parts["force_body"] = parts["force_body"] + parts["force_world"]
+        parts["force_world"], parts["moment"] = 0.0 * parts["force_world"], 0.0 * m
+    return parts
 
 
 # --------------------------------------------------------------------------------------- steps and readings
 
 
-def _late(*names: str) -> Plant:
-    def plant(model: Model, values: Array, at: Circumstances) -> None:
+def _delayed(*names: str) -> Plant:
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
         del at
         model.stale, model.lateness = frozenset(names), float(values[0])
 
@@ -1130,7 +1131,7 @@ _STEPS_LATE = (Parameter("delay", "steps", 0.0, 0.01, 1.0),)
 def _quaternions(
     taken: Callable[[Array], Array] | None, given: Callable[[Array], Array], back: Callable[[Array], Array]
 ) -> Plant:
-    def plant(model: Model, values: Array, at: Circumstances) -> None:
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
         del values, at
         if taken is not None:
             model.start = taken
@@ -1151,7 +1152,7 @@ def _scaled_reading(name: str) -> Plant:
     )
 
 
-def _omega_axes(model: Model, values: Array, at: Circumstances) -> None:
+def _omega_axes(model: Model, values: Array, at: FaultContext) -> None:
     del values
     into, back = (transposed_times, times) if at.transitions.world_omega else (times, transposed_times)
     misreading = Misreading(
@@ -1160,7 +1161,7 @@ def _omega_axes(model: Model, values: Array, at: Circumstances) -> None:
     model.misreadings = (*model.misreadings, misreading)
 
 
-def _velocity_in_body_axes(model: Model, values: Array, at: Circumstances) -> None:
+def _velocity_in_body_axes(model: Model, values: Array, at: FaultContext) -> None:
     del values, at
     misreading = Misreading(
         lambda r: replace(r, v=transposed_times(matrix_of(r.q), r.v)),
@@ -1170,7 +1171,7 @@ def _velocity_in_body_axes(model: Model, values: Array, at: Circumstances) -> No
 
 
 def _other_point(*, position: bool, velocity: bool) -> Plant:
-    def plant(model: Model, values: Array, at: Circumstances) -> None:
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
         in_world = at.transitions.world_omega
 
         def moved(r: Reading, sign: float) -> Reading:
@@ -1185,7 +1186,7 @@ def _other_point(*, position: bool, velocity: bool) -> Plant:
     return plant
 
 
-def _step_scaled(model: Model, values: Array, at: Circumstances) -> None:
+def _step_scaled(model: Model, values: Array, at: FaultContext) -> None:
     del at
     model.step_factor = float(values[0])
 
@@ -1198,7 +1199,7 @@ _DEGREES = (
 _ARM = tuple(Parameter(f"{axis}", "m", 0.0) for axis in "xyz")
 
 
-def _can_be_late(names: str, at: Circumstances) -> bool:
+def _can_be_late(names: str, at: FaultContext) -> bool:
     return at.stepped and (at.is_free or bool(set(names) & {"q", "w"}))
 
 
@@ -1222,7 +1223,7 @@ def _reading_faults() -> Iterator[Fault]:
         confirm="let the body fly without loads: its path must be v t",
     )
     confirm = "read the state twice in a row, and again after a step of length 0 if the engine allows it"
-    for name, names, what in (
+    for name, names, noun in (
         ("state-late", "xvqw", "the state is"),
         ("attitude-late", "q", "the attitude is"),
         ("omega-late", "w", "omega is"),
@@ -1234,12 +1235,12 @@ def _reading_faults() -> Iterator[Fault]:
         yield Fault(
             name,
             "reading",
-            f"{what} read {{0}} steps late",
-            _late(*names),
+            f"{noun} read {{0}} steps late",
+            _delayed(*names),
             _STEPS_LATE,
             _near(0.5, 1.0),
             partial(_can_be_late, names),
-            ((1.0, f"{what} read one step late"), (0.5, f"{what} read half a step late")),
+            ((1.0, f"{noun} read one step late"), (0.5, f"{noun} read half a step late")),
             confirm=confirm,
         )
     yield Fault(
@@ -1359,7 +1360,7 @@ def _reading_faults() -> Iterator[Fault]:
 
 
 def _start(taken: Callable[[Array], Array]) -> Plant:
-    def plant(model: Model, values: Array, at: Circumstances) -> None:
+    def plant(model: Model, values: Array, at: FaultContext) -> None:
         del values, at
         model.start = taken
 
@@ -1433,16 +1434,16 @@ def _general() -> Iterator[Fault]:
         is_general=True,
         confirm="drop the body from rest",
     )
-    for what, unit in (("torque", "N m"), ("force", "N")):
+    for noun, unit in (("torque", "N m"), ("force", "N")):
         for axes in ("body", "world"):
             yield Fault(
-                f"spurious-{what}-{axes}",
+                f"spurious-{noun}-{axes}",
                 "loads",
-                f"a spurious constant {what} of ({{0}}, {{1}}, {{2}}) {unit} in {axes} axes acts",
-                _spurious(f"spurious_{what}_{axes}"),
+                f"a spurious constant {noun} of ({{0}}, {{1}}, {{2}}) {unit} in {axes} axes acts",
+                _spurious(f"spurious_{noun}_{axes}"),
                 tuple(Parameter(a, unit, 0.0) for a in "xyz"),
                 lambda _: [(0.0, 0.0, 0.0)],
-                (lambda _: True) if what == "torque" else (lambda at: at.is_free),
+                (lambda _: True) if noun == "torque" else (lambda at: at.is_free),
                 is_general=True,
                 confirm=confirm,
             )

@@ -14,7 +14,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.diagnosis.engine_model import Model
-from bodycheck.reports.diagnosis.faults import Circumstances, Fault, Parameter
+from bodycheck.reports.diagnosis.faults import Fault, FaultContext, Parameter
 from bodycheck.reports.diagnosis.flow import Base
 from bodycheck.reports.diagnosis.transitions import Transitions
 
@@ -70,7 +70,7 @@ class Fit:
     @property
     def complexity(self) -> int:
         """The number of parameters without particular values, such as 0; general faults count for more."""
-        special = sum(bool(fault.special_words(values)) for fault, values in self.parts)
+        special = sum(bool(fault.special_text(values)) for fault, values in self.parts)
         return self.size - special + 3 * sum(fault.is_general for fault in self.faults)
 
     @property
@@ -98,7 +98,7 @@ class _Candidate:
         return [parameter for fault in self.faults for parameter in fault.parameters]
 
 
-def planted(at: Circumstances, healthy: Model, faults: Sequence[Fault], values: Array) -> Model:
+def planted(at: FaultContext, healthy: Model, faults: Sequence[Fault], values: Array) -> Model:
     """Return the healthy model with the faults."""
     model, first = healthy.copied(), 0
     for fault in faults:
@@ -117,7 +117,7 @@ def cost_of(differences: Array, transitions: Transitions) -> float:
 def fitted(
     transitions: Transitions,
     base: Base,
-    at: Circumstances,
+    at: FaultContext,
     starts: Sequence[Start],
     sweeps: int = _SWEEPS,
 ) -> list[Fit]:
@@ -149,7 +149,7 @@ def _prune(candidates: Sequence[_Candidate]) -> None:
 
 
 def _sweep(
-    active: Sequence[_Candidate], transitions: Transitions, base: Base, at: Circumstances, healthy: Model
+    active: Sequence[_Candidate], transitions: Transitions, base: Base, at: FaultContext, healthy: Model
 ) -> None:
     """Evaluate candidates and the derivatives of their predictions, and take one step."""
     models, changes = [], []
@@ -157,9 +157,9 @@ def _sweep(
         models.append(planted(at, healthy, one.faults, one.values))
         steps = [_change(p, value) for p, value in zip(one.parameters, one.values, strict=True)]
         changes.append(steps)
-        for place, step in enumerate(steps):
+        for index, step in enumerate(steps):
             moved = one.values.copy()
-            moved[place] += step
+            moved[index] += step
             models.append(planted(at, healthy, one.faults, moved))
     found = transitions.differences(models, base)
     first = 0

@@ -45,7 +45,7 @@ class Base:
     """A healthy one-step map. kind: how omega advances. turn: how the attitude does."""
 
     name: str
-    words: str
+    text: str
     kind: str = "explicit"
     turn: str = "exponential"
     pose_first: bool = False
@@ -82,14 +82,21 @@ BASES = {
 class Flow:
     """Candidates (c,) that advance transitions (s,) by steps of their own length.
 
-    models: one per candidate. dt_s: (s,). begin: (s,) number of steps before each transition. begin_s: (s,).
+    models: one per candidate. dt_s: (s,). first_step: (s,) number of steps before each transition.
+    start_s: (s,).
     """
 
     def __init__(
-        self, models: Sequence[Model], base: Base, scene: Scene, dt_s: Array, begin: Indices, begin_s: Array
+        self,
+        models: Sequence[Model],
+        base: Base,
+        scene: Scene,
+        dt_s: Array,
+        first_step: Indices,
+        start_s: Array,
     ) -> None:
         self._models, self._base, self._scene = models, base, scene
-        self._begin, self._begin_s = begin, begin_s
+        self._first_step, self._start_s = first_step, start_s
         self._dt_s = dt_s
         self._dt = dt_s * np.array([model.step_factor for model in models])[:, None]
         inertia = np.stack([model.turning_inertia for model in models], axis=-1)
@@ -137,13 +144,13 @@ class Flow:
         groups: dict[tuple[str, ClampAxes, bool], list[tuple[int, float]]] = {}
         for row, model in enumerate(self._models):
             first = model.clamped_first and self._base.tableau is None
-            for which, clamp in (("v", model.clamp_v), ("w", model.clamp_w)):
+            for quantity, clamp in (("v", model.clamp_v), ("w", model.clamp_w)):
                 if clamp is not None:
-                    groups.setdefault((which, clamp[0], first), []).append((row, clamp[1]))
+                    groups.setdefault((quantity, clamp[0], first), []).append((row, clamp[1]))
         found = []
-        for (which, axes, first), rows in groups.items():
-            places, limits = zip(*rows, strict=True)
-            found.append((which, axes, np.array(places), np.array(limits)[:, None], first))
+        for (quantity, axes, first), rows in groups.items():
+            candidates, limits = zip(*rows, strict=True)
+            found.append((quantity, axes, np.array(candidates), np.array(limits)[:, None], first))
         return found
 
     def _loads(self, step: int) -> list[Array]:
@@ -152,15 +159,15 @@ class Flow:
             rows = np.full((1, 1), self._timelines[0, 0])
         else:
             last = self._timelines.shape[1] - 1
-            rows = self._timelines[:, np.clip(self._begin + step, 0, last)]
+            rows = self._timelines[:, np.clip(self._first_step + step, 0, last)]
         if self._cached is None or not np.array_equal(rows, self._cached[0]):
-            which = np.arange(len(self._models))[:, None]
-            self._cached = rows, [part[..., which, rows] for part in self._packed]
+            model_rows = np.arange(len(self._models))[:, None]
+            self._cached = rows, [part[..., model_rows, rows] for part in self._packed]
         parts = self._cached[1]
         if not len(self._ramps):
             return parts
-        factor = np.ones((len(self._models), len(self._begin)))
-        factor[self._ramps] = 1.0 + self._begin + step
+        factor = np.ones((len(self._models), len(self._first_step)))
+        factor[self._ramps] = 1.0 + self._first_step + step
         return [part * factor for part in parts]
 
     def advance(self, y: States, steps: int, first: int = 0) -> States:
@@ -181,12 +188,12 @@ class Flow:
         if not len(rows):
             return None
         models = [replace(self._models[row], repeats=0.0) for row in rows.tolist()]
-        return rows, Flow(models, self._base, self._scene, self._dt_s, self._begin, self._begin_s)
+        return rows, Flow(models, self._base, self._scene, self._dt_s, self._first_step, self._start_s)
 
     def step(self, y: States, step: int, dt: Array) -> States:
         """Return the states after one step of length dt (c, s)."""
         loads = self._loads(step)
-        t = self._begin_s + step * self._dt
+        t = self._start_s + step * self._dt
         new = self._runge_kutta(y, loads, t, dt) if self._base.tableau else self._first_order(y, loads, t, dt)
         return self._limited(y, new)
 
@@ -249,9 +256,9 @@ class Flow:
 
         def combined(weights: Array) -> States:
             parts = []
-            for place, value in enumerate((y.x, y.v, y.q, y.w)):
+            for index, value in enumerate((y.x, y.v, y.q, y.w)):
                 pairs = zip(weights, slopes, strict=False)
-                terms = [weight * slope[place] for weight, slope in pairs if weight]
+                terms = [weight * slope[index] for weight, slope in pairs if weight]
                 parts.append(value + dt * sum(terms[1:], terms[0]) if terms else value)
             return States(*parts)
 
@@ -335,11 +342,11 @@ class Flow:
         spin = times(rotation, w)
         turning = cross(spin, times(inertia, spin))
 
-        def seen(vector: Array) -> Array:
+        def in_body(vector: Array) -> Array:
             """I R^T I^-1 vector: what gives the right omega' when it is multiplied by I^-1."""
             return times(inertia, transposed_times(rotation, times(inverse, vector)))
 
-        return seen(turning), seen(times(rotation, torque))
+        return in_body(turning), in_body(times(rotation, torque))
 
     def _omega_extra(self, y: States) -> Array | float:
         """Return what is added to omega' besides I^-1 of torques: damping, and the pull of the energy."""

@@ -51,7 +51,7 @@ _SETTLED = 1e-15  # relative change of that fixed point that is round-off
 
 @dataclass(frozen=True, eq=False)
 class Transitions:
-    """Some transitions (s,) of a trajectory: from sample `places` to the next one.
+    """Some transitions (s,) of a trajectory: from sample `indices` to the next one.
 
     grid: of all transitions. known: the quantities that the trajectory has. is_single: whether all of its
     numbers are float32.
@@ -61,7 +61,7 @@ class Transitions:
     trajectory: Trajectory
     grid: Grid
     scales: Scales
-    places: Indices
+    indices: Indices
     known: frozenset[str]
     is_single: bool
 
@@ -70,27 +70,27 @@ class Transitions:
         cls, scene: Scene, trajectory: Trajectory, grid: Grid, scales: Scales, known: frozenset[str]
     ) -> Transitions:
         """Return all transitions of a trajectory."""
-        held = (trajectory.position_m, trajectory.velocity_m_s, trajectory.omega_body_rad_s,
+        arrays = (trajectory.position_m, trajectory.velocity_m_s, trajectory.omega_body_rad_s,
                 trajectory.omega_world_rad_s, trajectory.quaternion, trajectory.rotation)  # fmt: skip
         with np.errstate(over="ignore"):
             single = all(
-                np.array_equal(v, v.astype(np.float32)) for v in (h[1:] for h in held if h is not None)
+                np.array_equal(v, v.astype(np.float32)) for v in (h[1:] for h in arrays if h is not None)
             )
-        exact = all(np.array_equal(h, np.round(h, 3)) for h in (h[1:] for h in held if h is not None))
-        places = np.arange(len(trajectory.t_s) - 1)
-        return cls(scene, trajectory, grid, scales, places, known, single and not exact)
+        exact = all(np.array_equal(h, np.round(h, 3)) for h in (h[1:] for h in arrays if h is not None))
+        indices = np.arange(len(trajectory.t_s) - 1)
+        return cls(scene, trajectory, grid, scales, indices, known, single and not exact)
 
-    def some(self, most: int) -> Transitions:
+    def subset(self, max_count: int) -> Transitions:
         """Return at most so many of the transitions, evenly spread, the first and the load switches kept."""
-        if len(self.places) <= most:
+        if len(self.indices) <= max_count:
             return self
-        rows = self.grid.timeline[self.places]
+        rows = self.grid.timeline[self.indices]
         mixed = np.flatnonzero(
             np.any(rows != rows[:, :1], axis=1) | np.r_[True, rows[1:, 0] != rows[:-1, -1]]
         )
-        spread = np.linspace(0, len(self.places) - 1, most).round().astype(np.intp)
-        kept = np.unique(np.concatenate([spread, mixed[: most // 2]]))
-        return replace(self, places=self.places[kept])
+        spread = np.linspace(0, len(self.indices) - 1, max_count).round().astype(np.intp)
+        chosen = np.unique(np.concatenate([spread, mixed[: max_count // 2]]))
+        return replace(self, indices=self.indices[chosen])
 
     @cached_property
     def world_omega(self) -> bool:
@@ -101,14 +101,14 @@ class Transitions:
     def _read(self) -> tuple[Reading, Reading]:
         """The readings (3, s) at the start and at the end of each transition."""
         path = self.trajectory
-        held = path.omega_world_rad_s if self.world_omega else path.omega_body_rad_s
-        assert held is not None
+        omega = path.omega_world_rad_s if self.world_omega else path.omega_body_rad_s
+        assert omega is not None
         q = path.attitude / np.linalg.norm(path.attitude, axis=-1, keepdims=True)
-        begin, end = (
-            Reading(path.position_m[at].T, path.velocity_m_s[at].T, q[at].T, held[at].T)
-            for at in (self.places, self.places + 1)
+        start, end = (
+            Reading(path.position_m[at].T, path.velocity_m_s[at].T, q[at].T, omega[at].T)
+            for at in (self.indices, self.indices + 1)
         )
-        return begin, end
+        return start, end
 
     @cached_property
     def noise(self) -> Array:
@@ -123,9 +123,9 @@ class Transitions:
             "omega": np.max(np.abs(path.omega_body)) / (scales.omega_scale_rad_s or 1.0),
         }
         noise = np.full(12, np.inf)
-        for name, place in QUANTITIES.items():
+        for name, span in QUANTITIES.items():
             if name in self.known:
-                noise[place] = _ROUND_OFF * eps * max(sizes[name], 1.0) * np.sqrt(self.grid.stride)
+                noise[span] = _ROUND_OFF * eps * max(sizes[name], 1.0) * np.sqrt(self.grid.stride)
         return noise
 
     @cached_property
@@ -142,9 +142,9 @@ class Transitions:
         """Return candidates about to advance these transitions."""
         scene = about_pivot(self.scene) if self.scene.pivot is not None else self.scene
         lasting = replace(scene, pivot=self.scene.pivot)
-        begin = self.places * self.grid.stride
+        first_step = self.indices * self.grid.stride
         return Flow(
-            models, base, lasting, self.grid.dt_s[self.places], begin, self.trajectory.t_s[self.places]
+            models, base, lasting, self.grid.dt_s[self.indices], first_step, self.trajectory.t_s[self.indices]
         )
 
     def predicted(self, models: Sequence[Model], base: Base) -> Reading:
@@ -152,16 +152,16 @@ class Transitions:
         flow = self.flow(models, base)
         stride = self.grid.stride
         y = flow.advance(self._starts(models, base), stride - 1)
-        now = self._seen(flow.advance(y, 1, stride - 1))
-        late = _rows(models, lambda model: bool(model.stale))
-        if len(late):
-            subset = [models[row] for row in late]
+        now = self._reading_of(flow.advance(y, 1, stride - 1))
+        stale = _rows(models, lambda model: bool(model.stale))
+        if len(stale):
+            subset = [models[row] for row in stale]
             part = 1.0 - np.array([model.lateness for model in subset])[:, None]
-            dt = part * self.grid.dt_s[self.places]
-            before = self._seen(self.flow(subset, base).step(y.of(late), stride - 1, dt))
+            dt = part * self.grid.dt_s[self.indices]
+            before = self._reading_of(self.flow(subset, base).step(y.of(stale), stride - 1, dt))
             for name in "xvqw":
                 rows = np.array([name in model.stale for model in subset])
-                getattr(now, name)[:, late[rows]] = getattr(before, name)[:, rows]
+                getattr(now, name)[:, stale[rows]] = getattr(before, name)[:, rows]
         for row in _rows(models, lambda model: bool(model.misreadings)):
             one = Reading(*(value[:, row] for value in (now.x, now.v, now.q, now.w)))
             for misreading in models[row].misreadings:
@@ -177,17 +177,19 @@ class Transitions:
         found = np.where(np.isfinite(found), found, _FAR_OFF)
         return np.clip(found, -_FAR_OFF, _FAR_OFF) * self.weights[:, None]
 
-    def _difference(self, seen: Reading) -> Array:
+    def _difference(self, reading: Reading) -> Array:
         end, scales = self._read[1], self.scales
         parts = [
-            (end.x[:, None] - seen.x) / (scales.length_scale_m or 1.0),
-            (end.v[:, None] - seen.v) / (scales.speed_scale_m_s or 1.0),
-            rotation_vector(product(conjugated(seen.q / np.sqrt((seen.q**2).sum(axis=0))), end.q[:, None])),
-            (end.w[:, None] - seen.w) / (scales.omega_scale_rad_s or 1.0),
+            (end.x[:, None] - reading.x) / (scales.length_scale_m or 1.0),
+            (end.v[:, None] - reading.v) / (scales.speed_scale_m_s or 1.0),
+            rotation_vector(
+                product(conjugated(reading.q / np.sqrt((reading.q**2).sum(axis=0))), end.q[:, None])
+            ),
+            (end.w[:, None] - reading.w) / (scales.omega_scale_rad_s or 1.0),
         ]
         return np.ascontiguousarray(np.moveaxis(np.concatenate(parts), 1, 0))
 
-    def _seen(self, y: States) -> Reading:
+    def _reading_of(self, y: States) -> Reading:
         """Return the right reading of states (3, s)."""
         w = times(matrix_of(y.q), y.w) if self.world_omega else y.w
         pivot = self.scene.pivot
@@ -197,10 +199,10 @@ class Transitions:
         arm = times(rotation, np.broadcast_to(-pivot[:, None, None], y.w.shape))
         spin = times(rotation, y.w)
         velocity = cross(spin, arm)
-        return Reading(self._place[:, None, None] + arm, velocity, y.q, w)
+        return Reading(self._pivot_position[:, None, None] + arm, velocity, y.q, w)
 
     @cached_property
-    def _place(self) -> Array:
+    def _pivot_position(self) -> Array:
         """Where the pivot is (3,)."""
         initial = self.scene.initial
         assert self.scene.pivot is not None
@@ -214,15 +216,15 @@ class Transitions:
         for row in _rows(models, lambda model: bool(model.misreadings)):
             state = self._state_of(self._read[0], models[row].misreadings)
             y.x[:, row], y.v[:, row], y.q[:, row], y.w[:, row] = state.x, state.v, state.q, state.w
-        late = _rows(models, lambda model: bool(model.stale))
-        if len(late):
-            now = self._now([models[row] for row in late], base, y.of(late))
-            y.x[:, late], y.v[:, late], y.q[:, late], y.w[:, late] = now.x, now.v, now.q, now.w
-        if self.places[0] == 0 and self.trajectory.t_s[0] == 0.0:
-            self._begin(models, y)
+        stale = _rows(models, lambda model: bool(model.stale))
+        if len(stale):
+            now = self._now([models[row] for row in stale], base, y.of(stale))
+            y.x[:, stale], y.v[:, stale], y.q[:, stale], y.w[:, stale] = now.x, now.v, now.q, now.w
+        if self.indices[0] == 0 and self.trajectory.t_s[0] == 0.0:
+            self._start_values(models, y)
         return y
 
-    def _begin(self, models: Sequence[Model], y: States) -> None:
+    def _start_values(self, models: Sequence[Model], y: States) -> None:
         """Start the first transition from the state of the scene, which no candidate has read."""
         initial = self.scene.initial
         for row, model in enumerate(models):
@@ -237,14 +239,14 @@ class Transitions:
             reading = misreading.undo(reading)  # type: ignore[attr-defined]
         w = transposed_times(matrix_of(reading.q), reading.w) if self.world_omega else reading.w
         if self.scene.pivot is not None:
-            place = np.broadcast_to(self._place[:, None], reading.x.shape)
+            place = np.broadcast_to(self._pivot_position[:, None], reading.x.shape)
             return States(place, 0.0 * reading.v, reading.q, w)
         return States(reading.x, reading.v, reading.q, w)
 
     def _now(self, models: Sequence[Model], base: Base, read: States) -> States:
         """Return the present states of candidates some of whose quantities are read late."""
         flow = self.flow(models, base)
-        dt = np.array([model.lateness for model in models])[:, None] * self.grid.dt_s[self.places]
+        dt = np.array([model.lateness for model in models])[:, None] * self.grid.dt_s[self.indices]
         before = States(read.x.copy(), read.v.copy(), read.q.copy(), read.w.copy())
         present = {name: _rows(models, partial(_reads_now, name)) for name in "xvqw"}
         now = read

@@ -23,7 +23,7 @@ from bodycheck.scenarios.reader import fault_lines
 _Pattern = Annotated[StrictStr, Field(min_length=1)]
 """A name pattern: * matches any characters, ? any one character, [ab] one of these."""
 
-_MOST_DECADES = 300.0  # 10^300 still fits in a double
+_MAX_DECADES = 300.0  # 10^300 still fits in a double
 
 _Made = TypeVar("_Made")
 
@@ -47,7 +47,7 @@ class Gate(Table):
     upper: Number | None = None
     lower: Number | None = None
     near: Positive | None = None
-    decades: Annotated[Positive, Field(le=_MOST_DECADES)] | None = None
+    decades: Annotated[Positive, Field(le=_MAX_DECADES)] | None = None
     equals: StrictStr | None = None
     floor: NotNegative | None = None
     reason: StrictStr
@@ -60,23 +60,23 @@ class Gate(Table):
 
     @field_validator("reason")
     @classmethod
-    def _says_something(cls, value: str) -> str:
+    def _is_not_blank(cls, value: str) -> str:
         if not value.strip():
             raise ValueError("must give the reason for this bound")
         return value
 
     @cached_property
-    def looks_at(self) -> Measure:
+    def target(self) -> Measure:
         """The measure that the key `measure` names."""
         return measure_of(self.measure)
 
     @property
-    def least(self) -> float | None:
+    def min_value(self) -> float | None:
         """The smallest value that passes; None if any small value does."""
         return self.lower if self.near is None else self.near / 10.0 ** (self.decades or 0.0)
 
     @property
-    def most(self) -> float | None:
+    def max_value(self) -> float | None:
         """The largest value that passes; None if any large value does."""
         return self.upper if self.near is None else self.near * 10.0 ** (self.decades or 0.0)
 
@@ -97,21 +97,21 @@ class Gate(Table):
         at += f" at tolerance {step(self.tolerance)}" if self.tolerance is not None else ""
         return f"{self.scenario} {self.engine}:{self.method}{at}: {self.measure} {self.bound}"
 
-    def wants_scenario(self, name: str) -> bool:
+    def matches_scenario(self, name: str) -> bool:
         """Whether the pattern matches the name of a scenario or of its family."""
         return fnmatchcase(name, self.scenario) or fnmatchcase(name.partition("/")[0], self.scenario)
 
-    def wants_engine(self, engine: str) -> bool:
+    def matches_engine(self, engine: str) -> bool:
         """Whether the pattern matches the name of an engine."""
         return fnmatchcase(engine, self.engine)
 
-    def wants_method(self, engine: str, method: str) -> bool:
+    def matches_method(self, engine: str, method: str) -> bool:
         """Whether the patterns match an engine and one of its methods."""
-        return self.wants_engine(engine) and fnmatchcase(method, self.method)
+        return self.matches_engine(engine) and fnmatchcase(method, self.method)
 
-    def wants_setting(self, dt_s: float | None, tolerance: float | None) -> bool:
+    def matches_setting(self, dt_s: float | None, tolerance: float | None) -> bool:
         """Whether a case has the step or the tolerance that the gate names, if it names one."""
-        return _same(self.dt_s, dt_s) and _same(self.tolerance, tolerance)
+        return _matches(self.dt_s, dt_s) and _matches(self.tolerance, tolerance)
 
 
 class ChangeThreshold(Table):
@@ -129,20 +129,20 @@ class ChangeThreshold(Table):
     @classmethod
     def _is_compared(cls, value: str) -> str:
         measure = measure_of(value)
-        if measure.words or value in UNCOMPARED:
+        if measure.choices or value in UNCOMPARED:
             raise ValueError(f"{value} has no threshold: runs are not compared by its size")
         return value
 
     @field_validator("reason")
     @classmethod
-    def _says_something(cls, value: str) -> str:
+    def _is_not_blank(cls, value: str) -> str:
         if not value.strip():
             raise ValueError("must give the reason for this threshold")
         return value
 
 
-def _same(asked: float | None, found: float | None) -> bool:
-    return asked is None or (found is not None and math.isclose(asked, found, rel_tol=1e-9))
+def _matches(requested: float | None, found: float | None) -> bool:
+    return requested is None or (found is not None and math.isclose(requested, found, rel_tol=1e-9))
 
 
 def read_gates(path: Path) -> tuple[Gate, ...]:
@@ -202,9 +202,9 @@ def _tables(tables: Any, name: str, made: Callable[[Any, str], _Made]) -> tuple[
         return [], [f"{name}: needs [[{name}]] tables, not one [{name}]"]
     found: list[_Made] = []
     faults: list[str] = []
-    for place, table in enumerate(tables):
+    for index, table in enumerate(tables):
         try:
-            found.append(made(table, f"{name}[{place}]"))
+            found.append(made(table, f"{name}[{index}]"))
         except InputError as error:
             faults += str(error).splitlines()
     return found, faults
@@ -262,14 +262,14 @@ def _faults_together(table: Any) -> Iterator[str]:
 
 def _faults_of_measure(table: Mapping[str, Any], given: list[str], measure: Measure) -> Iterator[str]:
     name = table["measure"]
-    if measure.words:
+    if measure.choices:
         if given and given != ["equals"]:
-            yield f"{name} is a word: use equals (available: {', '.join(measure.words)})"
-        elif given and table["equals"] not in measure.words:
-            yield f"equals: unknown {name} {table['equals']!r} (available: {', '.join(measure.words)})"
+            yield f"{name} is a word: use equals (available: {', '.join(measure.choices)})"
+        elif given and table["equals"] not in measure.choices:
+            yield f"equals: unknown {name} {table['equals']!r} (available: {', '.join(measure.choices)})"
     elif "equals" in given:
         yield f"equals: {name} is a number: use upper, lower, or near with decades"
-    if "floor" in table and (measure.words or not measure.in_decades):
+    if "floor" in table and (measure.choices or not measure.in_decades):
         yield f"floor: does not apply to {name}: only errors and times have a floor"
     if measure.source != "results":
         for key in {"dt_s", "tolerance"} & table.keys():

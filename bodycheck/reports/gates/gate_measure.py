@@ -29,7 +29,7 @@ _GROWTHS = ("bounded", "sqrt", "linear", "quadratic", "exponential")
 class Measure:
     """The table, the column and the quantity that a gate reads, and the words that may stand there.
 
-    words: empty if the values are numbers. in_decades: whether two values are compared by their ratio, as
+    choices: empty if the values are numbers. in_decades: whether two values are compared by their ratio, as
     errors and times are, or by their difference, as orders are. is_speed: whether the value exists only where
     processor time was measured.
     """
@@ -37,7 +37,7 @@ class Measure:
     source: Source
     column: str
     quantity: str | None = None
-    words: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()
     in_decades: bool = True
     is_speed: bool = False
 
@@ -49,17 +49,17 @@ def measure_of(name: str) -> Measure:
     head, _, quantity = name.partition(".")
     match head, quantity:
         case "outcome", "":
-            return Measure("results", "outcome", words=_OUTCOMES)
+            return Measure("results", "outcome", choices=_OUTCOMES)
         case "stability", "dt_stable_s":
             return Measure("stability", "dt_stable_s")
         case "law", _ if quantity in LAW_NAMES:
             return Measure("laws", "size", quantity)
         case "verdict", "":
-            return Measure("methods", "verdict", words=_VERDICTS)
+            return Measure("methods", "verdict", choices=_VERDICTS)
         case "verdict", _ if quantity in QUANTITIES:
-            return Measure("methods", "verdict", quantity, words=_VERDICTS)
+            return Measure("methods", "verdict", quantity, choices=_VERDICTS)
         case "growth", _ if quantity in QUANTITIES:
-            return Measure("methods", "growth", quantity, words=_GROWTHS)
+            return Measure("methods", "growth", quantity, choices=_GROWTHS)
         case "order", _ if quantity in QUANTITIES:
             return Measure("methods", "order", quantity, in_decades=False)
     raise ValueError(

@@ -23,8 +23,8 @@ def as_junit(results: Sequence[GateResult], where: str) -> bytes:
     counts = {"tests": str(len(results)), "failures": str(failures), "errors": "0", "skipped": "0"}
     root = ElementTree.Element("testsuites", counts)
     suite = ElementTree.SubElement(root, "testsuite", {"name": "bodycheck gate", **counts})
-    for place, result in enumerate(results):
-        name = f"gate[{place}] {result.gate.title}"
+    for index, result in enumerate(results):
+        name = f"gate[{index}] {result.gate.title}"
         case = ElementTree.SubElement(suite, "testcase", {"classname": _xml(where), "name": _xml(name)})
         if result.status != "passed":
             failure = ElementTree.SubElement(
@@ -66,7 +66,7 @@ def _gate(result: GateResult) -> dict[str, Any]:
 def _beyond(check: Check, result: GateResult) -> dict[str, float | None]:
     """Return the distance under a key that names its unit; None if there is none or a side is 0."""
     finite = check.beyond is not None and math.isfinite(check.beyond)
-    name = "beyond_decades" if result.gate.looks_at.in_decades else "beyond"
+    name = "beyond_decades" if result.gate.target.in_decades else "beyond"
     return {name: check.beyond if finite else None}
 
 
@@ -96,8 +96,8 @@ def line_of(result: GateResult) -> str:
 def _worst(result: GateResult) -> str:
     worst = result.worst
     assert worst is not None
-    away = distance(worst, result.gate)
-    return f"worst {obtained(worst)}" + (f", {away}" if away else "")
+    distance_text = distance(worst, result.gate)
+    return f"worst {obtained(worst)}" + (f", {distance_text}" if distance_text else "")
 
 
 def obtained(check: Check) -> str:
@@ -114,7 +114,7 @@ def failure_rows(results: Sequence[GateResult]) -> list[tuple[str, ...]]:
     """Return the cells of every row that failed, one per head of the printed table."""
     return [
         (
-            str(place),
+            str(index),
             check.row.scenario,
             f"{check.row.engine}:{check.row.method}",
             check.row.at,
@@ -123,7 +123,7 @@ def failure_rows(results: Sequence[GateResult]) -> list[tuple[str, ...]]:
             distance(check, result.gate),
             check.row.reproduce,
         )
-        for place, result in enumerate(results)
+        for index, result in enumerate(results)
         for check in result.failed
     ]
 
@@ -140,25 +140,25 @@ def error_lines(result: GateResult) -> list[str]:
 def results_document(results: Sequence[GateResult]) -> Document:
     """Return one line per gate, a table of the failed rows, the reasons, and the counts."""
     lines = tuple(
-        (Span(result.status, _TINTS[result.status]), f"[{place}]", line_of(result))
-        for place, result in enumerate(results)
+        (Span(result.status, _TINTS[result.status]), f"[{index}]", line_of(result))
+        for index, result in enumerate(results)
     )
     reasons = (
         Sentence(line)
-        for place, result in enumerate(results)
+        for index, result in enumerate(results)
         if result.status != "passed"
-        for line in (f"[{place}] {result.gate.reason}", *error_lines(result))
+        for line in (f"[{index}] {result.gate.reason}", *error_lines(result))
     )
     ended = Counter[str](result.status for result in results)
-    words = {"passed": "passed", "failed": "failed", "nothing": "measured nothing"}
-    told = ", ".join(f"{ended[status]} {word}" for status, word in words.items() if ended[status])
+    texts = {"passed": "passed", "failed": "failed", "nothing": "measured nothing"}
+    counts_text = ", ".join(f"{ended[status]} {word}" for status, word in texts.items() if ended[status])
     return Document(
         "bodycheck gate",
         (
             Table((Column("", "fixed"), Column("", "number"), Column("")), lines),
             Table(_COLUMNS, tuple(failure_rows(results)), "Failed"),
             *reasons,
-            Sentence(f"{count(len(results), 'gate')}: {told}"),
+            Sentence(f"{count(len(results), 'gate')}: {counts_text}"),
         ),
     )
 
@@ -167,16 +167,16 @@ def changes_document(changes: Sequence[Change], results: Sequence[GateResult], m
     """Return the replaced bounds, each with the measured value and the margin to it."""
     lines = []
     for change in changes:
-        gate = results[change.place].gate
+        gate = results[change.index].gate
         lines.append(
-            f"[{change.place}] {gate.scenario} {gate.engine}:{gate.method} {gate.measure}: {change.key} "
+            f"[{change.index}] {gate.scenario} {gate.engine}:{gate.method} {gate.measure}: {change.key} "
             f"{number(change.old)} -> {number(change.new)}; measured {number(change.measured)}"
             + ("" if change.key == "near" else f", margin {number(margin)} decades")
             + ("; loosened" if change.loosens else "")
         )
-    loosened = {change.place for change in changes if change.loosens}
-    kept = sum(result.status != "passed" and place not in loosened for place, result in enumerate(results))
-    if kept:
-        lines.append(f"{count(kept, 'gate')} that did not pass left unchanged: loosen with --loosen REASON")
+    loosened = {change.index for change in changes if change.loosens}
+    left = sum(result.status != "passed" and index not in loosened for index, result in enumerate(results))
+    if left:
+        lines.append(f"{count(left, 'gate')} that did not pass left unchanged: loosen with --loosen REASON")
     lines.append(f"{count(len(changes), 'bound')} replaced")
     return Document("bodycheck gate --update", tuple(Sentence(line) for line in lines))

@@ -28,19 +28,19 @@ def edited(text: str, where: str, changes: Sequence[Change], why: str | None) ->
     before = parse_gates(text, where)
     starts = [found.start() for found in _HEADER.finditer(text)]
     parts = [text[a:b] for a, b in zip([0, *starts], [*starts, len(text)], strict=True)]
-    wanted = list(before)
+    expected = list(before)
     for change in changes:
-        gate = wanted[change.place]
-        told: dict[str, object] = {change.key: change.new}
+        gate = expected[change.index]
+        update: dict[str, object] = {change.key: change.new}
         lines: dict[str, tuple[str, str]] = {change.key: (r"[^\s#]+", step(change.new))}
         if change.loosens and why is not None and not gate.reason.endswith(added := f"; loosened: {why}"):
-            told["reason"] = gate.reason + added
-            lines["reason"] = (_STRING, json.dumps(told["reason"], ensure_ascii=False))
-        wanted[change.place] = gate.model_copy(update=told)
-        if change.place + 1 < len(parts):
-            parts[change.place + 1] = _with_lines(parts[change.place + 1], lines)
+            update["reason"] = gate.reason + added
+            lines["reason"] = (_STRING, json.dumps(update["reason"], ensure_ascii=False))
+        expected[change.index] = gate.model_copy(update=update)
+        if change.index + 1 < len(parts):
+            parts[change.index + 1] = _with_lines(parts[change.index + 1], lines)
     new = "".join(parts)
-    if not _says(new, where, wanted):
+    if not _reads_as(new, where, expected):
         raise InputError(f"{where}: cannot be edited: write each key of a [[gate]] on its own line")
     return new
 
@@ -52,9 +52,9 @@ def _with_lines(table: str, lines: dict[str, tuple[str, str]]) -> str:
     return table
 
 
-def _says(text: str, where: str, wanted: Sequence[Gate]) -> bool:
+def _reads_as(text: str, where: str, expected: Sequence[Gate]) -> bool:
     try:
-        return list(parse_gates(text, where)) == list(wanted)
+        return list(parse_gates(text, where)) == list(expected)
     except InputError:
         return False
 
@@ -65,12 +65,12 @@ MARGIN_DECADES = 0.3
 
 @dataclass(frozen=True)
 class Change:
-    """The current and the proposed value of one bound, of the gate at index `place` of the file.
+    """The current and the proposed value of one bound, of the gate at index `index` of the file.
 
     measured: the worst value of the run, to which the margin is added.
     """
 
-    place: int
+    index: int
     key: Literal["upper", "lower", "near"]
     old: float
     new: float
@@ -87,39 +87,39 @@ def proposals(results: Sequence[GateResult], margin: float, *, loosen: bool) -> 
     """
     return [
         change
-        for place, result in enumerate(results)
-        for change in _proposed(place, result, margin)
+        for index, result in enumerate(results)
+        for change in _proposed(index, result, margin)
         if loosen or not change.loosens
     ]
 
 
-def _proposed(place: int, result: GateResult, margin: float) -> Iterator[Change]:
+def _proposed(index: int, result: GateResult, margin: float) -> Iterator[Change]:
     gate = result.gate
     values = [check.row.obtained for check in result.checks]
     numbers = [value for value in values if isinstance(value, float | int) and value > 0.0]
-    if not numbers or len(numbers) < len(values) or not gate.looks_at.in_decades:
+    if not numbers or len(numbers) < len(values) or not gate.target.in_decades:
         return
-    least, most = min(numbers), max(numbers)
+    smallest, largest = min(numbers), max(numbers)
     if gate.near is not None:
-        if result.failed and (moved := _advanced(gate, least, most)) is not None:
-            yield Change(place, "near", gate.near, moved, most, loosens=True)
+        if result.failed and (centre := _advanced(gate, smallest, largest)) is not None:
+            yield Change(index, "near", gate.near, centre, largest, loosens=True)
         return
     floor = gate.floor or 0.0
     if gate.upper is not None:
-        new = _rounded(max(most * 10.0**margin, floor), ROUND_CEILING)
-        if new < gate.upper or max(most, floor) > max(gate.upper, floor):
-            yield Change(place, "upper", gate.upper, new, most, loosens=new > gate.upper)
+        new = _rounded(max(largest * 10.0**margin, floor), ROUND_CEILING)
+        if new < gate.upper or max(largest, floor) > max(gate.upper, floor):
+            yield Change(index, "upper", gate.upper, new, largest, loosens=new > gate.upper)
     if gate.lower is not None:
-        new = _rounded(least / 10.0**margin, ROUND_FLOOR)
-        if max(new, floor) > max(gate.lower, floor) or max(least, floor) < max(gate.lower, floor):
-            yield Change(place, "lower", gate.lower, new, least, loosens=new < gate.lower)
+        new = _rounded(smallest / 10.0**margin, ROUND_FLOOR)
+        if max(new, floor) > max(gate.lower, floor) or max(smallest, floor) < max(gate.lower, floor):
+            yield Change(index, "lower", gate.lower, new, smallest, loosens=new < gate.lower)
 
 
-def _advanced(gate: Gate, least: float, most: float) -> float | None:
+def _advanced(gate: Gate, smallest: float, largest: float) -> float | None:
     """Return the geometric mean of both values; None if they lie farther apart than the gate allows."""
-    middle = float(number(math.sqrt(least) * math.sqrt(most), 3))
-    reach = 10.0 ** (gate.decades or 0.0)
-    return middle if middle / reach <= least and most <= middle * reach else None
+    middle = float(number(math.sqrt(smallest) * math.sqrt(largest), 3))
+    factor = 10.0 ** (gate.decades or 0.0)
+    return middle if middle / factor <= smallest and largest <= middle * factor else None
 
 
 def _rounded(value: float, rounding: str) -> float:

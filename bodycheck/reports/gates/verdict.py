@@ -40,9 +40,9 @@ class Row:
 
 def rows_of(gate: Gate, run: RunTables) -> list[Row]:
     """Return all rows that the gate's patterns match, in the order of the run."""
-    measure = gate.looks_at
+    measure = gate.target
     if measure.source == "results":
-        return [_row_of_case(gate, case.columns) for case in run.cases if _wanted(gate, case.columns)]
+        return [_row_of_case(gate, case.columns) for case in run.cases if _matches(gate, case.columns)]
     if measure.source == "laws":
         return list(_rows_of_law(gate, run))
     table: pd.DataFrame = run.methods if measure.source == "methods" else run.stability
@@ -57,15 +57,15 @@ def rows_of(gate: Gate, run: RunTables) -> list[Row]:
     return [
         _row_of_method(gate, columns, found.get(pair, {}), run)
         for pair, columns in pairs.items()
-        if _wanted(gate, columns)
+        if _matches(gate, columns)
     ]
 
 
 def _rows_of_law(gate: Gate, run: RunTables) -> Iterator[Row]:
     """Yield one row per method: a law is checked in scenes of its own, whatever the gate's scenario."""
     rows = [_present(row) for row in run.laws.to_dict("records")]
-    found = {(row["engine"], row["method"]): row for row in rows if row["law"] == gate.looks_at.quantity}
-    methods = {key_of(case.columns): case.columns for case in run.cases if _wanted(gate, case.columns)}
+    found = {(row["engine"], row["method"]): row for row in rows if row["law"] == gate.target.quantity}
+    methods = {key_of(case.columns): case.columns for case in run.cases if _matches(gate, case.columns)}
     for key, columns in methods.items():
         row = found.get(key, {})
         size = row.get("size")
@@ -91,37 +91,37 @@ def _worst_verdicts(rows: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str, s
     }
 
 
-def _wanted(gate: Gate, columns: Mapping[str, Any]) -> bool:
-    return all(wanted(gate, columns) for wanted in _KEYS.values())
+def _matches(gate: Gate, columns: Mapping[str, Any]) -> bool:
+    return all(condition(gate, columns) for condition in _KEYS.values())
 
 
 def _row_of_case(gate: Gate, columns: Mapping[str, Any]) -> Row:
-    value: Any = columns.get(gate.looks_at.column)
+    value: Any = columns.get(gate.target.column)
     why = ""
-    if gate.looks_at.column != "outcome":
+    if gate.target.column != "outcome":
         if columns["outcome"] != "ok":
             value, why = None, f"{columns['outcome']}: {columns['message']}"
         elif not _is_finite(value):
             value, why = None, f"{gate.measure} was not measured"
-    return Row(**_who(columns), at=_at(columns), obtained=value, why=why, reproduce=columns["reproduce"])
+    return Row(**_identity(columns), at=_at(columns), obtained=value, why=why, reproduce=columns["reproduce"])
 
 
 def _row_of_method(gate: Gate, columns: Mapping[str, Any], found: Mapping[str, Any], run: RunTables) -> Row:
-    measure = gate.looks_at
+    measure = gate.target
     value = found.get(measure.column)
     why = ""
-    if value is None or (not measure.words and not _is_finite(value)):
+    if value is None or (not measure.choices and not _is_finite(value)):
         value = None
-        told = _told(found) or found.get("message") or columns["message"] or "no result"
-        why = f"no {measure.column}: {told}"
-    command = _whole_command(columns, run.manifest)
+        detail = _verdict_text(found) or found.get("message") or columns["message"] or "no result"
+        why = f"no {measure.column}: {detail}"
+    command = _full_command(columns, run.manifest)
     about = found.get("about", "")
     errors = _errors_by_step(columns, measure.quantity or "", run) if measure.column == "order" else ()
-    who = _who(columns)
-    return Row(**who, at="", obtained=value, why=why, reproduce=command, about=about, errors=errors)
+    identity = _identity(columns)
+    return Row(**identity, at="", obtained=value, why=why, reproduce=command, about=about, errors=errors)
 
 
-def _told(found: Mapping[str, Any]) -> str:
+def _verdict_text(found: Mapping[str, Any]) -> str:
     """Return the verdict of a row of methods.csv, with the size of the error where it counts against it."""
     if "verdict" not in found:
         return ""
@@ -153,7 +153,7 @@ def _order_between(coarser: tuple[float, float], finer: tuple[float, float]) -> 
     return f", order {round(order, 2) + 0.0:.2f}"
 
 
-def _who(columns: Mapping[str, Any]) -> dict[str, Any]:
+def _identity(columns: Mapping[str, Any]) -> dict[str, Any]:
     return {name: columns[name] for name in ("scenario", "engine", "method")}
 
 
@@ -168,46 +168,52 @@ def _present(row: Mapping[Any, Any]) -> dict[str, Any]:
     return {name: value for name, value in row.items() if not pd.isna(value)}
 
 
-def _whole_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
+def _full_command(columns: Mapping[str, Any], manifest: Mapping[str, Any]) -> str:
     """Return the command that runs a case's method at all steps of the run."""
-    words = parted(columns["reproduce"])
-    for option, asked in (("--dt", manifest["dt_s"]), ("--tolerance", manifest["tolerances"])):
-        if option in words:
-            place = words.index(option)
-            words[place : place + 2] = [option, ",".join(map(repr, asked))] if asked else []
-    return joined(words)
+    arguments = parted(columns["reproduce"])
+    for option, values in (("--dt", manifest["dt_s"]), ("--tolerance", manifest["tolerances"])):
+        if option in arguments:
+            index = arguments.index(option)
+            arguments[index : index + 2] = [option, ",".join(map(repr, values))] if values else []
+    return joined(arguments)
 
 
 def why_none(gate: Gate, run: RunTables) -> str:
     """Return which key of a gate without rows is the first to match no case, and the available values."""
     cases: list[Mapping[str, Any]] = [case.columns for case in run.cases]
-    left_by_each = accumulate(
-        _KEYS.values(), lambda left, wanted: [one for one in left if wanted(gate, one)], initial=cases
+    remaining = accumulate(
+        _KEYS.values(),
+        lambda left, meets: [one for one in left if meets(gate, one)],
+        initial=cases,
     )
-    key, there = next(
-        (key, there) for key, (there, left) in zip(_KEYS, pairwise(left_by_each), strict=True) if not left
+    key, cases_before = next(
+        (key, cases_before)
+        for key, (cases_before, left) in zip(_KEYS, pairwise(remaining), strict=True)
+        if not left
     )
-    has = names(list(dict.fromkeys(_shown(columns, key) for columns in there)))
-    lost = [told["unavailable"] for told in run.manifest["engines"].values() if "unavailable" in told]
-    return "; ".join([f"no {key} of the run matches {_asked(gate, key)} (available: {has or 'none'})", *lost])
+    has = names(list(dict.fromkeys(_value_text(columns, key) for columns in cases_before)))
+    missing = [entry["unavailable"] for entry in run.manifest["engines"].values() if "unavailable" in entry]
+    return "; ".join(
+        [f"no {key} of the run matches {_pattern(gate, key)} (available: {has or 'none'})", *missing]
+    )
 
 
 _KEYS: dict[str, Callable[[Gate, Mapping[str, Any]], bool]] = {
-    "scenario": lambda gate, columns: gate.wants_scenario(columns["scenario"]),
-    "engine": lambda gate, columns: gate.wants_engine(columns["engine"]),
-    "method": lambda gate, columns: gate.wants_method(columns["engine"], columns["method"]),
-    "step": lambda gate, columns: gate.wants_setting(columns.get("dt_s"), columns.get("tolerance")),
+    "scenario": lambda gate, columns: gate.matches_scenario(columns["scenario"]),
+    "engine": lambda gate, columns: gate.matches_engine(columns["engine"]),
+    "method": lambda gate, columns: gate.matches_method(columns["engine"], columns["method"]),
+    "step": lambda gate, columns: gate.matches_setting(columns.get("dt_s"), columns.get("tolerance")),
 }
 """The conditions that a case must meet, in the order in which an unmatched one is reported."""
 
 
-def _asked(gate: Gate, key: str) -> str:
+def _pattern(gate: Gate, key: str) -> str:
     if key == "step":
         return f"{step(gate.dt_s or gate.tolerance)}"
     return str(getattr(gate, key))
 
 
-def _shown(columns: Mapping[str, Any], key: str) -> str:
+def _value_text(columns: Mapping[str, Any], key: str) -> str:
     if key == "step":
         return _at(columns)
     return str(columns[key])
@@ -259,13 +265,13 @@ class GateResult:
         return max((c for c in self.checks if c.row.obtained is not None), key=badness, default=None)
 
 
-def held(gates: Sequence[Gate], run: RunTables) -> tuple[GateResult, ...]:
+def check_gates(gates: Sequence[Gate], run: RunTables) -> tuple[GateResult, ...]:
     """Check each gate against a stored run; no engine is run."""
-    return tuple(_held(gate, run) for gate in gates)
+    return tuple(_check_gate(gate, run) for gate in gates)
 
 
-def _held(gate: Gate, run: RunTables) -> GateResult:
-    checks = tuple(_checked(gate, row) for row in rows_of(gate, run))
+def _check_gate(gate: Gate, run: RunTables) -> GateResult:
+    checks = tuple(_check_row(gate, row) for row in rows_of(gate, run))
     if not checks:
         return GateResult(gate, (), "nothing", why_none(gate, run))
     if all(check.row.obtained is None for check in checks):
@@ -274,7 +280,7 @@ def _held(gate: Gate, run: RunTables) -> GateResult:
     return GateResult(gate, checks, "passed" if all(check.passed for check in checks) else "failed")
 
 
-def _checked(gate: Gate, row: Row) -> Check:
+def _check_row(gate: Gate, row: Row) -> Check:
     if row.obtained is None:
         return Check(row, passed=False)
     if isinstance(row.obtained, str):
@@ -282,10 +288,10 @@ def _checked(gate: Gate, row: Row) -> Check:
     floor = -math.inf if gate.floor is None else gate.floor
     value = max(row.obtained, floor)
     sides = []
-    if gate.most is not None:
-        sides.append(_beyond(value, max(gate.most, floor), gate))
-    if gate.least is not None:
-        sides.append(_beyond(max(gate.least, floor), value, gate))
+    if gate.max_value is not None:
+        sides.append(_beyond(value, max(gate.max_value, floor), gate))
+    if gate.min_value is not None:
+        sides.append(_beyond(max(gate.min_value, floor), value, gate))
     beyond = max(sides)
     return Check(row, passed=beyond <= 0.0, beyond=beyond)
 
@@ -294,7 +300,7 @@ def _beyond(larger: float, smaller: float, gate: Gate) -> float:
     """Return how far the first value is above the second, negative below; the sign is exact."""
     if larger == smaller:
         return 0.0
-    if not gate.looks_at.in_decades:
+    if not gate.target.in_decades:
         return larger - smaller
     sign = 1.0 if larger > smaller else -1.0
     if min(larger, smaller) <= 0.0:
@@ -308,5 +314,5 @@ def distance(check: Check, gate: Gate) -> str:
     if check.beyond is None or math.isinf(check.beyond):
         return ""
     size = number(abs(check.beyond), 2)
-    unit = f"{size} decades" if gate.looks_at.in_decades else size
+    unit = f"{size} decades" if gate.target.in_decades else size
     return f"{unit} {'beyond' if check.beyond > 0.0 else 'within'}"

@@ -60,36 +60,36 @@ def at_accepted(tables: Tables, accepted: Tables) -> Tables:
 
 
 def next_accepted(
-    accepted: Tables, tonight: Tables, redefined: Iterable[str], changes: Iterable[Change]
+    accepted: Tables, newest: Tables, redefined: Iterable[str], changes: Iterable[Change]
 ) -> Iterator[dict[str, Any]]:
     """Yield the accepted levels after a nightly run, as rows of results.csv.
 
     A measure whose change was reported gets its new value as level; all others keep theirs, and so does a
     case that did not end well. redefined: scenarios whose old levels are discarded.
     """
-    apart = set(redefined)
+    discarded = set(redefined)
     levels = {_key(case.columns): case.columns for case in accepted.cases}
     reported: dict[_Key, list[str]] = {}
     for change in changes:
         if change.kind == "accuracy" and change.status in _REPORTED:
-            who = change.scenario, change.engine, change.method, change.control, change.fineness
-            reported.setdefault(who, []).append(change.quantity)
-    ended_well = {_key(case.columns): case.columns for case in tonight.cases if case.ok}
+            key = change.scenario, change.engine, change.method, change.control, change.fineness
+            reported.setdefault(key, []).append(change.quantity)
+    ended_well = {_key(case.columns): case.columns for case in newest.cases if case.ok}
     for key, row in ended_well.items():
         level = levels.get(key)
-        if level is None or row["scenario"] in apart:
+        if level is None or row["scenario"] in discarded:
             yield dict(row)
         else:
             yield _with_levels(row, level, reported.get(key, ()))
     for key, level in levels.items():
-        if key not in ended_well and level["scenario"] not in apart:
+        if key not in ended_well and level["scenario"] not in discarded:
             yield dict(level)
 
 
 def _with_levels(row: _Row, level: _Row, reported: Iterable[str]) -> dict[str, Any]:
     """Return a row with its measures set to their levels, except the reported ones."""
-    fresh = {name for what in reported for name in _columns_of(what.removesuffix("_abs"))}
-    columns = (name for measure in MEASURES for name in _columns_of(measure) if name not in fresh)
+    updated = {name for measure in reported for name in _columns_of(measure.removesuffix("_abs"))}
+    columns = (name for measure in MEASURES for name in _columns_of(measure) if name not in updated)
     return {**row, **{name: level[name] for name in columns if name in row and name in level}}
 
 

@@ -49,11 +49,11 @@ class History:
     def existing(cls, folder: Path) -> History:
         """Return the history in a folder; raise InputError if it contains no nightly run."""
         history = cls(folder)
-        if not history.nights():
+        if not history.runs():
             raise InputError(f"{folder}: no nightly runs; `bodycheck nightly --history {folder}` stores one")
         return history
 
-    def nights(self) -> list[Path]:
+    def runs(self) -> list[Path]:
         """Return the folders of the nightly runs, the oldest first, without one that is being written."""
         try:
             entries = sorted(self.folder.iterdir())
@@ -64,12 +64,12 @@ class History:
         return [entry for entry in entries if _RUN_ID.fullmatch(entry.name)]
 
     def dated_in_future(self, run_id: str = "") -> list[Path]:
-        """Return the nightly runs that began after now and after the run `run_id`: the last of `nights`.
+        """Return the nightly runs that began after now and after the run `run_id`: the last of `runs`.
 
         They are not baseline runs and pruning ignores them, so that one wrong clock has no lasting effect.
         """
         latest = max(f"{datetime.now(UTC):{_STAMP}}", run_id[:_STAMP_LENGTH])
-        return [night for night in self.nights() if night.name[:_STAMP_LENGTH] > latest]
+        return [run for run in self.runs() if run.name[:_STAMP_LENGTH] > latest]
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -84,24 +84,24 @@ class History:
             yield
 
     @contextmanager
-    def new_night(self, name: str) -> Iterator[Path]:
+    def new_run(self, name: str) -> Iterator[Path]:
         """Give a temporary folder for a nightly run, and rename it into the history at the end.
 
         Raises InputError if it cannot be written. Then, and if the body raises, nothing is stored.
         """
-        unfinished, night = self.folder / f"{_UNFINISHED}{name}", self.folder / name
+        unfinished, run = self.folder / f"{_UNFINISHED}{name}", self.folder / name
         try:
             with self.locked():
                 try:
                     unfinished.mkdir()
                     yield unfinished
                     _settle(unfinished)
-                    unfinished.rename(night)
+                    unfinished.rename(run)
                     _settle(self.folder)
                 finally:
                     shutil.rmtree(unfinished, ignore_errors=True)
         except OSError as error:
-            raise InputError(f"{night}: cannot be written: {error.strerror or error}") from None
+            raise InputError(f"{run}: cannot be written: {error.strerror or error}") from None
 
     def prune(self, keep: int) -> list[str]:
         """Remove all nightly runs except the newest `keep` and those of the future; return the removed names.
@@ -110,18 +110,18 @@ class History:
         """
         if keep < 1:
             raise InputError(f"--keep {keep}: must be 1 or more")
-        gone = []
+        removed = []
         try:
             with self.locked():
-                coming = self.dated_in_future()
-                for night in [night for night in self.nights() if night not in coming][:-keep]:
-                    leaving = self.folder / f"{_UNFINISHED}{night.name}"
-                    night.rename(leaving)  # atomic: a nightly run is complete or absent
-                    shutil.rmtree(leaving)
-                    gone.append(night.name)
+                future = self.dated_in_future()
+                for run in [run for run in self.runs() if run not in future][:-keep]:
+                    doomed = self.folder / f"{_UNFINISHED}{run.name}"
+                    run.rename(doomed)  # atomic: a nightly run is complete or absent
+                    shutil.rmtree(doomed)
+                    removed.append(run.name)
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be pruned: {error.strerror or error}") from None
-        return gone
+        return removed
 
 
 def _settle(folder: Path) -> None:

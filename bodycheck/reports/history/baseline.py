@@ -20,45 +20,45 @@ from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_t
 def machine_class(manifest: Mapping[str, Any]) -> str:
     """Return processor, cores, system and architecture, which two nightly runs must share to be compared.
 
-    Versions of the system, of Python and of libraries are circumstances: their effect should be visible.
+    Versions of the system, of Python and of libraries are not part of it: their effect should be visible.
     """
     return f"{manifest['cpu']}, {manifest['cores']} cores, {manifest['system']}"
 
 
-NIGHT_FILE = "night.json"
+SUMMARY_FILE = "night.json"
 _SUMS, _SEAL = "sha256", "seal"
 _PARQUET = b"PAR1"  # a complete file begins and ends with it
 
 
-def seal_night(folder: Path) -> None:
+def seal_run(folder: Path) -> None:
     """Add the SHA-256 sums of all files of a nightly run, and a seal, to its night.json."""
-    path = folder / NIGHT_FILE
-    told = json.loads(path.read_bytes())
-    told[_SUMS] = {file.name: _sum(file) for file in sorted(folder.iterdir()) if file != path}
-    told[_SEAL] = _seal(told)
-    path.write_bytes(f"{json.dumps(told, indent=2)}\n".encode())
+    path = folder / SUMMARY_FILE
+    summary = json.loads(path.read_bytes())
+    summary[_SUMS] = {file.name: _sum(file) for file in sorted(folder.iterdir()) if file != path}
+    summary[_SEAL] = _seal(summary)
+    path.write_bytes(f"{json.dumps(summary, indent=2)}\n".encode())
 
 
-def read_night_file(folder: Path) -> dict[str, Any]:
+def read_summary_file(folder: Path) -> dict[str, Any]:
     """Read night.json of a nightly run; raise InputError if it is unreadable or was changed."""
-    path = folder / NIGHT_FILE
+    path = folder / SUMMARY_FILE
     try:
-        told = read_json(path, escape=False)
+        summary = read_json(path, escape=False)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if not isinstance(told, dict):
+    if not isinstance(summary, dict):
         raise InputError(f"{path}: is damaged: must be a JSON object")
-    if {_SUMS, _SEAL} & told.keys() and told.get(_SEAL) != _seal(told):
+    if {_SUMS, _SEAL} & summary.keys() and summary.get(_SEAL) != _seal(summary):
         raise InputError(f"{path}: is damaged: changed after it was written")
-    return {name: value for name, value in escaped(told).items() if name != _SEAL}
+    return {name: value for name, value in escaped(summary).items() if name != _SEAL}
 
 
-def check_files(folder: Path, told: dict[str, Any], names: Iterable[str] | None = None) -> None:
+def check_files(folder: Path, summary: dict[str, Any], names: Iterable[str] | None = None) -> None:
     """Raise InputError, naming the file, if a file of a nightly run was changed after it was written.
 
-    told: the content of its night.json. names: the files to check [default: all].
+    summary: the content of its night.json. names: the files to check [default: all].
     """
-    sums = told.get(_SUMS)
+    sums = summary.get(_SUMS)
     if sums is None:
         for path in sorted(folder.glob("*.parquet")) if names is None else [folder / name for name in names]:
             _check_parquet(path)
@@ -95,28 +95,28 @@ def _sum(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _seal(told: dict[str, Any]) -> str:
-    content = {name: value for name, value in told.items() if name != _SEAL}
+def _seal(summary: dict[str, Any]) -> str:
+    content = {name: value for name, value in summary.items() if name != _SEAL}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-_MOST_NIGHTS = 60
+_MAX_RUNS = 60
 """How many baseline runs are used at most."""
 
 _COUNTS = ("worse", "missing", "improved", "moved", "new")
-TOLD = ("run_id", "status", *_COUNTS, "cases", "engines", "machine")
+SUMMARY_KEYS = ("run_id", "status", *_COUNTS, "cases", "engines", "machine")
 """The keys of night.json, in the order in which they are listed."""
-_NEEDED = tuple(name for name in TOLD if name not in _COUNTS[1:])
+_NEEDED = tuple(name for name in SUMMARY_KEYS if name not in _COUNTS[1:])
 _FORMER_COUNTS = {"improved": "better", "moved": "other"}
 
 
 @dataclass(frozen=True, eq=False)
-class Night:
+class NightlyRun:
     """A stored nightly run: its folder, its manifest, and its report in night.json."""
 
     folder: Path
     manifest: dict[str, Any]
-    told: dict[str, Any]
+    summary: dict[str, Any]
 
     @property
     def name(self) -> str:
@@ -139,50 +139,50 @@ class Night:
 
 
 @dataclass(frozen=True)
-class Past:
+class Baseline:
     """The baseline runs on one machine class, the newest first, and why others were left out."""
 
-    nights: tuple[Night, ...]
+    runs: tuple[NightlyRun, ...]
     left_out: tuple[str, ...]
 
 
-def past_of(history: History, manifest: Mapping[str, Any]) -> Past:
+def baseline_of(history: History, manifest: Mapping[str, Any]) -> Baseline:
     """Return the baseline runs of a run, given by its manifest: earlier ones on the same machine class.
 
     A damaged run is left out: it must neither count nor prevent the new run from being stored.
     """
-    nights: list[Night] = []
+    runs: list[NightlyRun] = []
     left_out: list[str] = []
-    coming = history.dated_in_future(manifest["run_id"])
-    left_out += [f"{folder}: is dated in the future" for folder in coming]
-    for folder in reversed(history.nights()[: -len(coming) or None]):
+    future = history.dated_in_future(manifest["run_id"])
+    left_out += [f"{folder}: is dated in the future" for folder in future]
+    for folder in reversed(history.runs()[: -len(future) or None]):
         try:
             with from_outside(folder):
-                night = Night(folder, read_manifest(folder), told_of(folder))
-                if machine_class(night.manifest) == machine_class(manifest):
-                    check_files(folder, night.told)
-                    _ = nights or night.accepted  # all tables of the newest one are compared
-                    nights.append(night)
+                run = NightlyRun(folder, read_manifest(folder), read_summary(folder))
+                if machine_class(run.manifest) == machine_class(manifest):
+                    check_files(folder, run.summary)
+                    _ = runs or run.accepted  # all tables of the newest one are compared
+                    runs.append(run)
         except InputError as error:
             left_out.append(str(error))
-        if len(nights) == _MOST_NIGHTS:
+        if len(runs) == _MAX_RUNS:
             break
-    return Past(tuple(nights), tuple(left_out))
+    return Baseline(tuple(runs), tuple(left_out))
 
 
-def readable_nights(nights: Sequence[Path], tables: Sequence[str] = ()) -> tuple[list[Path], list[str]]:
+def readable_runs(runs: Sequence[Path], tables: Sequence[str] = ()) -> tuple[list[Path], list[str]]:
     """Return the readable nightly runs, and for each other one its damaged file and the fault.
 
-    nights: their folders. tables: names of tables whose Parquet files are checked too. Raises InputError if
+    runs: their folders. tables: names of tables whose Parquet files are checked too. Raises InputError if
     none is readable.
     """
     readable: list[Path] = []
     left_out: list[str] = []
-    for folder in nights:
+    for folder in runs:
         try:
             with from_outside(folder):
-                told = told_of(folder)
-                check_files(folder, told, [f"{table}.parquet" for table in tables])
+                summary = read_summary(folder)
+                check_files(folder, summary, [f"{table}.parquet" for table in tables])
                 readable.append(folder)
         except InputError as error:
             left_out.append(str(error))
@@ -191,11 +191,11 @@ def readable_nights(nights: Sequence[Path], tables: Sequence[str] = ()) -> tuple
     return readable, left_out
 
 
-def told_of(folder: Path) -> dict[str, Any]:
+def read_summary(folder: Path) -> dict[str, Any]:
     """Return night.json of a nightly run: status and counts of changes; InputError if it is unreadable."""
-    path, told = folder / NIGHT_FILE, read_night_file(folder)
-    if lacking := [name for name in _NEEDED if name not in told]:
-        raise InputError(f"{path}: is damaged: missing key {lacking[0]}")
-    if strange := [name for name in TOLD if isinstance(told.get(name), list | dict)]:
-        raise InputError(f"{path}: is damaged: {strange[0]} must be text or a number")
-    return {**{name: told.get(_FORMER_COUNTS.get(name, name), 0) for name in _COUNTS}, **told}
+    path, summary = folder / SUMMARY_FILE, read_summary_file(folder)
+    if missing := [name for name in _NEEDED if name not in summary]:
+        raise InputError(f"{path}: is damaged: missing key {missing[0]}")
+    if invalid := [name for name in SUMMARY_KEYS if isinstance(summary.get(name), list | dict)]:
+        raise InputError(f"{path}: is damaged: {invalid[0]} must be text or a number")
+    return {**{name: summary.get(_FORMER_COUNTS.get(name, name), 0) for name in _COUNTS}, **summary}

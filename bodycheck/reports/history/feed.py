@@ -20,28 +20,28 @@ _ENTRIES = 50
 _NEVER = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def write_feed(folder: Path, nights: Iterable[Mapping[str, Any]]) -> None:
+def write_feed(folder: Path, runs: Iterable[Mapping[str, Any]]) -> None:
     """Write the feed of the newest regressions atomically; raises InputError if it cannot be written.
 
-    nights: the content of each night.json, the oldest first.
+    runs: the content of each night.json, the oldest first.
     """
-    write_whole(folder / FILE, feed(nights))
+    write_whole(folder / FILE, feed(runs))
 
 
-def feed(nights: Iterable[Mapping[str, Any]]) -> bytes:
+def feed(runs: Iterable[Mapping[str, Any]]) -> bytes:
     """Return the feed of the newest regressions; its links are relative to the folder of the history."""
-    regressions = [night for night in nights if night["status"] == "regression"][::-1][:_ENTRIES]
+    regressions = [run for run in runs if run["status"] == "regression"][::-1][:_ENTRIES]
     updated = started_at(regressions[0]["run_id"]) if regressions else _NEVER
     root = ET.Element("feed", xmlns=_ATOM)
     _describe(root, "urn:bodycheck:history", "bodycheck: regressions", updated)
     ET.SubElement(ET.SubElement(root, "author"), "name").text = "bodycheck"
     ET.SubElement(root, "link", rel="self", href=FILE)
-    for night in regressions:
+    for run in regressions:
         entry = ET.SubElement(root, "entry")
-        found = f"{night['worse']} worse, {night['missing']} no longer measured"
-        _describe(entry, f"urn:bodycheck:{night['run_id']}", found, started_at(night["run_id"]))
-        ET.SubElement(entry, "link", rel="alternate", href=f"{night['run_id']}/night.html")
-        summary = f"{count(night['cases'], 'case')} of {night['engines']} on {night['machine']}"
+        changes = f"{run['worse']} worse, {run['missing']} no longer measured"
+        _describe(entry, f"urn:bodycheck:{run['run_id']}", changes, started_at(run["run_id"]))
+        ET.SubElement(entry, "link", rel="alternate", href=f"{run['run_id']}/night.html")
+        summary = f"{count(run['cases'], 'case')} of {run['engines']} on {run['machine']}"
         ET.SubElement(entry, "summary").text = summary
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"

@@ -8,12 +8,12 @@ from bodycheck._util.formatting import count, number
 from bodycheck.reports.comparison.describe import HEADINGS, change_tables, searches, sentences
 from bodycheck.reports.comparison.headlines import by_method
 from bodycheck.reports.document import Column, Command, Document, Sentence, Table, page
-from bodycheck.reports.history.baseline import TOLD, machine_class
+from bodycheck.reports.history.baseline import SUMMARY_KEYS, machine_class
 from bodycheck.reports.history.nightly_files import versions_of
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.history.step_detection import (
-    LEAST_AFTER,
-    LEAST_BEFORE,
+    MIN_AFTER,
+    MIN_BEFORE,
     pooled_spread,
     smallest_detectable_step,
 )
@@ -37,7 +37,7 @@ _STATUSES = {
 }
 """Status -> the tint and the text of its sentence."""
 
-_MOST_NAMED = 3
+_MAX_NAMED = 3
 
 
 def headline(judged: Judgement) -> str:
@@ -46,11 +46,11 @@ def headline(judged: Judgement) -> str:
     improved = [f"{one.engine}:{one.method}" for one in by_method(changes) if one.net == "improved"]
     if judged.status != "no regression" or not improved:
         return _STATUSES[judged.status][1]
-    who = ", ".join(improved) if len(improved) <= _MOST_NAMED else count(len(improved), "method")
-    return f"No regression; {who} improved."
+    improved_methods = ", ".join(improved) if len(improved) <= _MAX_NAMED else count(len(improved), "method")
+    return f"No regression; {improved_methods} improved."
 
 
-def night_sentences(judged: Judgement) -> list[str]:
+def nightly_sentences(judged: Judgement) -> list[str]:
     """Return sentences: what changed, what was compared, how far speed can be judged, what was left out."""
     found: list[str] = []
     if judged.comparison is not None:
@@ -59,96 +59,99 @@ def night_sentences(judged: Judgement) -> list[str]:
             f"Compared with the accepted levels after the nightly run {judged.comparison.before.run_id}.",
         ]
     found += _findings(judged)
-    found += [_speed_sentence(judged), f"Machine: {machine_class(judged.tonight.manifest)}."]
-    found += [f"Nightly run excluded: {why}." for why in judged.past.left_out]
+    found += [_speed_sentence(judged), f"Machine: {machine_class(judged.newest.manifest)}."]
+    found += [f"Nightly run excluded: {why}." for why in judged.baseline.left_out]
     return found
 
 
-def night_commands(judged: Judgement) -> list[Command]:
+def nightly_commands(judged: Judgement) -> list[Command]:
     """Return the commands that find the releases of the changes."""
     return [] if judged.comparison is None else searches(judged.comparison)
 
 
 def _findings(judged: Judgement) -> list[str]:
     """Return the faults of the methods in this run, changed or not, worded as in its report."""
-    wrong = faulty(Summary.of(judged.tonight).worst)
+    wrong = faulty(Summary.of(judged.newest).worst)
     lines = [f"{one.method}: {one.sentence}. Reproduce: {one.worst.reproduce}" for one in wrong]
     return [methods_headline(wrong), *lines] if wrong else []
 
 
 def _speed_sentence(judged: Judgement) -> str:
-    speeds, least = judged.speeds.series, LEAST_BEFORE + LEAST_AFTER
-    if not judged.tonight.manifest["speed"]:
+    speeds, required = judged.speeds.series, MIN_BEFORE + MIN_AFTER
+    if not judged.newest.manifest["speed"]:
         return "Speed was not measured."
-    if speeds.measured < least:
-        return f"Speed is not judged yet: {speeds.measured} of the {least} required nightly runs measured it."
+    if speeds.measured < required:
+        return (
+            f"Speed is not judged yet: {speeds.measured} of the {required} required nightly runs measured it."
+        )
     spread = pooled_spread(speeds.decades, list(judged.speeds.steps.values()))
     percent = 100.0 * (10.0 ** smallest_detectable_step(spread) - 1.0)
-    told = f"a slowdown of {number(percent, 2)} % is detected within five nightly runs"
-    return f"Speed is judged from {count(speeds.measured, 'nightly run')}: {told}."
+    sensitivity = f"a slowdown of {number(percent, 2)} % is detected within five nightly runs"
+    return f"Speed is judged from {count(speeds.measured, 'nightly run')}: {sensitivity}."
 
 
-def night_document(judged: Judgement) -> Document:
-    """Return status, circumstances and changes, the worst changes first."""
+def nightly_document(judged: Judgement) -> Document:
+    """Return status, environment and changes, the worst changes first."""
     changes = () if judged.comparison is None else judged.comparison.changes
     return Document(
-        f"bodycheck: nightly run {judged.tonight.run_id}",
+        f"bodycheck: nightly run {judged.newest.run_id}",
         (
             Sentence(headline(judged), _STATUSES[judged.status][0], strong=True),
-            *(Sentence(sentence) for sentence in night_sentences(judged)),
-            *night_commands(judged),
+            *(Sentence(sentence) for sentence in nightly_sentences(judged)),
+            *nightly_commands(judged),
             *change_tables(changes, "night.html and changes.csv list all"),
         ),
     )
 
 
-def night_data(judged: Judgement) -> dict[str, Any]:
+def nightly_data(judged: Judgement) -> dict[str, Any]:
     """Return the judgement as data: status, sentences and every single change."""
     return {
-        "run_id": judged.tonight.run_id,
+        "run_id": judged.newest.run_id,
         "status": judged.status,
-        "sentences": night_sentences(judged),
-        "find_release": [command.text for command in night_commands(judged)],
+        "sentences": nightly_sentences(judged),
+        "find_release": [command.text for command in nightly_commands(judged)],
         "changes": () if judged.comparison is None else judged.comparison.changes,
     }
 
 
-def nights_data(nights: pd.DataFrame) -> list[dict[str, Any]]:
+def history_data(runs: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the listed columns of each nightly run, the oldest first."""
-    rows: list[dict[str, Any]] = nights[list(TOLD)].to_dict("records")  # type: ignore[assignment]
+    rows: list[dict[str, Any]] = runs[list(SUMMARY_KEYS)].to_dict("records")  # type: ignore[assignment]
     return rows
 
 
-def nights_document(nights: pd.DataFrame) -> Document:
+def history_document(runs: pd.DataFrame) -> Document:
     """Return one row per nightly run, the oldest first."""
     numbers = (*HEADINGS, "cases")
     texts = ("engines", "machine")
     columns = [
-        Column(name, "number" if name in numbers else "text" if name in texts else "fixed") for name in TOLD
+        Column(name, "number" if name in numbers else "text" if name in texts else "fixed")
+        for name in SUMMARY_KEYS
     ]
-    rows = nights[list(TOLD)].astype(str).to_numpy().tolist()
+    rows = runs[list(SUMMARY_KEYS)].astype(str).to_numpy().tolist()
     return Document("bodycheck: nightly runs", (Table(tuple(columns), tuple(map(tuple, rows))),))
 
 
 _PAGES = ("night.html", "report.html")
 
 
-def night_page(judged: Judgement, folder: str = "") -> str:
+def nightly_page(judged: Judgement, folder: str = "") -> str:
     """Return the self-contained HTML page of a nightly run.
 
     folder: that of the run, as seen from the page and ending in "/", for links; "" if the page is in it.
     """
-    manifests = [*(night.manifest for night in judged.past.nights[::-1]), judged.tonight.manifest]
+    manifests = [*(run.manifest for run in judged.baseline.runs[::-1]), judged.newest.manifest]
     return page(
-        night_document(judged),
+        nightly_document(judged),
         "night.html",
         statuses=list(HEADINGS),
-        nights=len(judged.speeds.series.nights),
+        runs=len(judged.speeds.series.runs),
         trends=trends_of(judged.speeds, judged.errors, [versions_of(manifest) for manifest in manifests]),
-        dates=dates_of(judged.speeds.series.nights),
+        dates=dates_of(judged.speeds.series.runs),
         earlier=[
-            (night.told, [page for page in _PAGES if (night.folder / page).exists()])
-            for night in judged.past.nights
+            (run.summary, [page for page in _PAGES if (run.folder / page).exists()])
+            for run in judged.baseline.runs
         ],
         engine_colour=engine_colour,
         folder=folder,

@@ -11,7 +11,7 @@ from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.comparison.compare import unversioned
 from bodycheck.reports.comparison.describe import HEADINGS
 from bodycheck.reports.history.accepted_levels import write_accepted
-from bodycheck.reports.history.baseline import NIGHT_FILE, TOLD, machine_class
+from bodycheck.reports.history.baseline import SUMMARY_FILE, SUMMARY_KEYS, machine_class
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_tables import Run
@@ -27,38 +27,38 @@ _CHANGE_COLUMNS = (
 )
 
 
-def write_run_of_night(run: Run, night: Path) -> None:
+def write_nightly_tables(run: Run, folder: Path) -> None:
     """Write the measured tables, before the run is judged."""
-    write_tables(run, night)
+    write_tables(run, folder)
     for name, table in {"results": run.results, "methods": run.methods, "stability": run.stability}.items():
-        (night / f"{name}.parquet").write_bytes(as_parquet(table))
+        (folder / f"{name}.parquet").write_bytes(as_parquet(table))
 
 
-def write_report_of_night(run: Run, night: Path) -> None:
+def write_nightly_report(run: Run, folder: Path) -> None:
     """Write report.html."""
-    (night / "report.html").write_text(render_report(run), encoding="utf-8")
+    (folder / "report.html").write_text(render_report(run), encoding="utf-8")
 
 
-def write_unjudged(run: Run, night: Path) -> None:
+def write_unjudged(run: Run, folder: Path) -> None:
     """Write night.json and empty tables of changes for a run that could not be judged."""
     import pandas as pd
 
     known = {"run_id": run.run_id, "status": "not judged", "cases": len(run.cases)}
-    told = {**dict.fromkeys(TOLD, 0), "engines": ", ".join(run.manifest["engines"]), **known}
-    told |= {"created": run.manifest["created"], "machine": machine_class(run.manifest)}
-    (night / NIGHT_FILE).write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    summary = {**dict.fromkeys(SUMMARY_KEYS, 0), "engines": ", ".join(run.manifest["engines"]), **known}
+    summary |= {"created": run.manifest["created"], "machine": machine_class(run.manifest)}
+    (folder / SUMMARY_FILE).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     empty = pd.DataFrame(columns=list(_CHANGE_COLUMNS))
-    (night / "changes.csv").write_bytes(as_csv(empty))
-    (night / "changes.parquet").write_bytes(as_parquet(empty))
+    (folder / "changes.csv").write_bytes(as_csv(empty))
+    (folder / "changes.parquet").write_bytes(as_parquet(empty))
 
 
-def write_judgement(judged: Judgement, night: Path) -> None:
+def write_judgement(judged: Judgement, folder: Path) -> None:
     """Write night.json, changes.csv, changes.parquet and the accepted levels."""
-    (night / "night.json").write_text(json.dumps(_summary(judged), indent=2) + "\n", encoding="utf-8")
+    (folder / "night.json").write_text(json.dumps(_summary(judged), indent=2) + "\n", encoding="utf-8")
     changes = _changes_table(judged)
-    (night / "changes.csv").write_bytes(as_csv(changes))
-    (night / "changes.parquet").write_bytes(as_parquet(changes))
-    write_accepted(judged.accepted, judged.tonight.run_id, night)
+    (folder / "changes.csv").write_bytes(as_csv(changes))
+    (folder / "changes.parquet").write_bytes(as_parquet(changes))
+    write_accepted(judged.accepted, judged.newest.run_id, folder)
 
 
 def versions_of(manifest: Mapping[str, Any]) -> dict[str, str]:
@@ -72,15 +72,15 @@ def versions_of(manifest: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _summary(judged: Judgement) -> dict[str, Any]:
-    manifest, comparison = judged.tonight.manifest, judged.comparison
+    manifest, comparison = judged.newest.manifest, judged.comparison
     changes = comparison.changes if comparison is not None else ()
     return {
-        "run_id": judged.tonight.run_id,
+        "run_id": judged.newest.run_id,
         "created": manifest["created"],
         "machine": machine_class(manifest),
         "bodycheck": manifest["bodycheck"],
         "engines": ", ".join(f"{name} {version}" for name, version in versions_of(manifest).items()),
-        "cases": len(judged.tonight.cases),
+        "cases": len(judged.newest.cases),
         "compared_with": None if comparison is None else comparison.before.run_id,
         **{status: sum(change.status == status for change in changes) for status in HEADINGS},
         "status": judged.status,
@@ -92,9 +92,9 @@ def _changes_table(judged: Judgement) -> pd.DataFrame:
 
     comparison = judged.comparison
     rows = [] if comparison is None else [_row(change) for change in comparison.changes]
-    with_whom = {} if comparison is None else {"compared_with": comparison.before.run_id}
+    compared_with = {} if comparison is None else {"compared_with": comparison.before.run_id}
     table = pd.DataFrame(rows, columns=list(_CHANGE_COLUMNS)).assign(
-        run_id=judged.tonight.run_id, **with_whom
+        run_id=judged.newest.run_id, **compared_with
     )
     return table.astype(dict.fromkeys(("fineness", "decades"), "float64"))
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import escaped
-from bodycheck.reports.history.baseline import told_of
+from bodycheck.reports.history.baseline import read_summary
 
 if TYPE_CHECKING:
     import duckdb
     import pandas as pd
 
 TABLES = ("results", "methods", "stability", "changes")
-"""The tables of each nightly run, as Parquet and CSV; with `nights`, the views of a query."""
+"""The tables of each nightly run, as Parquet and CSV; with `runs`, the views of a query."""
 
 _CASE = (
     "scenario",
@@ -30,29 +30,29 @@ _CASE = (
 )
 
 
-def recorded_cases(nights: Sequence[Path]) -> pd.DataFrame:
+def recorded_cases(runs: Sequence[Path]) -> pd.DataFrame:
     """Return one row per case that ended well: its run, its identity, its speed and its error.
 
-    nights: folders of nightly runs. Raises InputError if a file cannot be read.
+    runs: folders of nightly runs. Raises InputError if a file cannot be read.
     """
     import pandas as pd
 
-    if not nights:
-        return pd.DataFrame(columns=["night", *_CASE])
-    with _asking() as database:
-        results = database.read_parquet(_files(nights, "results"), union_by_name=True)
-        return results.filter("outcome = 'ok'").project(f"run_id AS night, {', '.join(_CASE)}").df()
+    if not runs:
+        return pd.DataFrame(columns=["run", *_CASE])
+    with _connection() as database:
+        results = database.read_parquet(_files(runs, "results"), union_by_name=True)
+        return results.filter("outcome = 'ok'").project(f"run_id AS run, {', '.join(_CASE)}").df()
 
 
-def query(nights: Sequence[Path], sql: str) -> pd.DataFrame:
+def query(runs: Sequence[Path], sql: str) -> pd.DataFrame:
     """Run one SQL statement over the views nights, results, methods, stability and changes.
 
-    nights: folders of nightly runs. Raises InputError if the statement is invalid or a file cannot be read.
+    runs: folders of nightly runs. Raises InputError if the statement is invalid or a file cannot be read.
     """
-    with _asking() as database:
-        database.register("nights", nights_table(nights))
+    with _connection() as database:
+        database.register("nights", history_table(runs))
         for table in TABLES:
-            database.read_parquet(_files(nights, table), union_by_name=True).create_view(table)
+            database.read_parquet(_files(runs, table), union_by_name=True).create_view(table)
         found = database.sql(sql)
         if found is None:
             raise InputError(f"{sql}: returns no table; a query must be a SELECT")
@@ -63,19 +63,19 @@ def query(nights: Sequence[Path], sql: str) -> pd.DataFrame:
     return table
 
 
-def nights_table(nights: Sequence[Path]) -> pd.DataFrame:
+def history_table(runs: Sequence[Path]) -> pd.DataFrame:
     """Return one row per nightly run: time, machine, engines, number of cases, status and changes."""
     import pandas as pd
 
-    return pd.DataFrame([told_of(night) for night in nights])
+    return pd.DataFrame([read_summary(run) for run in runs])
 
 
-def _files(nights: Sequence[Path], table: str) -> list[str]:
-    return [str(night / f"{table}.parquet") for night in nights]
+def _files(runs: Sequence[Path], table: str) -> list[str]:
+    return [str(run / f"{table}.parquet") for run in runs]
 
 
 @contextmanager
-def _asking() -> Iterator[duckdb.DuckDBPyConnection]:
+def _connection() -> Iterator[duckdb.DuckDBPyConnection]:
     """Give a database in memory; turn its errors into InputError with one line."""
     import duckdb
 

@@ -10,7 +10,7 @@ from bodycheck.reports.comparison.change import Change, Status
 from bodycheck.reports.comparison.compare import (
     Comparison,
     compare,
-    ended_well_anew,
+    newly_ended_well,
     paired_versions,
     unversioned,
 )
@@ -18,7 +18,7 @@ from bodycheck.reports.comparison.environment_diff import redefined
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.history.accepted_levels import at_accepted, next_accepted
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import Past, past_of
+from bodycheck.reports.history.baseline import Baseline, baseline_of
 from bodycheck.reports.history.queries import recorded_cases
 from bodycheck.reports.history.step_detection import Key, Series, Step, detect_steps, series_of
 from bodycheck.reports.run_files.run_reader import Tables
@@ -26,7 +26,7 @@ from bodycheck.reports.run_files.run_reader import Tables
 if TYPE_CHECKING:
     import pandas as pd
 
-NightStatus: TypeAlias = Literal["regression", "no regression", "insufficient history", "nothing measured"]
+RunStatus: TypeAlias = Literal["regression", "no regression", "insufficient history", "nothing measured"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,57 +38,56 @@ class Judgement:
     rows of results.csv. speeds, errors: of all methods, over the baseline runs and the newest run.
     """
 
-    tonight: Tables
-    past: Past
+    newest: Tables
+    baseline: Baseline
     comparison: Comparison | None
     accepted: tuple[dict[str, Any], ...]
     speeds: Speeds
     errors: Series
 
     @property
-    def status(self) -> NightStatus:
+    def status(self) -> RunStatus:
         """Whether anything became worse or is no longer measured; undecided without a baseline run."""
-        if not any(case.ok for case in self.tonight.cases):
+        if not any(case.ok for case in self.newest.cases):
             return "nothing measured"
         if self.comparison is None or not self.comparison.paired:
             return "insufficient history"
         return "regression" if self.comparison.failing else "no regression"
 
 
-def judge_night(history: History, tonight: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Judgement:
+def judge_run(history: History, newest: Tables, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Judgement:
     """Judge a nightly run against a history that does not contain it yet."""
-    past = past_of(history, tonight.manifest)
-    nights, cases = _recorded(past, tonight)
-    speeds = speeds_of(nights, cases)
-    comparison, accepted = None, tuple(dict(case.columns) for case in tonight.cases if case.ok)
-    if past.nights:
-        levels, aligned = paired_versions(past.nights[0].accepted, tonight)
-        before, _ = paired_versions(past.nights[0].tables, tonight)
+    baseline = baseline_of(history, newest.manifest)
+    runs, cases = _recorded(baseline, newest)
+    speeds = speeds_of(runs, cases)
+    comparison, accepted = None, tuple(dict(case.columns) for case in newest.cases if case.ok)
+    if baseline.runs:
+        levels, aligned = paired_versions(baseline.runs[0].accepted, newest)
+        before, _ = paired_versions(baseline.runs[0].tables, newest)
         comparison = compare(at_accepted(before, levels), aligned, thresholds)
         changes = [change for change in comparison.changes if change.kind != "speed"]
         changes += [*_returned(before, levels, aligned, thresholds), *speeds.changes]
         changes.sort(key=lambda change: -change.size)
         comparison = replace(comparison, changes=tuple(changes))
-        apart = redefined(before.manifest, tonight.manifest)
+        discarded = redefined(before.manifest, newest.manifest)
         own = {
-            a.columns["engine"]: b.columns["engine"]
-            for a, b in zip(aligned.cases, tonight.cases, strict=True)
+            a.columns["engine"]: b.columns["engine"] for a, b in zip(aligned.cases, newest.cases, strict=True)
         }
         accepted = tuple(
             {**row, "engine": own.get(row["engine"], row["engine"])}
-            for row in next_accepted(levels, aligned, apart, changes)
+            for row in next_accepted(levels, aligned, discarded, changes)
         )
-    errors = series_of(nights, cases, "orientation_error_rad", _farthest)
-    return Judgement(tonight, past, comparison, accepted, speeds, errors)
+    errors = series_of(runs, cases, "orientation_error_rad", _farthest)
+    return Judgement(newest, baseline, comparison, accepted, speeds, errors)
 
 
-def _returned(before: Tables, levels: Tables, tonight: Tables, thresholds: Thresholds) -> list[Change]:
+def _returned(before: Tables, levels: Tables, newest: Tables, thresholds: Thresholds) -> list[Change]:
     """Return the changes from their levels of cases that end well again after not ending well in `before`."""
-    returned = compare(levels, ended_well_anew(before, tonight), thresholds)
+    returned = compare(levels, newly_ended_well(before, newest), thresholds)
     return [change for change in returned.changes if change.kind == "accuracy"]
 
 
-def _recorded(past: Past, tonight: Tables) -> tuple[list[str], pd.DataFrame]:
+def _recorded(baseline: Baseline, newest: Tables) -> tuple[list[str], pd.DataFrame]:
     """Return the names of all runs, and their cases on scenarios whose definitions are unchanged.
 
     An engine that a run has in a single version is named without it, so that a series continues across
@@ -96,20 +95,19 @@ def _recorded(past: Past, tonight: Tables) -> tuple[list[str], pd.DataFrame]:
     """
     import pandas as pd
 
-    nights = past.nights[::-1]
-    cases = recorded_cases([night.folder for night in nights])
-    same = {(night.name, scenario) for night in nights for scenario in night.same_scenarios(tonight.manifest)}
-    comparable = [pair in same for pair in zip(cases["night"], cases["scenario"], strict=True)]
-    mine = tonight.results[tonight.results["outcome"] == "ok"].assign(night=tonight.run_id)
-    together = [frame for frame in (cases[comparable], mine[list(cases.columns)]) if len(frame)]
-    found = pd.concat(together) if together else cases
-    names = {night.name: unversioned(night.manifest["engines"]) for night in nights}
-    names[tonight.run_id] = unversioned(tonight.manifest["engines"])
+    runs = baseline.runs[::-1]
+    cases = recorded_cases([run.folder for run in runs])
+    same = {(run.name, scenario) for run in runs for scenario in run.same_scenarios(newest.manifest)}
+    comparable = [pair in same for pair in zip(cases["run"], cases["scenario"], strict=True)]
+    own = newest.results[newest.results["outcome"] == "ok"].assign(run=newest.run_id)
+    frames = [frame for frame in (cases[comparable], own[list(cases.columns)]) if len(frame)]
+    found = pd.concat(frames) if frames else cases
+    names = {run.name: unversioned(run.manifest["engines"]) for run in runs}
+    names[newest.run_id] = unversioned(newest.manifest["engines"])
     engines = [
-        names[night].get(engine, engine)
-        for night, engine in zip(found["night"], found["engine"], strict=True)
+        names[run].get(engine, engine) for run, engine in zip(found["run"], found["engine"], strict=True)
     ]
-    return [*(night.name for night in nights), tonight.run_id], found.assign(engine=engines)
+    return [*(run.name for run in runs), newest.run_id], found.assign(engine=engines)
 
 
 def _farthest(decades: pd.Series) -> float:
@@ -127,18 +125,18 @@ class Speeds:
     @property
     def changes(self) -> Iterator[Change]:
         """The steps detected in the newest run."""
-        tonight = len(self.series.nights) - 1
+        newest = len(self.series.runs) - 1
         for (engine, method), steps in self.steps.items():
-            if steps and steps[-1].detected_at == tonight:
+            if steps and steps[-1].detected_at == newest:
                 size = steps[-1].size
                 status: Status = "worse" if size > 0.0 else "improved"
                 yield Change("speed", None, engine, method, "relative_cpu", None, None, status, decades=size)
 
 
-def speeds_of(nights: Sequence[str], cases: pd.DataFrame) -> Speeds:
+def speeds_of(runs: Sequence[str], cases: pd.DataFrame) -> Speeds:
     """Return the time of each method, as the median over its cases, and the steps detected in it.
 
-    nights: names of nightly runs, the oldest first. cases: one row per case and run, with its relative_cpu.
+    runs: names of nightly runs, the oldest first. cases: one row per case and run, with its relative_cpu.
     """
-    series = series_of(nights, cases, "relative_cpu", lambda decades: float(decades.median()))
+    series = series_of(runs, cases, "relative_cpu", lambda decades: float(decades.median()))
     return Speeds(series, dict(zip(series.methods, detect_steps(series.decades), strict=True)))

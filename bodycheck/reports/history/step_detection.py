@@ -20,13 +20,13 @@ from bodycheck.reference_impl.arrays import Array
 if TYPE_CHECKING:
     import pandas as pd
 
-LEAST_BEFORE = 8
+MIN_BEFORE = 8
 """The number of nightly runs that establish a level before a step from it can be detected."""
-LEAST_AFTER = 5
+MIN_AFTER = 5
 """The number of runs that a slower level needs: a few may be disturbed. A faster level needs only three."""
-_MOST_BEFORE = 20
+_MAX_BEFORE = 20
 _SIGMAS = 2.5
-_LEAST_STEP = math.log10(1.08)
+_MIN_STEP = math.log10(1.08)
 _HALF_TO_SIGMA = 1.0 / 0.6745  # half of a normal distribution lies within 0.6745 sigma
 
 
@@ -40,7 +40,7 @@ class Step:
 
 
 def detect_steps(series: Array) -> list[list[Step]]:
-    """Return the steps of each column of series (nights, methods); NaN: not measured.
+    """Return the steps of each column of series (runs, methods); NaN: not measured.
 
     Up if min(last five) - level(baseline) > T, down if min(baseline) - median(last five) > T, where the
     baseline is the m <= 20 runs before the last five, T = max(8 %, 2.5 sigma) and sigma is the median over
@@ -48,13 +48,13 @@ def detect_steps(series: Array) -> list[list[Step]]:
     runs.
     """
     found: list[list[Step]] = [[] for _ in range(series.shape[1])]
-    for night in range(LEAST_BEFORE + LEAST_AFTER - 1, len(series)):
-        edge = max(_LEAST_STEP, _SIGMAS * pooled_spread(series[: night + 1], found))
+    for run in range(MIN_BEFORE + MIN_AFTER - 1, len(series)):
+        edge = max(_MIN_STEP, _SIGMAS * pooled_spread(series[: run + 1], found))
         for column, steps in zip(series.T, found, strict=True):
-            if math.isnan(column[night]):
+            if math.isnan(column[run]):
                 continue
-            (there,) = np.nonzero(~np.isnan(column[: night + 1]))
-            step = _step_detected(column, there[there >= _begin(steps)], edge)
+            (measured,) = np.nonzero(~np.isnan(column[: run + 1]))
+            step = _step_detected(column, measured[measured >= _level_start(steps)], edge)
             if step is not None:
                 steps.append(step)
     return found
@@ -63,32 +63,30 @@ def detect_steps(series: Array) -> list[list[Step]]:
 def pooled_spread(series: Array, steps: Sequence[Sequence[Step]]) -> float:
     """Return the median over the columns of sigma, each from the up to 20 runs before the last five.
 
-    series: (nights, methods). steps: the detected steps of each column; runs before the last step are
+    series: (runs, methods). steps: the detected steps of each column; runs before the last step are
     ignored. Returns 0 if no column has enough runs on its level.
     """
-    past = series[:-LEAST_AFTER]
-    levels = (column[_begin(moved) :] for column, moved in zip(past.T, steps, strict=True))
+    before = series[:-MIN_AFTER]
+    levels = (column[_level_start(moved) :] for column, moved in zip(before.T, steps, strict=True))
     measured = (level[~np.isnan(level)] for level in levels)
-    spreads = [
-        _shortest_half(nights[-_MOST_BEFORE:])[1] for nights in measured if len(nights) >= LEAST_BEFORE
-    ]
+    spreads = [_shortest_half(values[-_MAX_BEFORE:])[1] for values in measured if len(values) >= MIN_BEFORE]
     return float(np.median(spreads)) if spreads else 0.0
 
 
 def smallest_detectable_step(spread: float) -> float:
     """Return the smallest step that is certain to be detected by its fifth run, given the spread."""
     # the fastest of five runs lies up to 2.5 sigma low; the level before is known to half a sigma
-    return max(_LEAST_STEP, _SIGMAS * spread) + 3.5 * spread
+    return max(_MIN_STEP, _SIGMAS * spread) + 3.5 * spread
 
 
-def _begin(steps: Sequence[Step]) -> int:
+def _level_start(steps: Sequence[Step]) -> int:
     return steps[-1].first if steps else 0
 
 
-def _step_detected(column: Array, there: NDArray[np.intp], edge: float) -> Step | None:
+def _step_detected(column: Array, measured: NDArray[np.intp], edge: float) -> Step | None:
     """Return the step of one column within the last five runs that measured it; None if there is none."""
-    before, now = column[there[:-LEAST_AFTER][-_MOST_BEFORE:]], column[there[-LEAST_AFTER:]]
-    if len(before) < LEAST_BEFORE:
+    before, now = column[measured[:-MIN_AFTER][-_MAX_BEFORE:]], column[measured[-MIN_AFTER:]]
+    if len(before) < MIN_BEFORE:
         return None
     level, _ = _shortest_half(before)
     slower = float(np.min(now)) - level > edge
@@ -97,19 +95,19 @@ def _step_detected(column: Array, there: NDArray[np.intp], edge: float) -> Step 
         return None
     size = (_shortest_half(now)[0] if slower else float(np.median(now))) - level
     first = int(np.argmax((now - level) / size > 0.5))
-    return Step(int(there[-LEAST_AFTER + first]), int(there[-1]), size)
+    return Step(int(measured[-MIN_AFTER + first]), int(measured[-1]), size)
 
 
-def _shortest_half(nights: Array) -> tuple[float, float]:
+def _shortest_half(values: Array) -> tuple[float, float]:
     """Return median and sigma of the half of the values (n,) that lie closest together.
 
     Up to half of the values may be outliers. Source: the shortest half, Rousseeuw and Leroy (1987), with
     their factor 1 + 5 / (n - 1), because the shortest half of few values is too short.
     """
-    ordered, half = np.sort(nights), len(nights) // 2 + 1
+    ordered, half = np.sort(values), len(values) // 2 + 1
     widths = ordered[half - 1 :] - ordered[: len(ordered) - half + 1]
     first = int(np.argmin(widths))
-    sigma = 0.5 * _HALF_TO_SIGMA * (1.0 + 5.0 / (len(nights) - 1)) * float(widths[first])
+    sigma = 0.5 * _HALF_TO_SIGMA * (1.0 + 5.0 / (len(values) - 1)) * float(widths[first])
     return float(np.median(ordered[first : first + half])), sigma
 
 
@@ -121,12 +119,12 @@ _CASE = ["engine", "method", "scenario", "control", "dt_s", "tolerance"]
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """log10(x / median of x over the runs), (nights, methods); NaN if not measured.
+    """log10(x / median of x over the runs), (runs, methods); NaN if not measured.
 
-    nights: names of the nightly runs, the oldest first.
+    runs: names of the nightly runs, the oldest first.
     """
 
-    nights: tuple[str, ...]
+    runs: tuple[str, ...]
     methods: tuple[Key, ...]
     decades: Array
 
@@ -137,19 +135,19 @@ class Series:
 
 
 def series_of(
-    nights: Sequence[str], cases: pd.DataFrame, measure: str, of_cases: Callable[[pd.Series], float]
+    runs: Sequence[str], cases: pd.DataFrame, measure: str, of_cases: Callable[[pd.Series], float]
 ) -> Series:
     """of_cases(log10(x / median of x over the runs)) for each method and run, with x the measure of a case.
 
-    nights: names of the nightly runs, the oldest first. cases: one row per case and run, with `night` and the
+    runs: names of the nightly runs, the oldest first. cases: one row per case and run, with `run` and the
     measure. of_cases: reduces the decades of a method's cases in one run to one number.
     """
-    there = cases[cases[measure] > 0.0]
-    if there.empty:
-        return Series(tuple(nights), (), np.empty((len(nights), 0)))
-    logs = there.assign(log=np.log10(there[measure]))
+    positive = cases[cases[measure] > 0.0]
+    if positive.empty:
+        return Series(tuple(runs), (), np.empty((len(runs), 0)))
+    logs = positive.assign(log=np.log10(positive[measure]))
     logs["log"] -= logs.groupby(_CASE, dropna=False)["log"].transform("median")
-    table = logs.groupby(["night", "engine", "method"])["log"].agg(of_cases).unstack(["engine", "method"])
-    table = table.reindex(list(nights)).sort_index(axis=1)
+    table = logs.groupby(["run", "engine", "method"])["log"].agg(of_cases).unstack(["engine", "method"])
+    table = table.reindex(list(runs)).sort_index(axis=1)
     methods = tuple(zip(*(table.columns.get_level_values(level) for level in (0, 1)), strict=True))
-    return Series(tuple(nights), methods, table.to_numpy(dtype=np.float64))
+    return Series(tuple(runs), methods, table.to_numpy(dtype=np.float64))

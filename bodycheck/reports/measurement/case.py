@@ -34,7 +34,7 @@ from bodycheck.reports.measurement.measures import (
 )
 from bodycheck.reports.measurement.problem import Problem
 
-Asking: TypeAlias = Callable[[Engine, Case], Answer]
+RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 """A function that answers a case, from the engine or from a stored answer."""
 
 SWITCH_NOTE = "load switches inside a step"
@@ -117,10 +117,10 @@ class CaseResult:
         return {name: float(self.columns[name] + bound_of(self.columns, name)) for name in measured}
 
 
-def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting, ask: Asking) -> CaseResult:
+def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting, ask: RunCase) -> CaseResult:
     """Run one case and measure it; any failure becomes its outcome."""
     scene = problem.scenario.scene
-    columns = _who(problem, engine, method, setting)
+    columns = _identity(problem, engine, method, setting)
     answer = ask(engine, Case(scene, method.name, setting))
     columns |= origin_of(answer)
     if answer.outcome == "unsupported":
@@ -132,10 +132,10 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
         ending = {**columns, "outcome": outcome, "message": message}
         return CaseResult(ending, MeasuredMotion(answer.trajectory), answer.read_back)
 
-    trajectory, held = answer.trajectory, answer.read_back
-    if trajectory is None or held is None:
+    trajectory, read_back = answer.trajectory, answer.read_back
+    if trajectory is None or read_back is None:
         return ended(answer.outcome, answer.message)
-    if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, held, method.precision):
+    if fault := read_back_mismatch(scene, None if plan is None else plan.dt_s, read_back, method.precision):
         return ended("invalid", fault)
     motion = stable_motion(scene, trajectory, problem.motion)
     if isinstance(motion, str):
@@ -143,7 +143,7 @@ def run_case(problem: Problem, engine: Engine, method: Method, setting: Setting,
     measured, moved = measured_by(problem, trajectory, motion)
     columns |= measured
     columns |= {"outcome": "ok", "message": _note(problem, plan, answer.message)}
-    return CaseResult(columns, moved, held)
+    return CaseResult(columns, moved, read_back)
 
 
 def origin_of(answer: Answer) -> dict[str, Any]:
@@ -209,7 +209,7 @@ def _effort(method: Method, plan: StepPlan | None, answer: Answer) -> dict[str, 
     return columns
 
 
-def _who(problem: Problem, engine: Engine, method: Method, setting: Setting) -> dict[str, Any]:
+def _identity(problem: Problem, engine: Engine, method: Method, setting: Setting) -> dict[str, Any]:
     return {
         **problem.columns,
         "engine": engine.name,
@@ -229,24 +229,24 @@ def reproducing_command(
     scenario_spec: str, engine: Engine, method: Method, setting: Setting, *, code: bool = False
 ) -> str:
     """Return the command line that runs this one case; code: whether the scenario names functions."""
-    words = ["bodycheck", "run", scenario_spec, "--engine", with_method(engine.name, method.name)]
+    arguments = ["bodycheck", "run", scenario_spec, "--engine", with_method(engine.name, method.name)]
     if setting.dt_s is not None:
-        words += ["--dt", repr(setting.dt_s)]
+        arguments += ["--dt", repr(setting.dt_s)]
     if setting.tolerance is not None:
-        words += ["--tolerance", repr(setting.tolerance)]
+        arguments += ["--tolerance", repr(setting.tolerance)]
     if code or engine.build.kind == "handed over":
-        words.append(ALLOW_CODE)
-    return joined(words)
+        arguments.append(ALLOW_CODE)
+    return joined(arguments)
 
 
 def scenario_spec(reproduce: str) -> str | None:
     """Return the scenario argument in the command of a case: the word after `bodycheck run`."""
-    words = parted(reproduce)
-    return words[2] if len(words) > 2 else None
+    arguments = parted(reproduce)
+    return arguments[2] if len(arguments) > 2 else None
 
 
-def _note(problem: Problem, plan: StepPlan | None, said: str) -> str:
-    notes = [said] if said else []
+def _note(problem: Problem, plan: StepPlan | None, message: str) -> str:
+    notes = [message] if message else []
     if plan is not None and plan.mid_step_switches:
         notes.append(f"{SWITCH_NOTE}: {plan.mid_step_switches}; such a step applies the mean of its loads")
     if problem.compared < len(problem.truth.trajectory.t_s):

@@ -13,15 +13,15 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.measurement.limits import Limit, limit_of
 from bodycheck.reports.measurement.measures import Judgement
-from bodycheck.reports.measurement.order import LEAST_POINTS, settled_order
+from bodycheck.reports.measurement.order import MIN_POINTS, settled_order
 
 LARGEST_ERROR = 0.3  # rad, or of the scale: a larger error carries no information about the order
 ABOVE_FLOOR = 10.0
 LARGEST_LIMIT = LARGEST_ERROR / 100.0  # largest truth bound or round-off at which a verdict is possible
 LARGEST_ROUND_OFF = 1e-9  # a larger error that stops shrinking is not round-off in double precision
-_LEAST_CERTAIN = 1e-12
-_LEAST_LIMIT_POINTS = 3  # usable points, where the limit alone shows convergence
-_LEAST_FALL = 0.5  # order in the tolerance at which errors must fall
+_MIN_CERTAIN = 1e-12
+_MIN_LIMIT_POINTS = 3  # usable points, where the limit alone shows convergence
+_MIN_FALL = 0.5  # order in the tolerance at which errors must fall
 _PLATEAU_DECADES = 2.0  # of the tolerance, over which they must fall
 _TURNED = 100.0  # predicted round-offs, below which an error that finer steps increase is round-off
 
@@ -46,7 +46,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Criteria:
     """How a quantity is judged.
 
     floor: the larger of 3 times the truth's bound and eps times the motion's sensitivity, of the scale; a
@@ -121,15 +121,15 @@ def reaches_round_off(points: Sequence[Point]) -> bool:
     return best.error <= (ABOVE_FLOOR if is_finest else _TURNED) * best.round_off
 
 
-def round_off_floor(points: Sequence[Point], least: float) -> float:
-    """Return `least`, or the error at which finer steps stopped helping, if it is as small as round-off.
+def round_off_floor(points: Sequence[Point], min_floor: float) -> float:
+    """Return `min_floor`, or the error at which finer steps stopped helping, if it is as small as round-off.
 
-    least: the larger of 3 times the truth's bound and eps times the motion's sensitivity.
+    min_floor: the larger of 3 times the truth's bound and eps times the motion's sensitivity.
 
     Where a finer step reduces the error by less than order 1/2 would, and the errors are small enough to be
     round-off, both errors are on the floor.
     """
-    floor = least
+    floor = min_floor
     errors = [(p.dt_s, p.error) for p in sorted(points, key=lambda p: -p.dt_s) if p.error is not None]
     for (coarse_dt, coarser), (fine_dt, finer) in pairwise(errors):
         if coarser < min(finer * math.sqrt(coarse_dt / fine_dt), LARGEST_ROUND_OFF):
@@ -137,50 +137,50 @@ def round_off_floor(points: Sequence[Point], least: float) -> float:
     return floor
 
 
-def convergence_of(points: Sequence[Point], how: Judged) -> Convergence:
+def convergence_of(points: Sequence[Point], criteria: Criteria) -> Convergence:
     """Return order, limit and verdict of one quantity from the cases of one method on one scenario.
 
     points: in any order.
     """
-    return _convergence_of(tuple(points), how)
+    return _convergence_of(tuple(points), criteria)
 
 
 @lru_cache(maxsize=64)  # the refinement asks for what the row asks for again
-def _convergence_of(points: tuple[Point, ...], how: Judged) -> Convergence:
-    if how.floor > LARGEST_LIMIT:
-        return Convergence("chaotic", 0, how.floor)
+def _convergence_of(points: tuple[Point, ...], criteria: Criteria) -> Convergence:
+    if criteria.floor > LARGEST_LIMIT:
+        return Convergence("chaotic", 0, criteria.floor)
     ended = sorted((p for p in points if p.error is not None), key=lambda p: -p.dt_s)
     if not ended:
-        return Convergence("unstable", 0, how.floor)
-    floor = round_off_floor(ended, how.floor)
-    shown = max(floor, *(p.round_off for p in ended))
+        return Convergence("unstable", 0, criteria.floor)
+    floor = round_off_floor(ended, criteria.floor)
+    shown_floor = max(floor, *(p.round_off for p in ended))
     errors = [p.error for p in ended if p.error is not None]
     if max(errors) <= ABOVE_FLOOR * floor:
-        return Convergence("at-floor", 0, shown)
+        return Convergence("at-floor", 0, shown_floor)
     if not any(p.is_above(floor) for p in ended):
-        return Convergence("at-precision-floor", 0, shown)
+        return Convergence("at-precision-floor", 0, shown_floor)
     fit = usable(ended, floor)
     order = settled_order(
         tuple(p.dt_s for p in fit), tuple(p.error for p in fit if p.error is not None), floor
     )
-    limit = _limit(ended, how)
-    found = Convergence("pre-asymptotic", len(fit), shown)
+    limit = _limit(ended, criteria)
+    found = Convergence("pre-asymptotic", len(fit), shown_floor)
     if limit is not None:
         found = replace(found, limit_distance=limit.distance, limit_uncertainty=limit.uncertainty)
-        if limit.is_off and errors[-1] > LARGEST_ROUND_OFF and how.judged == "limit":
+        if limit.is_off and errors[-1] > LARGEST_ROUND_OFF and criteria.judged == "limit":
             return replace(found, verdict="does-not-converge")
     if order is not None:
         interval = {"order": order.order, "order_low": order.low, "order_high": order.high}
         return replace(found, verdict="converges", points=order.points, **interval)
-    if limit is not None and limit.is_truth and len(fit) >= _LEAST_LIMIT_POINTS:
+    if limit is not None and limit.is_truth and len(fit) >= _MIN_LIMIT_POINTS:
         return replace(found, verdict="converges")
     if reaches_round_off(ended):
         return replace(found, verdict="at-precision-floor")
     all_usable = len(ended) == len(points) and max(errors) < LARGEST_ERROR
-    return replace(found, verdict="too-few-points") if all_usable and len(fit) < LEAST_POINTS else found
+    return replace(found, verdict="too-few-points") if all_usable and len(fit) < MIN_POINTS else found
 
 
-def _limit(ended: Sequence[Point], how: Judged) -> Limit | None:
+def _limit(ended: Sequence[Point], criteria: Criteria) -> Limit | None:
     """Return the limit of the motions, from the finest case up to the first without one.
 
     Where the arithmetic is coarser than double precision, the finest steps are left out as far as that makes
@@ -190,11 +190,13 @@ def _limit(ended: Sequence[Point], how: Judged) -> Limit | None:
     known = [(point, motion) for point, motion in fine_first if motion is not None][::-1]
     rounded = any(point.round_off for point, _ in known)
     limits = []
-    for count in range(_LEAST_LIMIT_POINTS if rounded else len(known), len(known) + 1):
+    for count in range(_MIN_LIMIT_POINTS if rounded else len(known), len(known) + 1):
         points, motions = [point for point, _ in known[:count]], [motion for _, motion in known[:count]]
         round_off = ABOVE_FLOOR * max((p.round_off for p in points), default=0.0)  # predicted within that
-        certain = max(how.floor, how.growing, round_off, _LEAST_CERTAIN)
-        limits.append(limit_of([p.dt_s for p in points], motions, certain, extrapolated=how.extrapolated))
+        certain = max(criteria.floor, criteria.growing, round_off, _MIN_CERTAIN)
+        limits.append(
+            limit_of([p.dt_s for p in points], motions, certain, extrapolated=criteria.extrapolated)
+        )
     found = (limit for limit in limits if limit is not None)
     return min(found, key=lambda limit: limit.uncertainty, default=None)
 
@@ -206,44 +208,44 @@ def _motion_of(point: Point) -> Array | None:
     return point.motion
 
 
-def tolerance_convergence(points: Sequence[Point], how: Judged) -> Convergence:
+def tolerance_convergence(points: Sequence[Point], criteria: Criteria) -> Convergence:
     """Return the verdict on a method controlled by a tolerance: errors must fall with it, down to the floor.
 
     points: dt_s is the tolerance. There is no order in the step.
     """
-    if how.floor > LARGEST_LIMIT:
-        return Convergence("chaotic", 0, how.floor)
+    if criteria.floor > LARGEST_LIMIT:
+        return Convergence("chaotic", 0, criteria.floor)
     ended = sorted((p.dt_s, p.error) for p in points if p.error is not None)
     if not ended:
-        return Convergence("unstable", 0, how.floor)
-    found = Convergence("converges", len(usable(points, how.floor)), how.floor)
-    (finest, least), (coarsest, largest) = ended[0], ended[-1]
-    if largest <= ABOVE_FLOOR * how.floor:
+        return Convergence("unstable", 0, criteria.floor)
+    found = Convergence("converges", len(usable(points, criteria.floor)), criteria.floor)
+    (finest, smallest), (coarsest, largest) = ended[0], ended[-1]
+    if largest <= ABOVE_FLOOR * criteria.floor:
         return replace(found, verdict="at-floor")
-    if least <= ABOVE_FLOOR * how.floor or least < largest * (finest / coarsest) ** _LEAST_FALL:
+    if smallest <= ABOVE_FLOOR * criteria.floor or smallest < largest * (finest / coarsest) ** _MIN_FALL:
         return found
     if math.log10(coarsest / finest) < _PLATEAU_DECADES:
         return replace(found, verdict="too-few-points")
-    return replace(found, verdict="does-not-converge" if how.judged == "limit" else "pre-asymptotic")
+    return replace(found, verdict="does-not-converge" if criteria.judged == "limit" else "pre-asymptotic")
 
 
-def stepless_verdict(points: Sequence[Point], how: Judged) -> Convergence:
+def stepless_verdict(points: Sequence[Point], criteria: Criteria) -> Convergence:
     """Return the verdict on a method without step or tolerance: exact or off."""
     error = points[0].error
-    if how.floor > LARGEST_LIMIT or error is None:
-        return Convergence("unstable" if error is None else "chaotic", 0, how.floor)
-    return Convergence("exact" if error <= ABOVE_FLOOR * how.floor else "off", 0, how.floor)
+    if criteria.floor > LARGEST_LIMIT or error is None:
+        return Convergence("unstable" if error is None else "chaotic", 0, criteria.floor)
+    return Convergence("exact" if error <= ABOVE_FLOOR * criteria.floor else "off", 0, criteria.floor)
 
 
 _LEADING = (1, 2, 5)
-_MOST_STEPS = 200_000  # of one case
+_MAX_STEPS = 200_000  # of one case
 _SPAN = 100.0  # ratio of the coarsest requested step to the finest one tried
 _FLAT_SPREAD = 2.0
 
 
 def next_step_size(
     points: Sequence[Point],
-    how: Judged,
+    criteria: Criteria,
     listed: Sequence[float],
     interval_s: float,
     duration_s: float,
@@ -252,14 +254,14 @@ def next_step_size(
 ) -> float | None:
     """Return a further step in s that divides the sampling interval, or None if none is needed.
 
-    points: the errors of one quantity so far. how: how it is judged. listed: the requested steps.
+    points: the errors of one quantity so far. criteria: how it is judged. listed: the requested steps.
     needs_order: whether an order must be found even if only coarser steps have an error above the floor.
     """
-    found = convergence_of(points, how)
+    found = convergence_of(points, criteria)
     decided = found.verdict in ("does-not-converge", "chaotic") or found.order is not None
     if decided or (not needs_order and found.is_decided):
         return None
-    floor = round_off_floor(points, how.floor)
+    floor = round_off_floor(points, criteria.floor)
     strides = sorted(round(interval_s / p.dt_s) for p in points)
     reached = found.verdict == "at-precision-floor"
     if _too_fine(points, floor, reached=reached):
@@ -271,7 +273,7 @@ def next_step_size(
     if finest.error is not None and finest.error <= floor:
         return None
     finer = min(n for n in _round_numbers(20 * strides[-1]) if n > strides[-1])
-    too_many = finer * duration_s / interval_s > _MOST_STEPS
+    too_many = finer * duration_s / interval_s > _MAX_STEPS
     too_fine = max(listed) * finer / interval_s > _SPAN * (1.0 + 1e-9)
     return None if too_many or too_fine else interval_s / finer
 
@@ -284,7 +286,7 @@ def _too_fine(points: Sequence[Point], floor: float, *, reached: bool) -> bool:
     coarsest = max(points, key=lambda p: p.dt_s)
     small = coarsest.error is not None and coarsest.error < LARGEST_ERROR
     flat = not reached and _is_flat(points, floor)
-    return small and len(usable(points, floor)) < LEAST_POINTS and not flat
+    return small and len(usable(points, floor)) < MIN_POINTS and not flat
 
 
 def _is_flat(points: Sequence[Point], floor: float) -> bool:

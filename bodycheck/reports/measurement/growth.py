@@ -15,8 +15,8 @@ import numpy as np
 from bodycheck.reference_impl.arrays import Array
 
 _DECADES = 2.0  # of time that are fitted
-_LEAST_DECADES = 1.5
-_LEAST_SAMPLES = 100
+_MIN_DECADES = 1.5
+_MIN_SAMPLES = 100
 _PIECES = 4  # of these decades, whose slopes give the interval
 _POINTS = 40  # of the fit
 _STUDENT = 3.182446305284263  # quantile for 3 degrees of freedom, two-sided 95 %
@@ -28,7 +28,7 @@ _FLAT = 0.1  # a smaller slope over the last decade counts as zero
 _LARGEST_BOUNDED = 0.25  # overall slope, which includes the first oscillation
 _RAMP = 0.85  # a steeper first slope is an oscillation that has not turned back yet, not sqrt(t)
 _STEEPEST = 1.5  # slope of a random walk; a steeper one is a jump
-_LEAST_EXPONENTIAL = 1.5  # slope at the end
+_MIN_EXPONENTIAL = 1.5  # slope at the end
 _EXPONENTIAL_GAIN = 3.0  # ratio of the misfits in log t and t: a random walk may end steeply too
 
 
@@ -50,12 +50,12 @@ def growth_of(t_s: Array, drift: Array, floor: float) -> Growth:
     """
     largest = np.maximum.accumulate(drift)
     above = (t_s >= t_s[-1] / 10.0**_DECADES) & (largest > floor)
-    if np.count_nonzero(above) < _LEAST_SAMPLES or t_s[-1] < t_s[above][0] * 10.0**_LEAST_DECADES:
+    if np.count_nonzero(above) < _MIN_SAMPLES or t_s[-1] < t_s[above][0] * 10.0**_MIN_DECADES:
         return Growth()
     t, m = t_s[above], largest[above]
     x = np.linspace(np.log(t[0]), np.log(t[-1]), _POINTS)
     y = np.interp(x, np.log(t), np.log(m))
-    exponent, unfit = _line(x, y)
+    exponent, misfit = _line(x, y)
     cuts = np.linspace(x[0], x[-1], _PIECES + 1)
     levels = np.interp(cuts, x, y)
     slopes = np.diff(levels) / np.diff(cuts)
@@ -64,7 +64,7 @@ def growth_of(t_s: Array, drift: Array, floor: float) -> Growth:
     kind = (
         _power_law(exponent, late)
         or _random_walk_like(exponent, late, slopes)
-        or _exponential(x, y, slopes, unfit)
+        or _exponential(x, y, slopes, misfit)
     )
     return Growth(kind, exponent, exponent - half_width, exponent + half_width)
 
@@ -87,16 +87,16 @@ def _random_walk_like(exponent: float, late: float, slopes: Array) -> str | None
     if exponent < _LARGEST_BOUNDED and late < _FLAT:
         return "bounded"
     low, high = _ROOT_BAND
-    wavers = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST
-    return "sqrt" if low <= exponent <= high and late > _ROOT_LATE and wavers else None
+    irregular = slopes[0] < _RAMP and slopes[-1] > _FLAT and float(np.max(slopes)) < _STEEPEST
+    return "sqrt" if low <= exponent <= high and late > _ROOT_LATE and irregular else None
 
 
-def _exponential(x: Array, y: Array, slopes: Array, unfit: float) -> str | None:
+def _exponential(x: Array, y: Array, slopes: Array, misfit: float) -> str | None:
     """Return "exponential" where log M is much closer to a line in t than in log t."""
-    if slopes[-1] < _LEAST_EXPONENTIAL or not np.all(np.diff(slopes[1:]) > 0.0):
+    if slopes[-1] < _MIN_EXPONENTIAL or not np.all(np.diff(slopes[1:]) > 0.0):
         return None
-    _, unfit_in_time = _line(np.exp(x), y)
-    return "exponential" if unfit_in_time * _EXPONENTIAL_GAIN < unfit else None
+    _, misfit_in_time = _line(np.exp(x), y)
+    return "exponential" if misfit_in_time * _EXPONENTIAL_GAIN < misfit else None
 
 
 def _line(x: Array, y: Array) -> tuple[float, float]:

@@ -123,8 +123,8 @@ def _jacobi(scene: Scene) -> Iterator[Invariant]:
     def jacobi(motion: Trajectory) -> Array:
         angle = rate * motion.t_s
         u = np.stack([-np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
-        seen = np.einsum("nji,nj->ni", motion.rotation_matrices, u)
-        field = 3.0 * rate**2 * rotational_energy(inertia, seen)
+        radial_body = np.einsum("nji,nj->ni", motion.rotation_matrices, u)
+        field = 3.0 * rate**2 * rotational_energy(inertia, radial_body)
         turning = rotational_energy(inertia, motion.omega_body)
         return turning - rate * (_momentum(scene, motion) @ _ORBIT_NORMAL) + field
 
@@ -149,16 +149,16 @@ def _kovalevskaya(scene: Scene) -> Iterator[Invariant]:
         return
     first = arm / length
     second = np.cross(axis, first)
-    least, equatorial = axis @ inertia @ axis, first @ inertia @ first
-    if abs(equatorial - 2.0 * least) > _EQUAL * equatorial:
+    smallest, equatorial = axis @ inertia @ axis, first @ inertia @ first
+    if abs(equatorial - 2.0 * smallest) > _EQUAL * equatorial:
         return
     weight = float(np.linalg.norm(scene.gravity))
-    up, c = -scene.gravity / weight, scene.body.mass * weight * length / least
+    up, c = -scene.gravity / weight, scene.body.mass * weight * length / smallest
 
     def parts(motion: Trajectory) -> tuple[Array, Array]:
-        seen = np.einsum("nji,j->ni", motion.rotation_matrices, up)
+        up_body = np.einsum("nji,j->ni", motion.rotation_matrices, up)
         spin = motion.omega_body @ first + 1j * (motion.omega_body @ second)
-        return spin**2, c * (seen @ first + 1j * (seen @ second))
+        return spin**2, c * (up_body @ first + 1j * (up_body @ second))
 
     def kovalevskaya(motion: Trajectory) -> Array:
         spin, pull = parts(motion)
@@ -175,8 +175,8 @@ def _momentum(scene: Scene, motion: Trajectory) -> Array:
     return angular_momentum(motion.rotation_matrices, turning_inertia(scene), motion.omega_body)
 
 
-def _is_zero(vector: Array, beside: Array) -> bool:
-    return bool(np.linalg.norm(vector) <= _EQUAL * np.linalg.norm(beside))
+def _is_zero(vector: Array, reference: Array) -> bool:
+    return bool(np.linalg.norm(vector) <= _EQUAL * np.linalg.norm(reference))
 
 
 def _largest(vectors: Array) -> float:

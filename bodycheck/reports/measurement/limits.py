@@ -19,7 +19,7 @@ from bodycheck.reference_impl.arrays import Array
 SURELY_OFF = 30.0  # multiples of the uncertainty: correct methods stay below 3, planted faults exceed 1000
 _STANDS_OFF = 10.0  # multiples of the last difference: a correct method of order 1/2 has an error of 2.4
 _ORDERS = (0.2, 9.0)
-_LEAST_ORDER = 0.5  # of the differences, which must shrink for an extrapolation to be meaningful
+_MIN_ORDER = 0.5  # of the differences, which must shrink for an extrapolation to be meaningful
 _BISECTIONS = 40
 _SHARE = 0.1  # of the last difference: an extrapolation is never assumed to be more accurate
 _SETTLED_SPAN = 3.9  # ratio of the steps over which a motion must not have changed
@@ -42,7 +42,7 @@ class Limit:
     @property
     def is_truth(self) -> bool:
         """Whether the differences shrink and the limit equals the truth within the uncertainty."""
-        return self.order >= _LEAST_ORDER and self.distance <= self.uncertainty
+        return self.order >= _MIN_ORDER and self.distance <= self.uncertainty
 
 
 def limit_of(
@@ -68,7 +68,7 @@ def limit_of(
     end, order = found
     if here > max(_size(motions[-2]), certain):  # a growing distance cannot be extrapolated
         still = max(last[-1], certain)
-        return Limit(here, still, order, order >= _LEAST_ORDER and here > _STANDS_OFF * still)
+        return Limit(here, still, order, order >= _MIN_ORDER and here > _STANDS_OFF * still)
     distance, uncertainty = _size(end), max(_SHARE * last[-1], certain)
     if len(steps) == 3:
         uncertainty = max(uncertainty, last[-1])
@@ -76,7 +76,7 @@ def limit_of(
         coarser = _extrapolated(steps[-4:-1], motions[-4:-1], certain)
         uncertainty = max(uncertainty, _size(end - (motions[-2] if coarser is None else coarser[0])))
     # require both the limit and the finest motion to be off: if they disagree, nothing is certain
-    off = order >= _LEAST_ORDER and min(distance, here) > SURELY_OFF * uncertainty
+    off = order >= _MIN_ORDER and min(distance, here) > SURELY_OFF * uncertainty
     return Limit(distance, uncertainty, order, off or stands_off)
 
 

@@ -33,8 +33,8 @@ def relative(value: float, columns: Mapping[str, Any], measure: str) -> float:
     scale = columns.get(_SCALES[kind], 0.0) if kind in _SCALES else 1.0
     own = MEASURES[measure].scale
     if kind == "energy" and own not in (None, "energy_scale_j"):  # the bound is relative to that scale
-        whole = columns.get("energy_scale_j", 0.0)
-        scale = columns.get(own, 0.0) / whole if whole else 0.0
+        energy_scale = columns.get("energy_scale_j", 0.0)
+        scale = columns.get(own, 0.0) / energy_scale if energy_scale else 0.0
     return float(value / scale) if scale else 0.0
 
 

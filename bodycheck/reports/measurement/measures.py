@@ -25,7 +25,7 @@ from bodycheck.reports.measurement.invariants import Invariant, InvariantDrift, 
 from bodycheck.reports.measurement.scales import Scales
 from bodycheck.reports.measurement.work import work_done, working_loads
 
-WHO = ("scenario", "family", "engine", "engine_version", "method")
+IDENTITY = ("scenario", "family", "engine", "engine_version", "method")
 """The columns that identify a row's method, in each table but probes.csv."""
 
 _NORM_FLOOR = 1e-12  # round-off of |q| and R^T R after millions of products, each renormalised
@@ -149,26 +149,26 @@ def _needing(*quantities: str) -> Callable[[Scene], frozenset[str]]:
 
 def _needed_by_energy(scene: Scene) -> frozenset[str]:
     """Return the quantities that E depends on: the potential adds the position, the attitude or both."""
-    place = {"position"} if scene.gravity.any() else set()
-    return frozenset({"velocity", "omega"} | place).union(
+    needed = {"position"} if scene.gravity.any() else set()
+    return frozenset({"velocity", "omega"} | needed).union(
         *(load.potential_needs for load in scene.lasting_loads)
     )
 
 
-def _turned_apart(compared: Compared) -> Array:
+def _attitude_departure(compared: Compared) -> Array:
     """(R - R*) / sqrt 2 as (n, 9), of norm 2 sin(angle / 2); unlike an angle, it has no jump at pi."""
-    apart = compared.trajectory.rotation_matrices - compared.truth.rotation_matrices
-    return apart.reshape(len(apart), 9) / math.sqrt(2.0)
+    difference = compared.trajectory.rotation_matrices - compared.truth.rotation_matrices
+    return difference.reshape(len(difference), 9) / math.sqrt(2.0)
 
 
-def _gram_apart(compared: Compared) -> Array | None:
+def _gram_departure(compared: Compared) -> Array | None:
     rotation = compared.trajectory.rotation
     if rotation is None:
         return None
     return (np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3)).reshape(len(rotation), 9)
 
 
-def _determinant_apart(compared: Compared) -> Array | None:
+def _determinant_departure(compared: Compared) -> Array | None:
     rotation = compared.trajectory.rotation
     return None if rotation is None else np.asarray(np.linalg.det(rotation) - 1.0)
 
@@ -268,7 +268,7 @@ _ALL = (
     Measure(
         "orthogonality_error",
         "max ||R^T R - I||_F of the matrix that the engine itself gives",
-        _gram_apart,
+        _gram_departure,
         _needing("attitude"),
         floor=lambda _: _NORM_FLOOR,
         judged="property",
@@ -276,7 +276,7 @@ _ALL = (
     Measure(
         "determinant_error",
         "max |det R - 1| of the same matrix",
-        _determinant_apart,
+        _determinant_departure,
         _needing("attitude"),
         floor=lambda _: _NORM_FLOOR,
         judged=None,
@@ -292,7 +292,7 @@ _ALL = (
     Measure(
         "orientation_error_rad",
         "max geodesic angle to the truth",
-        _turned_apart,
+        _attitude_departure,
         _needing("attitude"),
         series=lambda c: geodesic_angle(c.truth.attitude, c.trajectory.attitude),
         bound="rad",

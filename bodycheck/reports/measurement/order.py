@@ -18,7 +18,7 @@ import numpy as np
 
 from bodycheck.reference_impl.arrays import Array
 
-LEAST_POINTS = 4
+MIN_POINTS = 4
 _NOISES = np.geomspace(2e-4, 0.1, 16)[:, None]  # sigma: relative scatter of maxima over samples
 _BENDS = np.geomspace(0.1, 0.8, 6)  # tau: contribution of the next order at the coarsest step
 _DECAY = 0.5  # of the variance of each further order
@@ -26,7 +26,7 @@ _FLOOR_NOISE = 0.01  # of the error: a floor of this size makes the noise sqrt 2
 _TAILS = np.array([0.025, 0.975])
 _REACH, _HALVINGS = 20.0, 16  # of the quantile search, resolved to 40 standard deviations / 2^16
 _WIDEST_ORDERS = (0.05, 0.1, 0.25)  # half-widths of the interval that settle an order, best first
-_LEAST_ORDER = 0.5
+_MIN_ORDER = 0.5
 _LARGEST_LOG = 700.0  # exp of it is finite
 
 
@@ -57,7 +57,7 @@ def settled_order(steps: tuple[float, ...], errors: tuple[float, ...], floor: fl
     count = len(steps)
     runs = [
         slice(first, first + length)
-        for length in range(count, LEAST_POINTS - 1, -1)
+        for length in range(count, MIN_POINTS - 1, -1)
         for first in range(count - length, -1, -1)
     ]
     found: dict[int, Order] = {}
@@ -66,7 +66,7 @@ def settled_order(steps: tuple[float, ...], errors: tuple[float, ...], floor: fl
             if number not in found:
                 found[number] = replace(observed_order(steps[run], errors[run], floor), first=run.start)
             one = found[number]
-            if one.half_width <= widest and one.order >= max(_LEAST_ORDER, one.half_width):
+            if one.half_width <= widest and one.order >= max(_MIN_ORDER, one.half_width):
                 return one
     return None
 

@@ -72,8 +72,8 @@ class Problem:
     def is_chaotic(self) -> bool:
         """Whether round-off alone grows so large that a method cannot be judged by its error."""
         t_s = self.truth.trajectory.t_s
-        lost = self.compared < len(t_s) and t_s[self.compared] >= self.truth.trusted_until_s
-        return bool(lost) or self.largest(self.truth.round_off_rad) > LARGEST_LIMIT
+        truth_ended = self.compared < len(t_s) and t_s[self.compared] >= self.truth.trusted_until_s
+        return bool(truth_ended) or self.largest(self.truth.round_off_rad) > LARGEST_LIMIT
 
     @cached_property
     def columns(self) -> dict[str, Any]:

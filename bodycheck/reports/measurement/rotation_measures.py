@@ -18,7 +18,7 @@ ROTATION_MEASURES = (
 )
 """The measures of ensembles: those of a rotation that need no load."""
 
-_MOST_ENERGY = 100.0  # times the largest true kinetic energy: unstable above, as in stable_step.py
+_MAX_ENERGY = 100.0  # times the largest true kinetic energy: unstable above, as in stable_step.py
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ def rotation_measures(
         energy_scale = np.max(energy_true, axis=1)
         finite = np.isfinite(q).all(axis=(1, 2)) & np.isfinite(omega).all(axis=(1, 2))
         finite &= np.all(np.max(np.abs(q), axis=-1) > 0.0, axis=1)
-        limit = np.where(energy_scale > 0.0, _MOST_ENERGY * energy_scale, np.inf)
+        limit = np.where(energy_scale > 0.0, _MAX_ENERGY * energy_scale, np.inf)
         unstable = ~(finite & (np.max(energy, axis=1) <= limit))
         q = np.where(unstable[:, None, None], q_true, q)
         departures = {

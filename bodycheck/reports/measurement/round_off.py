@@ -92,8 +92,8 @@ class RoundOff:
         total = 0.0
         for share, curvature in components:
             changing = dt_s * dt_s * curvature
-            alike = min(max(self.unit / changing, 1.0), steps) if changing > 0.0 else steps
-            total += share * share * steps * alike
+            correlated = min(max(self.unit / changing, 1.0), steps) if changing > 0.0 else steps
+            total += share * share * steps * correlated
         return math.sqrt(total)
 
 

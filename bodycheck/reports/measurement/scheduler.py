@@ -50,35 +50,37 @@ def run_tasks(tasks: Sequence[Task], jobs: int, remote: RemoteEngines | None = N
 
     An exception in one task ends the others and is raised here, and so is a keyboard interrupt.
     """
-    board, raised = _TaskQueue(tasks), []
+    queue, raised = _TaskQueue(tasks), []
     # with the GIL, two threads that measure would only take turns within each sample
-    turn = threading.Lock()
-    strands = [EnginePool(turn=turn, remote=remote) for _ in range(max(1, min(jobs, len(tasks))))]
+    gil_lock = threading.Lock()
+    engine_pools = [EnginePool(turn=gil_lock, remote=remote) for _ in range(max(1, min(jobs, len(tasks))))]
     ended = threading.Semaphore(0)
 
     def work(engine_pool: EnginePool) -> None:
         try:
-            while task := board.next(engine_pool):
-                with turn:
+            while task := queue.next(engine_pool):
+                with gil_lock:
                     task.do(engine_pool)
         except BaseException as error:  # noqa: BLE001 - raised again by the waiting thread
             raised.append(error)
-            board.clear()
+            queue.clear()
         finally:
             engine_pool.close()
             ended.release()
 
-    threads = [threading.Thread(target=work, args=(engine_pool,), daemon=True) for engine_pool in strands]
+    threads = [
+        threading.Thread(target=work, args=(engine_pool,), daemon=True) for engine_pool in engine_pools
+    ]
     for thread in threads:
         thread.start()
     try:
         for _ in threads:
             ended.acquire()
     finally:
-        board.clear()
+        queue.clear()
         if remote is not None:
             remote.stop()
-        for engine_pool in strands:
+        for engine_pool in engine_pools:
             engine_pool.stop()
         for thread in threads:
             thread.join()

@@ -26,7 +26,7 @@ from bodycheck.reports.measurement.problem import Problem
 _LAPS = 5
 _LAPS_OF_ONE_OF_MANY = 2
 _REPEATED_LAPS, _REPEATED = 3, 0.02  # after how many laps, and within what, a second lap confirms the fastest
-_YARDSTICK = ("reference", "rk4")
+_REFERENCE = ("reference", "rk4")
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ def measure_speeds(
     by_name = {problem.scenario.name: problem for problem in problems}
     laps_each = _LAPS if passes == 1 else _LAPS_OF_ONE_OF_MANY
     timed = {
-        place: _Timed.of(by_name[row["scenario"]], engines[row["engine"]], result, laps_each, timeout_s)
-        for place, (row, result) in enumerate((result.columns, result) for result in cases)
+        index: _Timed.of(by_name[row["scenario"]], engines[row["engine"]], result, laps_each, timeout_s)
+        for index, (row, result) in enumerate((result.columns, result) for result in cases)
         if result.ok
     }
     found: dict[int, Message] = {}
@@ -76,18 +76,18 @@ def measure_speeds(
     done = 0
     with closing(_Clock(core)) as clock:
         for _ in range(passes):
-            for place, laps in _one_pass(timed, found, answers, clock, executor):
-                found[place] = laps
+            for index, laps in _one_pass(timed, found, answers, clock, executor):
+                found[index] = laps
                 done += 1
                 if done % passes == 0:
                     case_done()
     for _ in range(len(cases) - len(timed)):
         case_done()
     measured = tuple(
-        _with_speed(result, found[place]) if place in found else result for place, result in enumerate(cases)
+        _with_speed(result, found[index]) if index in found else result for index, result in enumerate(cases)
     )
-    yardsticks = [laps["yardstick_s"] for laps in found.values() if "lost" not in laps]
-    spreads = [_spread(seconds) for seconds in yardsticks if min(seconds, default=0.0) > 0.0]
+    references = [laps["reference_s"] for laps in found.values() if "lost" not in laps]
+    spreads = [_spread(seconds) for seconds in references if min(seconds, default=0.0) > 0.0]
     return measured, MachineNoise(core, float(np.median(spreads)) if spreads else None)
 
 
@@ -118,7 +118,7 @@ class _Timed:
     def of(cls, problem: Problem, engine: Engine, result: CaseResult, laps: int, timeout_s: float) -> _Timed:
         scene = problem.scenario.scene
         case = Case(scene, result.columns["method"], result.setting)
-        reference = Case(scene, _YARDSTICK[1], Setting(dt_s=min(problem.scenario.steps)))
+        reference = Case(scene, _REFERENCE[1], Setting(dt_s=min(problem.scenario.steps)))
         cases = case_messages.case_message(case), case_messages.case_message(reference)
         return cls(engine, case, TimingRequest(engine.name, engine.version, *cases, laps, timeout_s))
 
@@ -135,27 +135,27 @@ def _one_pass(
     found: the laps of the earlier passes.
     """
 
-    def begun(one: _Timed) -> Callable[[], Message]:
+    def started(one: _Timed) -> Callable[[], Message]:
         if executor is None or is_only_here(one.engine.name):
             return partial(clock.laps, one.request)
         return executor.submit(time_case, one.request).result
 
-    stored = {} if found else {place: answers.laps(one.engine, one.case) for place, one in timed.items()}
-    running = ((place, begun(one)) for place, one in timed.items() if stored.get(place) is None)
-    for place, laps in running if executor is None else list(running):
-        together = _together(found.get(place), laps())
-        answers.keep_laps(timed[place].engine, timed[place].case, together)
-        yield place, together
-    yield from ((place, laps) for place, laps in stored.items() if laps is not None)
+    stored = {} if found else {index: answers.laps(one.engine, one.case) for index, one in timed.items()}
+    running = ((index, started(one)) for index, one in timed.items() if stored.get(index) is None)
+    for index, laps in running if executor is None else list(running):
+        merged = _merged(found.get(index), laps())
+        answers.keep_laps(timed[index].engine, timed[index].case, merged)
+        yield index, merged
+    yield from ((index, laps) for index, laps in stored.items() if laps is not None)
 
 
-def _together(before: Message | None, laps: Message) -> Message:
+def _merged(before: Message | None, laps: Message) -> Message:
     """Return the laps of a case in all passes so far; a pass that failed does not discard the others."""
     if before is None or "lost" in before:
         return laps
     if "lost" in laps:
         return before
-    return {name: [*before[name], *laps[name]] for name in ("own_s", "yardstick_s")}
+    return {name: [*before[name], *laps[name]] for name in ("own_s", "reference_s")}
 
 
 _LAP: Message = {"do": "lap"}
@@ -165,53 +165,53 @@ _timing = threading.Lock()
 _clocks: list[_Clock] = []
 
 
-def time_case(asked: TimingRequest) -> Message:
+def time_case(request: TimingRequest) -> Message:
     """Return the laps of a case as a run's journal has them; runs in a worker of an executor.
 
     The engines are kept for the next case. Cases that are requested at the same time wait for one another.
     """
-    compile_for(asked.reference)
-    if asked.engine == _YARDSTICK[0]:
-        compile_for(asked.case)
+    compile_for(request.reference)
+    if request.engine == _REFERENCE[0]:
+        compile_for(request.case)
     with _timing:
         if not _clocks:
             _clocks.append(_Clock(_last_core()))
-        found = _clocks[0].announced(asked)
-        return {"lost": protocol.shown(found)} if isinstance(found, str) else _clocks[0].laps(asked)
+        found = _clocks[0].announced(request)
+        return {"lost": protocol.shown(found)} if isinstance(found, str) else _clocks[0].laps(request)
 
 
 class _Clock:
     """Engines on one core, timed lap by lap, alternating with the reference measurement."""
 
     def __init__(self, core: int | None) -> None:
-        self._engine_pool, self._yardstick = EnginePool(core), _Yardstick(core)
+        self._engine_pool, self._reference = EnginePool(core), _Reference(core)
 
-    def announced(self, asked: TimingRequest) -> Engine | str:
+    def announced(self, request: TimingRequest) -> Engine | str:
         """Return the engine of a case, or why this machine does not have it."""
-        return announced_as(self._engine_pool, asked.engine, asked.version)
+        return announced_as(self._engine_pool, request.engine, request.version)
 
-    def laps(self, asked: TimingRequest) -> Message:
+    def laps(self, request: TimingRequest) -> Message:
         """Return the times in s of the case's laps and of the reference laps between them, or why none exist.
 
         A failure is retried once: a worker killed from outside is not at fault.
         """
-        self._yardstick.prepare(asked)
-        laps, failed = self._tried(asked)
-        return self._tried(asked)[0] if failed else laps
+        self._reference.prepare(request)
+        laps, failed = self._tried(request)
+        return self._tried(request)[0] if failed else laps
 
-    def _tried(self, asked: TimingRequest) -> tuple[Message, bool]:
-        request: Message = {"do": "prepare", "case": asked.case}
-        answer = self._engine_pool.ask(asked.engine, request, asked.timeout_s)
+    def _tried(self, request: TimingRequest) -> tuple[Message, bool]:
+        message: Message = {"do": "prepare", "case": request.case}
+        answer = self._engine_pool.ask(request.engine, message, request.timeout_s)
         own: list[float] = []
         others: list[float] = []
         while (
             answer.get("outcome") == "ok"
-            and len(own) < asked.laps
+            and len(own) < request.laps
             and not (_is_repeated(own) and (_is_repeated(others) or not others))
         ):
-            if (other := self._yardstick.lap()) is not None:
+            if (other := self._reference.lap()) is not None:
                 others.append(other)
-            answer = self._engine_pool.ask(asked.engine, _LAP, asked.timeout_s)
+            answer = self._engine_pool.ask(request.engine, _LAP, request.timeout_s)
             if answer.get("outcome") == "ok":
                 try:
                     own.append(protocol.lap_of(answer))
@@ -221,35 +221,35 @@ class _Clock:
             return {"lost": protocol.shown(protocol.text_of(answer, "message"))}, answer.get(
                 "outcome"
             ) == "failed"
-        return {"own_s": own, "yardstick_s": others}, False
+        return {"own_s": own, "reference_s": others}, False
 
     def close(self) -> None:
         """End the workers."""
         self._engine_pool.close()
-        self._yardstick.close()
+        self._reference.close()
 
 
-class _Yardstick:
+class _Reference:
     """The reference measurement: the reference's rk4 on the scenario being timed."""
 
     def __init__(self, core: int | None) -> None:
         self._engine_pool, self._timeout_s = EnginePool(core), 0.0
         self._prepared: Message | None = None
 
-    def prepare(self, asked: TimingRequest) -> None:
+    def prepare(self, request: TimingRequest) -> None:
         """Prepare the reference for the scenario of this case, unless that is done already."""
-        self._timeout_s = asked.timeout_s
-        if self._prepared != asked.reference:
-            request: Message = {"do": "prepare", "case": asked.reference}
-            answer = self._engine_pool.ask(_YARDSTICK[0], request, asked.timeout_s)
-            self._prepared = asked.reference if answer.get("outcome") == "ok" else None
+        self._timeout_s = request.timeout_s
+        if self._prepared != request.reference:
+            message: Message = {"do": "prepare", "case": request.reference}
+            answer = self._engine_pool.ask(_REFERENCE[0], message, request.timeout_s)
+            self._prepared = request.reference if answer.get("outcome") == "ok" else None
 
     def lap(self) -> float | None:
         """Return the time of one lap in s; None on a scenario that the reference method cannot run."""
         if self._prepared is None:
             return None
         try:
-            return protocol.lap_of(self._engine_pool.ask(_YARDSTICK[0], _LAP, self._timeout_s))
+            return protocol.lap_of(self._engine_pool.ask(_REFERENCE[0], _LAP, self._timeout_s))
         except protocol.ProtocolError:
             self._prepared = None
             return None
@@ -268,8 +268,8 @@ def _with_speed(result: CaseResult, laps: Message) -> CaseResult:
     columns |= {"cpu_s": median, "cpu_s_low": low, "cpu_s_high": high}
     if result.dt_s is not None:
         columns["ns_per_step"] = 1e9 * median / columns["steps"]
-    if (yardstick_s := min(laps["yardstick_s"], default=0.0)) > 0.0:  # a coarse clock may measure 0
-        columns["relative_cpu"] = min(laps["own_s"]) / yardstick_s
+    if (reference_s := min(laps["reference_s"], default=0.0)) > 0.0:  # a coarse clock may measure 0
+        columns["relative_cpu"] = min(laps["own_s"]) / reference_s
     return replace(result, columns=columns)
 
 

@@ -10,15 +10,15 @@ from bodycheck.adapters.contract import Build, Engine, Method, Setting
 from bodycheck.adapters.execution import Case
 from bodycheck.adapters.stable_step import Search, StableStep, kinetic_limit
 from bodycheck.reports.measurement.case import CaseResult
-from bodycheck.reports.measurement.measures import WHO
+from bodycheck.reports.measurement.measures import IDENTITY
 from bodycheck.reports.measurement.problem import Problem
 
 Searching: TypeAlias = Callable[[Engine, Search], StableStep]
 """A function that answers a search, from the engine or from a stored answer."""
 
 _FINER = 5.0  # the search goes down to the finest requested step over this
-_LEAST_STEPS = 4  # of a trial: fewer steps say nothing about stability
-_MOST_STEPS = 20_000  # of the first trial, which is the longest
+_MIN_STEPS = 4  # of a trial: fewer steps say nothing about stability
+_MAX_STEPS = 20_000  # of the first trial, which is the longest
 _SEARCHED = ("ok", "unstable")
 
 
@@ -30,7 +30,7 @@ def stability_row(
     cases: all cases of this method on this scenario, in any order. The search starts at the coarsest step for
     which this step and all finer ones were stable.
     """
-    row = {name: cases[0].columns[name] for name in WHO}
+    row = {name: cases[0].columns[name] for name in IDENTITY}
     for case in cases:
         if case.columns["outcome"] not in _SEARCHED:
             return {**row, "outcome": case.columns["outcome"], "message": case.columns["message"]}
@@ -57,11 +57,11 @@ def _search(problem: Problem, method: Method, cases: Sequence[CaseResult]) -> Se
             break
         start = step
     omega = problem.scales.omega_scale_rad_s
-    turn = 2.0 * math.pi / omega if omega > 0.0 else math.inf
-    start = max(start, scene.duration_s / _MOST_STEPS)
+    period_s = 2.0 * math.pi / omega if omega > 0.0 else math.inf
+    start = max(start, scene.duration_s / _MAX_STEPS)
     return Search(
         case=Case(scene, method.name, Setting(dt_s=start)),
         lowest_s=finest / _FINER,
-        highest_s=max(min(turn, scene.duration_s / _LEAST_STEPS), start),
+        highest_s=max(min(period_s, scene.duration_s / _MIN_STEPS), start),
         kinetic_limit_j=kinetic_limit(problem.motion.kinetic),
     )

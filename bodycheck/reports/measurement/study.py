@@ -20,9 +20,9 @@ from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.measurement.case import (
     SWITCH_NOTE,
-    Asking,
     CaseResult,
     MeasuredMotion,
+    RunCase,
     origin_of,
     run_case,
 )
@@ -30,7 +30,7 @@ from bodycheck.reports.measurement.convergence import (
     ABOVE_FLOOR,
     LARGEST_ERROR,
     Convergence,
-    Judged,
+    Criteria,
     Point,
     best_of,
     convergence_of,
@@ -41,7 +41,7 @@ from bodycheck.reports.measurement.convergence import (
 )
 from bodycheck.reports.measurement.growth import Growth, growth_of
 from bodycheck.reports.measurement.measure_bounds import BOUND_KINDS, floor_of, relative
-from bodycheck.reports.measurement.measures import MEASURES, ORIENTATION, QUANTITIES, WHO, scale_of
+from bodycheck.reports.measurement.measures import IDENTITY, MEASURES, ORIENTATION, QUANTITIES, scale_of
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.round_off import RoundOff, fitted
 from bodycheck.reports.measurement.stability import Searching, stability_row
@@ -68,7 +68,7 @@ def study(
     settings: Sequence[Setting],
     *,
     adaptive: bool,
-    ask: Asking,
+    ask: RunCase,
     search: Searching | None,
     case_done: Callable[[], None],
 ) -> Study:
@@ -90,8 +90,8 @@ def study(
         if make(setting).columns["outcome"] == "unsupported":
             # whether a scene can be represented does not depend on the step
             return _with_stability(problem, engine, method, cases, (), searching)
-    asked = [setting.dt_s for setting in settings if setting.dt_s is not None]
-    while stepped and (step := _further_step(cases, problem, method, asked)) is not None:
+    requested = [setting.dt_s for setting in settings if setting.dt_s is not None]
+    while stepped and (step := _further_step(cases, problem, method, requested)) is not None:
         make(Setting(dt_s=step))
     rows = tuple(method_rows(cases, problem, method))
     return _with_stability(problem, engine, method, cases, rows, searching)
@@ -145,7 +145,7 @@ def restored(
     method: Method,
     *,
     adaptive: bool,
-    ask: Asking,
+    ask: RunCase,
     search: Searching | None,
     case_done: Callable[[], None],
 ) -> Study | None:
@@ -180,18 +180,18 @@ def _hash_of(motion: Trajectory | None) -> str:
 
 
 def _further_step(
-    cases: Sequence[CaseResult], problem: Problem, method: Method, asked: Sequence[float]
+    cases: Sequence[CaseResult], problem: Problem, method: Method, requested: Sequence[float]
 ) -> float | None:
     """Return the step needed by the first undecided quantity, starting with the orientation."""
     scene = problem.scenario.scene
     for quantity in QUANTITIES:
         points = _points(tuple(cases), problem, method, quantity)
-        how = _judged(cases, problem, method, quantity)
+        criteria = _criteria(cases, problem, method, quantity)
         needs_order = quantity == ORIENTATION
         if not needs_order and not any(quantity in case.departures for case in cases):
             continue
         step = next_step_size(
-            points, how, asked, scene.sample_interval_s, scene.duration_s, needs_order=needs_order
+            points, criteria, requested, scene.sample_interval_s, scene.duration_s, needs_order=needs_order
         )
         if step is not None:
             return step
@@ -211,7 +211,7 @@ def _round_off(problem: Problem, quantity: str) -> float:
     return relative(round_off, problem.columns, quantity)
 
 
-def _judged(cases: Sequence[CaseResult], problem: Problem, method: Method, quantity: str) -> Judged:
+def _criteria(cases: Sequence[CaseResult], problem: Problem, method: Method, quantity: str) -> Criteria:
     """Return how a quantity of these cases is judged."""
     ended = [case for case in cases if case.ok]
     steps = max((case.columns.get("steps") or 0 for case in ended), default=0)
@@ -220,20 +220,20 @@ def _judged(cases: Sequence[CaseResult], problem: Problem, method: Method, quant
         round_off = _arithmetic(problem, quantity, method)
         floors.append(round_off.at(problem.scenario.duration_s / max(steps, 1)))
     # a quantity too small to be measured in the finest case did not stop shrinking at the coarser ones
-    lost = bool(ended) and quantity not in ended[-1].columns
-    return Judged(
+    unmeasured = bool(ended) and quantity not in ended[-1].columns
+    return Criteria(
         floor=max(floors),
         growing=_round_off(problem, quantity) * math.sqrt(steps),
         extrapolated=not any(SWITCH_NOTE in case.columns["message"] for case in ended),
-        judged="property" if problem.is_chaotic or lost else MEASURES[quantity].judged or "property",
+        judged="property" if problem.is_chaotic or unmeasured else MEASURES[quantity].judged or "property",
     )
 
 
 def _insert(cases: list[CaseResult], case: CaseResult) -> None:
     """Insert a case, coarsest first, and update the successive differences of it and the next finer case."""
-    place = bisect_right(cases, -_fineness(case), key=lambda other: -_fineness(other))
-    cases.insert(place, case)
-    for finer in range(max(place, 1), min(place + 2, len(cases))):
+    index = bisect_right(cases, -_fineness(case), key=lambda other: -_fineness(other))
+    cases.insert(index, case)
+    for finer in range(max(index, 1), min(index + 2, len(cases))):
         cases[finer] = _with_step_change(cases[finer - 1], cases[finer])
 
 
@@ -272,17 +272,17 @@ def _points(
 
 def method_rows(cases: Sequence[CaseResult], problem: Problem, method: Method) -> Iterator[dict[str, Any]]:
     """Yield the rows of methods.csv, one per quantity; cases: of one method, coarsest step first."""
-    who = {name: cases[0].columns[name] for name in WHO}
+    identity = {name: cases[0].columns[name] for name in IDENTITY}
     for quantity in QUANTITIES:
         if not _is_judged(cases, quantity):
             continue
         points = _points(tuple(cases), problem, method, quantity)
-        found: Convergence = _VERDICTS[method.control](points, _judged(cases, problem, method, quantity))
+        found: Convergence = _VERDICTS[method.control](points, _criteria(cases, problem, method, quantity))
         growth = _growth(cases, problem, quantity, found.floor)
         expected = _expected_order(cases, problem, method)
         finest = _finest(cases, quantity)
         yield {
-            **who,
+            **identity,
             "quantity": quantity,
             "expected_order": expected,
             **finest,
@@ -300,9 +300,9 @@ def _expected_order(cases: Sequence[CaseResult], problem: Problem, method: Metho
     """
     if method.order is None or method.control != "dt":
         return None
-    held = bool(problem.scenario.scene.lasting_loads) and method.lasting == "held over the step"
+    zero_order_hold = bool(problem.scenario.scene.lasting_loads) and method.lasting == "held over the step"
     switched = any(SWITCH_NOTE in case.columns["message"] for case in cases)
-    return min(method.order, 1) if held or switched else method.order
+    return min(method.order, 1) if zero_order_hold or switched else method.order
 
 
 def _best(
@@ -350,10 +350,10 @@ def _is_judged(cases: Sequence[CaseResult], quantity: str) -> bool:
 
 def _growth(cases: Sequence[CaseResult], problem: Problem, quantity: str, floor: float) -> Growth:
     """Return how a quantity grows in the finest case that is well above its floor, or else in the finest."""
-    sound = [case for case in cases if case.ok and case.columns.get(quantity, 1.0) < LARGEST_ERROR]
-    if not sound:
+    valid = [case for case in cases if case.ok and case.columns.get(quantity, 1.0) < LARGEST_ERROR]
+    if not valid:
         return Growth()
-    telling = [case for case in sound if case.columns[quantity] > ABOVE_FLOOR * floor]
-    case = (telling or sound)[-1]
+    above_floor = [case for case in valid if case.columns[quantity] > ABOVE_FLOOR * floor]
+    case = (above_floor or valid)[-1]
     relative = case.series[quantity] / scale_of(problem.columns, quantity)
     return growth_of(problem.times, relative, floor_of(problem.columns, quantity))

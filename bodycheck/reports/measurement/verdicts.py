@@ -100,16 +100,16 @@ class QuantityVerdict:
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> QuantityVerdict:
         """Return the verdict of a row of methods.csv; empty cells may be missing or NaN."""
-        there = {name: value for name, value in row.items() if value == value and value is not None}
-        high, expected = there.get("order_high"), there.get("expected_order")
+        present = {name: value for name, value in row.items() if value == value and value is not None}
+        high, expected = present.get("order_high"), present.get("expected_order")
         lower = high is not None and expected is not None and high < expected - _ORDER_SLACK
         return cls(
-            there["quantity"],
-            "lower-order" if lower and there["verdict"] == "converges" else there["verdict"],
-            there.get("finest_error"),
-            setting("tolerance" if "finest_tolerance" in there else "dt", _finest(there)),
-            there.get("floor", 0.0),
-            there.get("order"),
+            present["quantity"],
+            "lower-order" if lower and present["verdict"] == "converges" else present["verdict"],
+            present.get("finest_error"),
+            setting("tolerance" if "finest_tolerance" in present else "dt", _finest(present)),
+            present.get("floor", 0.0),
+            present.get("order"),
             expected,
         )
 
@@ -151,8 +151,8 @@ class QuantityVerdict:
         return f"{self.quantity} does not converge to the truth: {self.amount}"
 
 
-def _finest(there: Mapping[str, Any]) -> float | None:
-    return there.get("finest_dt_s", there.get("finest_tolerance"))
+def _finest(present: Mapping[str, Any]) -> float | None:
+    return present.get("finest_dt_s", present.get("finest_tolerance"))
 
 
 def most_severe(verdicts: Iterable[QuantityVerdict]) -> list[QuantityVerdict]:

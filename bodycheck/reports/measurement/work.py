@@ -18,14 +18,14 @@ from bodycheck.reference_impl.wrench import held_between
 _DEGREES = (7, 5)  # of the splines through the power; their difference estimates the error
 
 
-def working_loads(scene: Scene, begin_s: float, end_s: float) -> list[Load]:
+def working_loads(scene: Scene, start_s: float, end_s: float) -> list[Load]:
     """Return the loads that act within [begin_s, end_s) and have no potential energy."""
     lasting = [
         load
         for load in scene.lasting_loads
         if not checked_continuous(load, "the balance of energy").potential_needs
     ]
-    return [*held_between(scene, begin_s, end_s), *lasting]
+    return [*held_between(scene, start_s, end_s), *lasting]
 
 
 def work_done(scene: Scene, motion: Trajectory) -> tuple[Array, float] | None:
@@ -39,12 +39,12 @@ def work_done(scene: Scene, motion: Trajectory) -> tuple[Array, float] | None:
         return None
     t, n = motion.t_s, len(motion.t_s)
     ends = [0.0, *scene.switches_before(scene.duration_s), scene.duration_s]
-    places = [int(np.argmin(np.abs(t - end))) for end in ends]
-    if any(abs(t[k] - end) > 1e-9 * scene.sample_interval_s for k, end in zip(places, ends, strict=True)):
+    indices = [int(np.argmin(np.abs(t - end))) for end in ends]
+    if any(abs(t[k] - end) > 1e-9 * scene.sample_interval_s for k, end in zip(indices, ends, strict=True)):
         return None
     work, error = np.zeros(n), 0.0
-    for (first, last), (begin, end) in zip(pairwise(places), pairwise(ends), strict=True):
-        loads = working_loads(scene, begin, end)
+    for (first, last), (start, end) in zip(pairwise(indices), pairwise(ends), strict=True):
+        loads = working_loads(scene, start, end)
         inside = slice(first, last + 1)
         if not loads:
             work[inside] = work[first]

@@ -29,7 +29,7 @@ from bodycheck.reports.probes.probe import Probe, built_in_probes, motions_of
 from bodycheck.reports.probes.readings import reading_findings
 from bodycheck.reports.probes.responses import response_findings
 
-Asking: TypeAlias = Callable[[Engine, Case], Answer]
+RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +38,8 @@ class Bench:
 
     engine: Engine
     method: Method
-    record: Asking
-    replay: Asking
+    record: RunCase
+    replay: RunCase
 
     @cached_property
     def tolerance(self) -> float | None:
@@ -123,7 +123,7 @@ _DURATION_S, _STEPS_S = 0.32, (1e-2, 5e-3, 2.5e-3, 1.25e-3)
 _ORDER_STEPS_S = (4e-2, 2e-2, 1e-2)
 _MISSING_ORDER = 0.5
 _ABOVE_ROUND_OFF = 1e3
-_LEAST_SHARE = 1e-3
+_MIN_SHARE = 1e-3
 _FAST_M_S = np.array([300.0, -100.0, 200.0])  # beyond the speed at which some engines clamp
 _SHORTER = 0.125
 _REPEAT = 16.0  # multiples of the round-off of the motion
@@ -154,9 +154,9 @@ def _model(bench: Bench) -> Iterator[Finding]:
             continue
         dt_s = case.setting.dt_s
         mismatch = read_back_mismatch(variant, dt_s, answer.read_back, bench.method.precision) or ""
-        words = mismatch and read_back_mistake(variant, dt_s, answer.read_back)
+        text = mismatch and read_back_mistake(variant, dt_s, answer.read_back)
         wrong = float(bool(mismatch))
-        yield Finding(name, wrong, 0.0, wrong, 0.0, f"{words}: {mismatch}" if words else mismatch)
+        yield Finding(name, wrong, 0.0, wrong, 0.0, f"{text}: {mismatch}" if text else mismatch)
 
 
 def _read_back_reads(bench: Bench) -> Iterator[Finding]:
@@ -171,15 +171,17 @@ def _read_back_reads(bench: Bench) -> Iterator[Finding]:
         yield _unanswered(name, again)
         return
     before, after = first.read_back, again.read_back
-    stale = [what for what, held in _state_of(after).items() if _echoes(first.trajectory, what, held)]
+    stale = [
+        quantity for quantity, value in _state_of(after).items() if _echoes(first.trajectory, quantity, value)
+    ]
     changed = [
-        what for what in ("mass", "inertia", "dt_s", "gravity")
-        if not np.array_equal(getattr(before, what), getattr(after, what))
+        quantity for quantity in ("mass", "inertia", "dt_s", "gravity")
+        if not np.array_equal(getattr(before, quantity), getattr(after, quantity))
     ]  # fmt: skip
-    words = [f"{what} {_ECHOED}" for what in stale[:1]]
-    words += [f"{what} read back changes while the engine steps" for what in changed]
-    wrong = float(bool(words))
-    yield Finding(name, wrong, 0.0, wrong, 0.0, "; ".join(words))
+    text = [f"{quantity} {_ECHOED}" for quantity in stale[:1]]
+    text += [f"{quantity} read back changes while the engine steps" for quantity in changed]
+    wrong = float(bool(text))
+    yield Finding(name, wrong, 0.0, wrong, 0.0, "; ".join(text))
 
 
 _ECHOED = (
@@ -196,17 +198,17 @@ _COLUMNS = {
 }
 
 
-def _state_of(held: Any) -> Mapping[str, Array]:
-    return {what: value for what, value in vars(held.state).items() if value is not None}
+def _state_of(read_back: Any) -> Mapping[str, Array]:
+    return {quantity: value for quantity, value in vars(read_back.state).items() if value is not None}
 
 
-def _echoes(path: Trajectory, what: str, held: Array) -> bool:
+def _echoes(path: Trajectory, quantity: str, value: Array) -> bool:
     """Whether a quantity that was read back after the last step differs from the last sample."""
-    read = getattr(path, _COLUMNS[what])
+    read = getattr(path, _COLUMNS[quantity])
     if read is None:
         return False
     moved = float(np.max(np.abs(read[-1] - read[0])))
-    return moved > 0.0 and float(np.max(np.abs(held - read[-1]))) > 1e-3 * moved
+    return moved > 0.0 and float(np.max(np.abs(value - read[-1]))) > 1e-3 * moved
 
 
 # --------------------------------------------------------------------------------------- readings and loads
@@ -221,13 +223,13 @@ def _readings(bench: Bench) -> Iterator[Finding]:
 
 def _explained(findings: Sequence[Finding], mistake: Mistake) -> Iterator[Finding]:
     """Yield the findings, with one failure in words in place of all that the mistake explains."""
-    words: str = mistake.words
+    text: str = mistake.text
     for finding in findings:
         if finding.verdict != "inconsistent":
             yield finding
-        elif words and finding.check in mistake.checks:
-            yield replace(finding, message=words)
-            words = ""
+        elif text and finding.check in mistake.checks:
+            yield replace(finding, message=text)
+            text = ""
 
 
 def _free_motion(bench: Bench) -> Iterator[Finding]:
@@ -247,10 +249,10 @@ def _free_motion(bench: Bench) -> Iterator[Finding]:
         found = limit([m.dt_s for m in made.motions], changes, max(made.resolution, scatter))
         message = ""
         if found.size > found.tolerance:
-            kept = float(np.linalg.norm(momenta[-1][0] / size + found.value[0]))
-            message = f"without a {load} the {name} momentum becomes {kept:.6g} times as large"
-            if 0.5 < kept < 1.0:
-                message += f", as under a damping of {-np.log(kept) / scene.duration_s:.3g} 1/s"
+            factor = float(np.linalg.norm(momenta[-1][0] / size + found.value[0]))
+            message = f"without a {load} the {name} momentum becomes {factor:.6g} times as large"
+            if 0.5 < factor < 1.0:
+                message += f", as under a damping of {-np.log(factor) / scene.duration_s:.3g} 1/s"
         yield Finding(f"{name}_momentum_change", found.size, 0.0, found.size, found.tolerance, message)
 
 
@@ -324,7 +326,7 @@ def _continuous(bench: Bench) -> Iterator[Finding]:
         yield _impulse_finding(name, f"the {load.kind}", made.motions, made.resolution)
 
 
-def _impulse_finding(name: str, what: str, motions: Sequence[Sampled], resolution: float) -> Finding:
+def _impulse_finding(name: str, load_name: str, motions: Sequence[Sampled], resolution: float) -> Finding:
     """Return P and L gained against the integral of force and torque, relative to that integral."""
     gained, impulse = (
         np.array(values) for values in zip(*(_balance(motion) for motion in motions), strict=True)
@@ -336,7 +338,7 @@ def _impulse_finding(name: str, what: str, motions: Sequence[Sampled], resolutio
     states = [body.mass * path.velocity_m_s, body.inertia.max() * path.omega_body]
     scatter = max(len(values) * noise(values) + resolution * np.max(np.abs(values)) for values in states)
     found = limit([m.dt_s for m in motions], (gained - impulse) / size, float(scatter / np.min(size)))
-    message = "" if found.size <= found.tolerance else _impulse_words(what, found, impulse[-1] / size)
+    message = "" if found.size <= found.tolerance else _impulse_words(load_name, found, impulse[-1] / size)
     return Finding(name, found.size, 0.0, found.size, found.tolerance, message)
 
 
@@ -350,21 +352,25 @@ def _balance(motion: Sampled) -> tuple[Array, Array]:
     return np.array([momentum[-1] - momentum[0] for momentum in _momenta(motion)]), np.array(integrals)
 
 
-def _impulse_words(what: str, found: Limit, along: Array) -> str:
+def _impulse_words(load_name: str, found: Limit, along: Array) -> str:
     shares = [
         (name, 1.0 + float(excess @ unit))
         for name, excess, unit in zip(("linear", "angular"), found.value, along, strict=True)
         if np.any(unit)
     ]
-    if all(abs(share) <= max(found.tolerance, _LEAST_SHARE) for _, share in shares):
-        return f"{what} has no effect: apply it, or refuse it in `unsupported`"
+    if all(abs(share) <= max(found.tolerance, _MIN_SHARE) for _, share in shares):
+        return f"{load_name} has no effect: apply it, or refuse it in `unsupported`"
     gained = " and ".join(
         f"the {name} momentum gained is {share:.6g} times its impulse" for name, share in shares
     )
     across = found.value - np.sum(found.value * along, axis=-1, keepdims=True) * along
-    beside = float(np.linalg.norm(across))
-    also = f", plus {beside:.3g} times its size perpendicular to it" if beside > found.tolerance else ""
-    return f"{what} acts wrongly: {gained}{also}"
+    perpendicular = float(np.linalg.norm(across))
+    also = (
+        f", plus {perpendicular:.3g} times its size perpendicular to it"
+        if perpendicular > found.tolerance
+        else ""
+    )
+    return f"{load_name} acts wrongly: {gained}{also}"
 
 
 def _pivot(bench: Bench) -> Iterator[Finding]:
@@ -382,8 +388,8 @@ def _pivot(bench: Bench) -> Iterator[Finding]:
     arm, moved = float(np.linalg.norm(_PIVOT)), []
     for motion in motions:
         path = motion.trajectory
-        place = path.position_m + path.rotation_matrices @ _PIVOT
-        moved.append((place[-1] - place[0])[np.newaxis] / arm)
+        pivot_path = path.position_m + path.rotation_matrices @ _PIVOT
+        moved.append((pivot_path[-1] - pivot_path[0])[np.newaxis] / arm)
     size = float(np.max(np.abs(motions[-1].trajectory.position_m)))
     found = limit([m.dt_s for m in motions], moved, made.resolution * size / arm)
     message = "" if found.size <= found.tolerance else (
@@ -407,10 +413,8 @@ def _stages(bench: Bench) -> Iterator[Finding]:
     for name, loads, kind in _STAGED:
         stated = at_stages[kind]
         if stated == "every stage":
-            words = (
-                f"; the method states that {kind} are evaluated at every stage, but they are held constant"
-            )
-            yield _order_finding(bench, f"{name}_order", loads, method.order, f"{words} over the step")
+            text = f"; the method states that {kind} are evaluated at every stage, but they are held constant"
+            yield _order_finding(bench, f"{name}_order", loads, method.order, f"{text} over the step")
 
 
 _BODY_TORQUE = Torque("body", np.array([6.0, -8.0, 5.0]), 0.0, np.inf)
@@ -480,10 +484,12 @@ def _reset(bench: Bench) -> Iterator[Finding]:
         yield _repeat_finding(name, first.trajectory, again.trajectory, _after_reset)
 
 
-def _after_reset(what: str, sample: int) -> str:
+def _after_reset(quantity: str, sample: int) -> str:
     if sample == 0:
-        return f"reset does not restore the {what}"
-    return f"after reset the {what} differs from sample {sample} on: reset keeps a time, a load or a cache"
+        return f"reset does not restore the {quantity}"
+    return (
+        f"after reset the {quantity} differs from sample {sample} on: reset keeps a time, a load or a cache"
+    )
 
 
 def _advance(bench: Bench) -> Iterator[Finding]:
@@ -511,25 +517,25 @@ def _advance(bench: Bench) -> Iterator[Finding]:
 
 
 def _in_one_call(steps: int) -> Callable[[str, int], str]:
-    return lambda what, _: f"advance({steps}) differs from {steps} times advance(1) in the {what}"
+    return lambda quantity, _: f"advance({steps}) differs from {steps} times advance(1) in the {quantity}"
 
 
 def _repeat_finding(
-    name: str, one: Trajectory, other: Trajectory, words: Callable[[str, int], str]
+    name: str, one: Trajectory, other: Trajectory, text: Callable[[str, int], str]
 ) -> Finding:
-    """Return the largest relative difference of the engine's own numbers; words: of (quantity, sample)."""
+    """Return the largest relative difference of the engine's own numbers; text: of (quantity, sample)."""
     worst, message = 0.0, ""
     tolerance = _REPEAT * 33.0 * float(np.finfo(np.float32 if _single(one) else np.float64).eps)
     earliest = len(one.t_s)
-    for what, column in _COLUMNS.items():
+    for quantity, column in _COLUMNS.items():
         a, b = getattr(one, column), getattr(other, column)
         if a is None or b is None:
             continue
-        apart = np.abs(a - b).reshape(len(a), -1).max(axis=1) / np.max(np.abs(a))
-        worst = max(worst, float(np.max(apart)))
-        first = int(np.argmax(apart > tolerance))
-        if apart[first] > tolerance and first < earliest:
-            earliest, message = first, words(what, first)
+        difference = np.abs(a - b).reshape(len(a), -1).max(axis=1) / np.max(np.abs(a))
+        worst = max(worst, float(np.max(difference)))
+        first = int(np.argmax(difference > tolerance))
+        if difference[first] > tolerance and first < earliest:
+            earliest, message = first, text(quantity, first)
     return Finding(name, worst, 0.0, worst, tolerance, message)
 
 
@@ -546,9 +552,9 @@ def _bad_input(bench: Bench) -> Iterator[Finding]:
     message = "a method that the engine does not have is run" if accepted else ""
     yield Finding("unknown_method", accepted, 0.0, accepted, 0.0, message)
     after = bench.record(bench.engine, case)
-    lost = float(after.trajectory is None)
-    message = f"after a refused case the next one is {after.outcome}: {after.message}" if lost else ""
-    yield Finding("after_refusal", lost, 0.0, lost, 0.0, message)
+    missing = float(after.trajectory is None)
+    message = f"after a refused case the next one is {after.outcome}: {after.message}" if missing else ""
+    yield Finding("after_refusal", missing, 0.0, missing, 0.0, message)
 
 
 def _unanswered(name: str, answer: Answer) -> Finding:

@@ -11,13 +11,13 @@ import numpy as np
 from bodycheck.adapters.contract import Engine, Method, Setting
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.cache.answers import Asker
+from bodycheck.reports.cache.answers import EngineClient
 from bodycheck.reports.probes.fingerprint import fingerprint_of, fingerprint_row
 from bodycheck.reports.probes.laws import LAWS, REPLAY, STATES, Break, Checked, check_laws, law_rows
 from bodycheck.reports.probes.probe import probe_rows
 
-Asking: TypeAlias = Callable[[Engine, Case], Answer]
-Ways: TypeAlias = Iterable[tuple[str, Asking]]
+RunCase: TypeAlias = Callable[[Engine, Case], Answer]
+Reruns: TypeAlias = Iterable[tuple[str, RunCase]]
 """How a case is run again, in words and as a function; each serves all methods before the next begins."""
 
 SAME_BITS, OTHER_BITS = "same bits", "other bits"
@@ -48,22 +48,24 @@ class _First:
     breaks: dict[str, Break] = field(default_factory=dict)
 
 
-def check_replays(engine: Engine, methods: Sequence[Method], ask: Asking, ways: Ways) -> dict[str, Checked]:
+def check_replays(
+    engine: Engine, methods: Sequence[Method], ask: RunCase, reruns: Reruns
+) -> dict[str, Checked]:
     """Return by method whether a case has the same bits in each further run."""
     found: dict[str, _First | str] = {method.name: _first_run(engine, method, ask) for method in methods}
-    for words, way in ways:
+    for label, run_again in reruns:
         for name, first in found.items():
             if isinstance(first, str):
                 continue
-            answer = way(engine, first.case)
+            answer = run_again(engine, first.case)
             if answer.trajectory is None:
-                found[name] = f"{words}: {answer.outcome}: {answer.message}"
+                found[name] = f"{label}: {answer.outcome}: {answer.message}"
             else:
-                first.breaks[words] = _difference(first, answer.trajectory)
+                first.breaks[label] = _difference(first, answer.trajectory)
     return {name: _checked(first) for name, first in found.items()}
 
 
-def _first_run(engine: Engine, method: Method, ask: Asking) -> _First | str:
+def _first_run(engine: Engine, method: Method, ask: RunCase) -> _First | str:
     """Run a method on the first state that it supports; return why where it supports none."""
     reason = ""
     tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
@@ -88,10 +90,10 @@ def _difference(first: _First, other: Trajectory) -> Break:
             if a is not b:
                 return Break(np.inf, 0.0, quantity, first.state, dt_s, 0.0)
         elif a.tobytes() != b.tobytes():
-            apart = np.max(np.abs(a - b).reshape(len(t_s), -1), axis=1) / np.max(np.abs(a))
-            at = int(np.argmax(apart))
+            difference = np.max(np.abs(a - b).reshape(len(t_s), -1), axis=1) / np.max(np.abs(a))
+            at = int(np.argmax(difference))
             # two zeros of different sign are different bits too
-            size = max(float(apart[at]), np.finfo(np.float64).tiny)
+            size = max(float(difference[at]), np.finfo(np.float64).tiny)
             if not size <= worst.size:
                 worst = Break(size, 0.0, quantity, first.state, dt_s, float(t_s[at]))
     return worst
@@ -100,22 +102,22 @@ def _difference(first: _First, other: Trajectory) -> Break:
 def _checked(first: _First | str) -> Checked:
     if isinstance(first, str):
         return Checked(_LAW, "not-measured", message=first)
-    words, worst = max(first.breaks.items(), key=lambda item: item[1].size)
+    label, worst = max(first.breaks.items(), key=lambda item: item[1].size)
     if worst.size == 0.0:
         return Checked(_LAW, "holds", worst)
-    where = f"{worst.quantity} differs by {worst.size:.3g} at t = {worst.t_s:.4g} s {words}"
+    where = f"{worst.quantity} differs by {worst.size:.3g} at t = {worst.t_s:.4g} s {label}"
     return Checked(_LAW, "property", worst, f"{where}; equal bits are not required of an engine")
 
 
 Row: TypeAlias = Mapping[str, Any]
 
 
-def examined(engine: Engine, method: Method, asker: Asker, *, laws: bool) -> dict[str, Any]:
+def examined(engine: Engine, method: Method, client: EngineClient, *, laws: bool) -> dict[str, Any]:
     """Return the rows of probes.csv and, with laws, of fingerprints.csv and laws.csv, by table."""
-    rows: dict[str, Any] = {"probes": probe_rows(engine, method, asker.ask), "fingerprints": [], "laws": []}
+    rows: dict[str, Any] = {"probes": probe_rows(engine, method, client.ask), "fingerprints": [], "laws": []}
     if laws:
-        found = fingerprint_of(engine, method, asker.ask)
-        checked = check_laws(engine, method, asker.ask, asker.replay, reversible=found.reversible)
+        found = fingerprint_of(engine, method, client.ask)
+        checked = check_laws(engine, method, client.ask, client.replay, reversible=found.reversible)
         rows["fingerprints"].append(fingerprint_row(engine, method, found))
         rows["laws"] += law_rows(engine, method, checked)
     return rows
@@ -142,7 +144,7 @@ def _of(row: Row) -> tuple[str, str]:
     return row["engine"], row["method"]
 
 
-def replayed(engine: Engine, methods: Sequence[Method], asker: Asker) -> dict[str, Any]:
+def replayed(engine: Engine, methods: Sequence[Method], client: EngineClient) -> dict[str, Any]:
     """Return the rows of the law `replay` by method; it restarts the engine."""
-    found = check_replays(engine, methods, asker.ask, asker.again(engine))
+    found = check_replays(engine, methods, client.ask, client.again(engine))
     return {method.name: law_rows(engine, method, [found[method.name]]) for method in methods}

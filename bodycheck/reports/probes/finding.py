@@ -19,7 +19,7 @@ from bodycheck.reference_impl.trajectory import Trajectory
 
 _SAFETY = 10.0  # multiples of the estimated uncertainty: a limit within it counts as zero
 # Relative. A smaller deviation is not a wrong formula: an implicit method may stop its iterations there.
-_LEAST = float(np.sqrt(np.finfo(np.float64).eps))
+_MIN_TOLERANCE = float(np.sqrt(np.finfo(np.float64).eps))
 _DIFFERENCE_NORM = float(np.sqrt(70.0))  # of a fourth difference of independent errors: 1, -4, 6, -4, 1
 
 
@@ -51,7 +51,7 @@ def limit(steps_s: Sequence[float], mismatches: Sequence[Array], round_off: floa
     value = np.einsum("h,hij->ij", weights, np.array(mismatches))
     without_coarsest = np.einsum("h,hij->ij", _weights(steps_s[1:]), np.array(mismatches[1:]))
     uncertainty = max(largest(value - without_coarsest), float(np.sum(np.abs(weights))) * round_off)
-    return Limit(value, max(_SAFETY * uncertainty, _LEAST))
+    return Limit(value, max(_SAFETY * uncertainty, _MIN_TOLERANCE))
 
 
 def _weights(steps_s: Sequence[float]) -> Array:

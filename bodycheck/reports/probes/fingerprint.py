@@ -40,7 +40,7 @@ from bodycheck.reports.cache.entries import key_of
 from bodycheck.reports.probes.leading_error import LeadingError, leading_error
 
 Rows: TypeAlias = NDArray[np.intp]
-Asking: TypeAlias = Callable[[Engine, Case], Answer]
+RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 
 NO_KNOWN_MAP = "no known map"
 NOT_MEASURED = "not measured"
@@ -54,7 +54,7 @@ _LIMITS: Mapping[Precision, float] = {"float64": 1e-9, "float32": 2e-5, "mixed":
 _ANGLES_RAD = (1.0, 0.5, 0.25, 0.125)
 """|omega| dt of the free cases; those under loads have the first and the third."""
 _STEPS = 4
-_KEPT = 8  # maps that are compared over all steps, and at least all within 1e4 times the nearest
+_FINALISTS = 8  # maps that are compared over all steps, and at least all within 1e4 times the nearest
 _WIDE = 1e4
 _ENGINES_MAPS = tuple(
     rule + update
@@ -67,7 +67,7 @@ _ENGINES_MAPS = tuple(
     )
 )
 """The maps that are also tried with several steps per step."""
-_MOST_SUBSTEPS = 8
+_MAX_SUBSTEPS = 8
 _STATE = ("t", "position", "velocity", "quaternion", "omega")
 _TINY = float(np.finfo(np.float64).eps) / 2.0
 
@@ -140,7 +140,7 @@ class Match:
     rule: str = ""
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """The name of the map with the treatment of loads."""
         return f"{self.name}, {self.rule}" if self.rule else self.name
 
@@ -177,7 +177,7 @@ class Fingerprint:
 
 
 def fingerprint_of(
-    engine: Engine, method: Method, ask: Asking, loads: Mapping[str, tuple[Load, ...]] = CONSTANT_LOADS
+    engine: Engine, method: Method, ask: RunCase, loads: Mapping[str, tuple[Load, ...]] = CONSTANT_LOADS
 ) -> Fingerprint:
     """Compare a method with every known map, free and under each of these loads."""
     free = _steps(engine, method, ask, _free_scenes())
@@ -185,12 +185,12 @@ def fingerprint_of(
         return Fingerprint(NOT_MEASURED, message=free)
     limit = _LIMITS[method.precision]
     with np.errstate(all="ignore"):  # a map far from the method may overflow
-        near = nearest_maps(free)
-        if near[0].distance > limit:
-            near = _substepped(free, limit) or near
-        if near[0].distance > limit:
-            return _unknown(free, near)
-        return _under_loads(engine, method, ask, loads, near)
+        nearest = nearest_maps(free)
+        if nearest[0].distance > limit:
+            nearest = _substepped(free, limit) or nearest
+        if nearest[0].distance > limit:
+            return _unknown(free, nearest)
+        return _under_loads(engine, method, ask, loads, nearest)
 
 
 def _free_scenes() -> Iterator[tuple[Scene, float]]:
@@ -212,7 +212,9 @@ def _scene(start: State, loads: tuple[Load, ...], gravity: Array, angle: float) 
     return Scene(_BODY, start, loads, gravity, _STEPS * dt_s, _STEPS + 1), dt_s
 
 
-def _steps(engine: Engine, method: Method, ask: Asking, scenes: Iterator[tuple[Scene, float]]) -> Steps | str:
+def _steps(
+    engine: Engine, method: Method, ask: RunCase, scenes: Iterator[tuple[Scene, float]]
+) -> Steps | str:
     """Run scenes with the same loads and return all their steps, or why one did not run."""
     tolerance = min(method.tolerances, default=None) if method.control == "tolerance" else None
     parts: list[Steps] = []
@@ -288,8 +290,8 @@ def distances(steps: Steps, predicted: Motion) -> Array:
         turn = np.maximum(
             geodesic_angle(found.quaternion, predicted.quaternion), np.abs(next(norms) - next(norms))
         )
-    apart = np.maximum(turn, spin)
-    return np.where(np.isfinite(apart), apart, np.inf)
+    difference = np.maximum(turn, spin)
+    return np.where(np.isfinite(difference), difference, np.inf)
 
 
 def _is_visible(one: OneStepMap, *, matrices: bool) -> bool:
@@ -376,8 +378,8 @@ def nearest_maps(steps: Steps) -> list[Match]:
     }
     order = sorted(screened, key=lambda name: screened[name])
     wide = _WIDE * max(screened[order[0]], _TINY)
-    kept = [name for place, name in enumerate(order) if place < _KEPT or screened[name] <= wide]
-    return _compared(steps, kept)
+    finalists = [name for index, name in enumerate(order) if index < _FINALISTS or screened[name] <= wide]
+    return _compared(steps, finalists)
 
 
 def _compared(steps: Steps, names: Sequence[str]) -> list[Match]:
@@ -392,10 +394,10 @@ def _substepped(steps: Steps, limit: float) -> list[Match]:
     """Return the maps of engines by distance, each made several times per step; none if none is near."""
     found = []
     for name in _ENGINES_MAPS:
-        for parts in range(2, _MOST_SUBSTEPS + 1):
+        for parts in range(2, _MAX_SUBSTEPS + 1):
             predicted = _many(MAPS[name], steps, parts)
-            words = f"{name}, {parts} steps per step"
-            found.append(Match(words, float(np.max(distances(steps, predicted)))))
+            text = f"{name}, {parts} steps per step"
+            found.append(Match(text, float(np.max(distances(steps, predicted)))))
     found.sort(key=lambda match: match.distance)
     return found if found[0].distance <= limit else []
 
@@ -407,17 +409,17 @@ def _many(one: OneStepMap, steps: Steps, parts: int) -> Motion:
     return motion
 
 
-def _unknown(free: Steps, near: list[Match]) -> Fingerprint:
+def _unknown(free: Steps, nearest: list[Match]) -> Fingerprint:
     """Return the local order and the leading error term of a map that the library lacks."""
     exact = MAPS["exact flow"].step(free.solid, free.before, free.dt, free.loads)
     leading = leading_error(free.solid, free.before, free.after, exact, free.dt, _levels(free))
     return Fingerprint(
         NO_KNOWN_MAP,
-        near[0].distance,
-        near[0].words,
-        near[0].distance,
+        nearest[0].distance,
+        nearest[0].text,
+        nearest[0].distance,
         leading=leading,
-        message=f"{leading.words}; nearest: {near[0].words} at {near[0].distance:.2g}",
+        message=f"{leading.text}; nearest: {nearest[0].text} at {nearest[0].distance:.2g}",
     )
 
 
@@ -432,12 +434,12 @@ _RULES: Mapping[str, bool | None] = {
 def _under_loads(
     engine: Engine,
     method: Method,
-    ask: Asking,
+    ask: RunCase,
     loads: Mapping[str, tuple[Load, ...]],
-    near: list[Match],
+    nearest: list[Match],
 ) -> Fingerprint:
     """Compare the maps that agree with free steps under each load, and name the one that agrees with all."""
-    rivals = _within(near)
+    rivals = _within(nearest)
     best: dict[str, dict[str, Match]] = {one.name: {} for one in rivals}
     notes: dict[str, str] = {}
     position: Match | None = None
@@ -464,7 +466,7 @@ def _under_loads(
     order = sorted(worst, key=lambda name: (failed[name], worst[name]))
     chosen = order[0]
     agreement = max(agreeing[chosen], _TINY)
-    others = [Match(name, worst[name]) for name in order[1:]] + [one for one in near if one not in rivals]
+    others = [Match(name, worst[name]) for name in order[1:]] + [one for one in nearest if one not in rivals]
     runner_up = min(others, key=lambda match: match.distance, default=Match("", math.inf))
     tied = [one.name for one in others if one.distance < FARTHER * agreement]
     rules = {name: match.rule for name, match in best[chosen].items() if match.distance <= limit}
@@ -480,7 +482,7 @@ def _under_loads(
     return Fingerprint(
         " or ".join([chosen, *tied]) + suffix,
         agreement,
-        runner_up.words,
+        runner_up.text,
         runner_up.distance,
         "" if known is None else known.description,
         "" if position is None else position.name,
@@ -490,9 +492,9 @@ def _under_loads(
     )
 
 
-def _within(near: list[Match]) -> list[Match]:
+def _within(nearest: list[Match]) -> list[Match]:
     """Return the matches within 1000 times the distance of the nearest."""
-    return [one for one in near if one.distance < FARTHER * max(near[0].distance, _TINY)]
+    return [one for one in nearest if one.distance < FARTHER * max(nearest[0].distance, _TINY)]
 
 
 def _step_of(name: str) -> tuple[OneStepMap, int]:
@@ -528,8 +530,8 @@ def _position_update(steps: Steps) -> Match:
     for rule, share in _POSITIONS.items():
         moving = share * after.velocity + (1.0 - share) * before.velocity
         predicted = before.position + h * moving
-        apart = np.linalg.norm(after.position - predicted, axis=-1) / np.where(size > 0.0, size, 1.0)
-        found.append(Match(rule, float(np.max(apart))))
+        difference = np.linalg.norm(after.position - predicted, axis=-1) / np.where(size > 0.0, size, 1.0)
+        found.append(Match(rule, float(np.max(difference))))
     best = min(found, key=lambda match: match.distance)
     return best if best.distance < 1e-4 else Match("another velocity", best.distance)
 
@@ -548,7 +550,7 @@ def fingerprint_row(engine: Engine, method: Method, found: Fingerprint) -> dict[
         "runner_up_distance": found.runner_up_distance,
         "position_update": found.position_update,
         "local_order": None if leading is None or not math.isfinite(leading.order) else leading.order,
-        "leading_error": "" if leading is None else leading.words,
+        "leading_error": "" if leading is None else leading.text,
         "description": found.description,
         "message": found.message,
         "reproduce": f"bodycheck fingerprint {with_method(engine.name, method.name)}",

@@ -31,7 +31,7 @@ from bodycheck.reference_impl.rotations import (
 from bodycheck.reference_impl.scene import Link, Load, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
 
-Asking: TypeAlias = Callable[[Engine, Case], Answer]
+RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 Verdict: TypeAlias = Literal["holds", "broken", "property", "not-measured"]
 LAW_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
@@ -366,8 +366,8 @@ class _Bench:
 
     engine: Engine
     method: Method
-    ask: Asking
-    replay: Asking
+    ask: RunCase
+    replay: RunCase
     eps: float
     tolerance: float | None
     bases: dict[str, Path] = field(default_factory=dict)
@@ -385,8 +385,8 @@ class _Bench:
         dt = dt_s if self.method.control == "dt" else None
         return Case(scene, self.method.name, Setting(dt, self.tolerance))
 
-    def run(self, scene: Scene, dt_s: float, asking: Asking | None = None) -> Path:
-        answer = (asking or self.ask)(self.engine, self.case(scene, dt_s))
+    def run(self, scene: Scene, dt_s: float, run_case: RunCase | None = None) -> Path:
+        answer = (run_case or self.ask)(self.engine, self.case(scene, dt_s))
         if answer.trajectory is None:
             raise _NotRunError(f"{answer.outcome}: {answer.message}")
         if reason := invalid_state(answer.trajectory):
@@ -395,7 +395,7 @@ class _Bench:
 
 
 def check_laws(
-    engine: Engine, method: Method, ask: Asking, replay: Asking | None = None, *, reversible: bool = False
+    engine: Engine, method: Method, ask: RunCase, replay: RunCase | None = None, *, reversible: bool = False
 ) -> list[Checked]:
     """Check every law but `replay` on one method.
 
@@ -467,19 +467,19 @@ def _compared(bench: _Bench, law: Law, name: str, base: Path, other: Path, raw: 
     speed = max(_largest(base.velocity), _largest(base.omega) * gyration)
     length = max(_largest(base.position - base.position[0]), gyration)
     noise = _SAFETY * bench.eps * _STEPS * _sensitivity(name)
-    seen = base if raw is None else raw
+    reading = base if raw is None else raw
     # a link's origin moves with omega x offset, and a far origin rounds positions
-    reach = float(np.linalg.norm(_OFFSET)) if law.variants is _linked else 0.0
+    offset = float(np.linalg.norm(_OFFSET)) if law.variants is _linked else 0.0
     differences = {
         "attitude": (geodesic_angle(base.quaternion, other.quaternion), 1.0),
         "omega": (_norms(base.omega - other.omega) / _largest(base.omega), 1.0),
         "position": (
             _norms(base.position - other.position) / length,
-            1.0 + (_largest(seen.position) + _largest(base.position) + reach) / length,
+            1.0 + (_largest(reading.position) + _largest(base.position) + offset) / length,
         ),
         "velocity": (
             _norms(base.velocity - other.velocity) / speed,
-            1.0 + (_largest(other.velocity) + reach * _largest(base.omega)) / speed,
+            1.0 + (_largest(other.velocity) + offset * _largest(base.omega)) / speed,
         ),
     }
     found = []

@@ -101,7 +101,7 @@ class LeadingError:
     residual: float | None
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """The order and the leading term, such as "order 1: omega += dt^2 (-0.5 f'f), f = omega'"."""
         p = round(self.order)
         power = "dt" if p == 0 else f"dt^{p + 1}"

@@ -25,7 +25,7 @@ from bodycheck.reports.probes.readings import reading_findings, turning
 class Mistake:
     """A wrong reading in words, the correction that undoes it, and the checks that it fails."""
 
-    words: str
+    text: str
     undone: Callable[[Trajectory, Scene], Trajectory]
     checks: tuple[str, ...]
 
@@ -64,8 +64,8 @@ def _explains(mistake: Mistake, motions: Sequence[Sampled], resolution: float, c
 
 def part_of(path: Trajectory, samples: slice) -> Trajectory:
     """Return these samples of a trajectory."""
-    held = {name: getattr(path, name) for name in path.__dataclass_fields__}
-    cut: dict[str, Any] = {name: value[samples] for name, value in held.items() if value is not None}
+    arrays = {name: getattr(path, name) for name in path.__dataclass_fields__}
+    cut: dict[str, Any] = {name: value[samples] for name, value in arrays.items() if value is not None}
     return Trajectory(**cut)
 
 
@@ -74,30 +74,30 @@ def _mistakes(path: Trajectory) -> Iterator[Mistake]:
     if path.quaternion is not None:
         yield Mistake(
             "the quaternion is world to body: the conjugate of the body's attitude",
-            lambda p, _: replace(p, quaternion=conjugate(_there(p.quaternion))),
+            lambda p, _: replace(p, quaternion=conjugate(_required(p.quaternion))),
             (*_OMEGA, "rotation_reading"),
         )
         yield Mistake(
             "the quaternion is scalar last, (x, y, z, w) instead of (w, x, y, z)",
-            lambda p, _: replace(p, quaternion=np.roll(_there(p.quaternion), 1, axis=-1)),
+            lambda p, _: replace(p, quaternion=np.roll(_required(p.quaternion), 1, axis=-1)),
             (*_OMEGA, "rotation_reading"),
         )
     if path.rotation is not None:
         yield Mistake(
             "the rotation matrix is world to body: the transpose of the body's attitude",
-            lambda p, _: replace(p, rotation=np.swapaxes(_there(p.rotation), -1, -2)),
+            lambda p, _: replace(p, rotation=np.swapaxes(_required(p.rotation), -1, -2)),
             (*_OMEGA, "rotation_reading"),
         )
     if path.omega_body_rad_s is not None:
         yield Mistake(
             "omega_body is in world axes: it equals R omega of the derivative of the attitude",
-            lambda p, _: replace(p, omega_body_rad_s=_in_body_axes(p, _there(p.omega_body_rad_s))),
+            lambda p, _: replace(p, omega_body_rad_s=_in_body_axes(p, _required(p.omega_body_rad_s))),
             _OMEGA[:1],
         )
     if path.omega_world_rad_s is not None:
         yield Mistake(
             "omega_world is in body axes: it equals R^T omega of the derivative of the attitude",
-            lambda p, _: replace(p, omega_world_rad_s=_in_world_axes(p, _there(p.omega_world_rad_s))),
+            lambda p, _: replace(p, omega_world_rad_s=_in_world_axes(p, _required(p.omega_world_rad_s))),
             _OMEGA[1:],
         )
     for axes, check in zip(("body", "world"), _OMEGA, strict=True):
@@ -135,29 +135,29 @@ def _step_mistake(motions: Sequence[Sampled], wrong: set[str]) -> Mistake | None
     share = float(np.mean(found))
     if not {*_VELOCITY} < wrong or np.ptp(found) > _SAME_SHARE * abs(share):
         return None
-    words = f"the engine's step is {share:.3g} times the requested one"
-    return Mistake(words, lambda path, _: path, (*_OMEGA, *_VELOCITY))
+    text = f"the engine's step is {share:.3g} times the requested one"
+    return Mistake(text, lambda path, _: path, (*_OMEGA, *_VELOCITY))
 
 
 def _shares(path: Trajectory, dt_s: float) -> Array:
     """Return the derivatives of position and attitude over their readings, (k,)."""
     pairs = [(np.diff(path.position_m, axis=0) / dt_s, path.velocity_m_s)]
-    for axes, held in (("body", path.omega_body_rad_s), ("world", path.omega_world_rad_s)):
-        if held is not None:
-            pairs.append((turning(path, axes, dt_s), held))
-    means = [(rate, 0.5 * (held[:-1] + held[1:])) for rate, held in pairs]
+    for axes, reading in (("body", path.omega_body_rad_s), ("world", path.omega_world_rad_s)):
+        if reading is not None:
+            pairs.append((turning(path, axes, dt_s), reading))
+    means = [(rate, 0.5 * (reading[:-1] + reading[1:])) for rate, reading in pairs]
     return np.array([np.sum(rate * mean) / np.sum(mean * mean) for rate, mean in means])
 
 
-def _scaled(name: str, words: str, factor: float, *checks: str) -> Mistake:
+def _scaled(name: str, text: str, factor: float, *checks: str) -> Mistake:
     def undone(path: Trajectory, scene: Scene) -> Trajectory:  # noqa: ARG001 - the signature of a correction
         changed: dict[str, Any] = {name: factor * getattr(path, name)}
         return replace(path, **changed)
 
-    return Mistake(words, undone, checks)
+    return Mistake(text, undone, checks)
 
 
-def _there(values: Array | None) -> Array:
+def _required(values: Array | None) -> Array:
     assert values is not None
     return values
 
@@ -199,12 +199,12 @@ def read_back_mistake(scene: Scene, dt_s: float | None, found: ReadBack) -> str:
         "omega_body": (initial.omega_body, state.omega_body),
         "omega_world": (initial.omega_world, state.omega_world),
     }
-    for name, (given, held) in pairs.items():
-        if given is None or held is None:
+    for name, (given, value) in pairs.items():
+        if given is None or value is None:
             continue
-        for factor, words in _FACTORS.items():
-            if _same(factor * np.asarray(given), held):
-                return f"{name} is {words}"
+        for factor, text in _FACTORS.items():
+            if _same(factor * np.asarray(given), value):
+                return f"{name} is {text}"
     return _misread(scene, found)
 
 
@@ -228,13 +228,13 @@ def _misread(scene: Scene, found: ReadBack) -> str:
     if scene.link is not None:
         origin = initial.position + turn @ scene.link.offset
         mistakes.append(("the position is that of the link's origin", origin, state.position))
-    for words, wrong, held in mistakes:
-        if held is not None and _same(wrong, held):
-            return words
+    for text, wrong, value in mistakes:
+        if value is not None and _same(wrong, value):
+            return text
     return ""
 
 
-def _same(wrong: Array, held: Array | float) -> bool:
-    held = np.asarray(held)
+def _same(wrong: Array, value: Array | float) -> bool:
+    value = np.asarray(value)
     slack = _FACTOR_TOLERANCE * float(np.max(np.abs(wrong)))
-    return bool(slack > 0.0 and held.shape == wrong.shape and np.all(np.abs(held - wrong) <= slack))
+    return bool(slack > 0.0 and value.shape == wrong.shape and np.all(np.abs(value - wrong) <= slack))

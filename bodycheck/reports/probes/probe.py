@@ -30,8 +30,8 @@ from bodycheck.scenarios.model import Scenario
 _DIFFERENCES = 8
 _DIFFERENCE_NORM = float(np.sqrt(12870.0))  # of an eighth difference of independent errors: C(16, 8)
 _EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
-_MOST_DOUBLE = 16.0 * _EPS  # healthy methods stay below one, a float32 stage is above 70
-_LEAST_SINGLE = 1e-3 * _SINGLE_EPS
+_MAX_DOUBLE = 16.0 * _EPS  # healthy methods stay below one, a float32 stage is above 70
+_MIN_SINGLE = 1e-3 * _SINGLE_EPS
 
 
 def precision_finding(path: Trajectory, stated: Precision) -> Finding:
@@ -46,11 +46,11 @@ def precision_finding(path: Trajectory, stated: Precision) -> Finding:
     if stated == "float64":
         if single:
             message = "every number fits into float32: the state is not held in float64"
-        elif found > _MOST_DOUBLE:
+        elif found > _MAX_DOUBLE:
             message = f"steps are rounded at {found:.1e} of the state: not all of the arithmetic is float64"
         deviation = 1.0 if single else found
-        return Finding("precision", found, 0.0, deviation, _MOST_DOUBLE, message)
-    wrong = not single and found < _LEAST_SINGLE
+        return Finding("precision", found, 0.0, deviation, _MAX_DOUBLE, message)
+    wrong = not single and found < _MIN_SINGLE
     if wrong:
         message = f"steps are rounded at {found:.1e} of the state: it is held in float64"
     return Finding("precision", found, _SINGLE_EPS, float(wrong), 0.0, message)
@@ -59,14 +59,14 @@ def precision_finding(path: Trajectory, stated: Precision) -> Finding:
 def is_single(path: Trajectory) -> bool:
     """Whether all velocities and omegas after a step fit into float32."""
     omega = path.omega_world_rad_s if path.omega_body_rad_s is None else path.omega_body_rad_s
-    held = (values[1:] for values in (path.velocity_m_s, omega) if values is not None)
-    return all(bool(np.all(values == values.astype(np.float32))) for values in held)
+    readings = (values[1:] for values in (path.velocity_m_s, omega) if values is not None)
+    return all(bool(np.all(values == values.astype(np.float32))) for values in readings)
 
 
 def _states(path: Trajectory) -> list[Array]:
-    held = (path.quaternion, path.rotation, path.omega_body_rad_s, path.omega_world_rad_s)
-    there = [values.reshape(len(values), -1) for values in held if values is not None]
-    return [path.position_m, path.velocity_m_s, *there]
+    readings = (path.quaternion, path.rotation, path.omega_body_rad_s, path.omega_world_rad_s)
+    extra = [values.reshape(len(values), -1) for values in readings if values is not None]
+    return [path.position_m, path.velocity_m_s, *extra]
 
 
 def _round_off(values: Array) -> float:
@@ -78,7 +78,7 @@ def _round_off(values: Array) -> float:
     return float(np.max(differences)) / (_DIFFERENCE_NORM * size)
 
 
-Asking: TypeAlias = Callable[[Engine, Case], Answer]
+RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 """A function that answers a case, from the engine or from a stored answer."""
 
 _EPS, _SINGLE_EPS = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).eps)
@@ -135,7 +135,7 @@ class _Probed:
 
 
 def probe_rows(
-    engine: Engine, method: Method, ask: Asking, probes: tuple[Probe, Probe] | None = None
+    engine: Engine, method: Method, ask: RunCase, probes: tuple[Probe, Probe] | None = None
 ) -> list[dict[str, Any]]:
     """Return the rows of probes.csv of one method without run_id; failures are rows too.
 
@@ -171,17 +171,19 @@ def _cells(finding: Finding) -> dict[str, Any]:
     return {**vars(finding), "verdict": finding.verdict}
 
 
-def motions_of(probe: Probe, engine: Engine, method: Method, tolerance: float | None, ask: Asking) -> _Probed:
+def motions_of(
+    probe: Probe, engine: Engine, method: Method, tolerance: float | None, ask: RunCase
+) -> _Probed:
     """Run one probe at each of its steps, sampled after every step, until one fails."""
     motions = []
     mismatch = None
     for dt_s in probe.steps_s:
         scene = replace(probe.scene, samples=round(probe.scene.duration_s / dt_s) + 1)
-        told = dt_s if method.control == "dt" else None
-        answer = ask(engine, Case(scene, method.name, Setting(dt_s=told, tolerance=tolerance)))
+        step_s = dt_s if method.control == "dt" else None
+        answer = ask(engine, Case(scene, method.name, Setting(dt_s=step_s, tolerance=tolerance)))
         if answer.trajectory is None or answer.read_back is None:
             return _Probed(probe, method, reason=f"{answer.outcome}: {answer.message}")
-        mismatch = mismatch or read_back_mismatch(scene, told, answer.read_back, method.precision)
+        mismatch = mismatch or read_back_mismatch(scene, step_s, answer.read_back, method.precision)
         if reason := invalid_state(answer.trajectory):
             return _Probed(probe, method, reason=f"unstable: {reason}", mismatch=mismatch)
         motions.append(Sampled(scene, answer.trajectory))

@@ -39,11 +39,11 @@ def reading_findings(motions: Sequence[Sampled], resolution: float) -> Iterator[
 def _omega_findings(motions: Sequence[Sampled], resolution: float) -> Iterator[Finding]:
     delays = []
     for axes in ("body", "world"):
-        held = [getattr(motion.trajectory, f"omega_{axes}_rad_s") for motion in motions]
-        if held[0] is None:
+        readings = [getattr(motion.trajectory, f"omega_{axes}_rad_s") for motion in motions]
+        if readings[0] is None:
             continue
         rates = [turning(motion.trajectory, axes, motion.dt_s) for motion in motions]
-        found = _Agreement(motions, rates, held, resolution, 1.0)
+        found = _Agreement(motions, rates, readings, resolution, 1.0)
         yield found.reading(f"omega_{axes}_reading", "omega is not the derivative of the attitude")
         delays.append(found.delay("attitude_delay", "the attitude is read"))
     yield delays[0]
@@ -75,20 +75,20 @@ class _Agreement:
         self,
         motions: Sequence[Sampled],
         rates: Sequence[Array],
-        held: Sequence[Array],
+        readings: Sequence[Array],
         resolution: float,
         largest_state: float,
     ) -> None:
         """rates (n, 3): derivatives of a state between samples; held (n + 1, 3): readings at the samples."""
         self._cells = len(rates[0])
         self._steps_s = [motion.dt_s for motion in motions]
-        scale = np.max(np.linalg.norm(held[-1], axis=-1))  # not float(): readings of zero must give NaN
+        scale = np.max(np.linalg.norm(readings[-1], axis=-1))  # not float(): readings of zero must give NaN
         mismatches = [
-            (rate - 0.5 * (read[:-1] + read[1:])) / scale for rate, read in zip(rates, held, strict=True)
+            (rate - 0.5 * (read[:-1] + read[1:])) / scale for rate, read in zip(rates, readings, strict=True)
         ]
         self._mismatches = [self._in_cells(mismatch) for mismatch in mismatches]
         self._per_cell = len(rates[-1]) // self._cells
-        self._start = held[-1][0] / scale
+        self._start = readings[-1][0] / scale
         resolved = resolution * (1.0 + largest_state / (scale * motions[0].scene.duration_s))
         self._round_off = noise(mismatches[-1]) + resolved
 
@@ -111,9 +111,9 @@ class _Agreement:
         A state that lags by k steps loses k h times the derivative once, at the start. Relative to a mean
         over n steps that is k / n.
         """
-        lost = self._limit.value[0] - self._mismatches[-1][0]
+        difference = self._limit.value[0] - self._mismatches[-1][0]
         return delay_finding(
-            check, self._per_cell * float(lost @ self._start / (self._start @ self._start)), late
+            check, self._per_cell * float(difference @ self._start / (self._start @ self._start)), late
         )
 
 
@@ -184,7 +184,7 @@ def _largest_orthogonality_error(path: Trajectory) -> float:
 
 
 def _normalisation(
-    check: str, steps_s: Sequence[float], sizes: Sequence[float], what: str, resolution: float
+    check: str, steps_s: Sequence[float], sizes: Sequence[float], size_name: str, resolution: float
 ) -> Finding:
     """Return a property, which is never inconsistent, because some engines do not normalise by design.
 
@@ -194,5 +194,5 @@ def _normalisation(
     message = ""
     if sizes[-1] > unit:
         order = np.log(sizes[-2] / sizes[-1]) / np.log(steps_s[-2] / steps_s[-1])
-        message = f"not renormalised: {what} = {sizes[-1]:.3g} at {steps_s[-1]:.6g} s, order {order:.2f}"
+        message = f"not renormalised: {size_name} = {sizes[-1]:.3g} at {steps_s[-1]:.6g} s, order {order:.2f}"
     return Finding(check, sizes[-1], 0.0, sizes[-1], message=message)

@@ -18,8 +18,8 @@ from bodycheck.reference_impl.dynamics import angular_momentum, linear_momentum
 from bodycheck.reference_impl.scene import Axes, PointForce, Scene, Timed, Torque
 from bodycheck.reports.probes.finding import Finding, Limit, Sampled, delay_finding, limit, noise
 
-_LEAST_SIZE = 1e-3  # of the impulse; a mistake that gives less is not distinguished from no response
-_LEAST_ALONG = 1e-2  # of an excess moment; a moment with such a part along the force is that of no arm
+_MIN_SIZE = 1e-3  # of the impulse; a mistake that gives less is not distinguished from no response
+_MIN_ALONG = 1e-2  # of an excess moment; a moment with such a part along the force is that of no arm
 _SMALLEST_RESPONSE = 0.1  # a smaller response is too small to measure a delay
 
 
@@ -46,7 +46,7 @@ class _Window:
     """The part of the motion under one load: the gained momentum and the load's impulse, for each step.
 
     gained, impulse: (3,) for each of the steps. push: the impulse of the force (3,) at the finest step, where
-    this is the angular momentum of a force. kept: (3,) for each step, gained between the end of the load
+    this is the angular momentum of a force. carried: (3,) for each step, gained between the end of the load
     and the next load; empty for gravity, which does not end. round_off: of the gained momentum. mistaken: the
     impulses that frequent mistakes of an adapter would give, by their descriptions.
     """
@@ -57,7 +57,7 @@ class _Window:
     steps: tuple[int, ...]
     round_off: float
     push: Array | None = None
-    kept: tuple[Array, ...] = ()
+    carried: tuple[Array, ...] = ()
     mistaken: Mapping[str, tuple[Array, ...]] = field(default_factory=dict)
 
     @property
@@ -82,10 +82,10 @@ class _Window:
             force = load.removesuffix(" moment")
             at_centre = f"the {force} acts at the centre of mass, not at its point"
             return f"the {load} has no effect" if load == force else at_centre
-        for what, impulse in self.mistaken.items():
+        for mistake, impulse in self.mistaken.items():
             found = replace(self, impulse=impulse)
-            if found.size > _LEAST_SIZE * self.size and _is_zero(found.limit(steps_s)):
-                return what
+            if found.size > _MIN_SIZE * self.size and _is_zero(found.limit(steps_s)):
+                return mistake
         return self._displacement(steps_s)
 
     def _displacement(self, steps_s: Sequence[float]) -> str:
@@ -98,7 +98,7 @@ class _Window:
         excess = self.limit(steps_s).value[0] * self.size
         along = abs(float(excess @ self.push)) / _norm(self.push)
         scaled = abs(float(excess @ self.impulse[-1])) / self.size
-        if along > _LEAST_ALONG * _norm(excess) or scaled > (1.0 - _LEAST_ALONG) * _norm(excess):
+        if along > _MIN_ALONG * _norm(excess) or scaled > (1.0 - _MIN_ALONG) * _norm(excess):
             return ""
         distance = _norm(excess) / _norm(self.push)
         return (
@@ -107,11 +107,11 @@ class _Window:
 
     def kept_at_first_order(self, steps_s: Sequence[float], along: Array) -> float:
         """Return the share of the impulse gained after the load has ended, less its limit for h -> 0."""
-        if not self.kept:
+        if not self.carried:
             return 0.0
-        kept = [gained[np.newaxis] / self.size for gained in self.kept]
-        found = limit(steps_s, kept, self.round_off / self.size)
-        return float((kept[-1] - found.value)[0] @ along)
+        carried = [gained[np.newaxis] / self.size for gained in self.carried]
+        found = limit(steps_s, carried, self.round_off / self.size)
+        return float((carried[-1] - found.value)[0] @ along)
 
 
 def response_findings(motions: Sequence[Sampled], resolution: float) -> Iterator[Finding]:
@@ -170,9 +170,13 @@ def _loads(motions: Sequence[Sampled], momenta: Sequence[_Momenta], resolution: 
     for load, pause_ends in zip(*_loads_and_ends(motions[0].scene), strict=True):
         name = f"{load.axes}_{'torque' if isinstance(load, Torque) else 'force'}"
         if isinstance(load, PointForce):
-            yield _window(name, load, pause_ends, motions, [held.linear for held in momenta], 0, resolution)
+            yield _window(
+                name, load, pause_ends, motions, [momentum.linear for momentum in momenta], 0, resolution
+            )
             name = f"{name}_moment"
-        yield _window(name, load, pause_ends, motions, [held.angular for held in momenta], 1, resolution)
+        yield _window(
+            name, load, pause_ends, motions, [momentum.angular for momentum in momenta], 1, resolution
+        )
 
 
 def _loads_and_ends(scene: Scene) -> tuple[list[Timed], list[float]]:
@@ -191,24 +195,24 @@ def _window(
     resolution: float,
 ) -> _Window:
     """Return the effect of a load on one of the momenta, series; part: 0 for force, 1 for torque."""
-    gained, impulse, kept, steps, push = [], [], [], [], None
+    gained, impulse, carried, steps, push = [], [], [], [], None
     mistaken: dict[str, list[Array]] = {}
     for motion, values in zip(motions, series, strict=True):
         first, last, end = (motion.index(t) for t in (load.from_s, load.until_s, pause_ends_s))
         rotation = motion.trajectory.rotation_matrices[first : last + 1]
         gained.append(values[last] - values[first])
         impulse.append(_integral(_rates(load, rotation)[part], motion.dt_s))
-        for what, rate in _mistaken_rates(load, rotation, part):
-            mistaken.setdefault(what, []).append(_integral(rate, motion.dt_s))
-        kept.append(values[end] - values[last])
+        for mistake, rate in _mistaken_rates(load, rotation, part):
+            mistaken.setdefault(mistake, []).append(_integral(rate, motion.dt_s))
+        carried.append(values[end] - values[last])
         steps.append(last - first)
         if part and isinstance(load, PointForce):
             push = _integral(_rates(load, rotation)[0], motion.dt_s)
     mass = 0.0 if part else motions[0].scene.body.mass
     round_off = _round_off(series, mass, motions, resolution)
-    by_mistake = {what: tuple(impulses) for what, impulses in mistaken.items()}
+    by_mistake = {mistake: tuple(impulses) for mistake, impulses in mistaken.items()}
     return _Window(
-        name, tuple(gained), tuple(impulse), tuple(steps), round_off, push, tuple(kept), by_mistake
+        name, tuple(gained), tuple(impulse), tuple(steps), round_off, push, tuple(carried), by_mistake
     )
 
 
@@ -218,9 +222,9 @@ def _mistaken_rates(load: Timed, rotation: Array, part: int) -> Iterator[tuple[s
     other: Axes = "world" if load.axes == "body" else "body"
     swapped = _rates(replace(load, axes=other), rotation)
     if isinstance(load, Torque) or part == 0:
-        what = "torque" if part else "force"
-        yield f"the {load.axes} {what} acts in {other} axes", swapped[part]
-        yield f"the {load.axes} {what} has the opposite sign", -right[part]
+        kind = "torque" if part else "force"
+        yield f"the {load.axes} {kind} acts in {other} axes", swapped[part]
+        yield f"the {load.axes} {kind} has the opposite sign", -right[part]
         return
     arm = np.broadcast_to(load.at, right[0].shape)
     yield f"the moment of the {load.axes} force is F x r instead of r x F", -right[1]
@@ -258,7 +262,7 @@ def _response(window: _Window, steps_s: Sequence[float]) -> Iterator[Finding]:
     measured = _nearly(1.0 + float(found.value[0] @ along), found.tolerance)
     text = _response_text(found, along)
     if text and (
-        mistake := window.mistake(steps_s, without_effect=_norm(found.value[0] + along) < _LEAST_SIZE)
+        mistake := window.mistake(steps_s, without_effect=_norm(found.value[0] + along) < _MIN_SIZE)
     ):
         text = f"{mistake}: {text}"
     yield Finding(f"{window.name}_response", measured, 1.0, found.size, found.tolerance, text)
@@ -301,17 +305,17 @@ def _unloaded(motions: Sequence[Sampled], momenta: Sequence[_Momenta], resolutio
     scene = motions[0].scene
     loads, ends = _loads_and_ends(scene)
     pauses = [(load.until_s, end) for load, end in zip(loads, ends, strict=True)]
-    weight = scene.body.mass * _norm(scene.gravity) * min(end - begin for begin, end in pauses)
+    weight = scene.body.mass * _norm(scene.gravity) * min(end - start for start, end in pauses)
     moment = max(_moment(load) for load in loads)
     gains = []
-    for motion, held in zip(motions, momenta, strict=True):
-        spans = [(motion.index(begin), motion.index(end)) for begin, end in pauses]
-        moving = [(held.linear[last] - held.linear[first]) / weight for first, last in spans]
-        spinning = [(held.angular[last] - held.angular[first]) / moment for first, last in spans]
+    for motion, momentum in zip(motions, momenta, strict=True):
+        spans = [(motion.index(start), motion.index(end)) for start, end in pauses]
+        moving = [(momentum.linear[last] - momentum.linear[first]) / weight for first, last in spans]
+        spinning = [(momentum.angular[last] - momentum.angular[first]) / moment for first, last in spans]
         gains.append(np.array([*moving, *spinning]))
     round_off = max(
-        _round_off([held.linear for held in momenta], scene.body.mass, motions, resolution) / weight,
-        _round_off([held.angular for held in momenta], 0.0, motions, resolution) / moment,
+        _round_off([momentum.linear for momentum in momenta], scene.body.mass, motions, resolution) / weight,
+        _round_off([momentum.angular for momentum in momenta], 0.0, motions, resolution) / moment,
     )
     found = limit([motion.dt_s for motion in motions], gains, round_off)
     message = "" if found.size <= found.tolerance else "momentum changes while only gravity acts"

@@ -110,9 +110,9 @@ class Product:
         Raises InputError for an unknown or ambiguous name, and for units of another kind than the target.
         """
         scale, columns, powers = self.scale, list(self.columns), np.zeros(3, dtype=int)
-        there, has_unit = set(known), False
+        known_names, has_unit = set(known), False
         for name, power in self.names:
-            if name in UNITS and name in there and name not in self.columns:
+            if name in UNITS and name in known_names and name not in self.columns:
                 raise InputError(
                     f'{target}={self.text}: {name} is a unit and a column; write "{name}" for the column, '
                     "or the unit as a number"
@@ -126,10 +126,12 @@ class Product:
                 raise InputError(f"{target}={self.text}: divides by {name}, which is not a number or a unit")
             else:
                 columns.append(name)
-        if unknown := next((name for name in columns if name not in there), None):
-            near = nearest(unknown, [*known, *UNITS])
+        if unknown := next((name for name in columns if name not in known_names), None):
+            suggestion = nearest(unknown, [*known, *UNITS])
             instead = (
-                f"did you mean {near}?" if near else f"columns: {names(known)}; units: {', '.join(UNITS)}"
+                f"did you mean {suggestion}?"
+                if suggestion
+                else f"columns: {names(known)}; units: {', '.join(UNITS)}"
             )
             raise InputError(f"{target}={self.text}: {unknown} is not a column or a unit; {instead}")
         if has_unit and not _is_of_kind(powers, KINDS[target]):
@@ -139,8 +141,8 @@ class Product:
 
 def _is_of_kind(powers: Array, kind: str) -> bool:
     """Whether units give a kind: deg alone does for deg/s, because a unit may be left out where it is 1."""
-    wanted = np.array(_POWERS[kind])
-    return bool(np.all((powers == wanted) | (powers == 0)))
+    expected = np.array(_POWERS[kind])
+    return bool(np.all((powers == expected) | (powers == 0)))
 
 
 def parse_product(text: str, where: str) -> Product:

@@ -22,7 +22,7 @@ from bodycheck.reports.recordings.nearest_map import ACCEPTED, nearest_map
 from bodycheck.reports.recordings.recording import Recording, read_recording
 from bodycheck.reports.run_files.trajectory_files import COLUMNS, checked_arrays, read_npz
 
-_MOST_NAMED = 4
+_MAX_NAMED = 4
 _IGNORED = ("bound_rad",)  # the last column of `bodycheck truth`
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _VECTORS = {**COLUMNS, "euler": EULER, "place": PLACE, "velocity_body_m_s": BODY_VELOCITY}
@@ -77,8 +77,8 @@ def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, Array]:
     except InputError as error:
         where = "" if str(error).startswith(str(path)) else f"{path}: "
         raise InputError(f"{where}{error}") from None
-    alike = [name for name in recording.names if name in KINDS and name not in column_map.ignore]
-    found |= {name: recording.values(name) for name in alike if name not in found}
+    standard = [name for name in recording.names if name in KINDS and name not in column_map.ignore]
+    found |= {name: recording.values(name) for name in standard if name not in found}
     unknown = [
         name
         for name in recording.names
@@ -98,21 +98,21 @@ def _targets(recording: Recording, column_map: ColumnMap) -> dict[str, Array]:
 
 def _some(columns: Sequence[str]) -> str:
     """Return a few columns, which leave room for the map that is proposed."""
-    rest = len(columns) - _MOST_NAMED
-    return names(columns) if rest <= 0 else f"{', '.join(columns[:_MOST_NAMED])} and {rest} more"
+    rest = len(columns) - _MAX_NAMED
+    return names(columns) if rest <= 0 else f"{', '.join(columns[:_MAX_NAMED])} and {rest} more"
 
 
 def _vectors(recording: Recording, targets: Mapping[str, Array]) -> dict[str, Array]:
     """Return t_s and the whole vectors and matrices; raises InputError where a component is missing."""
     found = {"t_s": targets["t_s"]} if "t_s" in targets else {}
     for array, columns in _VECTORS.items():
-        there = [column for column in columns if column in targets]
-        if there and len(there) < len(columns):
+        present = [column for column in columns if column in targets]
+        if present and len(present) < len(columns):
             missing = ", ".join(column for column in columns if column not in targets)
-            raise InputError(f"{recording.path}: has {there[0]} but not {missing}")
-        if there:
-            together = np.stack([targets[column] for column in columns], axis=-1)
-            found[array] = together.reshape(-1, 3, 3) if array == "rotation" else together
+            raise InputError(f"{recording.path}: has {present[0]} but not {missing}")
+        if present:
+            stacked = np.stack([targets[column] for column in columns], axis=-1)
+            found[array] = stacked.reshape(-1, 3, 3) if array == "rotation" else stacked
     return found
 
 
@@ -168,8 +168,8 @@ def _euler_quaternions(angles: Array, sequence: str) -> Array:
     Shapes: (n, 3) in rad -> (n, 4).
     """
     turns = [
-        exp_quaternion(angles[:, place, None] * np.array(_AXES[axis]))
-        for place, axis in enumerate(sequence.lower())
+        exp_quaternion(angles[:, index, None] * np.array(_AXES[axis]))
+        for index, axis in enumerate(sequence.lower())
     ]
     first, second, third = turns if sequence.isupper() else turns[::-1]
     return quaternion_product(quaternion_product(first, second), third)
@@ -185,12 +185,12 @@ def _reversed(arrays: Mapping[str, Array]) -> dict[str, Array]:
     return found
 
 
-def _from_local_axes(t_s: Array, place: Array, earth_rate_rad_s: float) -> Array:
+def _from_local_axes(t_s: Array, position: Array, earth_rate_rad_s: float) -> Array:
     """Return the rotation from local north, east, down to those axes at the first sample, kept inertial.
 
-    place: longitude and geodetic latitude (n, 2) in rad. Shapes: (n,), (n, 2) -> quaternions (n, 4).
+    position: longitude and geodetic latitude (n, 2) in rad. Shapes: (n,), (n, 2) -> quaternions (n, 4).
     """
-    longitude, latitude = place[:, 0] + earth_rate_rad_s * t_s, place[:, 1]
+    longitude, latitude = position[:, 0] + earth_rate_rad_s * t_s, position[:, 1]
     inertial = quaternion_product(
         exp_quaternion(longitude[:, None] * np.array(_AXES["z"])),
         exp_quaternion(-(latitude[:, None] + 0.5 * np.pi) * np.array(_AXES["y"])),

@@ -34,8 +34,8 @@ _ALIASES = {
     },
     **{f"w{axis}_world_rad_s": (f"w{axis}world", f"omegaworld{axis}") for axis in _AXES},
     **{
-        f"q{part}": (f"q{part}", f"q{place}", f"quat{part}", f"quaternion{part}", f"orientation{part}")
-        for place, part in enumerate("wxyz")
+        f"q{part}": (f"q{part}", f"q{index}", f"quat{part}", f"quaternion{part}", f"orientation{part}")
+        for index, part in enumerate("wxyz")
     },
     "euler_1_rad": ("yaw", "psi", "heading"),
     "euler_2_rad": ("pitch", "theta"),
@@ -52,7 +52,7 @@ _SPELLINGS = {
     "mps": "m",
 }
 _PLAIN = re.compile(r"[^\W\d]\w*(?:\.\w+|\[[0-9]+\])*")
-_MOST_IGNORED = 2
+_MAX_IGNORED = 2
 
 
 def nearest_map(columns: Sequence[str], known: ColumnMap | None = None) -> str:
@@ -84,7 +84,7 @@ def _pairs(columns: Sequence[str], known: ColumnMap) -> Iterator[str]:
         yield f"{target}={_written(column)}{unit}"
     if not known.euler and taken & set(EULER):
         yield "euler=ZYX"
-    if len(left) > _MOST_IGNORED:
+    if len(left) > _MAX_IGNORED:
         yield "ignore=*"
     else:
         yield from (f"ignore={_written(column)}" for column in left)

@@ -17,13 +17,13 @@ from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.formatting import meant
 from bodycheck._util.untrusted import from_outside, printable
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.run_files.trajectory_files import COLUMNS, MOST_BYTES, doubles, read_npz
+from bodycheck.reports.run_files.trajectory_files import COLUMNS, MAX_BYTES, doubles, read_npz
 
 if TYPE_CHECKING:
     from mcap.reader import McapReader
     from mcap.records import Schema
 
-_MOST_COLUMNS = 10_000
+_MAX_COLUMNS = 10_000
 _DOUBLE_BYTES = 8
 _STAMP = " in ns"
 _EXACT = 2**53  # every integer up to here is a double
@@ -33,13 +33,13 @@ _EXACT = 2**53  # every integer up to here is a double
 class Recording:
     """The columns of a file by name; a column is read as numbers when it is used.
 
-    place: row -> what a message calls it, such as "line 2". faults: column -> why it cannot be used.
+    row_name: row -> what a message calls it, such as "line 2". faults: column -> why it cannot be used.
     """
 
     path: Path
     columns: Mapping[str, Any]
     rows: int
-    place: Callable[[int], str] = lambda row: f"row {row + 1}"
+    row_name: Callable[[int], str] = lambda row: f"row {row + 1}"
     faults: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -71,7 +71,7 @@ class Recording:
                 return float(cell)
             raise InputError(f"{self.path}: {name} has integers above 2^53, which do not fit in doubles")
         found = "missing" if cell is None else repr(cell)
-        raise InputError(f"{self.path}: {self.place(row)}: {name} is {printable(found, 40)}, not a number")
+        raise InputError(f"{self.path}: {self.row_name(row)}: {name} is {printable(found, 40)}, not a number")
 
 
 def read_recording(path: Path, topic: str = "") -> Recording:
@@ -90,15 +90,15 @@ def read_recording(path: Path, topic: str = "") -> Recording:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if not found.rows:
         raise InputError(f"{path}: has no rows")
-    if len(found.columns) > _MOST_COLUMNS:
-        raise InputError(f"{path}: has more than {_MOST_COLUMNS} columns")
+    if len(found.columns) > _MAX_COLUMNS:
+        raise InputError(f"{path}: has more than {_MAX_COLUMNS} columns")
     return found
 
 
 def _read_csv(path: Path) -> Recording:
     import pandas as pd
 
-    how: dict[str, Any] = {
+    options: dict[str, Any] = {
         "skipinitialspace": True,
         "index_col": False,
         "keep_default_na": False,
@@ -108,8 +108,8 @@ def _read_csv(path: Path) -> Recording:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # a row of the wrong width
-            table = pd.read_csv(path, low_memory=False, **how)
-            heads = pd.read_csv(path, header=None, nrows=1, dtype=str, **how)
+            table = pd.read_csv(path, low_memory=False, **options)
+            heads = pd.read_csv(path, header=None, nrows=1, dtype=str, **options)
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
         raise InputError(f"{path}: not a CSV file: {' '.join(str(error).split())}") from None
     names = [str(head) for head in heads.iloc[0]]
@@ -132,9 +132,9 @@ def _read_npz(path: Path) -> Recording:
             columns[name] = array
         elif array.ndim > 1 and len(array):
             flat = array.reshape(len(array), -1)
-            for place in range(flat.shape[1]):
-                names = (_member(name, place, array.shape[1:]), *standard[place : place + 1])
-                columns |= dict.fromkeys(names, flat[:, place])
+            for index in range(flat.shape[1]):
+                names = (_member(name, index, array.shape[1:]), *standard[index : index + 1])
+                columns |= dict.fromkeys(names, flat[:, index])
     rows = max(map(len, columns.values()), default=0)
     if rows > 1:  # one value is a constant, such as a mass, and not a quantity over time
         columns = {name: column for name, column in columns.items() if len(column) > 1 or name in COLUMNS}
@@ -143,8 +143,8 @@ def _read_npz(path: Path) -> Recording:
     return Recording(path, columns, rows, faults=faults)
 
 
-def _member(name: str, place: int, shape: tuple[int, ...]) -> str:
-    return name + "".join(f"[{i}]" for i in np.unravel_index(place, shape))
+def _member(name: str, index: int, shape: tuple[int, ...]) -> str:
+    return name + "".join(f"[{i}]" for i in np.unravel_index(index, shape))
 
 
 def _read_parquet(path: Path) -> Recording:
@@ -159,16 +159,16 @@ def _read_parquet(path: Path) -> Recording:
                 if kind.id in ("list", "array", "struct")
             ]
             ((rows,),) = table.aggregate("count(*)").fetchall()
-            if rows * len(table.columns) * _DOUBLE_BYTES > MOST_BYTES:
-                raise InputError(f"{path}: has {rows} rows, which exceeds the limit of {MOST_BYTES} bytes")
+            if rows * len(table.columns) * _DOUBLE_BYTES > MAX_BYTES:
+                raise InputError(f"{path}: has {rows} rows, which exceeds the limit of {MAX_BYTES} bytes")
             columns = {
                 name: _plain(table.select(duckdb.ColumnExpression(name)).fetchall())
                 for name in table.columns
                 if name not in nested
             }
             if nested:
-                kept = table.select(*map(duckdb.ColumnExpression, nested)).fetchall()
-                records = (dict(zip(nested, row, strict=True)) for row in kept)
+                nested_rows = table.select(*map(duckdb.ColumnExpression, nested)).fetchall()
+                records = (dict(zip(nested, row, strict=True)) for row in nested_rows)
                 columns |= _columns_of(path, map(_flat, records))
     except (duckdb.Error, ValueError, OverflowError) as error:
         if isinstance(error, InputError):
@@ -225,8 +225,8 @@ def _flat_value(name: str, value: Any) -> dict[str, Any]:
         return _flat(value, f"{name}.")
     if isinstance(value, list | tuple):
         found: dict[str, Any] = {}
-        for place, part in enumerate(value[: _MOST_COLUMNS + 1]):
-            found |= _flat_value(f"{name}[{place}]", part)
+        for index, part in enumerate(value[: _MAX_COLUMNS + 1]):
+            found |= _flat_value(f"{name}[{index}]", part)
         return found
     return {name: value}
 
@@ -240,8 +240,8 @@ def _columns_of(path: Path, records: Iterable[Mapping[str, Any]]) -> dict[str, l
             column = columns.setdefault(name, [])
             column += [None] * (count - 1 - len(column))
             column.append(value)
-        if len(columns) > _MOST_COLUMNS:
-            raise InputError(f"{path}: has more than {_MOST_COLUMNS} columns")
+        if len(columns) > _MAX_COLUMNS:
+            raise InputError(f"{path}: has more than {_MAX_COLUMNS} columns")
     for column in columns.values():
         column += [None] * (count - len(column))
     return columns
@@ -278,8 +278,8 @@ def _topic_of(path: Path, reader: McapReader, topic: str) -> str:
     summary = reader.get_summary()
     if summary is None:
         raise InputError(f"{path}: has no summary; write it again with `mcap recover`")
-    if sum(chunk.uncompressed_size for chunk in summary.chunk_indexes) > MOST_BYTES:
-        raise InputError(f"{path}: unpacked, it exceeds the limit of {MOST_BYTES} bytes")
+    if sum(chunk.uncompressed_size for chunk in summary.chunk_indexes) > MAX_BYTES:
+        raise InputError(f"{path}: unpacked, it exceeds the limit of {MAX_BYTES} bytes")
     topics = sorted({channel.topic for channel in summary.channels.values()})
     if topic and topic not in topics:
         raise InputError(f"{path}: topic={topic}: unknown topic{meant(topic, topics)}")
@@ -306,14 +306,14 @@ def _decoder(path: Path, topic: str, encoding: str, schema: Schema | None) -> Ca
         return json.loads
     written = "" if schema is None else f" with a schema in {schema.encoding!r}"
     supported = "supported: json; cdr with a schema in 'ros2msg', by the package mcap-ros2-support"
-    unread = InputError(f"{path}: topic {topic} has the encoding {encoding!r}{written} ({supported})")
+    fault = InputError(f"{path}: topic {topic} has the encoding {encoding!r}{written} ({supported})")
     try:
         from mcap_ros2.decoder import DecoderFactory
     except ImportError:
-        raise unread from None
+        raise fault from None
     decode = DecoderFactory().decoder_for(encoding, schema)
     if decode is None:
-        raise unread
+        raise fault
     return lambda data: _as_plain(decode(data))
 
 

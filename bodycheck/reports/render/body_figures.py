@@ -40,11 +40,11 @@ def draw(page: Figure, run: Run, figure: str, scenario: str, cases: Sequence[Cas
     """
     problem = next((one for one in run.problems if one.scenario.name == scenario), None)
     at_s = coarsest_shared_step(cases)
-    shown = shown_cases(cases, at_s)
-    if problem is None or not shown:
+    cases_drawn = shown_cases(cases, at_s)
+    if problem is None or not cases_drawn:
         raise InputError(f"--figure {figure}: nothing to draw for {scenario}")
     page.suptitle(f"{scenario}, dt {step(at_s)} s", fontsize=8)
-    (_polhodes if figure == "polhode" else draw_frames)(page, problem, shown)
+    (_polhodes if figure == "polhode" else draw_frames)(page, problem, cases_drawn)
 
 
 def polhode(trajectory: Trajectory, truth: Trajectory, inertia: Array) -> Array:
@@ -58,15 +58,15 @@ def polhode(trajectory: Trajectory, truth: Trajectory, inertia: Array) -> Array:
     return np.asarray((trajectory.omega_body @ axes)[moving] / np.sqrt(twice[moving])[:, None])
 
 
-def _polhodes(page: Figure, problem: Problem, shown: Sequence[CaseResult]) -> None:
+def _polhodes(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult]) -> None:
     inertia = turning_inertia(problem.scenario.scene)
     moments, _ = principal_frame(inertia)
     semiaxes = 1.0 / np.sqrt(moments)
     truth = problem.truth.trajectory
     u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, np.pi, 13))
     sphere = np.array([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)])
-    for place, case in enumerate(shown):
-        axes: Any = page.add_subplot(1, len(shown), place + 1, projection="3d")
+    for index, case in enumerate(cases_drawn):
+        axes: Any = page.add_subplot(1, len(cases_drawn), index + 1, projection="3d")
         x, y, z = semiaxes[:, None, None] * sphere
         axes.plot_wireframe(x, y, z, color="#d0d0d0", linewidth=0.3)
         axes.plot(*polhode(truth, truth, inertia).T, color=GHOST, linewidth=2.0)
@@ -76,17 +76,17 @@ def _polhodes(page: Figure, problem: Problem, shown: Sequence[CaseResult]) -> No
         bare_axes(axes, semiaxes.max(), method_name(case))
 
 
-def draw_frames(page: Figure, problem: Problem, shown: Sequence[CaseResult]) -> None:
+def draw_frames(page: Figure, problem: Problem, cases_drawn: Sequence[CaseResult]) -> None:
     """Draw each case at FRAMES times, one row per case, the truth as an outline."""
     truth = problem.truth.trajectory
     frames = np.linspace(0, problem.compared - 1, FRAMES).round().astype(np.intp)
     surface = surface_of(problem.scenario.body)
-    page.set_figheight(_ROW_IN * len(shown) + 0.4)
-    for row, case in enumerate(shown):
+    page.set_figheight(_ROW_IN * len(cases_drawn) + 0.4)
+    for row, case in enumerate(cases_drawn):
         if case.trajectory is None:
             continue
         for column, k in enumerate(frames):
-            axes: Any = page.add_subplot(len(shown), FRAMES, row * FRAMES + column + 1, projection="3d")
+            axes: Any = page.add_subplot(len(cases_drawn), FRAMES, row * FRAMES + column + 1, projection="3d")
             colour = COLOURS[engine_colour(case.columns["engine"])]
             draw_body(axes, surface, truth.rotation_matrices[k], GHOST, 0.0, 0.0)
             draw_body(axes, surface, case.trajectory.rotation_matrices[k], colour, 0.3, 0.7)

@@ -34,13 +34,13 @@ class BodySurface:
     """A closed surface about the centre of mass, in body axes, scaled to REACH.
 
     vertices: (n, 3). faces: the vertices of each polygon, counter-clockwise seen from outside. marked: the
-    faces in a stronger colour, which make the orientation visible. what: the shape in words.
+    faces in a stronger colour, which make the orientation visible. name: the shape in words.
     """
 
     vertices: Array
     faces: tuple[tuple[int, ...], ...]
     marked: frozenset[int]
-    what: str
+    name: str
 
     def polygons(self, rotation: Array) -> list[Array]:
         """Return the corners (k, 3) of each face after a rotation (3, 3) from body to world axes."""
@@ -72,10 +72,10 @@ def surface_of(body: Body) -> BodySurface:
 
 
 def _scaled(
-    vertices: Array, faces: Sequence[tuple[int, ...]], marked: Sequence[int], what: str
+    vertices: Array, faces: Sequence[tuple[int, ...]], marked: Sequence[int], name: str
 ) -> BodySurface:
     farthest = float(np.max(np.linalg.norm(vertices, axis=1)))
-    return BodySurface(vertices * (REACH / farthest), tuple(faces), frozenset(marked), what)
+    return BodySurface(vertices * (REACH / farthest), tuple(faces), frozenset(marked), name)
 
 
 _SIGNS = np.array([[2.0 * (k >> i & 1) - 1.0 for i in range(3)] for k in range(8)])
@@ -102,14 +102,14 @@ def box_corners(body: RigidBody) -> Array:
 
 def _of_revolution(shape: str, sizes: Sequence[float]) -> BodySurface:
     """Return a primitive with its axis along z; every second octant is marked."""
-    stretch = np.ones(3)
+    axis_scales = np.ones(3)
     angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, AROUND // 2 + 1)
     arc = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     match shape:
         case "sphere":
             profile = arc
         case "ellipsoid":
-            profile, stretch = arc, np.array(sizes)
+            profile, axis_scales = arc, np.array(sizes)
         case "cylinder":
             radius, half = sizes[0], 0.5 * sizes[1]
             profile = np.array([[0.0, -half], [radius, -half], [radius, 0.0], [radius, half], [0.0, half]])
@@ -123,7 +123,7 @@ def _of_revolution(shape: str, sizes: Sequence[float]) -> BodySurface:
         case _:
             raise ValueError(f"unknown shape {shape!r}")
     vertices, faces = _revolved(profile)
-    vertices = vertices * stretch
+    vertices = vertices * axis_scales
     centres = np.array([vertices[list(face)].mean(axis=0) for face in faces])
     marked = np.flatnonzero(np.prod(np.sign(centres), axis=1) > 0.0).tolist()
     return _scaled(vertices, faces, marked, f"{'an' if shape == 'ellipsoid' else 'a'} {shape}")
@@ -201,16 +201,16 @@ def _plane_regions(triangles: Triangles, normals: Array) -> list[list[int]]:
         around = normals[neighbours[k]]
         planes[k] = around[np.argmax(np.count_nonzero(_parallel(around @ around.T), axis=0))]
     regions: list[list[int]] = []
-    seen: set[int] = set()
+    visited: set[int] = set()
     for start in range(len(triangles)):
         region: list[int] = []
-        ahead = [start]
-        while ahead:
-            if (k := ahead.pop()) in seen:
+        open_planes = [start]
+        while open_planes:
+            if (k := open_planes.pop()) in visited:
                 continue
-            seen.add(k)
+            visited.add(k)
             region.append(k)
-            ahead += [n for n in neighbours[k] if n not in seen and _parallel(planes[k] @ planes[n])]
+            open_planes += [n for n in neighbours[k] if n not in visited and _parallel(planes[k] @ planes[n])]
         regions += [region] if region else []
     return regions
 

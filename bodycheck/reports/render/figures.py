@@ -128,9 +128,9 @@ def picture(
 
 def figure_bytes(page: Figure, suffix: str) -> bytes:
     """Return a figure as the bytes of a file without a date."""
-    shown = io.BytesIO()
-    page.savefig(shown, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=_UNDATED.get(suffix))
-    return shown.getvalue()
+    buffer = io.BytesIO()
+    page.savefig(buffer, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=_UNDATED.get(suffix))
+    return buffer.getvalue()
 
 
 @contextmanager
@@ -191,8 +191,8 @@ def drawn_figure(
     axes = page.add_subplot(title=scenario)
     if figure == STABILITY:
         rows = run.stability[run.stability["scenario"] == scenario]
-        shown = [appearance.shows(key) for key in zip(rows["engine"], rows["method"], strict=True)]
-        _stability(axes, rows[np.array(shown, dtype=bool)], drawn)
+        is_shown = [appearance.shows(key) for key in zip(rows["engine"], rows["method"], strict=True)]
+        _stability(axes, rows[np.array(is_shown, dtype=bool)], drawn)
     elif lines:
         FIGURES[figure](axes, lines, drawn, quantity)
     if not axes.lines:
@@ -255,10 +255,10 @@ def _drift(axes: Axes, lines: _Lines, drawn: Mapping[MethodKey, Style], quantity
     every = [case for cases in lines.values() for case in cases]
     at_s = common_step(every)
     scale = scale_of(every[0].columns, quantity)
-    what = heading(quantity) if scale > 0.0 else f"{heading(quantity)}, {MEASURES[quantity].unit}"
-    axes.set(yscale="log", xlabel=f"time, s ({setting('dt', at_s)})", ylabel=what)
-    shown = {key: shown_case(cases, at_s) for key, cases in lines.items()}
-    cases = {key: [case] for key, case in shown.items() if case is not None}
+    label = heading(quantity) if scale > 0.0 else f"{heading(quantity)}, {MEASURES[quantity].unit}"
+    axes.set(yscale="log", xlabel=f"time, s ({setting('dt', at_s)})", ylabel=label)
+    representatives = {key: shown_case(cases, at_s) for key, cases in lines.items()}
+    cases = {key: [case] for key, case in representatives.items() if case is not None}
     points = {key: _over_time(own[0], quantity, scale) for key, own in cases.items()}
     _draw_merged(axes, drawn, points, cases, 0.0, markers=False)
 
@@ -336,9 +336,9 @@ def _draw_merged(
     markers: bool = True,
 ) -> None:
     """Draw each group of equal lines as one; a method without points only has its faults in the legend."""
-    there = {key: line for key, line in points.items() if len(line[0])}
-    empty = [[key] for key in points if key not in there]
-    for group in (*merged(there, floor), *empty):
+    nonempty = {key: line for key, line in points.items() if len(line[0])}
+    empty = [[key] for key in points if key not in nonempty]
+    for group in (*merged(nonempty, floor), *empty):
         own = [case for key in group for case in cases[key]]
         _draw(axes, drawn, group, points[group[0]], own, markers=markers)
 

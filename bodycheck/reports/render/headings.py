@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-_WORDS = {
+_HEADINGS = {
     "cpu_s": "CPU time, s",
     "ns_per_step": "time per step, ns",
     "order_low": "order, lower end",
@@ -15,8 +15,8 @@ _UNITS = ("rad", "s")
 
 def heading(column: str) -> str:
     """Return a column name as words, with its unit after a comma."""
-    if column in _WORDS:
-        return _WORDS[column]
+    if column in _HEADINGS:
+        return _HEADINGS[column]
     name, _, last = column.rpartition("_")
-    words, unit = (name, f", {last}") if name and last in _UNITS else (column, "")
-    return words.replace("_", " ") + unit
+    text, unit = (name, f", {last}") if name and last in _UNITS else (column, "")
+    return text.replace("_", " ") + unit

@@ -42,7 +42,7 @@ _PLAY_S = 10.0
 _HOLD_S = 1.5
 _SLOWEST, _FASTEST = 2, 25  # frames per second
 _PANEL_IN = 2.4
-_MOST_IN_ROW = 4
+_MAX_IN_ROW = 4
 _DOTS_PER_INCH = 100
 _ARROW = 0.7  # in the units of the panels, whose half width is 0.75
 
@@ -100,15 +100,15 @@ def filmed_cases(
         known = ", ".join(map(step, steps)) or "none"
         raise InputError(f"--dt {step(dt_s)}: no motion has this step (available: {known})")
     at_s = coarsest_shared_step(moved) if dt_s is None else dt_s
-    whole = [case for case in moved if not engines or case.columns["engine"] in engines]
+    candidates = [case for case in moved if not engines or case.columns["engine"] in engines]
     named = (
         [case for case in moved if case.columns["engine"] not in engines and case.dt_s == at_s]
         if engines
         else []
     )
-    filmed = [*shown_cases(whole, at_s), *named]
-    there = {name for case in filmed for name in (case.columns["engine"], method_name(case))}
-    if missing := [name for name in engines if name not in there]:
+    filmed = [*shown_cases(candidates, at_s), *named]
+    available = {name for case in filmed for name in (case.columns["engine"], method_name(case))}
+    if missing := [name for name in engines if name not in available]:
         raise InputError(f"--engine {', '.join(missing)}: no case at dt {step(at_s)} s has outcome ok")
     return filmed
 
@@ -137,7 +137,7 @@ def film_frames(samples: int) -> range:
 
 def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Callable[[int], None]:
     """Draw one panel per case, and return the function that shows sample k in all of them."""
-    rows, columns = -(-len(cases) // _MOST_IN_ROW), min(len(cases), _MOST_IN_ROW)
+    rows, columns = -(-len(cases) // _MAX_IN_ROW), min(len(cases), _MAX_IN_ROW)
     page.set_size_inches(_PANEL_IN * columns, (_PANEL_IN + 0.2) * rows + 0.4)
     page.subplots_adjust(left=0.0, right=1.0, bottom=0.05, top=0.84, wspace=0.0)
     surface, truth = surface_of(problem.scenario.body), problem.truth.trajectory
@@ -145,9 +145,9 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
     momentum = _momentum(problem)
     arrow = "" if momentum is None else "; arrow: angular momentum"
     bodies: list[tuple[Any, Any]] = []
-    told: list[Any] = []
-    for place, case in enumerate(cases):
-        axes: Any = page.add_subplot(rows, columns, place + 1, projection="3d")
+    labels: list[Any] = []
+    for index, case in enumerate(cases):
+        axes: Any = page.add_subplot(rows, columns, index + 1, projection="3d")
         axes.computed_zorder = False  # the order of distances, which changes while two bodies turn
         ghost = draw_body(axes, surface, np.eye(3), GHOST, 0.05, 0.3)
         body = draw_body(axes, surface, np.eye(3), COLOURS[engine_colour(case.columns["engine"])], 0.25, 0.85)
@@ -156,7 +156,7 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
         bare_axes(axes, 0.75, method_name(case), fontsize=8)
         assert case.trajectory is not None
         bodies += [(ghost, truth.rotation_matrices), (body, case.trajectory.rotation_matrices)]
-        told.append(axes.text2D(0.5, 0.0, "", fontsize=8, ha="center", transform=axes.transAxes))
+        labels.append(axes.text2D(0.5, 0.0, "", fontsize=8, ha="center", transform=axes.transAxes))
 
     def show(k: int) -> None:
         title.set_text(
@@ -164,10 +164,10 @@ def _panels(page: Figure, problem: Problem, cases: Sequence[CaseResult]) -> Call
         )
         for body, rotations in bodies:
             body.set_verts(surface.polygons(rotations[k]))
-        for text, case in zip(told, cases, strict=True):
+        for text, case in zip(labels, cases, strict=True):
             error = float(case.series[ORIENTATION][k])
-            shown = number(error, 2) if error > problem.truth.bound_rad[k] else "0"
-            text.set_text(f"{shown} rad from the truth (grey)")
+            error_text = number(error, 2) if error > problem.truth.bound_rad[k] else "0"
+            text.set_text(f"{error_text} rad from the truth (grey)")
 
     return show
 

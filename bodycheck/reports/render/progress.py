@@ -19,10 +19,10 @@ _SPINNER_WIDTH = 2
 
 
 @contextmanager
-def watched(what: str, *, quiet: bool = False) -> Iterator[None]:
+def status_line(description: str, *, quiet: bool = False) -> Iterator[None]:
     """Show a description and the elapsed time on standard error, if that is a terminal."""
-    with _bar(quiet=quiet) as shown:
-        shown.add_task(what, total=None)
+    with _bar(quiet=quiet) as bar:
+        bar.add_task(description, total=None)
         yield
 
 
@@ -48,17 +48,17 @@ class _Line(ProgressColumn):
         if task.time_remaining:  # None before two are done, 0 where only uncounted work is left
             times += f", remaining {_clock(task.time_remaining)}"
         room = self._console.width - _SPINNER_WIDTH - len(amount + unit + times)
-        whole = f"{task.description}{amount}{unit}{note}{times}"
-        if len(whole) > self._console.width - _SPINNER_WIDTH:
-            whole = f"{shortened(task.description, room)}{amount}{unit}{times}"
-        return Text(whole, no_wrap=True, overflow="ellipsis")
+        text = f"{task.description}{amount}{unit}{note}{times}"
+        if len(text) > self._console.width - _SPINNER_WIDTH:
+            text = f"{shortened(task.description, room)}{amount}{unit}{times}"
+        return Text(text, no_wrap=True, overflow="ellipsis")
 
 
 def _clock(seconds: float | None) -> str:
     """Return seconds as 1:05 or 1:02:05."""
-    minutes, left = divmod(int(seconds or 0.0), 60)
+    minutes, rest = divmod(int(seconds or 0.0), 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{left:02d}" if hours else f"{minutes}:{left:02d}"
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
 class LiveProgress:
@@ -85,9 +85,9 @@ class LiveProgress:
     ) -> None:
         self._bar.stop()
 
-    def phase(self, what: str) -> None:
+    def phase(self, name: str) -> None:
         """Show the name of the phase that has begun."""
-        self._show(what)
+        self._show(name)
 
     def compiling(self, done: int, total: int) -> None:
         """Show how much is compiled; called only while something is."""
@@ -97,11 +97,11 @@ class LiveProgress:
             self._show("compiling", note, total=total, unit=" kernels")
         self._bar.update(self._task, completed=done, total=total)
 
-    def truth_begun(self, scenario: str) -> None:
+    def truth_started(self, scenario: str) -> None:
         """Show the scenario whose truth is being solved, on a terminal only."""
         self._bar.update(self._task, description=f"{self._label}solving the truth of {scenario}")
 
-    def motions_begun(self) -> None:
+    def motions_started(self) -> None:
         """Show the number of cases that have ended, of those listed."""
         self._show("motions", total=self._listed, unit=" cases")
 
@@ -112,7 +112,7 @@ class LiveProgress:
             self._listed = max(self._listed, self._done)
             self._bar.update(self._task, completed=self._done, total=self._listed)
 
-    def speeds_begun(self) -> None:
+    def speeds_started(self) -> None:
         """Show the number of cases that were timed, of those that ran."""
         self._show("speeds, one case at a time", total=self._done, unit=" cases")
 
@@ -121,11 +121,11 @@ class LiveProgress:
         self._timed += 1
         self._bar.update(self._task, completed=self._timed)
 
-    def _show(self, what: str, note: str = "", *, total: int | None = None, unit: str = "") -> None:
+    def _show(self, name: str, note: str = "", *, total: int | None = None, unit: str = "") -> None:
         if self._logs:
-            self._bar.console.print(Text(what + unit * bool(note) + note))
+            self._bar.console.print(Text(name + unit * bool(note) + note))
         self._bar.remove_task(self._task)  # a task cannot lose its total
-        self._task = self._bar.add_task(f"{self._label}{what}", total=total, note=note, unit=unit)
+        self._task = self._bar.add_task(f"{self._label}{name}", total=total, note=note, unit=unit)
 
 
 def _rounded(seconds: float) -> str:

@@ -100,7 +100,7 @@ def merged(lines: Mapping[Key, tuple[Array, Array]], floor: float = 0.0) -> list
     groups: list[list[Key]] = []
     for key, line in lines.items():
         for group in groups:
-            if _alike(lines[group[0]], line, floor):
+            if _are_equal(lines[group[0]], line, floor):
                 group.append(key)
                 break
         else:
@@ -108,7 +108,7 @@ def merged(lines: Mapping[Key, tuple[Array, Array]], floor: float = 0.0) -> list
     return groups
 
 
-def _alike(first: tuple[Array, Array], second: tuple[Array, Array], floor: float) -> bool:
+def _are_equal(first: tuple[Array, Array], second: tuple[Array, Array], floor: float) -> bool:
     (x, y), (abscissas, values) = first, second
     if len(x) != len(abscissas) or len(y) != len(values) or _differ(float(y[-1]), float(values[-1]), floor):
         return False  # the last value alone settles most pairs

@@ -22,7 +22,7 @@ from bodycheck.scenarios.reader import fault_lines
 
 _Text: TypeAlias = Annotated[str, Field(strict=True, max_length=100_000)]
 _Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-_MOST_FAULTS = 3
+_MAX_FAULTS = 3
 _Count: TypeAlias = Annotated[int, Field(strict=True, ge=0, le=10**12)]
 
 
@@ -118,6 +118,6 @@ def check_manifest(path: Path, manifest: Any) -> dict[str, Any]:
     try:
         _Manifest.model_validate(manifest)
     except ValidationError as error:
-        faults = "; ".join(line.lstrip(": ") for line in fault_lines(error)[:_MOST_FAULTS])
+        faults = "; ".join(line.lstrip(": ") for line in fault_lines(error)[:_MAX_FAULTS])
         raise InputError(f"{path}: not a manifest of a run: {faults}") from None
     return dict(manifest)

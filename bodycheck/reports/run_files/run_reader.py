@@ -89,25 +89,25 @@ def read_tables(folder: Path) -> Tables:
     methods = read_rows(folder / "methods.csv", METHOD_COLUMNS, _OF_EVERY_METHOD)
     stability = read_rows(folder / "stability.csv", STABILITY_COLUMNS, _OF_EVERY_SEARCH)
     path = folder / "probes.csv"  # absent from runs of earlier versions
-    probes = _if_there(path, PROBE_COLUMNS, _OF_EVERY_CHECK)
-    told = folder / "diagnoses.csv"
-    diagnoses = _if_there(told, DIAGNOSIS_COLUMNS, _OF_EVERY_DIAGNOSIS)
-    fingerprints = _if_there(folder / "fingerprints.csv", FINGERPRINT_COLUMNS, _OF_EVERY_FINGERPRINT)
-    laws = _if_there(folder / "laws.csv", LAW_COLUMNS, _OF_EVERY_LAW)
-    _check_words(folder / "laws.csv", laws, "verdict", LAW_VERDICTS)
+    probes = _read_if_present(path, PROBE_COLUMNS, _OF_EVERY_CHECK)
+    diagnoses_path = folder / "diagnoses.csv"
+    diagnoses = _read_if_present(diagnoses_path, DIAGNOSIS_COLUMNS, _OF_EVERY_DIAGNOSIS)
+    fingerprints = _read_if_present(folder / "fingerprints.csv", FINGERPRINT_COLUMNS, _OF_EVERY_FINGERPRINT)
+    laws = _read_if_present(folder / "laws.csv", LAW_COLUMNS, _OF_EVERY_LAW)
+    _check_choices(folder / "laws.csv", laws, "verdict", LAW_VERDICTS)
     _check_commands(folder / "fingerprints.csv", fingerprints)
     _check_commands(folder / "laws.csv", laws)
-    _check_words(folder / "results.csv", results, "outcome", STATES)
+    _check_choices(folder / "results.csv", results, "outcome", STATES)
     _check_commands(folder / "results.csv", results)
     _check_settings(folder / "results.csv", results)
     _check_commands(path, probes)
-    _check_commands(told, diagnoses)
-    _check_words(folder / "methods.csv", methods, "verdict", STATES)
-    _check_words(folder / "methods.csv", methods, "quantity", MEASURES)
+    _check_commands(diagnoses_path, diagnoses)
+    _check_choices(folder / "methods.csv", methods, "verdict", STATES)
+    _check_choices(folder / "methods.csv", methods, "quantity", MEASURES)
     _check_intervals(folder / "results.csv", results, "cpu_s")
     _check_intervals(folder / "methods.csv", methods, "order")
     _check_intervals(folder / "methods.csv", methods, "growth_exponent")
-    _check_words(folder / "stability.csv", stability, "outcome", STATES)
+    _check_choices(folder / "stability.csv", stability, "outcome", STATES)
     run_id, rows = manifest["run_id"], (*results, *methods, *stability, *diagnoses)
     if others := {row["run_id"] for row in (*rows, *probes, *fingerprints, *laws)} - {run_id}:
         raise InputError(f"{folder}: manifest.json is of run {run_id}, but the tables of {', '.join(others)}")
@@ -115,12 +115,12 @@ def read_tables(folder: Path) -> Tables:
         raise InputError(
             f"{folder / 'results.csv'}: cases do not match the counts in manifest.json; {folder} is damaged"
         )
-    if strange := {row["scenario"] for row in rows} - manifest["scenarios"].keys():
-        raise InputError(f"{folder}: manifest.json has no scenario {', '.join(sorted(strange))}")
+    if unknown := {row["scenario"] for row in rows} - manifest["scenarios"].keys():
+        raise InputError(f"{folder}: manifest.json has no scenario {', '.join(sorted(unknown))}")
     engines = manifest["engines"]
     known = {(name, method) for name, entry in engines.items() for method in entry.get("methods", ())}
-    if strange := {(row["engine"], row["method"]) for row in rows} - known:
-        raise InputError(f"{folder}: manifest.json has no method {':'.join(min(strange))}")
+    if unknown := {(row["engine"], row["method"]) for row in rows} - known:
+        raise InputError(f"{folder}: manifest.json has no method {':'.join(min(unknown))}")
     return Tables(
         run_id=run_id,
         results=as_table(({"message": "", **row} for row in results), RESULT_COLUMNS),
@@ -135,7 +135,7 @@ def read_tables(folder: Path) -> Tables:
     )
 
 
-def _if_there(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> list[dict[str, Any]]:
+def _read_if_present(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> list[dict[str, Any]]:
     """Read the rows of a table that runs of earlier versions lack."""
     return read_rows(path, columns, needed) if path.exists() else []
 
@@ -154,7 +154,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return check_manifest(folder / "manifest.json", _json(folder, "manifest.json"))
 
 
-def _check_words(path: Path, rows: Iterable[dict[str, Any]], column: str, known: Iterable[str]) -> None:
+def _check_choices(path: Path, rows: Iterable[dict[str, Any]], column: str, known: Iterable[str]) -> None:
     """Raise InputError where a row has a word that this version does not write."""
     if unknown := {row[column] for row in rows} - {"ok", *known}:
         raise InputError(f"{path}: unknown {column} {sorted(unknown)[0]!r} (available: {', '.join(known)})")
@@ -197,7 +197,7 @@ def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = No
     """
     tables = read_tables(folder)
     cases = _with_read_backs(folder, tables.cases)
-    solved = _subjects(folder, tables, cache, allow_code=allow_code)
+    solved = _problems(folder, tables, cache, allow_code=allow_code)
     problems = {problem.scenario.name: problem for problem in solved}
     return Run(
         run_id=tables.run_id,
@@ -214,11 +214,11 @@ def read_run(folder: Path, *, allow_code: bool = False, cache: Cache | None = No
     )
 
 
-def _subjects(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: bool) -> Iterator[Problem]:
+def _problems(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: bool) -> Iterator[Problem]:
     commands = {case.columns["scenario"]: case.columns["reproduce"] for case in tables.cases}
-    for name, told in tables.manifest["scenarios"].items():
+    for name, facts in tables.manifest["scenarios"].items():
         where = f"{folder / 'manifest.json'}: scenarios.{name}"
-        scenario = as_written(told, where, allow_code=allow_code)
+        scenario = as_written(facts, where, allow_code=allow_code)
         problem = Problem.of(scenario, scenario_spec(commands.get(name, "")) or name, cache)
         path = folder / "trajectories" / file_name(name) / "truth.npz"
         stored = read_arrays(path)
@@ -232,11 +232,11 @@ def _subjects(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: 
 
 def _with_read_backs(folder: Path, cases: Iterable[CaseResult]) -> Iterator[CaseResult]:
     """Yield the cases with the parameters that were read back from their engines."""
-    held = _json(folder, "read_back.json")
-    if not isinstance(held, dict):
+    stored = _json(folder, "read_back.json")
+    if not isinstance(stored, dict):
         raise InputError(f"{folder / 'read_back.json'}: must be an object with one entry per case")
     for case in cases:
-        message = held.get(str(trajectory_file(case)))
+        message = stored.get(str(trajectory_file(case)))
         if isinstance(message, dict):
             message.pop("build", None)  # written for human readers; the row of the case has it too
         try:
@@ -266,8 +266,11 @@ def _motion(path: Path, problem: Problem, case: CaseResult) -> MeasuredMotion:
     if not np.array_equal(trajectory.t_s, problem.truth.trajectory.t_s):
         raise InputError(f"{path}: t_s differs from the sample times of {problem.scenario.name}")
     columns, motion = measured_by(problem, trajectory, Motion.of(problem.scenario.scene, trajectory))
-    angle, told = columns["orientation_error_rad"], case.columns.get("orientation_error_rad", math.nan)
+    angle, stored_error = (
+        columns["orientation_error_rad"],
+        case.columns.get("orientation_error_rad", math.nan),
+    )
     slack = 2.0 * problem.largest(problem.truth.bound_rad)
-    if not math.isclose(angle, told, rel_tol=_SAME, abs_tol=slack):
-        raise InputError(f"{path}: its error is {angle:.4g} rad, but results.csv has {told:.4g} rad")
+    if not math.isclose(angle, stored_error, rel_tol=_SAME, abs_tol=slack):
+        raise InputError(f"{path}: its error is {angle:.4g} rad, but results.csv has {stored_error:.4g} rad")
     return motion

@@ -106,5 +106,5 @@ def common_step(cases: Iterable[CaseResult]) -> float | None:
 
 def shown_case(cases: Iterable[CaseResult], at_s: float | None) -> CaseResult | None:
     """Return the case that represents a method: at the common step, or else at its finest tolerance."""
-    fitting = [case for case in cases if case.dt_s in (None, at_s)]
-    return min(fitting, key=lambda case: case.setting.fineness or 0.0, default=None)
+    candidates = [case for case in cases if case.dt_s in (None, at_s)]
+    return min(candidates, key=lambda case: case.setting.fineness or 0.0, default=None)

@@ -51,10 +51,10 @@ class Sentinel:
     @classmethod
     def of(cls, scenario: str, engine: Engine, method: Method, at: Setting, answer: Answer) -> Sentinel:
         """Return the sentinel of an engine's answer."""
-        where = setting(method.control, at.fineness)
+        setting_text = setting(method.control, at.fineness)
         build, motion = Build(answer.build).short, answer.trajectory
-        who = scenario, engine.name, engine.version, method.name
-        return cls(*who, where, answer.outcome, answer.message, build, motion)
+        identity = scenario, engine.name, engine.version, method.name
+        return cls(*identity, setting_text, answer.outcome, answer.message, build, motion)
 
     @property
     def case(self) -> tuple[str, str, str, str]:
@@ -75,8 +75,8 @@ def write_sentinels(sentinels: Sequence[Sentinel], folder: Path) -> None:
     with (folder / _TABLE).open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(_COLUMNS)
-        for place, one in enumerate(sentinels):
-            name = "" if one.trajectory is None else f"{place:04d}.npz"
+        for index, one in enumerate(sentinels):
+            name = "" if one.trajectory is None else f"{index:04d}.npz"
             rows.writerow([*(getattr(one, column) for column in _COLUMNS[:-1]), name])
             if one.trajectory is not None:
                 (folder / _FOLDER / name).write_bytes(npz(stored_arrays(one.trajectory)))
@@ -157,9 +157,9 @@ def _disagreement(answers: Mapping[str, Sentinel]) -> str:
     if len(groups) < 2:
         return ""
     first, *others = groups
-    shown = next(iter(first.values()))
-    told = (f"{_shards(group)} {_against(shown, next(iter(group.values())))}" for group in others)
-    return f"{shown.name}: compared with {_shards(first)}, {'; '.join(told)}"
+    reference = next(iter(first.values()))
+    differences = (f"{_shards(group)} {_against(reference, next(iter(group.values())))}" for group in others)
+    return f"{reference.name}: compared with {_shards(first)}, {'; '.join(differences)}"
 
 
 def _shards(group: Mapping[str, Sentinel]) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from bodycheck._util.errors import InputError
 from bodycheck._util.untrusted import escaped
 from bodycheck.reference_impl.truth.truth import QUANTITIES
-from bodycheck.reports.measurement.measures import MEASURES, WHO
+from bodycheck.reports.measurement.measures import IDENTITY, MEASURES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _CASE = (
     "run_id",
-    *WHO,
+    *IDENTITY,
     "control",
     "precision",
     "dt_s",
@@ -67,7 +67,7 @@ RESULT_COLUMNS = (
 )
 METHOD_COLUMNS = (
     "run_id",
-    *WHO,
+    *IDENTITY,
     "quantity",
     "expected_order",
     "order",
@@ -94,7 +94,7 @@ METHOD_COLUMNS = (
 )
 STABILITY_COLUMNS = (
     "run_id",
-    *WHO,
+    *IDENTITY,
     "dt_stable_s",
     "dt_unstable_s",
     "reason",
@@ -109,7 +109,7 @@ PROBE_COLUMNS = (
     *("dt_s", "verdict", "message", "reproduce"),
 )
 DIAGNOSIS_COLUMNS = (
-    *("run_id", *WHO, "dt_s", "tolerance", "quantity", "verdict", "diagnosis"),
+    *("run_id", *IDENTITY, "dt_s", "tolerance", "quantity", "verdict", "diagnosis"),
     *("faults", "parameter", "value", "value_low", "value_high", "unit", "share", "alike"),
     *("map", "before", "after", "round_off", "reproduce"),
 )
@@ -127,7 +127,7 @@ _WHOLE_NUMBERS = ("steps", "rhs_evaluations", "points")
 _LARGEST_WHOLE = 2**63 - 1
 _TEXTS = frozenset(
     (
-        *("run_id", *WHO, "control", "precision", "outcome"),
+        *("run_id", *IDENTITY, "control", "precision", "outcome"),
         *("message", "reproduce", "invariant", "truth", "stepping", "quantity", "verdict"),
         *("growth", "reason", "check", "build", "law", "state", "replay"),
         *("diagnosis", "faults", "parameter", "unit", "alike", "map"),
@@ -219,9 +219,9 @@ def _value(column: str, cell: str) -> Any:
         return escaped(cell)
     if column not in _WHOLE_NUMBERS:
         return float(cell)
-    if abs(whole := int(cell)) > _LARGEST_WHOLE:
+    if abs(integer := int(cell)) > _LARGEST_WHOLE:
         raise ValueError(cell)
-    return whole
+    return integer
 
 
 def _row(
@@ -235,8 +235,8 @@ def _row(
             try:
                 row[name] = _value(name, cell)
             except ValueError:
-                wanted = "True or False" if name in _YES_OR_NO else "a number"
-                raise InputError(f"{path}: row {number}: {name} is {cell!r}, not {wanted}") from None
+                expected = "True or False" if name in _YES_OR_NO else "a number"
+                raise InputError(f"{path}: row {number}: {name} is {cell!r}, not {expected}") from None
     if missing := [name for name in needed if name not in row]:
         raise InputError(f"{path}: row {number} has no {', '.join(missing)}")
     return row

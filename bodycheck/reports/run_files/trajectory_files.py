@@ -20,12 +20,12 @@ from bodycheck.reference_impl.trajectory import Trajectory
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST_BYTES = 1 << 28
+MAX_BYTES = 1 << 28
 """Limit for all arrays together, as doubles; the quantities of a million samples take 208 MB."""
 _ALWAYS_BYTES = 1 << 25
-_MOST_PACKED = 50  # above that, times the file size: denser files are zip bombs, or a body at rest
+_MAX_PACKED = 50  # above that, times the file size: denser files are zip bombs, or a body at rest
 _DOUBLE_BYTES = 8
-_MOST_DIMENSIONS = 3
+_MAX_DIMENSIONS = 3
 _EXACT = 2**53  # every integer up to here is a double
 _ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
@@ -41,10 +41,10 @@ def read_npz(
     """
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as archive:
-            left = min(MOST_BYTES, max(_ALWAYS_BYTES, _MOST_PACKED * path.stat().st_size))
-            there = [name.removesuffix(".npy") for name in archive.NameToInfo if name.endswith(".npy")]
+            left = min(MAX_BYTES, max(_ALWAYS_BYTES, _MAX_PACKED * path.stat().st_size))
+            present = [name.removesuffix(".npy") for name in archive.NameToInfo if name.endswith(".npy")]
             arrays = {}
-            for name in there if names is None else [name for name in names if name in there]:
+            for name in present if names is None else [name for name in names if name in present]:
                 try:
                     arrays[name] = _array(archive, name, left)
                 except ValueError as error:
@@ -58,8 +58,8 @@ def read_npz(
         raise InputError(f"{path}: not an npz file of numbers: {' '.join(str(error).split())}") from None
 
 
-def _array(archive: zipfile.ZipFile, name: str, most: int) -> Array:
-    """Return one member, of at most `most` bytes, as doubles.
+def _array(archive: zipfile.ZipFile, name: str, max_bytes: int) -> Array:
+    """Return one member, of at most `max_bytes` bytes, as doubles.
 
     Raises ValueError where its header and its size disagree, or its type is not real.
     """
@@ -70,7 +70,7 @@ def _array(archive: zipfile.ZipFile, name: str, most: int) -> Array:
         raise ValueError(f"{name} has an unsupported compression; use numpy.savez or numpy.savez_compressed")
     with archive.open(member) as packed:
         stream = cast(BinaryIO, packed)
-        shape, columns_first, dtype = _header(stream, name, most)
+        shape, columns_first, dtype = _header(stream, name, max_bytes)
         size = math.prod(shape) * dtype.itemsize
         content = stream.read(size + 1)
     if len(content) != size:
@@ -79,8 +79,8 @@ def _array(archive: zipfile.ZipFile, name: str, most: int) -> Array:
     return doubles(np.ascontiguousarray(values), name)
 
 
-def _header(stream: BinaryIO, name: str, most: int) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return shape, order and type of a numeric array of at most `most` bytes as doubles."""
+def _header(stream: BinaryIO, name: str, max_bytes: int) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, order and type of a numeric array of at most `max_bytes` bytes as doubles."""
     version = np.lib.format.read_magic(stream)
     read = {
         (1, 0): np.lib.format.read_array_header_1_0,
@@ -93,17 +93,17 @@ def _header(stream: BinaryIO, name: str, most: int) -> tuple[tuple[int, ...], bo
         raise ValueError(f"{name} has type {dtype}, not real numbers")
     if dtype.itemsize > _DOUBLE_BYTES:
         raise ValueError(f"{name} has type {dtype}, which does not fit in doubles")
-    if len(shape) > _MOST_DIMENSIONS or min(shape, default=0) < 0:
+    if len(shape) > _MAX_DIMENSIONS or min(shape, default=0) < 0:
         raise ValueError(f"{name} has the shape {shape}")
-    if math.prod(shape) * _DOUBLE_BYTES > most:
-        raise ValueError(f"{name} declares the shape {shape}, which exceeds the limit of {most} bytes")
+    if math.prod(shape) * _DOUBLE_BYTES > max_bytes:
+        raise ValueError(f"{name} declares the shape {shape}, which exceeds the limit of {max_bytes} bytes")
     return shape, columns_first, dtype
 
 
 def doubles(values: np.ndarray[Any, np.dtype[Any]], name: str) -> Array:
     """Return real numbers as doubles; raise ValueError for integers above 2^53."""
-    whole = values.dtype.kind in "iu" and values.size
-    if whole and max(int(values.max()), -int(values.min())) > _EXACT:
+    is_integer = values.dtype.kind in "iu" and values.size
+    if is_integer and max(int(values.max()), -int(values.min())) > _EXACT:
         raise ValueError(f"{name} has integers above 2^53, which do not fit in doubles")
     return values.astype(np.float64)
 
@@ -147,13 +147,13 @@ def npz(arrays: Mapping[str, Array]) -> bytes:
 
     It is built in memory, because numpy.savez seeks and writes a dozen times per array.
     """
-    whole = io.BytesIO()
-    with zipfile.ZipFile(whole, "w") as archive:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
         for name, array in arrays.items():
             doubles = np.ascontiguousarray(array, dtype="<f8")
             # ZipInfo defaults to the earliest zip date, so the bytes do not depend on the time of the run
             archive.writestr(zipfile.ZipInfo(f"{name}.npy"), _npy_header(doubles.shape) + doubles.tobytes())
-    return whole.getvalue()
+    return buffer.getvalue()
 
 
 @lru_cache

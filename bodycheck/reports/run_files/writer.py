@@ -32,17 +32,17 @@ def check_output(out: Path) -> None:
 
 
 @contextmanager
-def whole_folder(out: Path, *, beside: Path | None = None) -> Iterator[Path]:
+def atomic_folder(out: Path, *, temp_dir: Path | None = None) -> Iterator[Path]:
     """Yield an empty folder that becomes `out` when the block ends, and is removed if it raises.
 
-    beside: where it is until then [default: the parent of `out`]. Raises InputError where `out` is in use or
+    temp_dir: its parent until then [default: the parent of `out`]. Raises InputError where `out` is in use or
     cannot be written.
     """
     check_output(out)
-    beside = out.absolute().parent if beside is None else beside
+    temp_dir = out.absolute().parent if temp_dir is None else temp_dir
     try:
-        beside.mkdir(parents=True, exist_ok=True)
-        unfinished = unfinished_name(beside / out.absolute().name)
+        temp_dir.mkdir(parents=True, exist_ok=True)
+        unfinished = unfinished_name(temp_dir / out.absolute().name)
         try:
             unfinished.mkdir()  # not mkdtemp, which ignores the umask and excludes other users
             yield unfinished
@@ -53,13 +53,13 @@ def whole_folder(out: Path, *, beside: Path | None = None) -> Iterator[Path]:
         raise InputError(f"--out {out}: cannot be written: {error.strerror or error}") from None
 
 
-def write_files(run: Run, report: str, out: Path, *, beside: Path | None = None) -> Path:
+def write_files(run: Run, report: str, out: Path, *, temp_dir: Path | None = None) -> Path:
     """Write the tables, trajectories/, manifest.json and the report as report.html; return its path.
 
-    Everything is written under a temporary name in the folder `beside` [default: the parent of `out`] and
+    Everything is written under a temporary name in the folder `temp_dir` [default: the parent of `out`] and
     renamed at the end. Raises InputError where `out` is in use or cannot be written.
     """
-    with whole_folder(out, beside=beside) as folder:
+    with atomic_folder(out, temp_dir=temp_dir) as folder:
         write_tables(run, folder)
         _write_trajectories(run, folder / "trajectories")
         write_sentinels(run.sentinels, folder)
@@ -82,11 +82,11 @@ def write_tables(run: Run, folder: Path) -> None:
 
 def _write_trajectories(run: Run, trajectories: Path) -> None:
     for problem in run.problems:
-        place = trajectories / file_name(problem.scenario.name)
-        place.mkdir(parents=True)
+        folder = trajectories / file_name(problem.scenario.name)
+        folder.mkdir(parents=True)
         truth = problem.truth
         bounds = {name: getattr(truth, name) for name in (f"bound_{q}" for q in QUANTITIES)}
-        (place / "truth.npz").write_bytes(npz({**stored_arrays(truth.trajectory), **bounds}))
+        (folder / "truth.npz").write_bytes(npz({**stored_arrays(truth.trajectory), **bounds}))
     for case in run.cases:
         if case.trajectory is not None:
             (trajectories / trajectory_file(case)).write_bytes(npz(stored_arrays(case.trajectory)))

@@ -15,8 +15,8 @@ from bodycheck.adapters.programs import with_method
 from bodycheck.reports.measurement.case import ALLOW_CODE, CaseResult, scenario_spec
 from bodycheck.reports.measurement.measures import MEASURES, QUANTITIES
 from bodycheck.reports.run_files.run_tables import MethodKey
-from bodycheck.reports.summary.cases_within import keeping, largest_error
-from bodycheck.reports.summary.error_curve import MOST_STEPS, Basis, ErrorCurve, Estimate
+from bodycheck.reports.summary.cases_within import cases_within, largest_error
+from bodycheck.reports.summary.error_curve import MAX_STEPS, Basis, ErrorCurve, Estimate
 from bodycheck.scenarios.library import as_suite
 
 _ADVISED = tuple(name for name in QUANTITIES if MEASURES[name].judged == "limit")
@@ -116,7 +116,7 @@ def settings_within(
     each = {name: _found(curves, name, best, why) for name in scenarios}
     answers = [_cheapest_of_engines(name, *each[name]) for name in scenarios]
     if len(scenarios) > 1:
-        answers.insert(0, _cheapest_of_engines(None, *_on_all(each, curves)))
+        answers.insert(0, _cheapest_of_engines(None, *_over_all(each, curves)))
     return tuple(answers)
 
 
@@ -129,7 +129,7 @@ def errors_at(curves: Curves, dt_s: float, scenarios: Sequence[str]) -> tuple[An
     each = {name: _found(curves, name, at, lambda curve: _why_none(curve, None)) for name in scenarios}
     answers = [_by_error(name, *each[name]) for name in scenarios]
     if len(scenarios) > 1:
-        answers.insert(0, _by_error(None, *_on_all(each, curves)))
+        answers.insert(0, _by_error(None, *_over_all(each, curves)))
     return tuple(answers)
 
 
@@ -139,8 +139,8 @@ def cheapest_within(curve: ErrorCurve, error: float, *, predicted: bool = True) 
     if found is not None:
         return _option(curve, found)
     # if no cost is known, the coarsest step
-    kept = [_measured(curve, case) for case in keeping(curve.cases, error, curve.quantity)]
-    return min(reversed(kept), key=_cost, default=None)
+    meeting = [_measured(curve, case) for case in cases_within(curve.cases, error, curve.quantity)]
+    return min(reversed(meeting), key=_cost, default=None)
 
 
 _Options: TypeAlias = dict[MethodKey, Option]
@@ -184,13 +184,13 @@ def _option(curve: ErrorCurve, found: Estimate, timed: CaseResult | None = None)
 
     timed: the case of this setting, if its CPU time was measured.
     """
-    near = timed or _nearest_timed(curve, found.setting)
-    columns, setting, cpu_s = near.columns, found.setting, near.columns.get("cpu_s")
+    timed_case = timed or _nearest_timed(curve, found.setting)
+    columns, setting, cpu_s = timed_case.columns, found.setting, timed_case.columns.get("cpu_s")
     dt_s = setting if curve.control == "dt" else None
     evaluations = columns.get("rhs_evaluations")
-    if dt_s is not None and near.dt_s is not None:
-        cpu_s = _times(cpu_s, near.dt_s / dt_s)
-        evaluations = _times(evaluations, near.dt_s / dt_s)
+    if dt_s is not None and timed_case.dt_s is not None:
+        cpu_s = _times(cpu_s, timed_case.dt_s / dt_s)
+        evaluations = _times(evaluations, timed_case.dt_s / dt_s)
     omega = columns.get("omega_scale_rad_s")
     return Option(
         engine=columns["engine"],
@@ -216,10 +216,10 @@ def _nearest_timed(curve: ErrorCurve, setting: float | None) -> CaseResult:
 
     def distance(case: CaseResult) -> tuple[bool, float]:
         own = case.setting.fineness
-        apart = abs(math.log(own / setting)) if own is not None and setting is not None else 0.0
+        distance_decades = abs(math.log(own / setting)) if own is not None and setting is not None else 0.0
         # the cost of a tolerance does not follow from that of another
-        exact = apart > 0.0 and curve.control != "dt"
-        return case.columns.get("cpu_s") is None or exact, apart
+        exact = distance_decades > 0.0 and curve.control != "dt"
+        return case.columns.get("cpu_s") is None or exact, distance_decades
 
     return min(curve.measured, key=distance)
 
@@ -227,10 +227,10 @@ def _nearest_timed(curve: ErrorCurve, setting: float | None) -> CaseResult:
 @lru_cache
 def _with_step(command: str, dt_s: float | None) -> str:
     """Return the command of a case with another step."""
-    words = parted(command)
-    if dt_s is not None and "--dt" in words:
-        words[words.index("--dt") + 1] = repr(dt_s)
-    return joined(words)
+    arguments = parted(command)
+    if dt_s is not None and "--dt" in arguments:
+        arguments[arguments.index("--dt") + 1] = repr(dt_s)
+    return joined(arguments)
 
 
 def _cost(option: Option) -> tuple[float, float]:
@@ -251,7 +251,7 @@ def _why_none(curve: ErrorCurve, error: float | None) -> str:
         return f"below the floor of round-off and of the truth, {curve.floor:.2g}"
     if not curve.is_predictable:
         return "the measured steps do not determine it"
-    return f"needs more than {number(MOST_STEPS)} steps"
+    return f"needs more than {number(MAX_STEPS)} steps"
 
 
 def _cheapest_of_engines(
@@ -261,26 +261,26 @@ def _cheapest_of_engines(
     best: dict[str, Option] = {}
     for option in sorted(options.values(), key=lambda one: (one.basis == "unsure", _cost(one))):
         best.setdefault(option.engine, option)
-    shown = tuple(sorted(best.values(), key=lambda one: (one.basis == "unsure", _cost(one))))
+    options_shown = tuple(sorted(best.values(), key=lambda one: (one.basis == "unsure", _cost(one))))
     without: dict[str, str] = {}
     for (engine, _), why in reasons.items():
         if engine not in best:
             without.setdefault(engine, why)
-    closest = None if shown else min(nearest.values(), key=lambda one: one.error, default=None)
-    return Answer(scenario, shown, tuple(without.items()), closest)
+    closest = None if options_shown else min(nearest.values(), key=lambda one: one.error, default=None)
+    return Answer(scenario, options_shown, tuple(without.items()), closest)
 
 
 def _by_error(scenario: str | None, options: _Options, reasons: _Reasons, _: _Options) -> Answer:
-    shown = tuple(sorted(options.values(), key=lambda one: one.error))
-    return Answer(scenario, shown, tuple((with_method(*key), why) for key, why in reasons.items()))
+    options_shown = tuple(sorted(options.values(), key=lambda one: one.error))
+    return Answer(scenario, options_shown, tuple((with_method(*key), why) for key, why in reasons.items()))
 
 
-def _on_all(
+def _over_all(
     each: Mapping[str, tuple[_Options, _Reasons, _Options]], curves: Curves
 ) -> tuple[_Options, _Reasons, _Options]:
     """Return the options that hold on every scenario at once, and the scenario without one for all others."""
-    options = _together([found[0] for found in each.values()], curves)
-    nearest = _together([found[2] for found in each.values()], curves)
+    options = _on_every_scenario([found[0] for found in each.values()], curves)
+    nearest = _on_every_scenario([found[2] for found in each.values()], curves)
     keys = dict.fromkeys(key for found in each.values() for key in (*found[0], *found[1]))
     reasons = {
         key: next(
@@ -297,14 +297,14 @@ def _on_all(
     return options, reasons, nearest
 
 
-def _together(found: Sequence[_Options], curves: Curves) -> _Options:
+def _on_every_scenario(found: Sequence[_Options], curves: Curves) -> _Options:
     """Return the methods that have an option on every scenario, at the finest of their settings."""
-    together = {}
+    joint = {}
     for key in dict.fromkeys(key for options in found for key in options):
         each = [options[key] for options in found if key in options]
         if len(each) == len(found):
-            together[key] = _joint(key, each, curves)
-    return together
+            joint[key] = _joint(key, each, curves)
+    return joint
 
 
 def _joint(key: MethodKey, each: Sequence[Option], curves: Curves) -> Option:
@@ -350,10 +350,10 @@ def _total(times: Iterable[float | None]) -> float | None:
 
 def _command(key: MethodKey, each: Sequence[str], dt_s: float | None) -> str:
     """Merge several commands into one that runs the method on all their scenarios."""
-    asked = [name for command in each if (name := scenario_spec(command)) is not None]
+    specs = [name for command in each if (name := scenario_spec(command)) is not None]
     code = [ALLOW_CODE] if any(ALLOW_CODE in parted(command) for command in each) else []
     step = [] if dt_s is None else ["--dt", repr(dt_s)]
-    return joined(["bodycheck", "run", *as_suite(asked), "--engine", with_method(*key), *step, *code])
+    return joined(["bodycheck", "run", *as_suite(specs), "--engine", with_method(*key), *step, *code])
 
 
 def to_measure(curves: Curves, advice: Iterable[Answer], error: float) -> dict[tuple[str, MethodKey], float]:

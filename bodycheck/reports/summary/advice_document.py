@@ -8,7 +8,7 @@ from bodycheck._util.formatting import names, number, setting, step
 from bodycheck.reports.document import Column, Command, Document, Part, Sentence, Table
 from bodycheck.reports.summary.advice import Advice, Answer, Option
 
-_MOST_COMMANDS = 4
+_MAX_COMMANDS = 4
 _COLUMNS = (
     Column("engine:method", "name"),
     Column("setting", "fixed"),
@@ -24,10 +24,10 @@ def advice_document(advice: Advice) -> Document:
 
     Of a step's errors on several scenarios, only those on all of them together are included.
     """
-    together = advice.answers[0].scenario is None
-    shown = advice.answers[:1] if together and advice.error is None else advice.answers
-    parts = [part for answer in shown for part in _answer_parts(answer, len(advice.answers) - 1)]
-    if len(shown) < len(advice.answers):
+    joint = advice.answers[0].scenario is None
+    answers = advice.answers[:1] if joint and advice.error is None else advice.answers
+    parts = [part for answer in answers for part in _answer_parts(answer, len(advice.answers) - 1)]
+    if len(answers) < len(advice.answers):
         parts.append(Sentence("name a scenario to see its errors alone"))
     question = Sentence(f"{_question(advice)}, from the run {advice.run}")
     return Document("bodycheck: advice", (question, *parts))
@@ -59,7 +59,7 @@ def _answer_parts(answer: Answer, scenarios: int) -> Iterator[Part]:
         yield Sentence(f"{engine}: {why}", "open")
     if not answer.options:
         yield from _nothing(answer)
-    for option in answer.options[:_MOST_COMMANDS]:
+    for option in answer.options[:_MAX_COMMANDS]:
         yield Command(option.confirm, "measured by" if option.basis == "measured" else "confirm with")
     pasted = next((option for option in answer.options if option.snippet), None)
     if pasted is not None:

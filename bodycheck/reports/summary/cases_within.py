@@ -17,7 +17,7 @@ RefinementSequence: TypeAlias = Sequence[CaseResult]
 """The cases of one method on one scenario, finest first."""
 
 
-def ladders_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], RefinementSequence]:
+def sequences_of(cases: Iterable[CaseResult]) -> Mapping[tuple[str, MethodKey], RefinementSequence]:
     """Return the cases of each method on each scenario, finest first."""
     return {
         (scenario, key): finest_first(own)
@@ -36,14 +36,14 @@ def largest_error(case: CaseResult, quantity: str) -> float:
     return case.largest_errors.get(quantity, math.inf)
 
 
-def keeping(ladder: RefinementSequence, error: float, quantity: str) -> Iterator[CaseResult]:
+def cases_within(sequence: RefinementSequence, error: float, quantity: str) -> Iterator[CaseResult]:
     """Yield the cases that meet the error tolerance, finest first, up to the first one that does not.
 
     A coarser step that meets the tolerance after that does so by accident. A failure with an error below 1e-9
     does not count, because round-off can make finer steps worse there; in single precision it can make all
     steps worse that are finer than the best one, which are left out.
     """
-    for case in without_round_off(ladder, quantity):
+    for case in without_round_off(sequence, quantity):
         largest = largest_error(case, quantity)
         if largest <= error:
             yield case
@@ -51,10 +51,10 @@ def keeping(ladder: RefinementSequence, error: float, quantity: str) -> Iterator
             return
 
 
-def without_round_off(ladder: RefinementSequence, quantity: str) -> RefinementSequence:
+def without_round_off(sequence: RefinementSequence, quantity: str) -> RefinementSequence:
     """Return the cases of a method, finest first, without those that single precision makes worse."""
-    if not ladder or ladder[0].columns.get("precision", "float64") == "float64":
-        return ladder
-    errors = [largest_error(case, quantity) for case in ladder]
-    best = min(range(len(ladder)), key=lambda i: (errors[i], -i))
-    return ladder[best:]
+    if not sequence or sequence[0].columns.get("precision", "float64") == "float64":
+        return sequence
+    errors = [largest_error(case, quantity) for case in sequence]
+    best = min(range(len(sequence)), key=lambda i: (errors[i], -i))
+    return sequence[best:]

@@ -22,7 +22,7 @@ class Entry:
     description: str
 
 
-def catalogue(what: str) -> list[Entry]:
+def catalogue(kind: str) -> list[Entry]:
     """Return the scenarios, suites, engines, methods or measures."""
     catalogues: dict[str, Callable[[], list[tuple[str, str]]]] = {
         "scenarios": lambda: list(scenario_summaries().items()),
@@ -31,13 +31,13 @@ def catalogue(what: str) -> list[Entry]:
         "methods": _method_rows,
         "measures": _measure_rows,
     }
-    return [Entry(*row) for row in catalogues[what]()]
+    return [Entry(*row) for row in catalogues[kind]()]
 
 
-def catalogue_document(what: str, entries: Sequence[Entry]) -> Document:
+def catalogue_document(kind: str, entries: Sequence[Entry]) -> Document:
     """Return one row per entry: its name and description."""
     rows = tuple((entry.name, entry.description) for entry in entries)
-    return Document(f"bodycheck: {what}", (Table((Column("", "fixed"), Column("")), rows),))
+    return Document(f"bodycheck: {kind}", (Table((Column("", "fixed"), Column("")), rows),))
 
 
 def _measure_rows() -> list[tuple[str, str]]:
@@ -74,15 +74,17 @@ def _needs(engine: str) -> str:
 
 def _method_rows() -> list[tuple[str, str]]:
     rows: list[tuple[str, str]] = []
-    apart: list[tuple[str, str]] = []
+    on_request: list[tuple[str, str]] = []
     for name, engine in announced(default_engines()).items():
         for method in engine.methods.values() if isinstance(engine, Engine) else ():
-            (apart if method.on_request else rows).append(
+            (on_request if method.on_request else rows).append(
                 _method_row(name, method, on_request=method.on_request)
             )
     for name in optional_engines():
-        apart += [_method_row(name, method, on_request=True) for method in stated_by(name).methods.values()]
-    return rows + apart
+        on_request += [
+            _method_row(name, method, on_request=True) for method in stated_by(name).methods.values()
+        ]
+    return rows + on_request
 
 
 def _method_row(engine: str, method: Method, *, on_request: bool) -> tuple[str, str]:

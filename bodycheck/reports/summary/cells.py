@@ -82,9 +82,9 @@ def summary_cell(
         worst = next(iter(faults), "unsupported")
         reasons = dict.fromkeys(str(case.columns["message"]) for case in cases)
         return Cell(worst, faults=faults, cases=len(cases), detail="; ".join(reasons))
-    said = [*faults, verdict.state]
+    states = [*faults, verdict.state]
     return Cell(
-        max(said, key=lambda state: _SEVERITY.index(STATES[state].tint)),
+        max(states, key=lambda state: _SEVERITY.index(STATES[state].tint)),
         verdict,
         verdicts[ORIENTATION].order if ORIENTATION in verdicts else None,
         error,
@@ -118,8 +118,8 @@ def summary_cells(run: RunTables) -> dict[str, dict[MethodKey, Cell]]:
     rows: list[Any] = run.methods.to_dict("records")
     for row in rows:
         found.setdefault((row["scenario"], *key_of(row)), {})[row["quantity"]] = row
-    told: list[Any] = run.diagnoses.to_dict("records")
-    causes = {(row["scenario"], *key_of(row)): row["diagnosis"] for row in told}
+    diagnoses: list[Any] = run.diagnoses.to_dict("records")
+    causes = {(row["scenario"], *key_of(row)): row["diagnosis"] for row in diagnoses}
     cells = {}
     for scenario, methods in by_scenario.items():
         at_s = common_step(case for cases in methods.values() for case in cases)
@@ -150,9 +150,9 @@ def faults_of(cases: Iterable[CaseResult]) -> list[Fault]:
     for case in cases:
         columns = case.columns
         if columns["outcome"] in FAULTS:
-            alike = (columns["scenario"], key_of(columns), columns["outcome"], columns["message"])
-            steps.setdefault(alike, []).append(case.setting.fineness)
-    return [Fault(*alike, steps=tuple(dts)) for alike, dts in steps.items()]
+            fault = (columns["scenario"], key_of(columns), columns["outcome"], columns["message"])
+            steps.setdefault(fault, []).append(case.setting.fineness)
+    return [Fault(*fault, steps=tuple(dts)) for fault, dts in steps.items()]
 
 
 @dataclass(frozen=True)

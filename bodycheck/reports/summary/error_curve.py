@@ -22,19 +22,24 @@ from bodycheck.reports.measurement.convergence import ABOVE_FLOOR, LARGEST_ERROR
 from bodycheck.reports.measurement.measure_bounds import bound_of
 from bodycheck.reports.measurement.order import Order, predicted_error, settled_order
 from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, key_of
-from bodycheck.reports.summary.cases_within import RefinementSequence, keeping, ladders_of, largest_error
+from bodycheck.reports.summary.cases_within import (
+    RefinementSequence,
+    cases_within,
+    largest_error,
+    sequences_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Basis: TypeAlias = Literal["measured", "predicted", "unsure"]
 
-MOST_STEPS = 10**9
+MAX_STEPS = 10**9
 """The most steps of a setting that is recommended."""
 
-_LEAST_POINTS = 3  # from which a guess is possible
+_MIN_POINTS = 3  # from which a guess is possible
 _WIDEST = 1.5  # ratio of the upper end of the interval to the error, above which a prediction is unsure
-_MOST_SCATTER = 1.3  # the noise of the model of orders is at most 10 %
+_MAX_SCATTER = 1.3  # the noise of the model of orders is at most 10 %
 _FINER = 8  # steps tried below the coarsest one that meets an error, where that is unsure
 _LARGEST_LOG = 700.0  # exp of it is finite
 _LARGEST_ORDER = 1000.0
@@ -108,9 +113,9 @@ class ErrorCurve:
         """
         if self.control != "dt" or not self.cases:
             return None
-        kept = [case.dt_s or 0.0 for case in keeping(self.cases, error, self.quantity)]
+        meeting = [case.dt_s or 0.0 for case in cases_within(self.cases, error, self.quantity)]
         failing = [case.dt_s or 0.0 for case in self.cases if not largest_error(case, self.quantity) <= error]
-        above = max(kept, default=0.0)
+        above = max(meeting, default=0.0)
         below = min((dt_s for dt_s in failing if dt_s > above), default=math.inf)
         limit = self._largest_stable_s * (1.0 + _SAME)
         steps = [
@@ -122,13 +127,13 @@ class ErrorCurve:
         first = bisect_left(steps, True, key=lambda dt_s: self._meets(dt_s, error))
         found = [one for dt_s in steps[first : first + _FINER] if (one := self._predicted(dt_s)) is not None]
         sure = next((one for one in found if one.basis == "predicted"), None)
-        return sure or (found[0] if found and not kept else None)
+        return sure or (found[0] if found and not meeting else None)
 
     def finer_step(self, error: float) -> float | None:
         """Return the step to measure next where none is known to meet an error; None where none helps."""
         outcomes = {case.columns["outcome"] for case in self.cases}
-        hopeless = self.verdict == "does-not-converge" or not outcomes & {"ok", "unstable"}
-        if self.control != "dt" or hopeless or error <= self.floor:
+        cannot_help = self.verdict == "does-not-converge" or not outcomes & {"ok", "unstable"}
+        if self.control != "dt" or cannot_help or error <= self.floor:
             return None
         finest = min(case.dt_s or math.inf for case in self.cases)
         return next((dt_s for dt_s in self.steps if dt_s <= finest / _REFINED), None)
@@ -140,7 +145,7 @@ class ErrorCurve:
     @property
     def is_predictable(self) -> bool:
         """Whether there are enough measured steps for a prediction."""
-        return len(self._fitted) >= _LEAST_POINTS
+        return len(self._fitted) >= _MIN_POINTS
 
     def _meets(self, dt_s: float, error: float) -> bool:
         found = self._predicted(dt_s)
@@ -152,9 +157,9 @@ class ErrorCurve:
 
         Steps inside which a load switches are left out, unless such steps were measured.
         """
-        most = MOST_STEPS * self.interval_s / self.duration_s
-        powers = [5**b for b in range(int(math.log(most, 5)) + 1)] if most >= 1.0 else []
-        strides = sorted(five << a for five in powers for a in range(int(math.log2(most / five)) + 1))
+        max_stride = MAX_STEPS * self.interval_s / self.duration_s
+        powers = [5**b for b in range(int(math.log(max_stride, 5)) + 1)] if max_stride >= 1.0 else []
+        strides = sorted(five << a for five in powers for a in range(int(math.log2(max_stride / five)) + 1))
         # 12 digits divide the interval as well, and are shorter to write
         steps = [float(f"{self.interval_s / n:.12g}") for n in strides]
         if any(SWITCH_NOTE in case.columns["message"] for case in self.cases):
@@ -222,7 +227,7 @@ class ErrorCurve:
             return f"the measured steps do not determine the order ({self.verdict or 'too-few-points'})"
         if dt_s > self._largest_stable_s * (1.0 + _SAME):
             return f"above the largest stable step, {self._largest_stable_s:.3g} s"
-        if self._scatter > _MOST_SCATTER:
+        if self._scatter > _MAX_SCATTER:
             return f"the errors scatter around the order by a factor of {self._scatter:.2g}"
         coarsest = self._fitted[0][0]
         if dt_s > coarsest and any((case.dt_s or 0.0) > coarsest for case in self.cases):
@@ -259,23 +264,23 @@ def curves_of(
         if row["dt_stable_s"] == row["dt_stable_s"]
     }
     curves = {}
-    for place, cases in ladders_of((*run.cases, *more)).items():
-        scenario, (engine, method) = place
-        told, row = run.manifest["scenarios"][scenario], judged.get(place, {})
+    for key, cases in sequences_of((*run.cases, *more)).items():
+        scenario, (engine, method) = key
+        stored, row = run.manifest["scenarios"][scenario], judged.get(key, {})
         expected = row.get("expected_order", math.nan)
         facts = run.manifest["engines"][engine]["methods"][method]
-        curves[place] = ErrorCurve(
+        curves[key] = ErrorCurve(
             cases=cases,
             quantity=quantity,
-            duration_s=told["duration_s"],
-            interval_s=told["duration_s"] / (told["samples"] - 1),
+            duration_s=stored["duration_s"],
+            interval_s=stored["duration_s"] / (stored["samples"] - 1),
             verdict=row.get("verdict"),
             floor=max(0.0, row.get("floor", 0.0)),
             order=int(expected) if 0.0 <= expected <= _LARGEST_ORDER else facts["order"],
-            stable_s=stable.get(place),
+            stable_s=stable.get(key),
             switches_s=tuple(
                 load[end]
-                for load in told.get("forcing", ())
+                for load in stored.get("forcing", ())
                 for end in ("from_s", "until_s")
                 if load.get(end)
             ),

@@ -46,9 +46,9 @@ def laws_text(by_method: RowsByMethod, key: MethodKey) -> str:
         return "not checked"
     broken = [f"{row['law']} ({number(row['size'], 2)})" for row in rows if row["verdict"] == "broken"]
     open_ones = [row["law"] for row in rows if row["verdict"] == "not-measured"]
-    words = f"broken: {', '.join(broken)}" if broken else "none broken"
-    words += "".join(f"; {_bits(row)}" for row in rows if row["law"] == REPLAY and row["verdict"] in _BITS)
-    return words + (f"; not measured: {names(open_ones)}" if open_ones else "")
+    text = f"broken: {', '.join(broken)}" if broken else "none broken"
+    text += "".join(f"; {_bits(row)}" for row in rows if row["law"] == REPLAY and row["verdict"] in _BITS)
+    return text + (f"; not measured: {names(open_ones)}" if open_ones else "")
 
 
 _BITS = {"holds": "a second run has the same bits", "property": "a second run has other bits"}

@@ -78,9 +78,9 @@ class QuantileSketch:
         self._count(other.keys, other.counts)
 
     def _count(self, keys: NDArray[np.int64], counts: NDArray[np.int64]) -> None:
-        both, place = np.unique(np.concatenate([self.keys, keys]), return_inverse=True)
+        both, index = np.unique(np.concatenate([self.keys, keys]), return_inverse=True)
         summed = np.zeros(len(both), dtype=np.int64)
-        np.add.at(summed, place, np.concatenate([self.counts, counts]))
+        np.add.at(summed, index, np.concatenate([self.counts, counts]))
         self.keys, self.counts = both, summed
 
     @property
@@ -112,9 +112,9 @@ class QuantileSketch:
 
     def _at_rank(self, rank: int) -> tuple[float, float]:
         """Return the ends of the bin of the number of this rank, from 1 to n."""
-        place = int(np.searchsorted(np.cumsum(self.counts), rank))
+        index = int(np.searchsorted(np.cumsum(self.counts), rank))
         low, high = self.edges
-        return float(low[place]), float(high[place])
+        return float(low[index]), float(high[index])
 
 
 _INFINITE = int(np.array(np.inf).view(np.int64)) >> _SHIFT

@@ -42,30 +42,30 @@ def verdict_sentences(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list
     """Return the results of the run in a few sentences that name every method with findings."""
     if not cells:
         return ["This shard has no cases."]
-    sentences = [headline(found), _as_they_should(cells, found), _undecided(cells), _properties(found)]
+    sentences = [headline(found), _as_expected(cells, found), _undecided(cells), _properties(found)]
     return [sentence for sentence in sentences if sentence]
 
 
-def _as_they_should(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> str:
+def _as_expected(cells: Mapping[str, Mapping[MethodKey, Cell]], found: list[MethodResults]) -> str:
     """Name the methods with the expected order, or at the floor, in every quantity wherever supported."""
     wrong = {one.method for one in faulty(found)}
-    sound: dict[str, bool] = {}
+    as_expected: dict[str, bool] = {}
     for methods in cells.values():
         for key, cell in methods.items():
             if cell.state != "unsupported":
                 method = ":".join(key)
-                sound[method] = sound.get(method, method not in wrong) and cell.is_sound
-    good = [method for method, whether in sound.items() if whether]
-    others = [method for method, whether in sound.items() if not whether]
+                as_expected[method] = as_expected.get(method, method not in wrong) and cell.is_sound
+    good = [method for method, good_so_far in as_expected.items() if good_so_far]
+    others = [method for method, good_so_far in as_expected.items() if not good_so_far]
     where = "wherever supported" if len(cells) > 1 else f"in {next(iter(cells))}"
-    what = f"in all quantities with the expected order, or at the floor, {where}"
+    qualities = f"in all quantities with the expected order, or at the floor, {where}"
     if not good:
         return ""
-    if len(sound) == 1:
-        return f"{good[0]} converges {what}."
+    if len(as_expected) == 1:
+        return f"{good[0]} converges {qualities}."
     if not others:
-        return f"All {len(sound)} methods converge {what}."
-    return f"{len(good)} of {len(sound)} methods converge {what}: {names(good)}."
+        return f"All {len(as_expected)} methods converge {qualities}."
+    return f"{len(good)} of {len(as_expected)} methods converge {qualities}: {names(good)}."
 
 
 def _undecided(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
@@ -73,10 +73,10 @@ def _undecided(cells: Mapping[str, Mapping[MethodKey, Cell]]) -> str:
     undecided = sum(cell.state in _UNDECIDED for cell in pairs)
     if not undecided:
         return ""
-    where = [s for s, methods in cells.items() if any(c.state in _UNDECIDED for c in methods.values())]
+    scenarios = [s for s, methods in cells.items() if any(c.state in _UNDECIDED for c in methods.values())]
     return (
         f"No verdict for {undecided} of {count(len(pairs), 'pair')} of method and scenario, "
-        f"in {names(where)}: too few steps show an order."
+        f"in {names(scenarios)}: too few steps show an order."
     )
 
 
@@ -174,10 +174,10 @@ def _worst_table(worst: list[MethodResults]) -> Table:
 
 
 def _machine(manifest: Mapping[str, Any]) -> str:
-    there = {name: entry for name, entry in manifest["engines"].items() if "version" in entry}
+    available = {name: entry for name, entry in manifest["engines"].items() if "version" in entry}
     facts = (
         f"bodycheck {manifest['bodycheck']}",
-        *(f"{name} {entry['version']}" for name, entry in there.items()),
+        *(f"{name} {entry['version']}" for name, entry in available.items()),
         f"Python {manifest['python']}",
         f"{manifest['cpu']}, {manifest['cores']} cores, {manifest['platform']}",
         f"run {manifest['run_id']} of {manifest['created']}",

@@ -11,7 +11,7 @@ from typing import Any
 
 from bodycheck._util.formatting import count, number, step
 from bodycheck.reports.run_files.run_tables import MethodKey, RunTables, key_of
-from bodycheck.reports.summary.cases_within import ladders_of
+from bodycheck.reports.summary.cases_within import sequences_of
 from bodycheck.reports.summary.cells import Cell, faults_of
 
 _WORST_FIRST = (
@@ -82,8 +82,8 @@ def worst_results(run: RunTables, cells: _Cells) -> list[Result]:
     found: dict[tuple[str, str, str], list[Result]] = {}
     for one in (*_broken(run), *_judged(run, cells), *_probed(run), *_lawless(run)):
         found.setdefault((one.kind, one.method, one.quantity), []).append(one)
-    together = (_together(alike) for alike in found.values())
-    return sorted(together, key=lambda one: (_WORST_FIRST.index(one.kind), -one.size))
+    merged = (_merged(same) for same in found.values())
+    return sorted(merged, key=lambda one: (_WORST_FIRST.index(one.kind), -one.size))
 
 
 def worst_methods(run: RunTables, cells: _Cells) -> list[MethodResults]:
@@ -99,9 +99,9 @@ def faulty(methods: Iterable[MethodResults]) -> list[MethodResults]:
     return [one for one in methods if one.worst.kind != "property"]
 
 
-def _together(alike: list[Result]) -> Result:
+def _merged(same: list[Result]) -> Result:
     """Merge results that differ only in the scenario into the one with the largest size."""
-    ordered = sorted(alike, key=lambda one: -one.size)
+    ordered = sorted(same, key=lambda one: -one.size)
     first = ordered[0]
     scenarios = tuple(dict.fromkeys(name for one in ordered for name in one.scenarios))
     return replace(first, scenarios=scenarios)
@@ -123,10 +123,10 @@ def _broken(run: RunTables) -> Iterator[Result]:
 
 
 def _judged(run: RunTables, cells: _Cells) -> Iterator[Result]:
-    ladders = ladders_of(run.cases)
+    sequences = sequences_of(run.cases)
     for scenario, methods in cells.items():
         for key, cell in methods.items():
-            finest = next((case for case in ladders[scenario, key] if case.ok), None)
+            finest = next((case for case in sequences[scenario, key] if case.ok), None)
             if finest is None:
                 continue
             command = finest.columns["reproduce"]
@@ -167,10 +167,10 @@ def _lawless(run: RunTables) -> Iterator[Result]:
 def _probe_text(row: Mapping[str, Any]) -> str:
     """Return the measured and expected values of a probe, its step and its message."""
     at = "" if row["dt_s"] != row["dt_s"] else f" at dt {step(row['dt_s'])} s"
-    said = f": {row['message']}" if isinstance(row["message"], str) and row["message"] else ""
+    message = f": {row['message']}" if isinstance(row["message"], str) and row["message"] else ""
     if row["check"].endswith("read_back"):  # the message has the values
-        return f"{row['check']}{at}{said}"
-    return f"{row['check']} {number(row['measured'], 6)}, expected {number(row['expected'])}{at}{said}"
+        return f"{row['check']}{at}{message}"
+    return f"{row['check']} {number(row['measured'], 6)}, expected {number(row['expected'])}{at}{message}"
 
 
 def headline(methods: Iterable[MethodResults]) -> str:

@@ -1,6 +1,6 @@
 // Plays the motions of a scenario, the truth and any of its cases, synchronised by one time.
-const LEAST_PLAY_S = 6; // shorter motions are slowed down, longer ones sped up to at most MOST_PLAY_S
-const MOST_PLAY_S = 20;
+const MIN_PLAY_S = 6; // shorter motions are slowed down, longer ones sped up to at most MAX_PLAY_S
+const MAX_PLAY_S = 20;
 const TURN_PER_PX = 0.01; // rad, of the view
 const TURN_PER_KEY = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
 
@@ -174,7 +174,7 @@ function startPlayer(figure) {
   }
 
   function play() {
-    const seconds = Math.min(Math.max(last, LEAST_PLAY_S), MOST_PLAY_S);
+    const seconds = Math.min(Math.max(last, MIN_PLAY_S), MAX_PLAY_S);
     if (t >= last) t = 0;
     let before = null;
     const frame = now => {

@@ -2,8 +2,8 @@
 plots.overall = (data, chosen) => {
   const { title, points, faults } = data[chosen.error];
   const missing = marked(faults);
-  const kept = points.filter(p => p.cost[1] !== null && levelOf(p.m)).map(p => ({ ...p, x: p.cost[1], y: p.error }));
-  const lines = [...Map.groupBy(kept, p => p.m)].map(([m, own]) => ({
+  const drawn = points.filter(p => p.cost[1] !== null && levelOf(p.m)).map(p => ({ ...p, x: p.cost[1], y: p.error }));
+  const lines = [...Map.groupBy(drawn, p => p.m)].map(([m, own]) => ({
     m, own, level: levelOf(m), members: [m], x: own.map(p => p.x), y: own.map(p => p.y),
   }));
   const traces = stacked(lines, line => ({
@@ -15,14 +15,14 @@ plots.overall = (data, chosen) => {
       methods[p.m].name,
       `${title} at most ${p.y}`,
       `${short(p.x)} CPU s per simulated s (${short(p.cost[0])} to ${p.cost[2] === null ? "not met" : short(p.cost[2])})`,
-      `in ${p.kept} of ${p.scenarios} scenarios`,
+      `in ${p.met} of ${p.scenarios} scenarios`,
     ])),
   }));
   return {
     lines,
-    traces: [frontOf(kept), ...traces, ...besideMarks(missing)],
+    traces: [frontOf(drawn), ...traces, ...besideMarks(missing)],
     layout: layout({
-      xaxis: logAxis("CPU seconds per simulated second", kept.map(p => p.x), beside(missing)),
+      xaxis: logAxis("CPU seconds per simulated second", drawn.map(p => p.x), beside(missing)),
       yaxis: axis(`tolerance: ${title}`, { type: "log", ...heightOf(lines) }),
       ...sideStrip(missing, "unmet"),
     }),

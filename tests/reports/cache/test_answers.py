@@ -21,7 +21,7 @@ from bodycheck.adapters.workers.case_messages import case_message, search_messag
 from bodycheck.adapters.workers.engine_pool import EnginePool
 from bodycheck.reference_impl.scene import CallbackLoad, RigidBody, Scene, State
 from bodycheck.reports.cache import answers as module
-from bodycheck.reports.cache.answers import Answers, Asker
+from bodycheck.reports.cache.answers import Answers, EngineClient
 from bodycheck.reports.cache.disk_cache import Cache
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.cache.reuse import Reuse
@@ -231,7 +231,7 @@ def test_answer_by_another_protocol_is_requested_again(
     """What is derived from such answers is derived again, too."""
     engine_pool, answers = Counting(GOOD), Answers(None, Cache(tmp_path), 1.0)
     answers.ask(engine_pool, ENGINE, CASE)
-    answers.keep(ENGINE, "the outcome", {"outcome": "ok"}, Asker(answers, engine_pool))
+    answers.keep(ENGINE, "the outcome", {"outcome": "ok"}, EngineClient(answers, engine_pool))
     monkeypatch.setattr(protocol, "VERSION", protocol.VERSION + 1)
     assert not answers.ask(engine_pool, ENGINE, CASE).reused
     assert answers.known(ENGINE, "the outcome") is None
@@ -295,7 +295,7 @@ def test_derived_rows_are_reused_where_their_answers_would_be(what: str, tmp_pat
     said, engine, reused = DERIVED[what]
     cache = Cache(tmp_path)
     found = Answers(None, cache, 1.0).derived(
-        Counting(said), engine, "the outcome", lambda asker: {"outcome": asker.ask(engine, CASE).outcome}
+        Counting(said), engine, "the outcome", lambda client: {"outcome": client.ask(engine, CASE).outcome}
     )
     assert found == {"outcome": said["outcome"]}
     if reused:
@@ -310,7 +310,7 @@ def requests_of_derivation(engine: Engine, cache: Cache) -> int:
         Counting(GOOD),
         engine,
         "the outcome",
-        lambda asker: {"calls": calls.append(None)},  # noqa: ARG005
+        lambda client: {"calls": calls.append(None)},  # noqa: ARG005
     )
     return len(calls)
 
@@ -325,7 +325,7 @@ def test_fresh_run_derives_again(tmp_path: Path) -> None:
 
 def test_laps_are_stored_for_their_run_only(tmp_path: Path) -> None:
     """A speed is read by the run that measured it, and by no other."""
-    cache, laps = Cache(tmp_path / "cache"), {"own_s": [1.0], "yardstick_s": [2.0]}
+    cache, laps = Cache(tmp_path / "cache"), {"own_s": [1.0], "reference_s": [2.0]}
     with Journal(tmp_path / "journal") as journal:
         Answers(journal, cache, 1.0).keep_laps(ENGINE, CASE, laps)
     with Journal(tmp_path / "journal") as journal:
@@ -396,21 +396,21 @@ def test_engine_is_asked_again_after_reset_and_in_another_process() -> None:
         done.clear()
         told = []
         for place in range(2):
-            asker = Asker(Answers(None, None, 1.0), Noting(said))
-            for at, (how, again) in enumerate(asker.again(ENGINE)):
+            client = EngineClient(Answers(None, None, 1.0), Noting(said))
+            for at, (how, again) in enumerate(client.again(ENGINE)):
                 told += [how] if place else []
                 if at == place:
                     assert again(ENGINE, CASE).outcome == "ok"
-            assert asker.is_lasting is lasting
+            assert client.is_repeatable is lasting
         assert told == ["after reset", "in another process"]
         assert done == ["replay", "restart counted", "restart counted", "record"]
 
 
 def test_answer_with_a_user_function_is_not_derived_from() -> None:
     """Its code may change."""
-    asker = Asker(Answers(None, None, 1.0), Counting(GOOD))
-    assert asker.ask(ENGINE, CALLING).outcome == "ok"
-    assert not asker.is_lasting
+    client = EngineClient(Answers(None, None, 1.0), Counting(GOOD))
+    assert client.ask(ENGINE, CALLING).outcome == "ok"
+    assert not client.is_repeatable
 
 
 @pytest.mark.parametrize("part", ["own_code", "_code_of_reports", "numeric_parts", "an engine", "a question"])
@@ -418,8 +418,11 @@ def test_derived_rows_depend_on_all_code_that_derives_them(
     part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The engine and the question count too; rows of an engine that may change are not read."""
-    answers, asker = Answers(None, Cache(tmp_path), 1.0), Asker(Answers(None, None, 1.0), Counting(GOOD))
-    answers.keep(ENGINE, "the outcome", {"outcome": "ok"}, asker)
+    answers, client = (
+        Answers(None, Cache(tmp_path), 1.0),
+        EngineClient(Answers(None, None, 1.0), Counting(GOOD)),
+    )
+    answers.keep(ENGINE, "the outcome", {"outcome": "ok"}, client)
     assert answers.known(ENGINE, "the outcome") == {"outcome": "ok"}
     if part.startswith("a"):
         engine = replace(ENGINE, name="another") if part == "an engine" else ENGINE

@@ -167,7 +167,7 @@ def test_pruning_removes_the_longest_unused_above_its_size(
     for age, key in enumerate(keys):
         cache.put(key, MESSAGE)
         os.utime(place_of(tmp_path, key), (1000.0 - age, 1000.0 - age))
-    monkeypatch.setattr("bodycheck.reports.cache.disk_cache._MOST_BYTES", 2 * size)
+    monkeypatch.setattr("bodycheck.reports.cache.disk_cache._MAX_BYTES", 2 * size)
     cache.prune(now_s=1000.0)
     assert [key for key in keys if place_of(tmp_path, key).exists()] == keys[:2]
 

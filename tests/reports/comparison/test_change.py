@@ -20,9 +20,9 @@ from bodycheck.reports.comparison.change import (
     speed_changes,
     stability_change,
 )
-from bodycheck.reports.comparison.compare import compare, ended_well_anew
+from bodycheck.reports.comparison.compare import compare, newly_ended_well
 from bodycheck.reports.comparison.describe import _KINDS, change_text, groups, identity, sentences
-from bodycheck.reports.comparison.environment_diff import circumstances, redefined
+from bodycheck.reports.comparison.environment_diff import environment_diff, redefined
 from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
 from tests.helpers.gate_tables import make_tables
@@ -222,7 +222,7 @@ def laps(low: float, middle: float, high: float, relative: float | None = None) 
         (laps(1.0, 10.0, 100.0), laps(1e3, 1e4, 1e5), 3.0, 1.0),
         (laps(1e3, 1e4, 1e5), laps(1.0, 10.0, 100.0), -3.0, -1.0),
         (laps(1.0, 10.0, 100.0), laps(10.0, 100.0, 1e3), 1.0, 0.0),
-        # the yardstick took ten times as long too: nothing changed but the machine
+        # the reference took ten times as long too: nothing changed but the machine
         (laps(0.5, 1.0, 2.0, relative=2.0), laps(5.0, 10.0, 20.0, relative=2.0), 0.0, 0.0),
         (laps(0.5, 1.0, 2.0, relative=1.0), laps(0.5, 1.0, 2.0, relative=100.0), 2.0, 2.0 - math.log10(4.0)),
     ],
@@ -443,10 +443,10 @@ def test_recovered_cases_failed_or_were_missing_before() -> None:
     """A case that succeeded before, or fails now, is not one of them."""
     before = run({}, {"dt_s": 0.02, "outcome": "failed"}, {"dt_s": 0.03, "outcome": "failed"})
     after = run({}, {"dt_s": 0.02}, {"dt_s": 0.03, "outcome": "failed"}, {"dt_s": 0.04})
-    assert [case.dt_s for case in ended_well_anew(before, after).cases] == [0.02, 0.04]
+    assert [case.dt_s for case in newly_ended_well(before, after).cases] == [0.02, 0.04]
 
 
-# ------------------------------------------------------------------------------------------ circumstances
+# ------------------------------------------------------------------------------------------ environment
 
 
 def test_each_difference_of_the_environment_is_named_once() -> None:
@@ -473,7 +473,7 @@ def test_each_difference_of_the_environment_is_named_once() -> None:
         "speed": False,
         "dt_s": [0.01],
     }
-    assert circumstances(before, after) == (
+    assert environment_diff(before, after) == (
         "cpu: a -> b",
         "cores: none -> 2",
         "platform: x -> y",
@@ -488,7 +488,7 @@ def test_each_difference_of_the_environment_is_named_once() -> None:
         "speed: none -> False",
         "timeout_s: 60.0 -> 30.0",
     )
-    assert circumstances(before, before) == ()
+    assert environment_diff(before, before) == ()
 
 
 def test_builds_of_one_version_are_named_with_the_parts_that_differ() -> None:
@@ -498,9 +498,9 @@ def test_builds_of_one_version_are_named_with_the_parts_that_differ() -> None:
         about = {"version": "3", "build": {"id": build, "parts": {"libmujoco.so": library, "mujoco.py": "x"}}}
         return {"engines": {"mujoco": about}}
 
-    (other,) = circumstances(manifest("a" * 20, "1"), manifest("b" * 20, "2"))
+    (other,) = environment_diff(manifest("a" * 20, "1"), manifest("b" * 20, "2"))
     assert other.endswith(f"mujoco 3: {'a' * 12} -> {'b' * 12} (libmujoco.so)")
-    (same,) = circumstances(manifest("a" * 20, "1"), manifest("b" * 20, "1"))
+    (same,) = environment_diff(manifest("a" * 20, "1"), manifest("b" * 20, "1"))
     assert same.endswith(f"mujoco 3: {'a' * 12} -> {'b' * 12}")
 
 
@@ -599,7 +599,7 @@ def test_sentences_summarise_the_comparison() -> None:
         "mujoco: rk4 worse, error at 10 ms 1e-9 -> 1e-6 rad (factor 1e3), and missing (1 case);"
         " euler, implicit new.",
         "Single changes: 2 new.",
-        "Different circumstances: cpu: none -> other.",
+        "Different environment: cpu: none -> other.",
         "1 case compared; 2 new cases, 1 missing case.",
     ]
     other = run({}, scenarios={"brick": {"duration_s": 2.0}})

@@ -70,7 +70,7 @@ def timed(tables: Tables, where: Where, factor: float) -> Tables:
 def test_nothing_changed_between_a_run_and_itself(tables: Tables) -> None:
     """Every case is paired, timed where its speed was measured, and none is different."""
     found = compare(tables, tables)
-    assert found.changes == found.circumstances == found.redefined == ()
+    assert found.changes == found.environment == found.redefined == ()
     assert found.paired == len(tables.cases)
     assert found.timed == sum("cpu_s" in case.columns for case in tables.cases) > 0
     assert any("Nothing changed" in sentence for sentence in sentences(found))
@@ -264,7 +264,7 @@ def test_a_method_that_slowed_down_is_told_and_what_laps_scatter_is_not(tables: 
 
 
 def test_seconds_of_two_machines_are_not_compared(tables: Tables) -> None:
-    """Without a yardstick a time means something only on the machine that took it; that is said on top."""
+    """Without a reference measurement, a time is valid on its own machine only; a sentence says so."""
     bare = with_rows(
         tables,
         lambda row: "relative_cpu" in row,
@@ -274,7 +274,7 @@ def test_seconds_of_two_machines_are_not_compared(tables: Tables) -> None:
     elsewhere = replace(bare, manifest={**bare.manifest, "cpu": "another"})
     found = compare(bare, elsewhere)
     assert found.timed == 0
-    assert found.circumstances == (f"cpu: {bare.manifest['cpu']} -> another",)
+    assert found.environment == (f"cpu: {bare.manifest['cpu']} -> another",)
 
 
 def test_a_scenario_that_is_another_by_the_same_name_is_not_compared(tables: Tables) -> None:
@@ -300,8 +300,8 @@ def test_versions_that_differ_stand_on_top(tables: Tables) -> None:
     }
     after = replace(tables, manifest={**tables.manifest, "engines": engines, "bodycheck": "9"})
     found = compare(tables, after)
-    assert found.circumstances == (f"bodycheck: {tables.manifest['bodycheck']} -> 9", "failing: 1 -> 2")
-    assert sentences(found)[1].startswith("Different circumstances: bodycheck")
+    assert found.environment == (f"bodycheck: {tables.manifest['bodycheck']} -> 9", "failing: 1 -> 2")
+    assert sentences(found)[1].startswith("Different environment: bodycheck")
 
 
 @pytest.fixture(scope="module")

@@ -105,7 +105,7 @@ def test_two_versions_that_stand_alone_are_compared_under_one_name() -> None:
     new = release("4.0.0", 2.3e-13, 4.0, digits=5e-12, engine="mujoco==4.0.0")
     assert headlines(compare(old, new)) == headlines(compare(OLD, NEW))
     assert headlines(compare(OLD, new)) == headlines(compare(OLD, NEW))
-    assert compare(old, new).circumstances == ("mujoco: 3.17.0 -> 4.0.0",)
+    assert compare(old, new).environment == ("mujoco: 3.17.0 -> 4.0.0",)
     engines = {name: {"version": name[8:]} for name in ("mujoco==3.17.0", "mujoco==4.0.0")}
     both = replace(old, cases=old.cases + new.cases, manifest={**old.manifest, "engines": engines})
     moved = release("3.17.0", 4.31e-7, 2.0, engine="mujoco==3.17.0")

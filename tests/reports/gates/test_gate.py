@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from bodycheck.reports.gates.gate import Gate, gate_of
-from bodycheck.reports.gates.verdict import GateResult, distance, held
+from bodycheck.reports.gates.verdict import GateResult, check_gates, distance
 from tests.helpers.gate_tables import CASE, METHOD, make_tables
 
 NEAR = {"near": 1e-3, "decades": 0.5}
@@ -19,9 +19,9 @@ def gate(**table: Any) -> Gate:
     return gate_of({"measure": "orientation_error_rad", "reason": "r", **table}, "here")
 
 
-def one(asked: Gate, *cases: dict[str, Any], methods: list[dict[str, Any]] | None = None) -> GateResult:
+def one(requested: Gate, *cases: dict[str, Any], methods: list[dict[str, Any]] | None = None) -> GateResult:
     """Return the result of the gate on a run of these cases."""
-    (result,) = held([asked], make_tables(list(cases), methods))
+    (result,) = check_gates([requested], make_tables(list(cases), methods))
     return result
 
 
@@ -97,8 +97,8 @@ def test_unmeasured_case_never_passes(what: str, bound: dict[str, Any]) -> None:
 def test_outcome_is_compared_with_the_required_one(outcome: str) -> None:
     """A gate may require an outcome, and then only that one passes."""
     cases = ({"outcome": found} for found in ("ok", "unstable", "unsupported"))
-    asked = gate(measure="outcome", equals=outcome)
-    assert [one(asked, case).status for case in cases] == [
+    requested = gate(measure="outcome", equals=outcome)
+    assert [one(requested, case).status for case in cases] == [
         "passed" if found == outcome else "failed" for found in ("ok", "unstable", "unsupported")
     ]
 
@@ -123,35 +123,35 @@ def test_gate_without_cases_names_the_key(key: str) -> None:
 def test_missing_engine_is_reported_with_its_reason() -> None:
     """The message has the reason why it could not be imported."""
     run = make_tables([{}], engines={"dart": {"unavailable": "dart cannot be imported: no module"}})
-    (result,) = held([gate(upper=1.0, engine="dart")], run)
+    (result,) = check_gates([gate(upper=1.0, engine="dart")], run)
     assert result.status == "nothing"
     assert result.why.endswith("(available: mujoco); dart cannot be imported: no module")
 
 
 def test_empty_run_passes_no_gate() -> None:
     """Without a case every gate measured nothing."""
-    for asked in (
+    for requested in (
         gate(upper=1.0),
         gate(measure="verdict", equals="converges"),
         gate(measure="outcome", equals="ok"),
     ):
-        assert one(asked).status == "nothing"
+        assert one(requested).status == "nothing"
 
 
 @pytest.mark.parametrize("pattern", ["brick", "bri*", "*", "b?ick", "[ab]rick"])
 @pytest.mark.parametrize(("name", "matches"), [("brick", True), ("brick/1e-3", True), ("a brick", False)])
 def test_scenario_matches_by_name_or_family(pattern: str, name: str, matches: bool) -> None:
     """A family's name matches all its children; a pattern matches the whole name."""
-    asked = gate(upper=1.0, scenario=pattern)
-    assert asked.wants_scenario(name) == (matches or pattern == "*")
+    requested = gate(upper=1.0, scenario=pattern)
+    assert requested.matches_scenario(name) == (matches or pattern == "*")
 
 
 def test_step_matches_to_round_off() -> None:
     """1e-3 in the file matches the step 0.1 / 100 of the run; its neighbours do not."""
-    asked = gate(upper=1.0, dt_s=1e-3)
-    assert asked.wants_setting(0.1 / 100, None)
-    assert not asked.wants_setting(1.001e-3, None)
-    assert not asked.wants_setting(None, 1e-3)
+    requested = gate(upper=1.0, dt_s=1e-3)
+    assert requested.matches_setting(0.1 / 100, None)
+    assert not requested.matches_setting(1.001e-3, None)
+    assert not requested.matches_setting(None, 1e-3)
 
 
 @pytest.mark.parametrize(
@@ -166,8 +166,8 @@ def test_step_matches_to_round_off() -> None:
 )
 def test_order_is_compared_with_its_bounds(bound: dict[str, Any], cells: dict[str, Any], status: str) -> None:
     """Only a measured order of the requested quantity can pass."""
-    asked = gate(measure="order.orientation_error_rad", **bound)
-    assert one(asked, {}, methods=[cells]).status == status
+    requested = gate(measure="order.orientation_error_rad", **bound)
+    assert one(requested, {}, methods=[cells]).status == status
 
 
 def test_method_without_a_row_does_not_pass() -> None:
@@ -185,10 +185,10 @@ def test_method_without_a_row_does_not_pass() -> None:
 def test_stable_step_is_compared_with_its_bound(found: dict[str, Any], status: str) -> None:
     """The largest stable step must be long enough; without a search nothing was measured."""
     row = {"scenario": "brick", "engine": "mujoco", "method": "rk4", **found}
-    asked = gate(measure="stability.dt_stable_s", lower=0.1)
-    (result,) = held([asked], make_tables([{}], [], [row]))
+    requested = gate(measure="stability.dt_stable_s", lower=0.1)
+    (result,) = check_gates([requested], make_tables([{}], [], [row]))
     assert result.status == status
-    (none,) = held([asked], make_tables([{}]))
+    (none,) = check_gates([requested], make_tables([{}]))
     assert none.status == "nothing"
 
 
@@ -197,9 +197,9 @@ def test_stable_step_is_compared_with_its_bound(found: dict[str, Any], status: s
 )
 def test_growth_is_compared_with_the_required_one(found: str | None, status: str) -> None:
     """A growth that was not classified does not pass."""
-    asked = gate(measure="growth.energy_drift", equals="bounded")
+    requested = gate(measure="growth.energy_drift", equals="bounded")
     row = {"quantity": "energy_drift", "growth": found}
-    assert one(asked, {}, methods=[row]).status == status
+    assert one(requested, {}, methods=[row]).status == status
 
 
 def test_a_failed_order_has_the_error_at_each_step() -> None:
@@ -238,14 +238,14 @@ def test_worst_case_is_the_nearest_to_failing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "command"),
+    ("requested", "command"),
     [
         (None, "bodycheck run brick --engine mujoco:rk4"),
         ([0.02, 0.01], "bodycheck run brick --engine mujoco:rk4 --dt 0.02,0.01"),
     ],
 )
-def test_order_is_reproduced_with_the_steps_of_its_run(asked: list[float] | None, command: str) -> None:
+def test_order_is_reproduced_with_the_steps_of_its_run(requested: list[float] | None, command: str) -> None:
     """The command has the requested steps, and none if the run chose them."""
-    run = make_tables([CASE], [METHOD], dt_s=asked)
-    (result,) = held([gate(measure="order.orientation_error_rad", lower=5.0)], run)
+    run = make_tables([CASE], [METHOD], dt_s=requested)
+    (result,) = check_gates([gate(measure="order.orientation_error_rad", lower=5.0)], run)
     assert [check.row.reproduce for check in result.failed] == [command]

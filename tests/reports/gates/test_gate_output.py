@@ -25,7 +25,7 @@ from bodycheck.reports.gates.gate_output import (
     results_document,
 )
 from bodycheck.reports.gates.proposal import Change, edited, proposals
-from bodycheck.reports.gates.verdict import GateResult, held
+from bodycheck.reports.gates.verdict import GateResult, check_gates
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables
 
@@ -53,7 +53,7 @@ def results() -> tuple[GateResult, ...]:
         gate(measure="outcome", equals="ok"),
         gate(upper=1.0, engine="dart"),
     ]
-    return held(gates, run)
+    return check_gates(gates, run)
 
 
 TITLES = (
@@ -94,13 +94,13 @@ def test_a_case_is_told_by_its_step_its_tolerance_or_neither() -> None:
     run = make_tables(
         [{"control": control, "dt_s": dt_s, "tolerance": told} for control, dt_s, told in steps]
     )
-    told_as = [check.row.at for check in held([gate(upper=1.0)], run)[0].checks]
-    assert told_as == ["dt 0.02 s", "tolerance 1e-6", "no steps"]
+    labels = [check.row.at for check in check_gates([gate(upper=1.0)], run)[0].checks]
+    assert labels == ["dt 0.02 s", "tolerance 1e-6", "no steps"]
 
 
 def test_a_run_without_cases_has_none() -> None:
     """Nothing was measured, which never passes."""
-    (result,) = held([gate(upper=1.0)], make_tables([]))
+    (result,) = check_gates([gate(upper=1.0)], make_tables([]))
     assert (result.status, result.why) == ("nothing", "no scenario of the run matches * (available: none)")
 
 
@@ -237,9 +237,9 @@ def test_json_has_every_number_in_full() -> None:
     assert second["rows"][2]["beyond_decades"] is None
     assert third["rows"][2]["passed"] is False
     assert json.loads(json_text(results_data(results()[:1], "", "")))["passed"] is True
-    order = held([gate(measure=f"order.{ERROR}", lower=3.5)], make_tables([{}], [{}]))
+    order = check_gates([gate(measure=f"order.{ERROR}", lower=3.5)], make_tables([{}], [{}]))
     assert json.loads(json_text(results_data(order, "", "")))["gates"][0]["rows"][0]["beyond"] == -0.5
-    zero = held([gate(upper=0.0)], make_tables([{}]))
+    zero = check_gates([gate(upper=0.0)], make_tables([{}]))
     assert json.loads(json_text(results_data(zero, "", "")))["gates"][0]["rows"][0]["beyond_decades"] is None
 
 
@@ -260,14 +260,14 @@ def test_json_has_every_number_in_full() -> None:
             "growth.energy_drift",
             Measure(
                 *("methods", "growth", "energy_drift"),
-                words=("bounded", "sqrt", "linear", "quadratic", "exponential"),
+                choices=("bounded", "sqrt", "linear", "quadratic", "exponential"),
             ),
         ),
         (
             "outcome",
             Measure(
                 *("results", "outcome"),
-                words=("ok", "unstable", "failed", "timeout", "unsupported", "invalid"),
+                choices=("ok", "unstable", "failed", "timeout", "unsupported", "invalid"),
             ),
         ),
     ],
@@ -287,7 +287,7 @@ def test_a_verdict_is_of_all_quantities_unless_one_is_named(name: str, quantity:
         quantity,
         True,
     )
-    assert set(found.words) == {*VERDICTS, "does-not-converge", "unstable", "exact", "off"}
+    assert set(found.choices) == {*VERDICTS, "does-not-converge", "unstable", "exact", "off"}
 
 
 @pytest.mark.parametrize(
@@ -314,7 +314,7 @@ def test_what_is_no_measure_is_refused_with_what_there_is(
 def bounds(table: dict[str, Any], *errors: float) -> list[tuple[str, float, float, float, bool]]:
     """Return key, old and new bound, the worst measured and whether it loosens, where it may."""
     run = make_tables([{ERROR: error, "dt_s": k + 1.0} for k, error in enumerate(errors)])
-    changes = proposals(held([gate(**table)], run), 0.3, loosen=True)
+    changes = proposals(check_gates([gate(**table)], run), 0.3, loosen=True)
     return [(one.key, one.old, one.new, one.measured, one.loosens) for one in changes]
 
 

@@ -10,7 +10,7 @@ import pytest
 from bodycheck._util.errors import InputError
 from bodycheck.reports.gates.gate import gate_of, parse_gates
 from bodycheck.reports.gates.proposal import Change, edited, proposals
-from bodycheck.reports.gates.verdict import held
+from bodycheck.reports.gates.verdict import check_gates
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.gate_tables import make_tables
 
@@ -22,7 +22,7 @@ def proposed(
 ) -> list[tuple[str, float, bool]]:
     """Return key, new bound and whether that loosens, for a run with these errors."""
     run = make_tables([{"orientation_error_rad": error, "dt_s": i + 1.0} for i, error in enumerate(errors)])
-    results = held([gate_of({**GATE, **table}, "here")], run)
+    results = check_gates([gate_of({**GATE, **table}, "here")], run)
     return [(c.key, c.new, c.loosens) for c in proposals(results, margin, loosen=loosen)]
 
 
@@ -46,7 +46,8 @@ def test_bound_is_never_loosened_without_request() -> None:
         ((_, new, loosens),) = proposed(table, error, loosen=True)
         assert loosens
         run = make_tables([{"orientation_error_rad": error}])
-        assert held([gate_of({**GATE, **table, next(iter(table)): new}, "here")], run)[0].status == "passed"
+        (result,) = check_gates([gate_of({**GATE, **table, next(iter(table)): new}, "here")], run)
+        assert result.status == "passed"
 
 
 @pytest.mark.parametrize("loosen", [False, True])
@@ -66,7 +67,7 @@ def test_bounds_of_orders_and_words_are_never_changed() -> None:
     """They come from theory."""
     order = {"measure": "order.orientation_error_rad", "lower": 3.0, "reason": "r"}
     word = {"measure": "verdict", "equals": "converges", "reason": "r"}
-    results = held(
+    results = check_gates(
         [gate_of(order, "here"), gate_of(word, "here")],
         make_tables([{}], [{"order": 2.0, "verdict": "chaotic"}]),
     )

@@ -8,9 +8,9 @@ from tests.helpers.scenario_texts import tumbling
 
 
 @pytest.fixture(scope="session")
-def night_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def nightly_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Return a run of two scenarios by three methods of the reference, with their speeds."""
-    folder = tmp_path_factory.mktemp("night")
+    folder = tmp_path_factory.mktemp("run")
     files = []
     for name, omega in (("slow", [0.3, 1.0, -0.2]), ("quick", [0.6, 2.0, -0.4])):
         files.append(folder / f"{name}.toml")

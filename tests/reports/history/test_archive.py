@@ -23,8 +23,8 @@ def test_nightly_runs_are_sorted_by_their_start(tmp_path: Path) -> None:
         write(history.folder, number)
     (history.folder / "notes.txt").write_text("mine")
     (history.folder / "plots").mkdir()
-    assert [night.name for night in history.nights()] == [name(1), name(2), name(3)]
-    assert sorted(path.name for path in history.nights()[0].iterdir()) == ["manifest.json", "results.csv"]
+    assert [run.name for run in history.runs()] == [name(1), name(2), name(3)]
+    assert sorted(path.name for path in history.runs()[0].iterdir()) == ["manifest.json", "results.csv"]
 
 
 def test_start_is_that_of_the_run_id() -> None:
@@ -33,7 +33,7 @@ def test_start_is_that_of_the_run_id() -> None:
 
 
 def _begin_and_raise(history: History, error: type[BaseException]) -> None:
-    with history.new_night(name(2)) as folder:
+    with history.new_run(name(2)) as folder:
         (folder / "results.csv").write_text("half")
         raise error
 
@@ -47,7 +47,7 @@ def test_unfinished_nightly_run_is_not_listed(tmp_path: Path, error: type[BaseEx
         _begin_and_raise(history, error)
     assert [entry.name for entry in tmp_path.iterdir() if entry.is_dir()] == [name(1)]
     write(tmp_path, 3)
-    assert [night.name for night in history.nights()] == [name(1), name(3)]
+    assert [run.name for run in history.runs()] == [name(1), name(3)]
 
 
 def test_full_disk_leaves_the_stored_runs(tmp_path: Path, expected_message: ExpectedMessage) -> None:
@@ -57,11 +57,11 @@ def test_full_disk_leaves_the_stored_runs(tmp_path: Path, expected_message: Expe
     with (
         file_size_limit(1000),
         expected_message.raises(InputError),
-        history.new_night(name(2)) as folder,
+        history.new_run(name(2)) as folder,
     ):
         (folder / "results.csv").write_text(2000 * "x")
     write(tmp_path, 3)
-    assert [night.name for night in history.nights()] == [name(1), name(3)]
+    assert [run.name for run in history.runs()] == [name(1), name(3)]
 
 
 def test_remains_of_a_killed_process_are_removed(tmp_path: Path) -> None:
@@ -72,11 +72,11 @@ def test_remains_of_a_killed_process_are_removed(tmp_path: Path) -> None:
     process.start()
     process.join(60.0)
     assert process.exitcode == -signal.SIGKILL
-    assert [night.name for night in history.nights()] == [name(1)]
+    assert [run.name for run in history.runs()] == [name(1)]
     assert any(entry.name.startswith(".unfinished") for entry in tmp_path.iterdir())
     write(tmp_path, 3)
     assert not any(entry.name.startswith(".unfinished") for entry in tmp_path.iterdir())
-    assert [night.name for night in history.nights()] == [name(1), name(3)]
+    assert [run.name for run in history.runs()] == [name(1), name(3)]
 
 
 def test_concurrent_processes_lose_nothing(tmp_path: Path) -> None:
@@ -89,8 +89,8 @@ def test_concurrent_processes_lose_nothing(tmp_path: Path) -> None:
     for process in processes:
         process.join(60.0)
     assert [process.exitcode for process in processes] == [0] * 4
-    nights = History(tmp_path).nights()
-    assert [(night / "results.csv").read_text() for night in nights] == [f"{k}\n" for k in range(40)]
+    runs = History(tmp_path).runs()
+    assert [(run / "results.csv").read_text() for run in runs] == [f"{k}\n" for k in range(40)]
 
 
 def test_stored_run_is_flushed_to_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,7 +115,7 @@ def test_unfinished_file_of_another_program_stops_nothing(tmp_path: Path) -> Non
     """What cannot be removed is left."""
     (tmp_path / ".unfinished-notes").write_text("mine")
     write(tmp_path, 1)
-    assert [night.name for night in History(tmp_path).nights()] == [name(1)]
+    assert [run.name for run in History(tmp_path).runs()] == [name(1)]
 
 
 def test_runs_of_the_future_are_later_than_now_and_than_the_given_run(tmp_path: Path) -> None:
@@ -124,16 +124,16 @@ def test_runs_of_the_future_are_later_than_now_and_than_the_given_run(tmp_path: 
     for run_id in ("20260101T000000Z-000000", *seconds):
         (tmp_path / run_id).mkdir()
     found = History(tmp_path).dated_in_future
-    assert [night.name for night in found()] == seconds
-    assert [night.name for night in found("29990102T000000Z-ffffff")] == seconds[2:]
+    assert [run.name for run in found()] == seconds
+    assert [run.name for run in found("29990102T000000Z-ffffff")] == seconds[2:]
 
 
 def test_unreadable_history_is_reported(tmp_path: Path, expected_message: ExpectedMessage) -> None:
     """The line names the folder and the reason; one that does not exist has no runs."""
-    assert History(tmp_path / "absent").nights() == []
+    assert History(tmp_path / "absent").runs() == []
     (tmp_path / "file").touch()
     with expected_message.raises(InputError):
-        History(tmp_path / "file").nights()
+        History(tmp_path / "file").runs()
 
 
 def test_pruning_keeps_the_newest(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ def test_pruning_keeps_the_newest(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     assert history.prune(2) == [name(0), name(1), name(2)]
     assert history.prune(2) == []
-    assert [night.name for night in history.nights()] == [name(3), name(4)]
+    assert [run.name for run in history.runs()] == [name(3), name(4)]
     assert (tmp_path / "notes.txt").exists()
 
 

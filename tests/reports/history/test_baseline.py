@@ -14,13 +14,13 @@ from bodycheck._util.errors import InputError
 from bodycheck.reports.history import baseline
 from bodycheck.reports.history.archive import History
 from bodycheck.reports.history.baseline import (
-    Night,
+    NightlyRun,
+    baseline_of,
     check_files,
     machine_class,
-    past_of,
-    read_night_file,
-    seal_night,
-    told_of,
+    read_summary,
+    read_summary_file,
+    seal_run,
 )
 from bodycheck.reports.run_files.table_formats import as_parquet
 from tests.helpers.expected_messages import ExpectedMessage
@@ -50,7 +50,7 @@ def test_machine_with_other_software_is_of_the_same_class(changed: dict[str, Any
     assert machine_class({**MANIFEST, **changed}) == machine_class(MANIFEST)
 
 
-TOLD: dict[str, Any] = {
+SUMMARY: dict[str, Any] = {
     "run_id": "20260101T000000Z-000001",
     "status": "no regression",
     "worse": 0,
@@ -67,21 +67,21 @@ TOLD: dict[str, Any] = {
 @pytest.fixture
 def sealed(tmp_path: Path) -> Path:
     """Return the folder of a nightly run with a page, sealed."""
-    (tmp_path / "night.json").write_text(json.dumps(TOLD))
+    (tmp_path / "night.json").write_text(json.dumps(SUMMARY))
     (tmp_path / "night.html").write_text("a page\n")
-    seal_night(tmp_path)
+    seal_run(tmp_path)
     return tmp_path
 
 
 def test_sealed_run_holds_what_sha256sum_prints(sealed: Path) -> None:
     """Runs stored by other releases are checked by the same keys and the same sums."""
-    told = json.loads((sealed / "night.json").read_text())
-    assert told["sha256"] == {"night.html": hashlib.sha256(b"a page\n").hexdigest()}
-    content = {name: value for name, value in told.items() if name != "seal"}
-    assert told["seal"] == hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    assert {name: told[name] for name in TOLD} == TOLD
-    read = told_of(sealed)
-    assert read == {**TOLD, "sha256": told["sha256"]}
+    summary = json.loads((sealed / "night.json").read_text())
+    assert summary["sha256"] == {"night.html": hashlib.sha256(b"a page\n").hexdigest()}
+    content = {name: value for name, value in summary.items() if name != "seal"}
+    assert summary["seal"] == hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    assert {name: summary[name] for name in SUMMARY} == SUMMARY
+    read = read_summary(sealed)
+    assert read == {**SUMMARY, "sha256": summary["sha256"]}
     check_files(sealed, read)
 
 
@@ -94,20 +94,20 @@ def test_sealed_report_is_written_for_readers(sealed: Path) -> None:
 
 def test_control_characters_of_a_sealed_report_are_escaped(tmp_path: Path) -> None:
     """They reach no terminal, and are no damage."""
-    (tmp_path / "night.json").write_text(json.dumps({**TOLD, "engines": "red \x1b[31m"}))
-    seal_night(tmp_path)
-    assert told_of(tmp_path)["engines"] == "red \\x1b[31m"
+    (tmp_path / "night.json").write_text(json.dumps({**SUMMARY, "engines": "red \x1b[31m"}))
+    seal_run(tmp_path)
+    assert read_summary(tmp_path)["engines"] == "red \\x1b[31m"
 
 
-@pytest.mark.parametrize("name", TOLD)
+@pytest.mark.parametrize("name", SUMMARY)
 @pytest.mark.parametrize("value", [[], {}])
 def test_report_with_nested_data_is_damaged(
     name: str, value: object, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:
     """An entry that is listed is text or a number."""
-    (tmp_path / "night.json").write_text(json.dumps({**TOLD, name: value}))
+    (tmp_path / "night.json").write_text(json.dumps({**SUMMARY, name: value}))
     with expected_message.raises(InputError):
-        told_of(tmp_path)
+        read_summary(tmp_path)
 
 
 SOUND = as_parquet(pd.DataFrame({"x": [1.0, 2.0]}))
@@ -144,26 +144,26 @@ def test_table_that_is_gone_cannot_be_read(
     check_files(tmp_path, sums, [])
 
 
-@pytest.mark.parametrize("name", [*TOLD, "sha256", "seal"])
+@pytest.mark.parametrize("name", [*SUMMARY, "sha256", "seal"])
 def test_change_of_a_sealed_report_is_detected(
     name: str, sealed: Path, expected_message: ExpectedMessage
 ) -> None:
     """Each entry by itself, the seal too."""
-    told = json.loads((sealed / "night.json").read_text())
-    (sealed / "night.json").write_text(json.dumps({**told, name: "another"}))
+    summary = json.loads((sealed / "night.json").read_text())
+    (sealed / "night.json").write_text(json.dumps({**summary, name: "another"}))
     with expected_message.raises(InputError):
-        read_night_file(sealed)
+        read_summary_file(sealed)
 
 
 def test_changed_file_of_a_sealed_run_is_named(sealed: Path, expected_message: ExpectedMessage) -> None:
     """A page that was edited or removed is no longer the one that was stored."""
-    told = told_of(sealed)
+    summary = read_summary(sealed)
     (sealed / "night.html").write_text("a Page\n")
     with expected_message.raises(InputError):
-        check_files(sealed, told)
+        check_files(sealed, summary)
     (sealed / "night.html").unlink()
     with expected_message.raises(InputError):
-        check_files(sealed, told)
+        check_files(sealed, summary)
 
 
 @pytest.mark.parametrize("name", ["run_id", "status", "worse", "cases", "engines", "machine"])
@@ -171,33 +171,33 @@ def test_report_without_a_needed_key_is_damaged(
     name: str, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:
     """The other counts are 0 where they are missing."""
-    (tmp_path / "night.json").write_text(json.dumps({key: TOLD[key] for key in TOLD if key != name}))
+    (tmp_path / "night.json").write_text(json.dumps({key: SUMMARY[key] for key in SUMMARY if key != name}))
     with expected_message.raises(InputError):
-        told_of(tmp_path)
+        read_summary(tmp_path)
 
 
 def test_counts_of_former_releases_are_read(tmp_path: Path) -> None:
     """What is `improved` and `moved` now was `better` and `other`; a missing count is 0."""
     now = ("improved", "moved", "new")
-    former = {key: value for key, value in TOLD.items() if key not in now}
+    former = {key: value for key, value in SUMMARY.items() if key not in now}
     (tmp_path / "night.json").write_text(json.dumps({**former, "better": 6, "other": 7}))
-    told = told_of(tmp_path)
-    assert [told[name] for name in now] == [6, 7, 0]
+    summary = read_summary(tmp_path)
+    assert [summary[name] for name in now] == [6, 7, 0]
 
 
 def test_only_unchanged_scenarios_are_the_same() -> None:
     """A scenario that was redefined, or that one of the runs lacks, is not compared."""
     mine = {"brick": {"mass": 1.0}, "plate": {"mass": 1.0}, "rod": {"mass": 1.0}}
     other = {"brick": {"mass": 1.0}, "plate": {"mass": 2.0}, "disk": {"mass": 1.0}, "rod": {"mass": 1.0}}
-    night = Night(Path("night"), {"scenarios": mine}, {})
-    assert night.same_scenarios({"scenarios": other}) == {"brick", "rod"}
+    run = NightlyRun(Path("run"), {"scenarios": mine}, {})
+    assert run.same_scenarios({"scenarios": other}) == {"brick", "rod"}
 
 
 @pytest.fixture
 def sound(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have every stored run undamaged and on one machine."""
     monkeypatch.setattr(baseline, "read_manifest", lambda _: MANIFEST)
-    monkeypatch.setattr(baseline, "told_of", lambda _: {})
+    monkeypatch.setattr(baseline, "read_summary", lambda _: {})
     monkeypatch.setattr(baseline, "check_files", lambda *_: None)
 
 
@@ -206,23 +206,23 @@ def test_sixty_runs_of_the_same_machine_are_the_baseline(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The newest ones; of another machine none."""
-    monkeypatch.setattr(Night, "accepted", property(lambda _: object()))
+    monkeypatch.setattr(NightlyRun, "accepted", property(lambda _: object()))
     names = [f"20260101T0000{second:02d}Z-000000" for second in range(60)] + ["20260102T000000Z-000000"]
     for name in names:
         (tmp_path / name).mkdir()
-    past = past_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004"})
-    assert [night.name for night in past.nights] == names[:0:-1]
-    other = past_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004", "cores": 8})
-    assert (other.nights, other.left_out) == ((), ())
+    baseline = baseline_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004"})
+    assert [run.name for run in baseline.runs] == names[:0:-1]
+    other = baseline_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004", "cores": 8})
+    assert (other.runs, other.left_out) == ((), ())
 
 
 def test_night_reads_the_tables_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its accepted levels are those of its tables."""
     monkeypatch.setattr(baseline, "read_tables", lambda folder: f"tables of {folder}")
     monkeypatch.setattr(baseline, "read_accepted", lambda *words: words)
-    night: Any = Night(tmp_path, {}, {})
-    assert night.tables == f"tables of {tmp_path}"
-    assert night.accepted == (tmp_path, night.tables)
+    run: Any = NightlyRun(tmp_path, {}, {})
+    assert run.tables == f"tables of {tmp_path}"
+    assert run.accepted == (tmp_path, run.tables)
 
 
 @pytest.mark.usefixtures("sound")
@@ -231,18 +231,18 @@ def test_only_the_newest_run_needs_readable_tables(tmp_path: Path, monkeypatch: 
     names = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
     unreadable, read = {names[0], names[2]}, []
 
-    def accepted(night: Night) -> object:
-        read.append(night.name)
-        if night.name in unreadable:
-            raise InputError(f"{night.folder}: is damaged")
+    def accepted(run: NightlyRun) -> object:
+        read.append(run.name)
+        if run.name in unreadable:
+            raise InputError(f"{run.folder}: is damaged")
         return object()
 
-    monkeypatch.setattr(Night, "accepted", property(accepted))
+    monkeypatch.setattr(NightlyRun, "accepted", property(accepted))
     for name in names:
         (tmp_path / name).mkdir()
-    past = past_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004"})
-    assert [night.name for night in past.nights] == [names[1], names[0]]
-    assert past.left_out == (f"{tmp_path / names[2]}: is damaged",)
+    baseline = baseline_of(History(tmp_path), {**MANIFEST, "run_id": "20260104T000000Z-000004"})
+    assert [run.name for run in baseline.runs] == [names[1], names[0]]
+    assert baseline.left_out == (f"{tmp_path / names[2]}: is damaged",)
     assert read == [names[2], names[1]]
 
 
@@ -253,10 +253,10 @@ def test_each_unusable_run_is_left_out_with_its_reason(tmp_path: Path) -> None:
     for name in (*names, *coming):
         (tmp_path / name).mkdir()
     for future in (coming, []):
-        past = past_of(History(tmp_path), {"run_id": "20260104T000000Z-000004"})
-        assert past.nights == ()
-        told, expected = [why.split(": ")[:2] for why in past.left_out], [*future, *reversed(names)]
-        assert [Path(file).relative_to(tmp_path).parts[0] for file, _ in told] == expected
-        assert [why == "is dated in the future" for _, why in told] == [name in future for name in expected]
+        baseline = baseline_of(History(tmp_path), {"run_id": "20260104T000000Z-000004"})
+        assert baseline.runs == ()
+        faults, expected = [why.split(": ")[:2] for why in baseline.left_out], [*future, *reversed(names)]
+        assert [Path(file).relative_to(tmp_path).parts[0] for file, _ in faults] == expected
+        assert [why == "is dated in the future" for _, why in faults] == [name in future for name in expected]
         for name in future:
             (tmp_path / name).rmdir()

@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 
 from bodycheck._util.errors import InputError
 from bodycheck.cli import commands
-from bodycheck.reports.history.baseline import TOLD
+from bodycheck.reports.history.baseline import SUMMARY_KEYS
 from bodycheck.reports.history.queries import TABLES
 from bodycheck.reports.run_files.table_formats import as_parquet
 
@@ -20,9 +20,9 @@ NAMES = [f"2026010{day}T000000Z-00000{day}" for day in (1, 2, 3)]
 
 
 @cache
-def table_of(night: str) -> bytes:
+def table_of(run: str) -> bytes:
     """Return a table of one row, as Parquet."""
-    return as_parquet(pd.DataFrame({"run_id": [night]}))
+    return as_parquet(pd.DataFrame({"run_id": [run]}))
 
 
 @pytest.fixture
@@ -30,8 +30,8 @@ def history(tmp_path: Path) -> Path:
     """Return the folder of three nightly runs with one row per table."""
     for name in NAMES:
         (tmp_path / name).mkdir()
-        told = {**dict.fromkeys(TOLD, 0), "run_id": name, "status": "no regression"}
-        (tmp_path / name / "night.json").write_text(json.dumps(told))
+        summary = {**dict.fromkeys(SUMMARY_KEYS, 0), "run_id": name, "status": "no regression"}
+        (tmp_path / name / "night.json").write_text(json.dumps(summary))
         for table in TABLES:
             (tmp_path / name / f"{table}.parquet").write_bytes(table_of(name))
     return tmp_path

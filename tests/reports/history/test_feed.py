@@ -25,16 +25,16 @@ def worse(results: pd.DataFrame) -> pd.DataFrame:
 
 
 @pytest.mark.slow
-def test_a_regression_is_an_entry_of_the_feed(night_run: Run, tmp_path: Path) -> None:
+def test_a_regression_is_an_entry_of_the_feed(nightly_run: Run, tmp_path: Path) -> None:
     """Only the run that regressed has an entry, which links to its page; a page links to earlier ones."""
-    runs = store_nightly_runs(night_run, tmp_path, [unchanged, unchanged])
+    runs = store_nightly_runs(nightly_run, tmp_path, [unchanged, unchanged])
     root = ET.parse(tmp_path / "feed.xml").getroot()
     assert root.findall("entry", ATOM) == []
-    (regressed,) = store_nightly_runs(night_run, tmp_path, [worse], first=2)
+    (regressed,) = store_nightly_runs(nightly_run, tmp_path, [worse], first=2)
     assert regressed.status == "regression"
     root = ET.parse(tmp_path / "feed.xml").getroot()
     (entry,) = root.findall("entry", ATOM)
-    run_id = regressed.tonight.run_id
+    run_id = regressed.newest.run_id
     assert entry.findtext("id", namespaces=ATOM) == f"urn:bodycheck:{run_id}"
     (link,) = entry.findall("link", ATOM)
     assert (tmp_path / link.attrib["href"]).read_text(encoding="utf-8").startswith("<!doctype html>")
@@ -43,14 +43,14 @@ def test_a_regression_is_an_entry_of_the_feed(night_run: Run, tmp_path: Path) ->
     pages = ("night.html", "report.html")
     assert links == [
         "../feed.xml",
-        *(f"../{run.tonight.run_id}/{name}" for run in runs[::-1] for name in pages),
+        *(f"../{run.newest.run_id}/{name}" for run in runs[::-1] for name in pages),
     ]
     assert all((tmp_path / run_id / link).exists() for link in links)
     trends = page[page.index('id="trends"') : page.index('id="earlier"')]
     assert re.search(r"m\d|rk4", trends)[0] == "m1"  # farthest from its median
 
 
-def night(run_id: str, status: str) -> dict[str, object]:
+def run(run_id: str, status: str) -> dict[str, object]:
     """Return as much of a night.json as the feed reads."""
     counts = {"worse": 2, "missing": 1, "cases": 7}
     return {"run_id": run_id, "status": status, "engines": "a 1 & <b> 2", "machine": "m", **counts}
@@ -58,8 +58,8 @@ def night(run_id: str, status: str) -> dict[str, object]:
 
 def test_the_feed_has_what_atom_requires() -> None:
     """Feed and entries have id, title and a date with its zone; the newest entry comes first; ids differ."""
-    runs = [night(f"202601{day:02d}T000000Z-000000", "regression") for day in (1, 2)]
-    root = ET.fromstring(feed([*runs, night("20260103T000000Z-000000", "no regression")]))
+    runs = [run(f"202601{day:02d}T000000Z-000000", "regression") for day in (1, 2)]
+    root = ET.fromstring(feed([*runs, run("20260103T000000Z-000000", "no regression")]))
     entries = root.findall("entry", ATOM)
     for element in (root, *entries):
         assert element.findtext("title", namespaces=ATOM)

@@ -11,10 +11,10 @@ import pytest
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import told_of
+from bodycheck.reports.history.baseline import read_summary
 from bodycheck.reports.history.queries import query
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.runs.nightly_run import store_night
+from bodycheck.runs.nightly_run import store_nightly
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.nightly_runs import as_nightly_run, store_nightly_runs, unchanged
 
@@ -22,36 +22,36 @@ pytestmark = pytest.mark.slow
 
 
 def test_run_that_cannot_be_judged_is_stored(
-    night_run: Run, tmp_path: Path, expected_message: ExpectedMessage
+    nightly_run: Run, tmp_path: Path, expected_message: ExpectedMessage
 ) -> None:
     """A run with inconsistent tables is refused after it is stored, and is not a baseline."""
-    store_nightly_runs(night_run, tmp_path, [unchanged])
+    store_nightly_runs(nightly_run, tmp_path, [unchanged])
     with expected_message.raises(InputError):
-        store_night(as_nightly_run(night_run, 1, outcomes={"ok": 1}), History(tmp_path))
-    nights = History(tmp_path).nights()
-    assert [told_of(night)["status"] for night in nights] == ["insufficient history", "not judged"]
-    (judged,) = store_nightly_runs(night_run, tmp_path, [unchanged], first=2)
+        store_nightly(as_nightly_run(nightly_run, 1, outcomes={"ok": 1}), History(tmp_path))
+    runs = History(tmp_path).runs()
+    assert [read_summary(run)["status"] for run in runs] == ["insufficient history", "not judged"]
+    (judged,) = store_nightly_runs(nightly_run, tmp_path, [unchanged], first=2)
     assert judged.comparison is not None
-    assert judged.comparison.before.run_id == nights[0].name
-    assert [why.startswith(str(nights[1] / "results.csv")) for why in judged.past.left_out] == [True]
+    assert judged.comparison.before.run_id == runs[0].name
+    assert [why.startswith(str(runs[1] / "results.csv")) for why in judged.baseline.left_out] == [True]
 
 
 def test_internal_error_of_judging_loses_no_run(
-    night_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    nightly_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is raised after the run is stored; the message has the folder, and a query reads it."""
 
     def broken(*_: object) -> None:
         raise TypeError("nobody expected this")
 
-    monkeypatch.setattr("bodycheck.runs.nightly_run.judge_night", broken)
+    monkeypatch.setattr("bodycheck.runs.nightly_run.judge_run", broken)
     with pytest.raises(TypeError) as raised:
-        store_nightly_runs(night_run, tmp_path, [unchanged])
-    (night,) = History(tmp_path).nights()
-    assert raised.value.__notes__ == [f"the run is stored in {night}, but could not be judged"]
-    assert told_of(night)["status"] == "not judged"
-    count = query([night], "SELECT count(*) AS n FROM results")["n"].tolist()
-    assert count == [len(night_run.results)]
+        store_nightly_runs(nightly_run, tmp_path, [unchanged])
+    (run,) = History(tmp_path).runs()
+    assert raised.value.__notes__ == [f"the run is stored in {run}, but could not be judged"]
+    assert read_summary(run)["status"] == "not judged"
+    count = query([run], "SELECT count(*) AS n FROM results")["n"].tolist()
+    assert count == [len(nightly_run.results)]
 
 
 def _text(old: str, new: str) -> Callable[[Path], None]:
@@ -75,9 +75,9 @@ def _unsealed(damage: Callable[[Path], None]) -> Callable[[Path], None]:
 
     def damage_both(path: Path) -> None:
         damage(path)
-        told = json.loads((path.parent / "night.json").read_text())
-        del told["sha256"], told["seal"]
-        (path.parent / "night.json").write_text(json.dumps(told))
+        summary = json.loads((path.parent / "night.json").read_text())
+        del summary["sha256"], summary["seal"]
+        (path.parent / "night.json").write_text(json.dumps(summary))
 
     return damage_both
 
@@ -102,43 +102,43 @@ DAMAGES: dict[str, tuple[str, Callable[[Path], None]]] = {
 
 @pytest.mark.parametrize("what", DAMAGES)
 def test_damaged_past_run_is_named_and_not_a_baseline(
-    what: str, pair: Path, night_run: Run, tmp_path: Path
+    what: str, pair: Path, nightly_run: Run, tmp_path: Path
 ) -> None:
     """The next run is stored and compared with the one before; the damaged file is named."""
     history = tmp_path / "history"
     shutil.copytree(pair, history)
-    older, newer = History(history).nights()
+    older, newer = History(history).runs()
     name, damage = DAMAGES[what]
     damage(newer / name)
-    (judged,) = store_nightly_runs(night_run, history, [unchanged], first=2)
-    (why,) = judged.past.left_out
+    (judged,) = store_nightly_runs(nightly_run, history, [unchanged], first=2)
+    (why,) = judged.baseline.left_out
     assert why.startswith(f"{newer / name}: ")
     assert judged.comparison is not None
     assert judged.comparison.before.run_id == older.name
     assert judged.status == "no regression"
-    assert f"{newer / name}: " in (History(history).nights()[-1] / "night.md").read_text()
+    assert f"{newer / name}: " in (History(history).runs()[-1] / "night.md").read_text()
 
 
 @pytest.fixture(scope="module")
-def pair(night_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def pair(nightly_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a history of two nightly runs."""
     folder = tmp_path_factory.mktemp("pair")
-    store_nightly_runs(night_run, folder, [unchanged, unchanged])
+    store_nightly_runs(nightly_run, folder, [unchanged, unchanged])
     return folder
 
 
 def test_run_dated_in_the_future_is_reported_and_not_a_baseline(
-    night_run: Run, pair: Path, tmp_path: Path
+    nightly_run: Run, pair: Path, tmp_path: Path
 ) -> None:
     """A wrong clock decides neither what is compared nor what is pruned."""
     history = tmp_path / "history"
     shutil.copytree(pair, history)
-    older, newer = History(history).nights()
+    older, newer = History(history).runs()
     coming = history / "29990101T000000Z-00000f"
     shutil.copytree(newer, coming)
-    (judged,) = store_nightly_runs(night_run, history, [unchanged], first=2)
-    assert judged.past.left_out == (f"{coming}: is dated in the future",)
+    (judged,) = store_nightly_runs(nightly_run, history, [unchanged], first=2)
+    assert judged.baseline.left_out == (f"{coming}: is dated in the future",)
     assert judged.comparison is not None
     assert judged.comparison.before.run_id == newer.name
     assert History(history).prune(1) == [older.name, newer.name]
-    assert [night.name for night in History(history).nights()] == [judged.tonight.run_id, coming.name]
+    assert [run.name for run in History(history).runs()] == [judged.newest.run_id, coming.name]

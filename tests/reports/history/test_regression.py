@@ -19,10 +19,10 @@ from bodycheck.reports.gates.thresholds import Thresholds
 from bodycheck.reports.history import regression
 from bodycheck.reports.history.accepted_levels import read_accepted
 from bodycheck.reports.history.archive import History
-from bodycheck.reports.history.baseline import seal_night
-from bodycheck.reports.history.history_output import night_sentences
-from bodycheck.reports.history.queries import nights_table, query
-from bodycheck.reports.history.regression import Judgement, judge_night, speeds_of
+from bodycheck.reports.history.baseline import seal_run
+from bodycheck.reports.history.history_output import nightly_sentences
+from bodycheck.reports.history.queries import history_table, query
+from bodycheck.reports.history.regression import Judgement, judge_run, speeds_of
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_reader import Tables, read_tables
 from bodycheck.reports.run_files.run_tables import Run
@@ -39,17 +39,17 @@ def tables(number: int, *cases: dict[str, Any], **parts: Any) -> Tables:
     return replace(made, run_id=f"night {number}")
 
 
-def judgement_of(*nights: Tables, monkeypatch: pytest.MonkeyPatch) -> Judgement:
+def judgement_of(*runs: Tables, monkeypatch: pytest.MonkeyPatch) -> Judgement:
     """Return the judgement of the last of these runs, after each was judged when it was stored."""
     before: list[SimpleNamespace] = []
-    for tonight in nights:
-        found = judged_after(before, tonight, monkeypatch)
+    for newest in runs:
+        found = judged_after(before, newest, monkeypatch)
         levels = tuple(CaseResult(dict(row)) for row in found.accepted)
-        before.insert(0, night_of(tonight, replace(tonight, cases=levels)))
+        before.insert(0, run_of(newest, replace(newest, cases=levels)))
     return found
 
 
-def night_of(found: Tables, accepted: Tables) -> SimpleNamespace:
+def run_of(found: Tables, accepted: Tables) -> SimpleNamespace:
     """Return an earlier nightly run, with the levels accepted after it."""
 
     def same_scenarios(manifest: dict[str, Any]) -> set[str]:
@@ -66,21 +66,19 @@ def night_of(found: Tables, accepted: Tables) -> SimpleNamespace:
     )
 
 
-def judged_after(
-    before: list[SimpleNamespace], tonight: Tables, monkeypatch: pytest.MonkeyPatch
-) -> Judgement:
+def judged_after(before: list[SimpleNamespace], newest: Tables, monkeypatch: pytest.MonkeyPatch) -> Judgement:
     """Return the judgement of a nightly run against its baseline runs, newest first."""
-    by_folder = {night.folder: night.tables for night in before}
+    by_folder = {run.folder: run.tables for run in before}
 
     def recorded(folders: list[Path]) -> pd.DataFrame:
-        found = [by_folder[one].results.assign(night=one.name) for one in folders]
-        well = [cases.loc[cases["outcome"] == "ok", ["night", *COLUMNS]] for cases in found]
-        return pd.concat(well) if well else pd.DataFrame(columns=["night", *COLUMNS])
+        found = [by_folder[one].results.assign(run=one.name) for one in folders]
+        well = [cases.loc[cases["outcome"] == "ok", ["run", *COLUMNS]] for cases in found]
+        return pd.concat(well) if well else pd.DataFrame(columns=["run", *COLUMNS])
 
-    past = SimpleNamespace(nights=list(before))
-    monkeypatch.setattr(regression, "past_of", lambda _, manifest: past if manifest else None)
+    baseline = SimpleNamespace(runs=list(before))
+    monkeypatch.setattr(regression, "baseline_of", lambda _, manifest: baseline if manifest else None)
     monkeypatch.setattr(regression, "recorded_cases", recorded)
-    return judge_night(None, tonight)  # type: ignore[arg-type]
+    return judge_run(None, newest)  # type: ignore[arg-type]
 
 
 def kinds_and_steps(found: Judgement) -> list[tuple[str, str, float | None]]:
@@ -94,7 +92,7 @@ WORSE = {ERROR: 1e-6}
 
 
 @pytest.mark.parametrize(
-    ("nights", "status"),
+    ("runs", "status"),
     [
         ((tables(0),), "insufficient history"),
         ((tables(0, FAILED),), "nothing measured"),
@@ -111,13 +109,13 @@ WORSE = {ERROR: 1e-6}
     ],
 )
 def test_run_is_a_regression_if_anything_is_worse_or_missing(
-    nights: tuple[Tables, ...], status: str, monkeypatch: pytest.MonkeyPatch
+    runs: tuple[Tables, ...], status: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A missing case or measure is worse, a new one is not; a run that measured nothing never passes."""
-    found = judgement_of(*nights, monkeypatch=monkeypatch)
+    found = judgement_of(*runs, monkeypatch=monkeypatch)
     assert found.status == status
-    assert found.tonight is nights[-1]
-    assert (found.comparison is None) == (len(nights) == 1)
+    assert found.newest is runs[-1]
+    assert (found.comparison is None) == (len(runs) == 1)
 
 
 def test_recovered_case_is_compared_with_its_last_success(
@@ -125,14 +123,14 @@ def test_recovered_case_is_compared_with_its_last_success(
 ) -> None:
     """However long ago, each case with its own."""
     other = {"dt_s": 0.02}
-    nights = [
+    runs = [
         tables(0, {ERROR: 1e-3}, {**other, ERROR: 1e-3}),  # too long ago for either
         tables(1, {}, {**other, **FAILED}),
         tables(2, FAILED, {**other, ERROR: 1e-8}),
         tables(3, FAILED, {**other, **FAILED}),
         tables(4, WORSE, {**other, **WORSE}),
     ]
-    found = judgement_of(*nights, monkeypatch=monkeypatch)
+    found = judgement_of(*runs, monkeypatch=monkeypatch)
     assert kinds_and_steps(found) == [
         ("outcome", "improved", 0.01),
         ("outcome", "improved", 0.02),
@@ -145,10 +143,10 @@ def test_recovered_case_is_compared_with_its_last_success(
 
 def creeping(*errors: float | None, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return the status of the error in each run after the first; None: the case failed."""
-    nights = [tables(k, FAILED if error is None else {ERROR: error}, OTHER) for k, error in enumerate(errors)]
+    runs = [tables(k, FAILED if error is None else {ERROR: error}, OTHER) for k, error in enumerate(errors)]
     found = []
-    for place in range(1, len(nights)):
-        changes = judgement_of(*nights[: place + 1], monkeypatch=monkeypatch).comparison
+    for place in range(1, len(runs)):
+        changes = judgement_of(*runs[: place + 1], monkeypatch=monkeypatch).comparison
         assert changes is not None
         found.append(" ".join(one.status for one in changes.changes if one.kind == "accuracy"))
     return found
@@ -178,11 +176,11 @@ def test_error_is_compared_with_its_accepted_level(
 
 def test_each_measure_has_its_own_level(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reporting one measure does not change the level of another."""
-    nights = [
+    runs = [
         tables(k, {ERROR: 1e-3 * error, "omega_error": 1e-3 * omega})
         for k, (error, omega) in enumerate(((1.0, 1.0), (2.0, 1.015), (2.0, 1.03)))
     ]
-    found = judgement_of(*nights, monkeypatch=monkeypatch)
+    found = judgement_of(*runs, monkeypatch=monkeypatch)
     assert found.comparison is not None
     assert [(one.quantity, one.status, one.before) for one in found.comparison.changes] == [
         ("omega_error", "worse", 1e-3)
@@ -192,21 +190,21 @@ def test_each_measure_has_its_own_level(monkeypatch: pytest.MonkeyPatch) -> None
 def test_changed_scenario_starts_with_new_levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """No level of the old scenario counts for the new one."""
     scenarios = {"brick": {"mass": 2.0}, "plate": {}}
-    nights = [tables(0), tables(1, WORSE, scenarios=scenarios), tables(2, WORSE, scenarios=scenarios)]
-    found = judgement_of(*nights, monkeypatch=monkeypatch)
+    runs = [tables(0), tables(1, WORSE, scenarios=scenarios), tables(2, WORSE, scenarios=scenarios)]
+    found = judgement_of(*runs, monkeypatch=monkeypatch)
     assert kinds_and_steps(found) == []
     assert [row[ERROR] for row in found.accepted] == [1e-6]
 
 
 def test_another_version_of_an_engine_keeps_the_levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """`mujoco==3.16.0`, `mujoco==3.17.0` and the installed one are one engine with one error."""
-    nights = [
+    runs = [
         tables(k, {"engine": name, ERROR: 1e-3 * error})
         for k, (name, error) in enumerate(
             (("mujoco==3.16.0", 1.0), ("mujoco", 1.015), ("mujoco==3.17.0", 1.03))
         )
     ]
-    found = judgement_of(*nights, monkeypatch=monkeypatch)
+    found = judgement_of(*runs, monkeypatch=monkeypatch)
     assert kinds_and_steps(found) == [("accuracy", "worse", 0.01)]
     assert [row["engine"] for row in found.accepted] == ["mujoco==3.17.0"]
 
@@ -223,23 +221,21 @@ def test_speed_is_judged_by_all_baseline_runs(monkeypatch: pytest.MonkeyPatch) -
     slow = judgement_of(*usual, *(tables(k, timed[1]) for k in range(8, 13)), monkeypatch=monkeypatch)
     assert kinds_and_steps(slow) == [("speed", "worse", None)]
     assert slow.status == "regression"
-    assert slow.speeds.series.nights == tuple(f"night {k}" for k in range(13))
+    assert slow.speeds.series.runs == tuple(f"night {k}" for k in range(13))
 
 
 def test_series_of_errors_has_successful_cases_of_equal_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:
     """The largest deviation of a method's cases from the median over its runs, oldest first."""
     plate = {"scenario": "plate", ERROR: 1e-5}
-    nights = [tables(k, {}, {"dt_s": 0.02, ERROR: 1e-7}, plate) for k in range(3)]
-    nights[0] = replace(
-        nights[0], manifest={**nights[0].manifest, "scenarios": {"brick": {}, "plate": {"x": 1}}}
-    )
+    runs = [tables(k, {}, {"dt_s": 0.02, ERROR: 1e-7}, plate) for k in range(3)]
+    runs[0] = replace(runs[0], manifest={**runs[0].manifest, "scenarios": {"brick": {}, "plate": {"x": 1}}})
     last = tables(3, {ERROR: 1e-8}, {"dt_s": 0.02, ERROR: 1e-9}, {**plate, "outcome": "failed"})
-    found = judgement_of(*nights, last, monkeypatch=monkeypatch)
-    assert found.errors.nights == tuple(f"night {k}" for k in range(4))
+    found = judgement_of(*runs, last, monkeypatch=monkeypatch)
+    assert found.errors.runs == tuple(f"night {k}" for k in range(4))
     assert found.errors.methods == (("mujoco", "rk4"),)
     assert found.errors.decades[:, 0] == pytest.approx([0.0, 0.0, 0.0, -2.0])
     alone = judgement_of(tables(0), monkeypatch=monkeypatch)
-    assert alone.errors.nights == ("night 0",)
+    assert alone.errors.runs == ("night 0",)
     assert math.isclose(alone.errors.decades[0, 0], 0.0)
     nothing = judgement_of(tables(0, FAILED), monkeypatch=monkeypatch)
     assert nothing.errors.methods == ()
@@ -295,29 +291,29 @@ def changes_of(judged: Judgement) -> list[tuple[str, str, str]]:
 
 
 @pytest.fixture(scope="module")
-def _two_nights(night_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def _two_runs(nightly_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("two")
-    store_nightly_runs(night_run, folder, [unchanged, unchanged])
+    store_nightly_runs(nightly_run, folder, [unchanged, unchanged])
     return folder
 
 
 @pytest.fixture
-def two_nights(_two_nights: Path, tmp_path: Path) -> Path:
+def two_runs(_two_runs: Path, tmp_path: Path) -> Path:
     """Return a history of two unchanged runs, to be extended."""
-    return shutil.copytree(_two_nights, tmp_path / "two")
+    return shutil.copytree(_two_runs, tmp_path / "two")
 
 
 @pytest.fixture(scope="module")
-def one_worse(night_run: Run, tmp_path_factory: pytest.TempPathFactory) -> History:
+def one_worse(nightly_run: Run, tmp_path_factory: pytest.TempPathFactory) -> History:
     """Return a history in which the energy drifts more in the second run, to be queried."""
     folder = tmp_path_factory.mktemp("worse")
-    store_nightly_runs(night_run, folder, [unchanged, planted("energy_drift", 0.1)])
+    store_nightly_runs(nightly_run, folder, [unchanged, planted("energy_drift", 0.1)])
     return History(folder)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [6, pytest.param(20, marks=pytest.mark.nightly)])
-def test_unchanged_runs_report_nothing(night_run: Run, tmp_path: Path, count: int) -> None:
+def test_unchanged_runs_report_nothing(nightly_run: Run, tmp_path: Path, count: int) -> None:
     """With random times, no change of a measure or speed is reported."""
     rng = np.random.default_rng(0)
 
@@ -325,9 +321,9 @@ def test_unchanged_runs_report_nothing(night_run: Run, tmp_path: Path, count: in
         results["relative_cpu"] *= 10.0 ** rng.normal(0.0, 0.02, len(results))
         return results
 
-    nights = store_nightly_runs(night_run, tmp_path, (count + 1) * [by_chance])
-    assert [judged.status for judged in nights[1:]] == count * ["no regression"]
-    assert [changes_of(judged) for judged in nights[1:]] == count * [[]]
+    runs = store_nightly_runs(nightly_run, tmp_path, (count + 1) * [by_chance])
+    assert [judged.status for judged in runs[1:]] == count * ["no regression"]
+    assert [changes_of(judged) for judged in runs[1:]] == count * [[]]
 
 
 @pytest.mark.slow
@@ -335,10 +331,10 @@ def test_unchanged_runs_report_nothing(night_run: Run, tmp_path: Path, count: in
     ("factor", "status"), [(1.0 + 1e-7, "moved"), (0.99, "moved"), (1.05, "worse"), (0.95, "improved")]
 )
 def test_change_is_named_and_only_worse_fails(
-    night_run: Run, tmp_path: Path, factor: float, status: str
+    nightly_run: Run, tmp_path: Path, factor: float, status: str
 ) -> None:
     """Engine, method, scenario, step and measure; below 2 % it has moved, above it is worse or improved."""
-    *_, judged = store_nightly_runs(night_run, tmp_path, [unchanged, scaled(factor)])
+    *_, judged = store_nightly_runs(nightly_run, tmp_path, [unchanged, scaled(factor)])
     assert judged.comparison is not None
     (change,) = judged.comparison.changes
     assert (change.scenario, change.engine, change.method, change.fineness) == (
@@ -353,14 +349,14 @@ def test_change_is_named_and_only_worse_fails(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("percent", [0.5, pytest.param(-0.5, marks=pytest.mark.nightly)])
-def test_small_steps_add_up(night_run: Run, tmp_path: Path, percent: float) -> None:
+def test_small_steps_add_up(nightly_run: Run, tmp_path: Path, percent: float) -> None:
     """Ten steps of 0.5 % are reported when their sum passes 2 %, and again from there."""
     step = 1.0 + percent / 100.0
-    nights = store_nightly_runs(night_run, tmp_path, [scaled(step**k) for k in range(11)])
-    found = [judged.comparison.changes[0].status for judged in nights[1:] if judged.comparison]
+    runs = store_nightly_runs(nightly_run, tmp_path, [scaled(step**k) for k in range(11)])
+    found = [judged.comparison.changes[0].status for judged in runs[1:] if judged.comparison]
     reported = "worse" if percent > 0.0 else "improved"
     assert found == [*3 * ["moved"], reported, *3 * ["moved"], reported, *2 * ["moved"]]
-    levels = [read_accepted(night, read_tables(night)) for night in History(tmp_path).nights()]
+    levels = [read_accepted(run, read_tables(run)) for run in History(tmp_path).runs()]
     values = [
         case.columns["orientation_error_rad"]
         for tables in levels
@@ -371,25 +367,25 @@ def test_small_steps_add_up(night_run: Run, tmp_path: Path, percent: float) -> N
 
 
 @pytest.mark.slow
-def test_custom_threshold_is_used(night_run: Run, tmp_path: Path) -> None:
+def test_custom_threshold_is_used(nightly_run: Run, tmp_path: Path) -> None:
     """Half of it has moved, and beyond it is worse."""
     thresholds = Thresholds(0.2)
-    nights = store_nightly_runs(night_run, tmp_path, map(scaled, (1.0, 1.1, 1.3)), thresholds=thresholds)
-    assert [judged.status for judged in nights] == ["insufficient history", "no regression", "regression"]
+    runs = store_nightly_runs(nightly_run, tmp_path, map(scaled, (1.0, 1.1, 1.3)), thresholds=thresholds)
+    assert [judged.status for judged in runs] == ["insufficient history", "no regression", "regression"]
 
 
 @pytest.mark.slow
-def test_history_without_levels_is_compared_with_its_values(night_run: Run, two_nights: Path) -> None:
+def test_history_without_levels_is_compared_with_its_values(nightly_run: Run, two_runs: Path) -> None:
     """Runs that were stored without levels have their values as levels."""
-    for night in History(two_nights).nights():
-        (night / "accepted.csv").unlink()
-        seal_night(night)
-    (judged,) = store_nightly_runs(night_run, two_nights, [scaled(1.05)], first=2)
+    for run in History(two_runs).runs():
+        (run / "accepted.csv").unlink()
+        seal_run(run)
+    (judged,) = store_nightly_runs(nightly_run, two_runs, [scaled(1.05)], first=2)
     assert judged.status == "regression"
 
 
 @pytest.mark.slow
-def test_missing_measurement_is_a_regression(night_run: Run, tmp_path: Path) -> None:
+def test_missing_measurement_is_a_regression(nightly_run: Run, tmp_path: Path) -> None:
     """A missing case, a failed one and an empty measure are; a new case is not."""
 
     def gone(results: pd.DataFrame) -> pd.DataFrame:
@@ -406,41 +402,43 @@ def test_missing_measurement_is_a_regression(night_run: Run, tmp_path: Path) -> 
             (emptied, "accuracy", "missing"),
         )
     ):
-        _, judged, back = store_nightly_runs(night_run, tmp_path / str(place), [unchanged, change, unchanged])
+        _, judged, back = store_nightly_runs(
+            nightly_run, tmp_path / str(place), [unchanged, change, unchanged]
+        )
         assert judged.status == "regression"
         assert {(found, status) for found, _, status in changes_of(judged)} == {(kind, how)}
         assert back.status == "no regression"
 
 
 @pytest.mark.slow
-def test_stored_history_has_the_last_success_of_a_case(night_run: Run, tmp_path: Path) -> None:
+def test_stored_history_has_the_last_success_of_a_case(nightly_run: Run, tmp_path: Path) -> None:
     """Failures in three runs hide no change of what the case measures."""
-    store_nightly_runs(night_run, tmp_path / "worse", [unchanged, *3 * [ended("failed")]])
+    store_nightly_runs(nightly_run, tmp_path / "worse", [unchanged, *3 * [ended("failed")]])
     shutil.copytree(tmp_path / "worse", tmp_path / "same")
     (judged,) = store_nightly_runs(
-        night_run, tmp_path / "worse", [planted("orientation_error_rad", 0.1)], first=4
+        nightly_run, tmp_path / "worse", [planted("orientation_error_rad", 0.1)], first=4
     )
     assert ("accuracy", "orientation_error_rad", "worse") in changes_of(judged)
-    (same,) = store_nightly_runs(night_run, tmp_path / "same", [unchanged], first=4)
+    (same,) = store_nightly_runs(nightly_run, tmp_path / "same", [unchanged], first=4)
     assert changes_of(same) == [("outcome", "outcome", "improved")]
 
 
 @pytest.mark.slow
-def test_slower_engine_is_reported_once(night_run: Run, tmp_path: Path) -> None:
+def test_slower_engine_is_reported_once(nightly_run: Run, tmp_path: Path) -> None:
     """A fifth more time in each run from the eighth on is reported once per method, within five runs."""
     rng = np.random.default_rng(1)
 
-    def night(number: int) -> Change:
+    def run(number: int) -> Change:
         def change(results: pd.DataFrame) -> pd.DataFrame:
             results["relative_cpu"] *= 10.0 ** rng.normal(0.0, 0.01, len(results))
             return slower(results, "reference", 1.2) if number >= 8 else results
 
         return change
 
-    nights = store_nightly_runs(night_run, tmp_path, [night(number) for number in range(18)])
+    runs = store_nightly_runs(nightly_run, tmp_path, [run(number) for number in range(18)])
     alarms = {
         (number, change.method)
-        for number, judged in enumerate(nights)
+        for number, judged in enumerate(runs)
         for change in (judged.comparison.changes if judged.comparison else ())
         if change.kind == "speed" and change.status == "worse"
     }
@@ -455,7 +453,7 @@ def test_step_in_the_speed_is_reported_with_its_size(factor: float, status: str)
     names = [f"night {number}" for number in range(14)]
     case = {"scenario": "brick", "engine": "mujoco", "method": "rk4", "control": "dt", "dt_s": 0.01}
     rows = [
-        {**case, "night": name, "tolerance": None, "relative_cpu": factor if number >= 8 else 1.0}
+        {**case, "run": name, "tolerance": None, "relative_cpu": factor if number >= 8 else 1.0}
         for number, name in enumerate(names)
     ]
     reported = [
@@ -470,24 +468,24 @@ def test_step_in_the_speed_is_reported_with_its_size(factor: float, status: str)
 
 
 @pytest.mark.slow
-def test_runs_of_another_machine_class_are_not_compared(night_run: Run, two_nights: Path) -> None:
+def test_runs_of_another_machine_class_are_not_compared(nightly_run: Run, two_runs: Path) -> None:
     """Two classes share a folder, and each run is compared with its own class."""
     (other,) = store_nightly_runs(
-        night_run, two_nights, [planted("energy_drift", 0.1)], first=2, cpu="another processor"
+        nightly_run, two_runs, [planted("energy_drift", 0.1)], first=2, cpu="another processor"
     )
     assert other.status == "insufficient history"
-    (mine,) = store_nightly_runs(night_run, two_nights, [unchanged], first=3)
+    (mine,) = store_nightly_runs(nightly_run, two_runs, [unchanged], first=3)
     assert mine.status == "no regression"
     assert mine.comparison is not None
-    assert mine.comparison.before.run_id == as_nightly_run(night_run, 1).run_id
+    assert mine.comparison.before.run_id == as_nightly_run(nightly_run, 1).run_id
 
 
 @pytest.mark.slow
-def test_run_of_changed_scenarios_has_insufficient_history(night_run: Run, two_nights: Path) -> None:
+def test_run_of_changed_scenarios_has_insufficient_history(nightly_run: Run, two_runs: Path) -> None:
     """If no scenario is the same, there is nothing to compare with."""
-    known = night_run.manifest["scenarios"]
+    known = nightly_run.manifest["scenarios"]
     longer = {name: {**scenario, "duration_s": 2.0} for name, scenario in known.items()}
-    (judged,) = store_nightly_runs(night_run, two_nights, [slower_all], first=2, scenarios=longer)
+    (judged,) = store_nightly_runs(nightly_run, two_runs, [slower_all], first=2, scenarios=longer)
     assert judged.status == "insufficient history"
     assert judged.comparison is not None
     assert set(judged.comparison.redefined) == {"slow", "quick"}
@@ -504,55 +502,55 @@ def slower_all(results: pd.DataFrame) -> pd.DataFrame:
     "file",
     ["manifest.json", "results.csv", "results.parquet", "night.json", "methods.csv", "accepted.csv"],
 )
-def test_damaged_run_is_left_out_and_named(night_run: Run, two_nights: Path, file: str) -> None:
+def test_damaged_run_is_left_out_and_named(nightly_run: Run, two_runs: Path, file: str) -> None:
     """The new run is compared with the one before the damaged one, and stored."""
-    damaged = two_nights / as_nightly_run(night_run, 1).run_id / file
+    damaged = two_runs / as_nightly_run(nightly_run, 1).run_id / file
     damaged.write_bytes(damaged.read_bytes()[: damaged.stat().st_size // 2])
-    (judged,) = store_nightly_runs(night_run, two_nights, [planted("energy_drift", 0.1)], first=2)
+    (judged,) = store_nightly_runs(nightly_run, two_runs, [planted("energy_drift", 0.1)], first=2)
     assert judged.status == "regression"
     assert judged.comparison is not None
-    assert judged.comparison.before.run_id == as_nightly_run(night_run, 0).run_id
-    assert any(damaged.parent.name in sentence for sentence in night_sentences(judged))
+    assert judged.comparison.before.run_id == as_nightly_run(nightly_run, 0).run_id
+    assert any(damaged.parent.name in sentence for sentence in nightly_sentences(judged))
 
 
 @pytest.mark.slow
-def test_stored_run_is_complete(night_run: Run, one_worse: History) -> None:
+def test_stored_run_is_complete(nightly_run: Run, one_worse: History) -> None:
     """Its folder can be read as a run; CSV and Parquet are equal; night.json counts the changes."""
-    night = one_worse.nights()[-1]
-    assert len(read_tables(night).cases) == len(night_run.results)
-    found = json.loads((night / "night.json").read_text())
+    run = one_worse.runs()[-1]
+    assert len(read_tables(run).cases) == len(nightly_run.results)
+    found = json.loads((run / "night.json").read_text())
     assert [found[name] for name in ("status", "worse", "missing", "improved", "moved")] == [
         "regression",
         *(1, 0, 0, 0),
     ]
-    (change,) = pd.read_csv(night / "changes.csv").to_dict("records")
+    (change,) = pd.read_csv(run / "changes.csv").to_dict("records")
     assert (change["quantity"], change["method"], change["fineness"]) == ("energy_drift", "m1", 0.01)
     for page in ("night.html", "report.html", "night.md"):
-        assert "m1" in (night / page).read_text()
+        assert "m1" in (run / page).read_text()
 
 
 @pytest.mark.slow
-def test_history_is_queried_in_sql(night_run: Run, one_worse: History) -> None:
+def test_history_is_queried_in_sql(nightly_run: Run, one_worse: History) -> None:
     """Every table of every run is present with the values measured."""
     sql = (
         "SELECT run_id, max(energy_drift) AS most FROM results WHERE method = 'm1' GROUP BY run_id ORDER BY 1"
     )
-    found = query(one_worse.nights(), sql)
-    mine = night_run.results[night_run.results["method"] == "m1"]["energy_drift"].max()
-    assert found["run_id"].tolist() == [night.name for night in one_worse.nights()]
+    found = query(one_worse.runs(), sql)
+    mine = nightly_run.results[nightly_run.results["method"] == "m1"]["energy_drift"].max()
+    assert found["run_id"].tolist() == [run.name for run in one_worse.runs()]
     assert found["most"][0] == mine
     (counted,) = query(
-        one_worse.nights(),
+        one_worse.runs(),
         "SELECT (SELECT count(*) FROM nights) AS nights, (SELECT count(*) FROM changes) AS changes, "
         "(SELECT count(*) FROM methods) AS methods, (SELECT count(*) FROM stability) AS stability",
     ).to_dict("records")
     assert counted == {
         "nights": 2,
         "changes": 1,
-        "methods": 2 * len(night_run.methods),
-        "stability": 2 * len(night_run.stability),
+        "methods": 2 * len(nightly_run.methods),
+        "stability": 2 * len(nightly_run.stability),
     }
-    assert nights_table(one_worse.nights())["status"].tolist() == ["insufficient history", "regression"]
+    assert history_table(one_worse.runs())["status"].tolist() == ["insufficient history", "regression"]
 
 
 @pytest.mark.slow
@@ -560,5 +558,5 @@ def test_history_is_queried_in_sql(night_run: Run, one_worse: History) -> None:
 def test_wrong_query_is_refused_in_one_line(one_worse: History, sql: str) -> None:
     """It has the message of the database and nothing else."""
     with pytest.raises(InputError) as refused:
-        query(one_worse.nights(), sql)
+        query(one_worse.runs(), sql)
     assert "\n" not in str(refused.value)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reports.history.regression import _farthest
 from bodycheck.reports.history.step_detection import (
-    LEAST_BEFORE,
+    MIN_BEFORE,
     Series,
     Step,
     detect_steps,
@@ -26,11 +26,11 @@ FIFTH = math.log10(1.2)
 SIGMA = 0.012  # what the median over a method's cases does from night to night
 
 
-def noise(seed: int, nights: int, methods: int = 20, disturbed: float = 0.0) -> Array:
+def noise(seed: int, runs: int, methods: int = 20, disturbed: float = 0.0) -> Array:
     """Return independent noise in decades; in disturbed runs a method takes up to 1.5 times as long."""
     rng = np.random.default_rng(seed)
-    load = np.where(rng.random((nights, methods)) < disturbed, rng.random((nights, methods)), 0.0)
-    return SIGMA * rng.normal(size=(nights, methods)) + math.log10(1.5) * load
+    load = np.where(rng.random((runs, methods)) < disturbed, rng.random((runs, methods)), 0.0)
+    return SIGMA * rng.normal(size=(runs, methods)) + math.log10(1.5) * load
 
 
 @pytest.mark.parametrize("disturbed", [0.0, 0.02, 0.15])
@@ -40,7 +40,7 @@ def test_unchanged_runs_have_no_step(seed: int, disturbed: float) -> None:
     assert not any(detect_steps(noise(seed, 60, disturbed=disturbed)))
 
 
-@pytest.mark.parametrize("nights_before", [LEAST_BEFORE, 10, 30])
+@pytest.mark.parametrize("nights_before", [MIN_BEFORE, 10, 30])
 @pytest.mark.parametrize("factor", [1.2, 1.0 / 1.2])
 @pytest.mark.parametrize("seed", range(5))
 def test_step_of_a_fifth_is_reported_once_within_five_runs(
@@ -96,10 +96,10 @@ def test_runs_without_a_measurement_change_nothing() -> None:
     whole[15:, 2] += FIFTH
     holes = np.insert(whole, [4, 12, 20], math.nan, axis=0)
     places = [k for k in range(len(holes)) if not np.isnan(holes[k]).any()]
-    told = [
+    detected = [
         [(places[s.first], places[s.detected_at], s.size) for s in steps] for steps in detect_steps(whole)
     ]
-    assert [[(s.first, s.detected_at, s.size) for s in steps] for steps in detect_steps(holes)] == told
+    assert [[(s.first, s.detected_at, s.size) for s in steps] for steps in detect_steps(holes)] == detected
 
 
 def test_pooled_spread_is_that_of_the_noise() -> None:
@@ -114,19 +114,19 @@ def test_pooled_spread_is_that_of_the_noise() -> None:
 
 def test_spread_of_too_few_runs_is_zero() -> None:
     """With fewer runs than a level needs the spread is 0."""
-    few = noise(5, LEAST_BEFORE - 1)
+    few = noise(5, MIN_BEFORE - 1)
     assert pooled_spread(few, detect_steps(few)) == 0.0
 
 
 def test_smallest_detectable_step_is_reported() -> None:
     """Of 200 steps of the promised size at least 98 % are reported within five runs."""
     size = smallest_detectable_step(SIGMA)
-    told = []
+    detected = []
     for seed in range(10):
         series = noise(seed, 25)
         series[20:] += size
-        told += [bool(steps) for steps in detect_steps(series)]
-    assert np.mean(told) >= 0.98
+        detected += [bool(steps) for steps in detect_steps(series)]
+    assert np.mean(detected) >= 0.98
 
 
 # -------------------------------------------------------------------------------------- series without noise
@@ -137,18 +137,18 @@ LEAST = math.log10(1.08)
 
 def column(*levels: tuple[float, int]) -> Array:
     """Return one method's series without noise: each level for a number of runs."""
-    return np.concatenate([np.full(nights, level) for level, nights in levels])[:, None]
+    return np.concatenate([np.full(runs, level) for level, runs in levels])[:, None]
 
 
-@pytest.mark.parametrize(("sign", "told_on"), [(1.0, 14), (-1.0, 12)])
-@pytest.mark.parametrize(("size", "told"), [(0.999 * LEAST, 0), (1.001 * LEAST, 1)])
+@pytest.mark.parametrize(("sign", "detected_on"), [(1.0, 14), (-1.0, 12)])
+@pytest.mark.parametrize(("size", "detected"), [(0.999 * LEAST, 0), (1.001 * LEAST, 1)])
 def test_step_without_noise_is_reported_beyond_8_percent(
-    size: float, told: int, sign: float, told_on: int
+    size: float, detected: int, sign: float, detected_on: int
 ) -> None:
     """Slower in the fifth run of the new level, faster in the third, with first run and size."""
     (found,) = detect_steps(column((0.0, 10), (sign * size, 6)))
-    assert [(step.first, step.detected_at) for step in found] == told * [(10, told_on)]
-    assert [step.size for step in found] == pytest.approx(told * [sign * size])
+    assert [(step.first, step.detected_at) for step in found] == detected * [(10, detected_on)]
+    assert [step.size for step in found] == pytest.approx(detected * [sign * size])
 
 
 def test_each_step_is_reported_once_from_its_own_level() -> None:
@@ -169,14 +169,14 @@ def test_first_step_can_be_reported_in_the_thirteenth_run() -> None:
 
 def test_one_fast_run_excludes_that_a_method_is_slower() -> None:
     """The fastest of five runs counts; of a faster method two runs may be slow."""
-    for quickest, told in ((1.001 * LEAST, 1), (0.999 * LEAST, 0)):
+    for quickest, detected in ((1.001 * LEAST, 1), (0.999 * LEAST, 0)):
         series = column((0.0, 8), (0.5, 5))
         series[10, 0] = quickest
-        assert [len(steps) for steps in detect_steps(series)] == [told]
-    for slow, told in (([9, 11], 1), ([9, 11, 12], 0)):
+        assert [len(steps) for steps in detect_steps(series)] == [detected]
+    for slow, detected in (([9, 11], 1), ([9, 11, 12], 0)):
         series = column((0.0, 8), (-0.5, 5))
         series[slow, 0] = 0.3
-        assert [len(steps) for steps in detect_steps(series)] == [told]
+        assert [len(steps) for steps in detect_steps(series)] == [detected]
 
 
 def test_faster_method_is_reported_despite_two_disturbed_runs() -> None:
@@ -188,10 +188,10 @@ def test_faster_method_is_reported_despite_two_disturbed_runs() -> None:
 
 def test_disturbed_baseline_runs_are_not_the_level() -> None:
     """Nine of twenty runs may be slower by any amount; one fast run hides only a speed-up."""
-    for disturbed, told in ((9, 1), (11, 0)):
+    for disturbed, detected in ((9, 1), (11, 0)):
         series = column((0.0, 20), (0.1, 5))
         series[1 : 1 + disturbed, 0] = 0.3
-        assert [len(steps) for steps in detect_steps(series)] == [told]
+        assert [len(steps) for steps in detect_steps(series)] == [detected]
     for sign in (1.0, -1.0):
         series = column((0.0, 20), (sign * 0.1, 5))
         series[7, 0] = -0.2
@@ -240,13 +240,13 @@ def test_smallest_detectable_step_is_the_threshold_and_the_noise() -> None:
 def test_step_is_reported_beyond_two_and_a_half_sigma() -> None:
     """sigma is that of most methods, not the method's own."""
     spread = 0.04 * np.linspace(-1.0, 1.0, 20)
-    for factor, told in ((0.999, 0), (1.001, 1)):
+    for factor, detected in ((0.999, 0), (1.001, 1)):
         series = np.zeros((25, 4))
         series[:20, 1:] = spread[:, None]
         edge = 2.5 * pooled_spread(series, [[]] * 4)
         assert edge > LEAST
         series[20:, 0] = factor * edge
-        assert [len(steps) for steps in detect_steps(series)] == [told, 0, 0, 0]
+        assert [len(steps) for steps in detect_steps(series)] == [detected, 0, 0, 0]
 
 
 # ------------------------------------------------------------------------------------------------- series
@@ -261,12 +261,12 @@ def cases(*rows: dict[str, object]) -> pd.DataFrame:
 
 def test_series_is_relative_to_the_median_of_each_case() -> None:
     """In decades: runs of 1, 10 and 100 are -1, 0, 1; the size of another case does not matter."""
-    rows = [{"night": night, "x": 10.0**k} for k, night in enumerate("abc")]
-    rows += [{"night": night, "x": 1e-5, "dt_s": 0.2} for night in "abc"]
-    rows += [{"night": night, "x": 1e7, "control": "tolerance", "tolerance": 1e-6} for night in "abc"]
-    rows += [{"night": night, "x": 1e3, "scenario": "t"} for night in "abc"]
+    rows = [{"run": run, "x": 10.0**k} for k, run in enumerate("abc")]
+    rows += [{"run": run, "x": 1e-5, "dt_s": 0.2} for run in "abc"]
+    rows += [{"run": run, "x": 1e7, "control": "tolerance", "tolerance": 1e-6} for run in "abc"]
+    rows += [{"run": run, "x": 1e3, "scenario": "t"} for run in "abc"]
     found = series_of("abcd", cases(*rows), "x", lambda decades: float(decades.sum()))
-    assert (found.nights, found.methods) == (("a", "b", "c", "d"), (("e", "m"),))
+    assert (found.runs, found.methods) == (("a", "b", "c", "d"), (("e", "m"),))
     assert found.decades[:3, 0] == pytest.approx([-1.0, 0.0, 1.0])
     assert np.isnan(found.decades[3, 0])
     assert found.measured == 3
@@ -275,11 +275,11 @@ def test_series_is_relative_to_the_median_of_each_case() -> None:
 def test_series_has_methods_as_columns_and_runs_as_rows() -> None:
     """A method that was not measured in a run is NaN; 0 is not a measurement."""
     rows = [
-        {"night": "b", "engine": "z", "x": 1.0},
-        {"night": "a", "method": "n", "x": 0.5},
-        {"night": "a", "x": 1.0},
-        {"night": "b", "x": 100.0},
-        {"night": "b", "method": "n", "x": 0.0},
+        {"run": "b", "engine": "z", "x": 1.0},
+        {"run": "a", "method": "n", "x": 0.5},
+        {"run": "a", "x": 1.0},
+        {"run": "b", "x": 100.0},
+        {"run": "b", "method": "n", "x": 0.0},
     ]
     found = series_of(["b", "a"], cases(*rows), "x", lambda decades: float(decades.max()))
     assert found.methods == (("e", "m"), ("e", "n"), ("z", "m"))
@@ -290,8 +290,8 @@ def test_series_has_methods_as_columns_and_runs_as_rows() -> None:
 
 def test_series_without_measurements_has_no_methods() -> None:
     """It has the runs, with nothing measured in any."""
-    found = series_of(["a", "b"], cases({"night": "a", "x": 0.0}), "x", lambda decades: float(decades.max()))
-    assert (found.nights, found.methods, found.decades.shape, found.measured) == (("a", "b"), (), (2, 0), 0)
+    found = series_of(["a", "b"], cases({"run": "a", "x": 0.0}), "x", lambda decades: float(decades.max()))
+    assert (found.runs, found.methods, found.decades.shape, found.measured) == (("a", "b"), (), (2, 0), 0)
     partly = Series(("a", "b"), (("e", "m"), ("e", "n")), np.array([[1.0, math.nan], [math.nan] * 2]))
     assert partly.measured == 1
 

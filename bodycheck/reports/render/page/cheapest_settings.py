@@ -15,7 +15,12 @@ from bodycheck.reports.render.page.downsampling import rounded
 from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey, Run
 from bodycheck.reports.summary.advice import Answer, Option, settings_within
-from bodycheck.reports.summary.cases_within import RefinementSequence, keeping, ladders_of, largest_error
+from bodycheck.reports.summary.cases_within import (
+    RefinementSequence,
+    cases_within,
+    largest_error,
+    sequences_of,
+)
 from bodycheck.reports.summary.error_curve import curves_of
 
 TOLERANCES: tuple[float, ...] = tuple(float(f"1e-{k}") for k in range(1, 13))
@@ -46,30 +51,36 @@ class CheapestSettings:
     def rows(self) -> list[list[list[dict[str, Any]]]]:
         """One row per engine, by scope and tolerance, as the page shows it."""
         curves = curves_of(self.run, ORIENTATION)
-        asked = [settings_within(curves, error, self._scenarios, predicted=False) for error in TOLERANCES]
+        answers_by_error = [
+            settings_within(curves, error, self._scenarios, predicted=False) for error in TOLERANCES
+        ]
         nearest = [self._nearest(scope) for scope in self.scopes]
         return [
-            [self._rows(answers[place], nearest[place]) for answers in asked]
-            for place in range(len(self.scopes))
+            [self._rows(answers[index], nearest[index]) for answers in answers_by_error]
+            for index in range(len(self.scopes))
         ]
 
     @property
     def data(self) -> dict[str, Any]:
         """The data of the slider: tolerances, the distinct rows, and their numbers by scope and tolerance."""
         numbers: dict[str, int] = {}
-        places = [
+        numbers_by_scope = [
             [[numbers.setdefault(json.dumps(row), len(numbers)) for row in rows] for rows in of_scope]
             for of_scope in self.rows
         ]
-        return {"tolerances": list(TOLERANCES), "rows": list(map(json.loads, numbers)), "places": places}
+        return {
+            "tolerances": list(TOLERANCES),
+            "rows": list(map(json.loads, numbers)),
+            "places": numbers_by_scope,
+        }
 
     @cached_property
     def _scenarios(self) -> list[str]:
         return [name for name in self.scopes if name is not None]
 
     @cached_property
-    def _ladders(self) -> Mapping[tuple[str, MethodKey], RefinementSequence]:
-        return ladders_of(self.run.cases)
+    def _sequences(self) -> Mapping[tuple[str, MethodKey], RefinementSequence]:
+        return sequences_of(self.run.cases)
 
     def _rows(self, answer: Answer, nearest: Mapping[str, str]) -> list[dict[str, Any]]:
         """Return the rows of one scope at one tolerance: engines that meet it first, the reference last."""
@@ -82,14 +93,14 @@ class CheapestSettings:
         """Return, for each engine, the smallest error that any of its methods reaches in the scope."""
         scenarios = self._scenarios if scope is None else [scope]
         found: dict[str, tuple[float, str]] = {}
-        for key in dict.fromkeys(key for _, key in self._ladders):
-            worst = max((self._least(name, key), name) for name in scenarios)
+        for key in dict.fromkeys(key for _, key in self._sequences):
+            worst = max((self._smallest_error(name, key), name) for name in scenarios)
             found[key[0]] = min(found.get(key[0], (math.inf, "")), (worst[0], _reached(key, *worst)))
         return {engine: text or "not measured" for engine, (_, text) in found.items()}
 
-    def _least(self, scenario: str, key: MethodKey) -> float:
-        ladder = self._ladders.get((scenario, key), ())
-        return min((largest_error(case, ORIENTATION) for case in ladder), default=math.inf)
+    def _smallest_error(self, scenario: str, key: MethodKey) -> float:
+        sequence = self._sequences.get((scenario, key), ())
+        return min((largest_error(case, ORIENTATION) for case in sequence), default=math.inf)
 
 
 def _row(option: Option) -> dict[str, Any]:
@@ -112,25 +123,25 @@ def _reached(key: MethodKey, error: float, scenario: str) -> str:
     return f"smallest measured error {number(error, 3)} rad ({key[1]}, limited by {scenario})"
 
 
-def cell_data(ladder: RefinementSequence) -> dict[str, Any]:
+def cell_data(sequence: RefinementSequence) -> dict[str, Any]:
     """Return the numbers of one cell of the heat map.
 
     met: by tolerance, the speed of the cheapest case that meets it, as a multiple of real time; 0 where its
     time was not measured, None where no case meets it. errors: the orientation error at each step.
     """
     return {
-        "met": [_fastest(ladder, error) for error in TOLERANCES],
+        "met": [_fastest(sequence, error) for error in TOLERANCES],
         "errors": {
             step(case.dt_s): rounded(case.columns[ORIENTATION])
-            for case in ladder
+            for case in sequence
             if case.ok and case.dt_s is not None and ORIENTATION in case.columns
         },
     }
 
 
-def _fastest(ladder: RefinementSequence, error: float) -> float | None:
+def _fastest(sequence: RefinementSequence, error: float) -> float | None:
     speeds = [
         case.columns["duration_s"] / case.columns["cpu_s"] if case.columns.get("cpu_s") else 0.0
-        for case in keeping(ladder, error, ORIENTATION)
+        for case in cases_within(sequence, error, ORIENTATION)
     ]
     return rounded(max(speeds)) if speeds else None

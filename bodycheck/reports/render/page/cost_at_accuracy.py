@@ -14,7 +14,7 @@ from bodycheck.reports.measurement.measure_bounds import floor_of
 from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.render.styles import REFERENCE
 from bodycheck.reports.run_files.run_tables import MethodKey
-from bodycheck.reports.summary.cases_within import RefinementSequence, keeping, ladders_of
+from bodycheck.reports.summary.cases_within import RefinementSequence, cases_within, sequences_of
 
 ERRORS = ("orientation_error_rad", "energy_drift", "angular_momentum_drift", "omega_error")
 """The errors for which costs are compared."""
@@ -33,22 +33,22 @@ class Cheapest:
 
 
 def cheapest_cases(
-    problem: Problem, ladders: Mapping[MethodKey, RefinementSequence], error: str
+    problem: Problem, sequences: Mapping[MethodKey, RefinementSequence], error: str
 ) -> list[Cheapest]:
     """Return the cheapest cases of one scenario for each tolerance above its floor that any case meets."""
     floor = floor_of(problem.columns, error)
-    engines = [ladder for (engine, _), ladder in ladders.items() if engine != REFERENCE]
+    engines = [sequence for (engine, _), sequence in sequences.items() if engine != REFERENCE]
     found = []
     for target in TARGETS:
-        of_all = _cheapest(ladders.values(), error, target)
+        of_all = _cheapest(sequences.values(), error, target)
         if target >= floor and of_all is not None:
             found.append(Cheapest(target, of_all, _cheapest(engines, error, target)))
     return found
 
 
-def _cheapest(ladders: Iterable[RefinementSequence], error: str, target: float) -> CaseResult | None:
-    kept = (case for ladder in ladders for case in keeping(ladder, target, error))
-    timed = (case for case in kept if "cpu_s" in case.columns)
+def _cheapest(sequences: Iterable[RefinementSequence], error: str, target: float) -> CaseResult | None:
+    meeting = (case for sequence in sequences for case in cases_within(sequence, target, error))
+    timed = (case for case in meeting if "cpu_s" in case.columns)
     return min(timed, key=lambda case: case.columns["cpu_s"], default=None)
 
 
@@ -57,7 +57,7 @@ class Cost:
     """The cost of meeting an error tolerance, in processor seconds per simulated second.
 
     median, low, high: over the scenarios that the method supports and whose truth resolves the error;
-    infinite where the method misses the tolerance. kept: the number of scenarios in which it meets it.
+    infinite where the method misses the tolerance. met: the number of scenarios in which it meets it.
     """
 
     key: MethodKey
@@ -65,7 +65,7 @@ class Cost:
     median: float
     low: float
     high: float
-    kept: int
+    met: int
     scenarios: int
 
 
@@ -77,30 +77,30 @@ def costs(
     Methods that ran in fewer than half of the scenarios are left out: their medians cannot be compared.
     """
     by_method: dict[MethodKey, dict[str, RefinementSequence]] = {}
-    for (scenario, key), ladder in ladders_of(cases).items():
-        if any(case.columns["outcome"] != "unsupported" for case in ladder):
-            by_method.setdefault(key, {})[scenario] = ladder
+    for (scenario, key), sequence in sequences_of(cases).items():
+        if any(case.columns["outcome"] != "unsupported" for case in sequence):
+            by_method.setdefault(key, {})[scenario] = sequence
     floors = {problem.scenario.name: floor_of(problem.columns, error) for problem in problems}
     found = {}
-    for key, ladders in by_method.items():
-        if 2 * len(ladders) < len(problems):
+    for key, sequences in by_method.items():
+        if 2 * len(sequences) < len(problems):
             continue
-        if any("cpu_s" in case.columns for ladder in ladders.values() for case in ladder):
-            told = [
-                (floors[scenario], ladder)
-                for scenario, ladder in ladders.items()
-                if any(error in case.columns for case in ladder) or not any(case.ok for case in ladder)
+        if any("cpu_s" in case.columns for sequence in sequences.values() for case in sequence):
+            resolved = [
+                (floors[scenario], sequence)
+                for scenario, sequence in sequences.items()
+                if any(error in case.columns for case in sequence) or not any(case.ok for case in sequence)
             ]
-            of_key = (_cost(key, target, error, told) for target in TARGETS)
+            of_key = (_cost(key, target, error, resolved) for target in TARGETS)
             found[key] = [cost for cost in of_key if cost is not None]
     return found
 
 
 def _cost(
-    key: MethodKey, target: float, error: str, told: Sequence[tuple[float, RefinementSequence]]
+    key: MethodKey, target: float, error: str, resolved: Sequence[tuple[float, RefinementSequence]]
 ) -> Cost | None:
-    """told: the floor and the cases of each scenario."""
-    seconds = [_price(ladder, target, error) for floor, ladder in told if target >= floor]
+    """resolved: the floor and the cases of each scenario."""
+    seconds = [_price(sequence, target, error) for floor, sequence in resolved if target >= floor]
     if not seconds:
         return None
     # of an even number of scenarios the more expensive one: meeting it in half of them is not enough
@@ -108,11 +108,11 @@ def _cost(
     return Cost(key, target, median, low, high, sum(map(math.isfinite, seconds)), len(seconds))
 
 
-def _price(ladder: RefinementSequence, target: float, error: str) -> float:
+def _price(sequence: RefinementSequence, target: float, error: str) -> float:
     """Return the least cost that meets a tolerance, per simulated second; infinite if no case meets it."""
     prices = (
         case.columns["cpu_s"] / case.columns["duration_s"]
-        for case in keeping(ladder, target, error)
+        for case in cases_within(sequence, target, error)
         if "cpu_s" in case.columns
     )
     return min(prices, default=math.inf)
@@ -131,11 +131,11 @@ def fronts(found: Mapping[MethodKey, Sequence[Cost]]) -> list[Front]:
     """Return the cheapest methods for each tolerance that any method meets in most scenarios."""
     front = []
     for target in TARGETS:
-        keeping = [cost for own in found.values() for cost in own if cost.target == target]
-        keeping = sorted((c for c in keeping if math.isfinite(c.median)), key=lambda c: c.median)
-        engines = [cost for cost in keeping if cost.key[0] != REFERENCE]
-        if keeping:
-            front.append(Front(target, keeping[0], engines[0] if engines else None))
+        meeting = [cost for own in found.values() for cost in own if cost.target == target]
+        meeting = sorted((c for c in meeting if math.isfinite(c.median)), key=lambda c: c.median)
+        engines = [cost for cost in meeting if cost.key[0] != REFERENCE]
+        if meeting:
+            front.append(Front(target, meeting[0], engines[0] if engines else None))
     return front
 
 

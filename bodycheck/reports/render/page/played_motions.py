@@ -74,8 +74,8 @@ def shown_cases(cases: Sequence[CaseResult], at_s: float | None) -> list[CaseRes
     for case in cases:
         if case.ok and case.dt_s == at_s:
             engine = case.columns["engine"]
-            least = worst.get(engine)
-            if least is None or _error(case) > _error(least):
+            worst_error = worst.get(engine)
+            if worst_error is None or _error(case) > _error(worst_error):
                 worst[engine] = case
     return list(worst.values())
 
@@ -123,7 +123,7 @@ def _body(body: Body, axes: Array) -> dict[str, Any]:
     """Return the surface of a body in principal axes: vertices (n, 3), faces, marked faces."""
     surface = surface_of(body)
     return {
-        "what": surface.what,
+        "name": surface.name,
         "vertices": [[round(x, 4) for x in vertex] for vertex in (surface.vertices @ axes).tolist()],
         "faces": surface.faces,
         "marked": sorted(surface.marked),

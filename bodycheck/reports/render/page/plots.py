@@ -21,7 +21,7 @@ from bodycheck.reports.render.styles import Style, merged
 from bodycheck.reports.run_files.run_tables import MethodKey, cases_by_method, key_of, shown_case
 
 
-def coinciding(problem: Problem, cases: Sequence[CaseResult]) -> list[list[MethodKey]]:
+def overlapping_methods(problem: Problem, cases: Sequence[CaseResult]) -> list[list[MethodKey]]:
     """Return the groups of methods whose orientation errors are equal at every step: their lines overlap.
 
     Methods with fewer than two errors are ignored.
@@ -78,8 +78,8 @@ def _drifts(
     problem: Problem, shown: Mapping[int, CaseResult], growths: Mapping[str, Mapping[int, str]]
 ) -> list[dict[str, Any]]:
     """Return each judged measure over time: its name, one line per method that has it, its growth."""
-    there = (name for case in shown.values() for name in case.series if MEASURES[name].judged is not None)
-    measures = dict.fromkeys((*_FIRST_MEASURES, *there))
+    named = (name for case in shown.values() for name in case.series if MEASURES[name].judged is not None)
+    measures = dict.fromkeys((*_FIRST_MEASURES, *named))
     drifts = []
     for measure in measures:
         scale = scale_of(problem.columns, measure)
@@ -111,12 +111,12 @@ def _growths(rows: Iterable[Mapping[str, Any]], index: Mapping[MethodKey, int]) 
     """Return the growth with time in words, by measure and method, where one was found."""
     growths: dict[str, dict[int, str]] = {}
     for row in rows:
-        if words := growth_words(row):
-            growths.setdefault(row["quantity"], {})[index[key_of(row)]] = words
+        if growth := growth_text(row):
+            growths.setdefault(row["quantity"], {})[index[key_of(row)]] = growth
     return growths
 
 
-def growth_words(row: Mapping[str, Any]) -> str:
+def growth_text(row: Mapping[str, Any]) -> str:
     """Return the kind of growth of a row of methods.csv and its exponent; "" if there is none."""
     kind = row["growth"]
     if not isinstance(kind, str):
@@ -205,7 +205,7 @@ def _cost_point(m: int, cost: Cost) -> dict[str, Any]:
         "m": m,
         "error": cost.target,
         "cost": [rounded(s) if math.isfinite(s) else None for s in seconds],
-        "kept": cost.kept,
+        "met": cost.met,
         "scenarios": cost.scenarios,
     }
 
@@ -214,4 +214,4 @@ def _why_missing(own: Sequence[Cost]) -> str:
     if not own:
         return "not measured: no case has outcome ok, or no error of this kind"
     coarsest = own[0]
-    return f"meets {coarsest.target:g} in {coarsest.kept} of {coarsest.scenarios} scenarios"
+    return f"meets {coarsest.target:g} in {coarsest.met} of {coarsest.scenarios} scenarios"

@@ -40,8 +40,8 @@ def limit_of(row: Mapping[str, Any] | None) -> Limit:
     shown = number(stable, 3)
     if unstable is None:
         return Limit(f"≥ {shown}", "good", f"stable up to dt = {shown} s, where the search ended")
-    why = f"stable up to dt = {shown} s, not at {number(unstable, 3)} s: {row['reason']}"
-    return Limit(shown, "open", why)
+    sentence = f"stable up to dt = {shown} s, not at {number(unstable, 3)} s: {row['reason']}"
+    return Limit(shown, "open", sentence)
 
 
 def _known(value: float) -> float | None:
@@ -63,28 +63,28 @@ def scenario_facts(problem: Problem) -> list[tuple[str, str]]:
     facts = [
         ("Source", scenario.source),
         ("Tags", ", ".join(scenario.tags)),
-        ("Shape", _shape_words(scenario.body)),
+        ("Shape", _shape_text(scenario.body)),
         ("Body", _body_words(scene)),
-        ("Start", _start_words(scene)),
-        ("Loads", "; ".join(map(_forcing_words, scenario.forcing)) or "none"),
+        ("Start", _start_text(scene)),
+        ("Loads", "; ".join(map(_forcing_text, scenario.forcing)) or "none"),
         ("Duration", f"{formatting.number(scene.duration_s, 6)} s, {scene.samples} samples"),
         ("Truth", f"{truth.kind}, bound {bound}"),
     ]
     return [(term, text) for term, text in facts if text]
 
 
-def _shape_words(body: Body) -> str:
+def _shape_text(body: Body) -> str:
     """Return the source of a body's mass properties and its repairs; "" if they were given as numbers."""
     match body:
         case MeshBody():
-            what = f"mesh {body.mesh.name}"
+            shape = f"mesh {body.mesh.name}"
         case ShapeBody():
-            what = f"{body.shape}, sizes {formatting.vector(np.array(body.size_m))} m"
+            shape = f"{body.shape}, sizes {formatting.vector(np.array(body.size_m))} m"
         case FileBody():
             return "; ".join([f"link {body.of_file.name} of {body.urdf or body.mjcf}", *body.notes])
         case GivenBody():
             return ""
-    return "; ".join([f"{what}, {formatting.number(body.density_kg_m3, 6)} kg/m³", *body.notes])
+    return "; ".join([f"{shape}, {formatting.number(body.density_kg_m3, 6)} kg/m³", *body.notes])
 
 
 def _body_words(scene: Scene) -> str:
@@ -96,54 +96,54 @@ def _body_words(scene: Scene) -> str:
     return f"{mass}, inertia {', '.join(formatting.vector(row) for row in body.inertia)} kg m²"
 
 
-def _start_words(scene: Scene) -> str:
+def _start_text(scene: Scene) -> str:
     initial = scene.initial
-    words = [f"ω {formatting.vector(initial.omega_body)} rad/s in body axes"]
+    parts = [f"ω {formatting.vector(initial.omega_body)} rad/s in body axes"]
     if np.any(initial.velocity):
-        words.append(f"velocity {formatting.vector(initial.velocity)} m/s")
+        parts.append(f"velocity {formatting.vector(initial.velocity)} m/s")
     if not np.array_equal(initial.quaternion, [1.0, 0.0, 0.0, 0.0]):
-        words.append(f"quaternion {formatting.vector(initial.quaternion)}")
-    return ", ".join(words)
+        parts.append(f"quaternion {formatting.vector(initial.quaternion)}")
+    return ", ".join(parts)
 
 
-def _forcing_words(forcing: Forcing) -> str:
+def _forcing_text(forcing: Forcing) -> str:
     """Return a forcing as in its scenario file: kind, then each key with its value."""
-    told = forcing.model_dump(exclude_defaults=True)
-    kind = told.pop("kind")
-    return f"{kind}: {', '.join(f'{key} {_value_words(value)}' for key, value in told.items())}"
+    facts = forcing.model_dump(exclude_defaults=True)
+    kind = facts.pop("kind")
+    return f"{kind}: {', '.join(f'{key} {_value_text(value)}' for key, value in facts.items())}"
 
 
-def _value_words(value: Any) -> str:
+def _value_text(value: Any) -> str:
     match value:
         case float() | int():
             return formatting.number(value, 6)
         case tuple() | list():
-            return f"({', '.join(_value_words(part) for part in value)})"
+            return f"({', '.join(_value_text(part) for part in value)})"
     return str(value)
 
 
-def read_back_facts(held: ReadBack) -> list[tuple[str, str]]:
+def read_back_facts(read_back: ReadBack) -> list[tuple[str, str]]:
     """Return the values read back from an engine, as terms and texts."""
     facts = [
-        ("Mass", f"{formatting.number(held.mass, 6)} kg"),
-        ("Inertia", f"{', '.join(formatting.vector(row) for row in held.inertia)} kg m²"),
-        ("Step", "" if held.dt_s is None else f"{formatting.step(held.dt_s)} s"),
-        ("Gravity", f"{formatting.vector(held.gravity)} m/s²"),
-        ("Start", _state_words(held.state)),
+        ("Mass", f"{formatting.number(read_back.mass, 6)} kg"),
+        ("Inertia", f"{', '.join(formatting.vector(row) for row in read_back.inertia)} kg m²"),
+        ("Step", "" if read_back.dt_s is None else f"{formatting.step(read_back.dt_s)} s"),
+        ("Gravity", f"{formatting.vector(read_back.gravity)} m/s²"),
+        ("Start", _state_text(read_back.state)),
     ]
     return [(term, text) for term, text in facts if text]
 
 
-def _state_words(state: Reading) -> str:
-    words = []
+def _state_text(state: Reading) -> str:
+    parts = []
     if state.quaternion is not None:
-        words.append(f"quaternion {formatting.vector(state.quaternion)}")
+        parts.append(f"quaternion {formatting.vector(state.quaternion)}")
     if state.rotation is not None:
-        words.append(f"R {', '.join(formatting.vector(row) for row in state.rotation)}")
+        parts.append(f"R {', '.join(formatting.vector(row) for row in state.rotation)}")
     if state.omega_body is not None:
-        words.append(f"ω {formatting.vector(state.omega_body)} rad/s in body axes")
+        parts.append(f"ω {formatting.vector(state.omega_body)} rad/s in body axes")
     if state.omega_world is not None:
-        words.append(f"ω {formatting.vector(state.omega_world)} rad/s in world axes")
-    words.append(f"velocity {formatting.vector(state.velocity)} m/s")
-    words.append(f"position {formatting.vector(state.position)} m")
-    return ", ".join(words)
+        parts.append(f"ω {formatting.vector(state.omega_world)} rad/s in world axes")
+    parts.append(f"velocity {formatting.vector(state.velocity)} m/s")
+    parts.append(f"position {formatting.vector(state.position)} m")
+    return ", ".join(parts)

@@ -15,7 +15,7 @@ from bodycheck.reports.measurement.verdicts import STATES
 from bodycheck.reports.render.page.cheapest_settings import START, cell_data
 from bodycheck.reports.render.page.cost_at_accuracy import ERRORS, Cheapest, cheapest_cases
 from bodycheck.reports.render.page.played_motions import motion_view
-from bodycheck.reports.render.page.plots import coinciding, growth_words, plot_data
+from bodycheck.reports.render.page.plots import growth_text, overlapping_methods, plot_data
 from bodycheck.reports.render.page.scenario_facts import Limit, limit_of, read_back_facts, scenario_facts
 from bodycheck.reports.render.styles import Style
 from bodycheck.reports.run_files.run_tables import (
@@ -98,13 +98,13 @@ class CellPart:
     def read_back(self) -> list[tuple[str, str]]:
         """The values read back from the engine, for the shown case or the first case that has them."""
         tried = [case for case in (self.shown, *self.cases) if case is not None]
-        held = next((case.read_back for case in tried if case.read_back is not None), None)
-        return [] if held is None else read_back_facts(held)
+        read_back = next((case.read_back for case in tried if case.read_back is not None), None)
+        return [] if read_back is None else read_back_facts(read_back)
 
     @property
     def growths(self) -> list[str]:
         """The growth of the drifts, in the order of the table's columns."""
-        by_quantity = {row["quantity"]: growth_words(row) for row in self.orders}
+        by_quantity = {row["quantity"]: growth_text(row) for row in self.orders}
         return [by_quantity.get(quantity, "") for quantity in _GROWING]
 
     def measured(self, name: str) -> float | None:
@@ -170,9 +170,9 @@ class Section:
         return any(part.cell.notes for part in self.parts.values())
 
     @property
-    def coinciding(self) -> list[list[MethodKey]]:
+    def overlapping_methods(self) -> list[list[MethodKey]]:
         """The groups of methods whose lines overlap."""
-        return coinciding(self.problem, self.cases)
+        return overlapping_methods(self.problem, self.cases)
 
     @property
     def at_s_text(self) -> str:
@@ -209,8 +209,8 @@ def sections_of(
     cases: dict[str, dict[MethodKey, list[CaseResult]]] = {s.scenario.name: {} for s in run.problems}
     cases |= cases_by_method(run.cases)
     rows: dict[str, list[Mapping[str, Any]]] = {name: [] for name in cases}
-    told: list[Any] = run.methods.to_dict("records")
-    for row in told:
+    method_rows: list[Any] = run.methods.to_dict("records")
+    for row in method_rows:
         rows[row["scenario"]].append(row)
     stable: dict[str, dict[MethodKey, Mapping[str, Any]]] = {name: {} for name in cases}
     searched: list[Any] = run.stability.to_dict("records")
@@ -233,7 +233,7 @@ def _section(
 ) -> Section:
     all_cases = [case for own in by_method.values() for case in own]
     at_s = common_step(all_cases)
-    ladders = {key: finest_first(own) for key, own in by_method.items()}
+    sequences = {key: finest_first(own) for key, own in by_method.items()}
     parts = {
         key: CellPart(
             scenario=problem.scenario.name,
@@ -251,6 +251,6 @@ def _section(
         parts=parts,
         at_s=at_s,
         plots=plot_data(problem, all_cases, rows, drawn, at_s),
-        cheapest={error: cheapest_cases(problem, ladders, error) for error in ERRORS},
+        cheapest={error: cheapest_cases(problem, sequences, error) for error in ERRORS},
         motion=motion_view(problem, all_cases, {key: style.number for key, style in drawn.items()}),
     )
