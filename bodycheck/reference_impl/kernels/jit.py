@@ -74,9 +74,7 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_directory())
     try:
-        # no kernel is passed to C: the wrapper for that is a twentieth of the time to compile
-        njit = numba.njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, **options)
-        return check_files_of(njit(function))
+        return check_files_of(numba.njit(cache=True, error_model="numpy", **options)(function))
     finally:
         numba.config.CACHE_DIR = before
 
