@@ -13,18 +13,18 @@ from bodycheck.adapters.batches import Batch, BatchAnswer
 from bodycheck.adapters.contract import Method, ReadBack, Reading, Simulation, Solver, Stepping
 from bodycheck.reference_impl.batch import BatchMethod, advance_checked
 from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
-from bodycheck.reference_impl.continuous_loads import packed_lasting
+from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
 from bodycheck.reference_impl.integrators.evaluated_loads import (
-    advance_asking,
+    advance_with_callback,
     omega_world,
-    rotation_held,
+    rotation_of_state,
     supports_callbacks,
 )
 from bodycheck.reference_impl.integrators.facts import Integrator
 from bodycheck.reference_impl.integrators.right_hand_sides import packed_body
-from bodycheck.reference_impl.loads_at import lasting_wrench_of
+from bodycheck.reference_impl.loads_at import continuous_wrench_of
 from bodycheck.reference_impl.pivot import about_pivot, load_about
-from bodycheck.reference_impl.scene import ContinuousLoad, Drag, GravityGradient, Scene, Wrenching
+from bodycheck.reference_impl.scene import ContinuousLoad, Drag, GravityGradient, Scene, WrenchFunction
 from bodycheck.reference_impl.single_precision import SINGLE_PRECISION, STEPPED
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
@@ -46,7 +46,7 @@ class FixedStep:
             self._body[0] = math.inf
         self.stepping = "python" if scene.has_callback_load else "native"
         self._asked = _asked_about_pivot(scene) if scene.has_callback_load else None
-        self._lasting = np.zeros(0) if scene.has_callback_load else packed_lasting(self._stepped)
+        self._lasting = np.zeros(0) if scene.has_callback_load else packed_continuous_loads(self._stepped)
         self.reset()
 
     def reset(self) -> None:
@@ -89,7 +89,7 @@ class FixedStep:
         method, state, dt_s = self._integrator, self._state, self._dt_s
         begin = self._steps_made * dt_s
         if self._asked is not None:
-            advance_asking(method, self._asked, state, self._body, self._load, begin, dt_s, steps)
+            advance_with_callback(method, self._asked, state, self._body, self._load, begin, dt_s, steps)
         elif len(self._lasting):
             method.advance_forced(state, self._body, self._load, self._lasting, begin, dt_s, steps)
         else:
@@ -104,7 +104,7 @@ class FixedStep:
         rotation = state[9:].reshape(3, 3) if method.attitude == "matrix" else None
         turning = None
         if pivot is not None or not in_body:
-            turned = rotation_held(method, state)
+            turned = rotation_of_state(method, state)
             turning = omega_world(method, state, self._body, turned)
             if pivot is not None:
                 arm = turned @ -pivot
@@ -122,9 +122,9 @@ class FixedStep:
         """Nothing to free."""
 
 
-def _asked_about_pivot(scene: Scene) -> Wrenching:
+def _asked_about_pivot(scene: Scene) -> WrenchFunction:
     """Return what the continuous loads do to the body that is stepped: about the pivot, if there is one."""
-    wrench = lasting_wrench_of(scene)
+    wrench = continuous_wrench_of(scene)
     if scene.pivot is None:
         return wrench
     from bodycheck.reference_impl.truth.step_halving import PivotPlace  # late: imports numba
@@ -169,7 +169,7 @@ def _method_of(integrator: Integrator) -> Method:
         order=integrator.order,
         evaluations=integrator.evaluations,
         torque=integrator.torque,
-        lasting=integrator.lasting,
+        lasting=integrator.continuous,
         keeps=integrator.keeps,
         source=integrator.source,
         precision="float32" if single else "float64",
@@ -243,13 +243,13 @@ class Reference:
             return _NO_CLOSED_FORM if scene.has_callback_load or closed_form_of(scene) is None else None
         if method == _TAYLOR.name:
             return _NO_SERIES if scene.has_callback_load else None
-        if method in SINGLE_PRECISION and scene.lasting_loads:
+        if method in SINGLE_PRECISION and scene.continuous_loads:
             return f"{method} supports only constant loads"
         if scene.has_callback_load and not supports_callbacks(STEPPED[method]):
             return f"{method} evaluates loads at its stages in compiled code, which cannot call a function"
         if scene.pivot is not None and any(isinstance(load, GravityGradient) for load in scene.loads):
             return "a gravity gradient is reduced to no torque about a pivot"
-        refused = _refused(STEPPED[method], scene.lasting_loads)
+        refused = _refused(STEPPED[method], scene.continuous_loads)
         return f"{method} does not support {', '.join(refused)}: its kicks must be exact" if refused else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:

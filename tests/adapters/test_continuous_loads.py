@@ -276,7 +276,7 @@ def test_callback_load_equals_the_loads_it_computes(
     """Loads of every kind computed by a callback move a body as they do directly, to round-off."""
     kinds = [name for name in LOADS if not (pivot is not None and name == "gravity gradient")]
     scene = scene_of(tuple(load for name in kinds[:-1] for load in LOADS[name]), pivot)
-    weightless = replace(scene, loads=scene.lasting_loads, gravity=np.zeros(3))
+    weightless = replace(scene, loads=scene.continuous_loads, gravity=np.zeros(3))
 
     def function(t: float, x: Array, r: Array, v: Array, omega: Array) -> tuple[Array, Array]:
         return wrench_at(weightless, t, x, r, v, r.T @ omega)

@@ -11,7 +11,15 @@ import pytest
 from bodycheck.adapters.contract import read_back_mismatch
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import angular_momentum
-from bodycheck.reference_impl.scene import PointForce, RigidBody, Scene, SineTorque, State, Timed, Torque
+from bodycheck.reference_impl.scene import (
+    ConstantLoad,
+    PointForce,
+    RigidBody,
+    Scene,
+    SineTorque,
+    State,
+    Torque,
+)
 from bodycheck.reference_impl.wrench import wrench_between
 from tests.helpers.expected_messages import ExpectedMessage
 
@@ -22,7 +30,7 @@ from bodycheck.adapters.mujoco import MuJoCo, MuJoCoSimulation  # noqa: E402 - i
 BEYOND_THE_LIMIT = np.array([1.0, 2.0, np.nextafter(3.0, 4.0)])  # a plate, by a round-off more than flat
 
 
-def scene_of(inertia: Array, loads: tuple[Timed, ...] = (), *, mass: float = 1.0) -> Scene:
+def scene_of(inertia: Array, loads: tuple[ConstantLoad, ...] = (), *, mass: float = 1.0) -> Scene:
     """Return a scene of a turning body."""
     initial = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.1, 2.0, 0.1]))
     return Scene(RigidBody(mass, inertia), initial, loads, np.zeros(3), duration_s=1.0, samples=2)
@@ -92,7 +100,9 @@ def test_mass_matrix_follows_the_moments_set_afterwards() -> None:
         ((PointForce("world", np.ones(3), np.ones(3)), PointForce("body", np.ones(3), np.ones(3))), 2),
     ],
 )
-def test_model_has_only_the_actuators_that_the_loads_need(loads: tuple[Timed, ...], actuators: int) -> None:
+def test_model_has_only_the_actuators_that_the_loads_need(
+    loads: tuple[ConstantLoad, ...], actuators: int
+) -> None:
     """There is one actuator for all body-fixed forces, one per point of a world force, and no other."""
     assert built(scene_of(np.eye(3), loads))._model.nu == actuators
 

@@ -483,7 +483,7 @@ class Faulty:
 
     def unsupported(self, scene: Scene, method: str) -> str | None:
         """Refuse what the bases have not."""
-        if scene.lasting_loads:
+        if scene.continuous_loads:
             return "no lasting loads"
         return "no pivot" if scene.pivot is not None and method != "pivot-ignored" else None
 

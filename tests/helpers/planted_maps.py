@@ -29,7 +29,7 @@ class FaultyMap:
     def unsupported(self, scene: Scene, method: str) -> str | None:
         """Refuse what the maps have not."""
         del method
-        return "no lasting loads" if scene.lasting_loads or scene.pivot is not None else None
+        return "no lasting loads" if scene.continuous_loads or scene.pivot is not None else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> FaultySimulation:
         """Return a simulation with the faults."""

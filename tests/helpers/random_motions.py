@@ -225,7 +225,7 @@ def truth_scene(kind: str, scene: Scene) -> Scene:
     """Return what the truth is asked for: the loads of the last kind are behind a function."""
     if kind != "function":
         return scene
-    wrench = sum_of_wrenches(scene.lasting_loads, replace(scene, gravity=np.zeros(3)))
+    wrench = sum_of_wrenches(scene.continuous_loads, replace(scene, gravity=np.zeros(3)))
     return replace(scene, loads=(CallbackLoad("tests:hidden", wrench),))
 
 

@@ -35,7 +35,7 @@ from bodycheck.reference_impl.scene import (
     State,
     Torque,
 )
-from bodycheck.reference_impl.taylor.solution import Resolution, course_of, solve
+from bodycheck.reference_impl.taylor.solution import Resolution, forcings_of, solve
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reference_impl.truth.certification import solve_truth
 from bodycheck.reference_impl.truth.motion_distance import distances
@@ -354,7 +354,7 @@ FINE = Resolution(30, 1e-32, 19)
 
 def certified(scene: Scene, t_s: Array) -> Trajectory:
     """Return the motion by the double-double Taylor solver."""
-    state = solve(course_of(scene, float(t_s[-1])), scene.initial, t_s, FINE).high
+    state = solve(forcings_of(scene, float(t_s[-1])), scene.initial, t_s, FINE).high
     return Trajectory(t_s, state[:, 10:13], state[:, 7:10], state[:, 0:4], None, None, state[:, 4:7])
 
 

@@ -614,7 +614,7 @@ def test_sphere_spins_steadily(method: Integrator) -> None:
     found = stepped(scene, method, steps, dt)
     assert np.max(np.abs(found.omega_body - omega)) <= steps * 8 * EPS
     speed = float(np.linalg.norm(omega))
-    turn = steps * method.turn(dt * speed) / speed
+    turn = steps * method.step_angle(dt * speed) / speed
     expected = quaternion_product(scene.initial.quaternion, exp_quaternion(turn * omega))
     assert geodesic_angle(found.quaternion, expected) <= steps * 8 * EPS
 
@@ -627,7 +627,7 @@ def test_spin_about_a_principal_axis_is_steady(method: Integrator) -> None:
         found = stepped(
             scene_of(body=RigidBody(1.0, np.diag([1.0, 2.0, 2.5])), start=spun), method, 500, 0.02
         )
-        turn = 500 * method.turn(0.02 * 1.7)
+        turn = 500 * method.step_angle(0.02 * 1.7)
         expected = quaternion_product(START.quaternion, exp_quaternion(turn * np.eye(3)[axis]))
         assert geodesic_angle(found.quaternion, expected) <= 500 * 16 * EPS
 

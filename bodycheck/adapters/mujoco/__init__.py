@@ -32,7 +32,7 @@ from bodycheck.adapters.mujoco.mj_model import (
 )
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
-from bodycheck.reference_impl.loads_at import lasting_wrench_of
+from bodycheck.reference_impl.loads_at import continuous_wrench_of
 from bodycheck.reference_impl.scene import Scene
 from bodycheck.reference_impl.wrench import Wrench
 
@@ -109,7 +109,7 @@ class MuJoCoSimulation:
     def __init__(self, scene: Scene, method: str, dt_s: float) -> None:
         label, _, variant = method.partition(VARIANT)
         untouched, build = method.endswith(DEFAULTS), _BUILDS[variant]
-        off = () if untouched else OFF if scene.lasting_loads else OFF + PASSIVE_OFF
+        off = () if untouched else OFF if scene.continuous_loads else OFF + PASSIVE_OFF
         self._initial, self._pivot = scene.initial, scene.pivot
         self._points = loaded_points(scene)
         self._model = compiled(scene, _INTEGRATORS[label], dt_s, self._points, off, build)
@@ -119,7 +119,7 @@ class MuJoCoSimulation:
         self._is_off_centre = bool(np.any(self._arm))
         self.stepping = "python" if scene.has_callback_load else "native"
         nodes = _NODES.get(label, (0.0,))
-        self._lasting = self._passive_loads(scene, dt_s, nodes) if scene.lasting_loads else None
+        self._lasting = self._passive_loads(scene, dt_s, nodes) if scene.continuous_loads else None
         self._data = mujoco.MjData(self._model)
         # views of the engine's memory: getting them from mjData again costs more than copying them
         self._qpos, self._qvel = self._data.qpos, self._data.qvel
@@ -132,13 +132,13 @@ class MuJoCoSimulation:
         """Return the continuous loads as MuJoCo's callback: compiled, unless there is a user's function."""
         # importing numba takes half of a worker's start, and most scenes have no such load
         from bodycheck.adapters.mujoco.passive_loads import CallbackLoads, PassiveLoads
-        from bodycheck.reference_impl.continuous_loads import packed_lasting
+        from bodycheck.reference_impl.continuous_loads import packed_continuous_loads
 
         axes, anchor = self._axes.matrix.T, None if scene.pivot is None else self._anchor()
         arm = self._axes.body_vector(self._arm)
         if scene.has_callback_load:
-            return CallbackLoads(lasting_wrench_of(scene), axes, anchor, arm, dt_s, nodes)
-        return PassiveLoads(packed_lasting(scene), axes, anchor, arm, dt_s, nodes)
+            return CallbackLoads(continuous_wrench_of(scene), axes, anchor, arm, dt_s, nodes)
+        return PassiveLoads(packed_continuous_loads(scene), axes, anchor, arm, dt_s, nodes)
 
     def read_back(self) -> ReadBack:
         """Return the model as read from mjModel and mjData."""

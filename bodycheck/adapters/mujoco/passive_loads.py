@@ -19,7 +19,7 @@ from numba import carray, cfunc, types
 from numba.extending import intrinsic
 
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reference_impl.continuous_loads import lasting_wrench
+from bodycheck.reference_impl.continuous_loads import continuous_wrench
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import (
     add,
@@ -32,7 +32,7 @@ from bodycheck.reference_impl.kernels.small_vectors import (
     vector_at,
 )
 from bodycheck.reference_impl.rotations import quaternion_to_matrix
-from bodycheck.reference_impl.scene import Wrenching
+from bodycheck.reference_impl.scene import WrenchFunction
 
 # what the callback is told through memory: addresses, and how many loads' numbers there are
 _DATA, _QPOS, _QVEL, _PASSIVE, _CLOCK, _JOINT, _LOADS, _LENGTH = range(8)
@@ -113,7 +113,7 @@ def _add_passive(
     x, v = add(vector_at(joint, 1), arm), cross(omega, arm)
     if not is_ball:
         x, v = add(vector_at(qpos, 0), arm), add(vector_at(qvel, 0), v)
-    force, torque = lasting_wrench(t, x, rotation, v, omega, loads)
+    force, torque = continuous_wrench(t, x, rotation, v, omega, loads)
     if not is_ball:
         for i in range(3):
             passive[i] += force[i]
@@ -164,7 +164,7 @@ class CallbackLoads:
 
     def __init__(
         self,
-        wrench: Wrenching,
+        wrench: WrenchFunction,
         axes: Array,
         anchor: Array | None,
         arm: Array,

@@ -63,7 +63,7 @@ class BetweenSteps:
     def apply(self, wrench: Wrench) -> None:
         """Replace the constant loads."""
         self._loads.wrench = wrench
-        self._is_loaded = not wrench.is_zero or bool(self._scene.lasting_loads)
+        self._is_loaded = not wrench.is_zero or bool(self._scene.continuous_loads)
 
     def advance(self, steps: int) -> None:
         """Make the steps; each evaluates the loads at its start."""

@@ -47,7 +47,7 @@ class Heyoka:
         """Refuse pivots and continuous loads."""
         if scene.pivot is not None:
             return "the equations are those of a free body"
-        return _NO_SERIES if scene.lasting_loads else None
+        return _NO_SERIES if scene.continuous_loads else None
 
     def build(self, scene: Scene, method: str, dt_s: float) -> Simulation:
         """Raise: the method is controlled by a tolerance."""

@@ -149,7 +149,7 @@ class PortSimulation:
 
     def advance(self, steps: int) -> None:
         """Make the steps in one call, unless continuous loads are to be renewed in each."""
-        if not self._scene.lasting_loads:
+        if not self._scene.continuous_loads:
             self._port.step(steps)
             self._steps_made += steps
             return

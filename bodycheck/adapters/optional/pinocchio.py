@@ -101,7 +101,7 @@ class PinocchioSimulation:
     def apply(self, wrench: Wrench) -> None:
         """Replace the constant loads."""
         self._loads.wrench = wrench
-        self._is_loaded = not wrench.is_zero or bool(self._scene.lasting_loads)
+        self._is_loaded = not wrench.is_zero or bool(self._scene.continuous_loads)
 
     def advance(self, steps: int) -> None:
         """Make the steps."""

@@ -24,7 +24,7 @@ from bodycheck.adapters.pybullet.spherical_joint import PivotedPyBulletSimulatio
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.dynamics import diagonalised
 from bodycheck.reference_impl.rotations import hat, matrix_to_quaternion
-from bodycheck.reference_impl.scene import PointForce, Scene, Timed
+from bodycheck.reference_impl.scene import ConstantLoad, PointForce, Scene
 from bodycheck.reference_impl.wrench import NO_WRENCH, Wrench
 
 _REFRESHED = "one step at rest before the start, to refresh the world inertia"
@@ -138,7 +138,9 @@ class PyBulletSimulation:
     def __init__(
         self, scene: Scene, method: str, dt_s: float, client: int, give_back: Callable[[int], None]
     ) -> None:
-        turning = scene.lasting_loads or not all(_is_uniform(load) for load in scene.piecewise_constant_loads)
+        turning = scene.continuous_loads or not all(
+            _is_uniform(load) for load in scene.piecewise_constant_loads
+        )
         self.stepping = "python" if turning else "native"
         self._client, self._give_back, self._closed = client, give_back, False
         self._gravity = scene.gravity
@@ -299,7 +301,7 @@ def _add_body(client: int, scene: Scene, method: str, moments: Array, axes: Arra
     return body
 
 
-def _is_uniform(load: Timed) -> bool:
+def _is_uniform(load: ConstantLoad) -> bool:
     """Return whether the load is constant in world axes for any rotation of the body."""
     return load.axes == "world" and not (isinstance(load, PointForce) and bool(np.any(load.at)))
 

@@ -86,7 +86,7 @@ def announced_as(engine_pool: EnginePool, name: str, version: str) -> Engine | s
 def compile_for(case: Message) -> None:
     """Compile the reference's kernels of a case, which would count towards its time limit otherwise."""
     scene = case_messages.scene_of(case["scene"])
-    lasting = bool(scene.lasting_loads)
+    lasting = bool(scene.continuous_loads)
     stepped = case["dt_s"] is not None
     kind = (case["method"], lasting, not stepped and scene.is_free_rotation)
     with _compiling:

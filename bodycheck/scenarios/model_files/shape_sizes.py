@@ -74,7 +74,7 @@ def uniform(link: ModelLink, model: ModelFile) -> MassProperties | None:
     if solid is None:
         return None
     mass = float(link.stated.inertia.mass)
-    solid = solid.rotated(doubles(shape.frame.rotation)).moved(doubles(shape.frame.position))
+    solid = solid.rotated(doubles(shape.frame.rotation)).translated(doubles(shape.frame.position))
     return solid.at_density(mass / solid.mass) if mass > 0.0 else None
 
 
@@ -95,7 +95,7 @@ def _solid(shape: Shape, model: ModelFile) -> MassProperties | None:
             solid = primitive("capsule", [half[0], 2.0 * (half[2] - half[0])])
         case _:
             solid = primitive("box", (2.0 * half).tolist())
-    return solid.moved(middle)
+    return solid.translated(middle)
 
 
 def volume_m3(shape: Shape, model: ModelFile) -> float:
