@@ -15,7 +15,7 @@ from typing import Any
 
 from bodycheck._util.errors import InputError, UnavailableError
 from bodycheck._util.file_digests import digest_of
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck.adapters.contract import Adapter
 
 _BUILT_IN = {
@@ -170,7 +170,7 @@ def get_adapter(name: str) -> Adapter:
     if name in _registered:
         return _registered[name]
     if name not in engine_names():
-        raise InputError(f"unknown engine {name!r}{meant(name, engine_names())}")
+        raise InputError(f"unknown engine {name!r}{suggestion(name, engine_names())}")
     return _import(name)
 
 

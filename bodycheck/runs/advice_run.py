@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.files import write_whole
+from bodycheck._util.files import write_file
 from bodycheck._util.formatting import vector
 from bodycheck.adapters.programs import with_method
 from bodycheck.reports.cache.disk_cache import Cache
@@ -93,7 +93,7 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
     path = RUNS / "bodies" / f"{name}.toml"
     text = scenario_text(body, horizon_s, name)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, text.encode())
+    write_file(path, text.encode())
     print(
         f"{path}: omega_body = {vector(body.omega_body)} rad/s, {body.duration_s(horizon_s):g} s",
         file=sys.stderr,

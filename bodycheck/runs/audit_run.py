@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bodycheck._util.errors import InputError, UnavailableError, WorkerLostError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import (
     HeldLink,
@@ -130,7 +130,7 @@ def checked_engines(asked: Sequence[str] | None) -> list[str]:
         if (fault := engine_fault(name)) is not None:
             raise InputError(f"--engine {fault}")
         if base_engine(name) not in known:
-            raise InputError(f"--engine {name}: has no importer of model files{meant(name, known)}")
+            raise InputError(f"--engine {name}: has no importer of model files{suggestion(name, known)}")
     return list(dict.fromkeys(asked))
 
 

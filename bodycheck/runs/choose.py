@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_tables
 from bodycheck.runs.directory import RUNS, RunRequest, run_to_folder
 from bodycheck.runs.run_options import ProgressFactory
@@ -57,7 +57,7 @@ def _named(folder: Path, asked: Sequence[str], *, allow_code: bool) -> tuple[Pat
         loaded = [] if word in known else load_scenarios([word], allow_code=allow_code)
         names += [scenario.name for _, scenario in loaded] or [word]
     if missing := [name for name in names if name not in known]:
-        raise InputError(f"{folder}: has no scenario {', '.join(missing)}{meant(missing[0], known)}")
+        raise InputError(f"{folder}: has no scenario {', '.join(missing)}{suggestion(missing[0], known)}")
     return folder, tables, list(dict.fromkeys(names)) or known
 
 

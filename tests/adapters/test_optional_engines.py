@@ -324,7 +324,7 @@ def needy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     plug_in = write_wheel(wheels, "needy_plugin", "0.1", {"needy_plugin.py": PLUG_IN}, points)
     shutil.unpack_archive(plug_in, here, "zip")
     monkeypatch.syspath_prepend(str(here))
-    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path / "cache")
+    monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path / "cache")
     for variable, value in (("UV_FIND_LINKS", str(wheels)), ("UV_NO_INDEX", "1"), ("UV_OFFLINE", "1")):
         monkeypatch.setenv(variable, value)
     registry._plugged_in.cache_clear()

@@ -166,7 +166,7 @@ def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeUv:
     """Put a fake in uv's place, and the environments into a folder of the test."""
     made = FakeUv()
     monkeypatch.setattr(environments, "uv", made)
-    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path)
+    monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path)
     return made
 
 
@@ -286,7 +286,7 @@ def test_cache_that_cannot_be_written_is_reported(
 ) -> None:
     """One line names the engine, the folder and the reason."""
     (tmp_path / "file").touch()
-    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path / "file")
+    monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path / "file")
     with expected_message.raises(UnavailableError):
         environments.python_of(PIN)
 
@@ -329,7 +329,7 @@ def test_plug_in_is_installed_with_its_engine(
 @pytest.mark.usefixtures("fake")
 def test_cache_folder_is_created(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The cache folder is created with its parents."""
-    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path / "no" / "such")
+    monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path / "no" / "such")
     assert environments.python_of(PIN).exists()
 
 
@@ -546,7 +546,7 @@ def npm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeNpm:
     made = FakeNpm()
     monkeypatch.setattr(environments.shutil, "which", lambda name: f"/bin/{name}")
     monkeypatch.setattr(environments.subprocess, "run", made)
-    monkeypatch.setattr(environments, "cache_home", lambda: tmp_path)
+    monkeypatch.setattr(environments, "cache_dir", lambda: tmp_path)
     return made
 
 

@@ -589,7 +589,7 @@ def test_unknown_name_lists_the_known_names(expected_message: ExpectedMessage) -
 
 
 @pytest.mark.parametrize(
-    ("typed", "meant"),
+    ("typed", "suggestion"),
     [
         ("Intermediate-Axis", "intermediate-axis"),
         ("intermediate axis", "intermediate-axis"),
@@ -603,7 +603,7 @@ def test_misspelt_name_suggests_the_nearest(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     typed: str,
-    meant: str,
+    suggestion: str,
     expected_message: ExpectedMessage,
 ) -> None:
     """A misspelt name is refused in a short line with the nearest name."""
@@ -611,7 +611,7 @@ def test_misspelt_name_suggests_the_nearest(
     (tmp_path / "mine.toml").write_text(GOOD)
     with pytest.raises(InputError) as refused:
         load_scenarios([typed])
-    assert f" {meant}" in str(refused.value)
+    assert f" {suggestion}" in str(refused.value)
     expected_message(str(refused.value))
 
 

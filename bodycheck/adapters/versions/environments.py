@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from bodycheck._util.cache_dir import cache_home
+from bodycheck._util.cache_dir import cache_dir
 from bodycheck._util.errors import UnavailableError
 from bodycheck._util.file_digests import files_below
 from bodycheck.adapters.programs import Program
@@ -135,7 +135,7 @@ def _place(pin: Pin) -> Path:
     if hasattr(stated_by(pin.engine), "requires"):
         rest += [_other_python(pin), *requirements_of(pin)]
     digest = sha256("\n".join(rest).encode()).hexdigest()[:12]
-    return cache_home() / "environments" / f"{pin.name.replace('==', '-')}-{digest}"
+    return cache_dir() / "environments" / f"{pin.name.replace('==', '-')}-{digest}"
 
 
 def _as_here() -> list[str]:
@@ -214,7 +214,7 @@ class Environment:
 
 def environments() -> list[Environment]:
     """Return the existing environments, sorted by name; an incomplete one has the name of its folder."""
-    home = cache_home() / "environments"
+    home = cache_dir() / "environments"
     folders = [folder for folder in home.iterdir() if folder.is_dir()] if home.is_dir() else []
     return sorted((_environment(folder) for folder in folders), key=lambda found: (found.name, found.folder))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from bodycheck._util.files import write_whole
+from bodycheck._util.files import write_file
 from bodycheck._util.formatting import count
 from bodycheck.reports.history.archive import started_at
 
@@ -25,7 +25,7 @@ def write_feed(folder: Path, nights: Iterable[Mapping[str, Any]]) -> None:
 
     nights: the content of each night.json, the oldest first.
     """
-    write_whole(folder / FILE, feed(nights))
+    write_file(folder / FILE, feed(nights))
 
 
 def feed(nights: Iterable[Mapping[str, Any]]) -> bytes:

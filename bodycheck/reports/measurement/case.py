@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from bodycheck._util.untrusted import joined, parted
+from bodycheck._util.untrusted import shell_join, shell_split
 from bodycheck.adapters.contract import Build, Engine, Method, ReadBack, Setting, read_back_mismatch
 from bodycheck.adapters.execution import Answer, Case
 from bodycheck.adapters.programs import with_method
@@ -236,12 +236,12 @@ def reproducing_command(
         words += ["--tolerance", repr(setting.tolerance)]
     if code or engine.build.kind == "handed over":
         words.append(ALLOW_CODE)
-    return joined(words)
+    return shell_join(words)
 
 
 def scenario_spec(reproduce: str) -> str | None:
     """Return the scenario argument in the command of a case: the word after `bodycheck run`."""
-    words = parted(reproduce)
+    words = shell_split(reproduce)
     return words[2] if len(words) > 2 else None
 
 

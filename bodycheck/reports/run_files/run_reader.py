@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.untrusted import parted, read_json
+from bodycheck._util.untrusted import read_json, shell_split
 from bodycheck.adapters.workers.protocol import read_back_of
 from bodycheck.reference_impl.rotations import geodesic_angle
 from bodycheck.reference_impl.trajectory import Trajectory
@@ -179,7 +179,7 @@ def _check_settings(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 def _check_commands(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     for command in {row["reproduce"] for row in rows}:
         try:
-            parted(command)
+            shell_split(command)
         except ValueError as error:
             raise InputError(f"{path}: reproduce is not a command: {error}: {command!r:.80}") from None
 
