@@ -35,7 +35,7 @@ from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.free_body import FreeBody, scenario_text
 from bodycheck.scenarios.library import load_scenarios
-from bodycheck.scenarios.serialization import as_written
+from bodycheck.scenarios.serialization import deserialized
 
 _MOST_ROUNDS = 12
 _MOST_STEPS = 2e7  # of a case that a search measures
@@ -161,7 +161,7 @@ def measure_steps(
     selection = replace(
         selection,
         scenarios=tuple(
-            (scenario_spec(commands[name]) or name, as_written(stored[name], name, allow_code=allow_code))
+            (scenario_spec(commands[name]) or name, deserialized(stored[name], name, allow_code=allow_code))
             for name in dict.fromkeys(name for name, _ in steps)
         ),
         single_steps={(name, *key): dt_s for (name, key), dt_s in steps.items()},

@@ -39,7 +39,7 @@ from bodycheck.reports.audit.causes import body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
 from bodycheck.scenarios.model_files.model_file import ModelFile, ModelLink
 from bodycheck.scenarios.model_files.model_reader import read_model
-from bodycheck.scenarios.model_files.rewriting import Change, bare_text, changed_text
+from bodycheck.scenarios.model_files.rewriting import Change, changed_text, text_without_meshes
 
 TIMEOUT_S = 60.0
 _IMPORT_S = 1.0  # time limit per link, beyond a start
@@ -161,7 +161,7 @@ def _imports(pool: EnginePool, engine: str, model: ModelFile, options: AuditOpti
         return
     timeout_s = max(options.timeout_s, _IMPORT_S * len(model.links))
     for flags, settings in variants.items():
-        request = ImportRequest(str(model.path.absolute()), model.format, flags, bare_text(model))
+        request = ImportRequest(str(model.path.absolute()), model.format, flags, text_without_meshes(model))
         found, outcome, message = import_once(pool, engine, request, timeout_s)
         version = _version(pool, engine)
         column = Column(engine, version, flags, settings, outcome, message)

@@ -14,7 +14,7 @@ from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_t
 from bodycheck.runs.directory import RUNS, RunRequest, run_to_folder
 from bodycheck.runs.run_options import ProgressFactory
 from bodycheck.scenarios.library import load_scenarios
-from bodycheck.scenarios.serialization import written
+from bodycheck.scenarios.serialization import serialized
 
 
 def chosen_run(
@@ -33,7 +33,7 @@ def chosen_run(
     if folder is not None:
         return _named(folder, asked, allow_code=allow_code)
     loaded = load_scenarios(asked, allow_code=allow_code)
-    wanted = {scenario.name: written(scenario) for _, scenario in loaded}
+    wanted = {scenario.name: serialized(scenario) for _, scenario in loaded}
     # a user's function may have changed under the same name, so no stored run is known to match
     own_code = any(scenario.scene.has_callback_load for _, scenario in loaded)
     stored = [] if own_code else _newest_first()

@@ -16,9 +16,8 @@ from bodycheck.reference_impl.arrays import Array
 from bodycheck.scenarios.body import GivenBody, MeshBody
 from bodycheck.scenarios.library import load_scenario, load_scenarios
 from bodycheck.scenarios.model import Scenario
-from bodycheck.scenarios.serialization import as_written
-from bodycheck.scenarios.serialization import written as written_down
-from bodycheck.scenarios.shapes import doubts, primitive
+from bodycheck.scenarios.serialization import deserialized, serialized
+from bodycheck.scenarios.shapes import plausibility_warnings, primitive
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.scenario_parsing import parse_scenario
 
@@ -278,12 +277,12 @@ def test_stored_mesh_body_is_read_without_its_mesh(stated: str, tmp_path: Path) 
     (tmp_path / "x.toml").write_text(f'{HEAD}mesh = "part.obj"\n{stated}density_kg_m3 = 8.0\n')
     scenario = load_scenario(tmp_path / "x.toml")
     (tmp_path / "part.obj").unlink()
-    facts = json.loads(json.dumps(written_down(scenario)))
+    facts = json.loads(json.dumps(serialized(scenario)))
     assert {key: facts["body"].get(key) for key in ("mesh_unit", "mesh_overlap")} == {
         "mesh_unit": "mm" if "unit" in stated else None,
         "mesh_overlap": "count-twice" if "overlap" in stated else None,
     }
-    again = as_written(facts, "manifest.json")
+    again = deserialized(facts, "manifest.json")
     assert isinstance(again.body, MeshBody)
     assert isinstance(scenario.body, MeshBody)
     assert again.body.mesh == scenario.body.mesh
@@ -293,13 +292,13 @@ def test_stored_mesh_body_is_read_without_its_mesh(stated: str, tmp_path: Path) 
 def test_implausible_mesh_has_a_warning() -> None:
     """100 mm read as m, 0.1 m read as mm, and a density in t/mm^3 give a warning each; a ship gives none."""
     large, small = (primitive("box", [size] * 3, 2700.0) for size in (100.0, 1e-4))
-    assert doubts(large, 2700.0, None) == (
+    assert plausibility_warnings(large, 2700.0, None) == (
         "warning: about 129 m across and 2.7e+09 kg; if the mesh is in mm, specify the unit (--unit mm, or "
         "mesh_unit in a scenario): 0.129 m and 2.7 kg",
     )
-    assert doubts(large, 2700.0, "m") == ()
-    assert "is the mesh really in mm, not in m?" in doubts(small, 2700.0, "mm")[0]
-    assert doubts(small, 2700.0, None) == ()
-    assert doubts(primitive("box", [0.1] * 3, 7.85e-9), 7.85e-9, None)[0].startswith(
+    assert plausibility_warnings(large, 2700.0, "m") == ()
+    assert "is the mesh really in mm, not in m?" in plausibility_warnings(small, 2700.0, "mm")[0]
+    assert plausibility_warnings(small, 2700.0, None) == ()
+    assert plausibility_warnings(primitive("box", [0.1] * 3, 7.85e-9), 7.85e-9, None)[0].startswith(
         "warning: implausible den"
     )

@@ -29,11 +29,11 @@ def asked(name: str = "abc.stl") -> tuple[MassProperties, int]:
     """Return the solid of a file, and how often it was worked out."""
     times: list[str] = []
 
-    def work_out() -> tuple[MassProperties, str]:
+    def compute() -> tuple[MassProperties, str]:
         times.append(name)
         return SOLID, SURFACE
 
-    solid, surface = known_solid(name, work_out)
+    solid, surface = known_solid(name, compute)
     assert surface == SURFACE
     return solid, len(times)
 

@@ -43,7 +43,7 @@ from bodycheck.reports.run_files.tables import (
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.run_files.writer import file_name, trajectory_file
 from bodycheck.scenarios.library import scenario_names
-from bodycheck.scenarios.serialization import as_written
+from bodycheck.scenarios.serialization import deserialized
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -218,7 +218,7 @@ def _subjects(folder: Path, tables: Tables, cache: Cache | None, *, allow_code: 
     commands = {case.columns["scenario"]: case.columns["reproduce"] for case in tables.cases}
     for name, told in tables.manifest["scenarios"].items():
         where = f"{folder / 'manifest.json'}: scenarios.{name}"
-        scenario = as_written(told, where, allow_code=allow_code)
+        scenario = deserialized(told, where, allow_code=allow_code)
         problem = Problem.of(scenario, scenario_spec(commands.get(name, "")) or name, cache)
         path = folder / "trajectories" / file_name(name) / "truth.npz"
         stored = read_arrays(path)
