@@ -39,7 +39,7 @@ class StageLoads:
         return force + more_force, torque + rotation.T @ more_torque
 
 
-class HeldLoads:
+class ZeroOrderHold:
     """The continuous loads of one scene, and the clock of one simulation: t = number of steps x dt."""
 
     def __init__(self, scene: Scene, dt_s: float) -> None:
@@ -68,8 +68,8 @@ class HeldLoads:
 def _wrench_at(scene: Scene) -> Callable[[float, Array, Array, Array, Array], Array]:
     """Return force and torque (6,) as a function of (t, x, R, v, omega), compiled where no callback acts."""
     if scene.has_callback_load:
-        asked = continuous_wrench_of(scene)
-        return lambda *motion: np.concatenate(asked(*motion))
+        wrench = continuous_wrench_of(scene)
+        return lambda *motion: np.concatenate(wrench(*motion))
     # late: numba is half the start of a worker, and most scenes have no such load
     from bodycheck.reference_impl.continuous_loads import continuous_wrench_at, packed_continuous_loads
 

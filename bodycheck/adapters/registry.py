@@ -115,8 +115,8 @@ def _stated_in_source(point: EntryPoint) -> dict[str, Any]:
     if spec is None or spec.origin is None:
         return {}
     root = Path(spec.origin)
-    within = root.parent.joinpath(*inner)
-    for path in (within.with_suffix(".py"), within / "__init__.py") if inner else (root,):
+    path_in_package = root.parent.joinpath(*inner)
+    for path in (path_in_package.with_suffix(".py"), path_in_package / "__init__.py") if inner else (root,):
         with suppress(OSError, ValueError, SyntaxError):
             return dict(_literals(ast.parse(path.read_bytes()), point.attr))
     return {}

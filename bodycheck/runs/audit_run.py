@@ -15,10 +15,10 @@ from bodycheck._util.errors import InputError, UnavailableError, WorkerLostError
 from bodycheck._util.formatting import suggestion
 from bodycheck._util.shard import Shard
 from bodycheck.adapters.importers import (
-    HeldLink,
+    ImportedLink,
     ImportRequest,
     engines_with_importers,
-    held_link,
+    imported_link,
     importer,
 )
 from bodycheck.adapters.versions.pins import engine_fault, pin_of
@@ -72,7 +72,7 @@ class _Imported:
     """One importer's links by name, or how its import ended."""
 
     column: Column
-    links: Mapping[str, HeldLink] = field(default_factory=dict)
+    links: Mapping[str, ImportedLink] = field(default_factory=dict)
     discarded: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -182,7 +182,7 @@ def _version(pool: EnginePool, engine: str) -> str:
 
 def import_once(
     pool: EnginePool, engine: str, request: ImportRequest, timeout_s: float
-) -> tuple[list[HeldLink], str, str]:
+) -> tuple[list[ImportedLink], str, str]:
     """Return the links of an import, its outcome and its message; a lost worker is an outcome too."""
     answer = pool.ask(engine, {"do": "import", "import": request.__dict__}, timeout_s)
     if answer.get("outcome") != "ok":
@@ -193,11 +193,11 @@ def import_once(
         return [], "failed", f"an answer that is not a list of links: {error}"
 
 
-def _links_of(answer: Message) -> list[HeldLink]:
-    return [held_link(plain) for plain in answer["links"]]
+def _links_of(answer: Message) -> list[ImportedLink]:
+    return [imported_link(plain) for plain in answer["links"]]
 
 
-def _named(model: ModelFile, found: Sequence[HeldLink]) -> dict[str, HeldLink]:
+def _named(model: ModelFile, found: Sequence[ImportedLink]) -> dict[str, ImportedLink]:
     """Return name -> link.
 
     Engines leave the names of MJCF's nameless bodies empty, and those of SDFormat's models out, but keep the
@@ -207,7 +207,7 @@ def _named(model: ModelFile, found: Sequence[HeldLink]) -> dict[str, HeldLink]:
         pairs = list(zip(model.links, found, strict=True))
         if all(held.name in ("", link.name, link.name.rpartition("::")[2]) for link, held in pairs):
             return {link.name: held for link, held in pairs}
-    named: dict[str, HeldLink] = {}
+    named: dict[str, ImportedLink] = {}
     for held in found:
         named.setdefault(held.name, held)
     return named
@@ -218,7 +218,7 @@ def _discarded(
     engine: str,
     model: ModelFile,
     flags: str,
-    before: Mapping[str, HeldLink],
+    before: Mapping[str, ImportedLink],
     timeout_s: float,
 ) -> dict[str, str]:
     """Return link -> where a tensor comes from that does not follow the file's, found by two more imports."""
@@ -231,7 +231,7 @@ def _discarded(
     if not suspects:
         return {}
 
-    def after(change: Change) -> Mapping[str, HeldLink]:
+    def after(change: Change) -> Mapping[str, ImportedLink]:
         with tempfile.TemporaryDirectory(prefix="bodycheck-audit-") as folder:
             place = Path(folder) / model.path.name
             place.write_text(changed_text(model, change), encoding="utf-8")
@@ -254,12 +254,12 @@ def _discarded(
     }
 
 
-def _same_tensor(a: HeldLink, b: HeldLink) -> bool:
+def _same_tensor(a: ImportedLink, b: ImportedLink) -> bool:
     first, second = np.array(a.inertia_kg_m2), np.array(b.inertia_kg_m2)
     return bool(np.max(np.abs(first - second)) <= SAME * np.max(np.abs(first)))
 
 
-def _body(held: HeldLink) -> Body:
+def _body(held: ImportedLink) -> Body:
     return Body(held.mass, np.array(held.centre_m), np.array(held.inertia_kg_m2))
 
 

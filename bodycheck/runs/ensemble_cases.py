@@ -164,7 +164,7 @@ class Hosts:
             try:
                 answer = protocol.answer_of(message, scene.sample_times)
             except ValueError as error:
-                answer = Answer("failed", protocol.shown(str(error)))
+                answer = Answer("failed", protocol.one_line(str(error)))
             rows.append((scene, answer))
         return stacked(batch, rows, method.precision)
 

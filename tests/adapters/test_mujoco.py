@@ -205,7 +205,7 @@ def test_callback_is_removed_after_each_call() -> None:
     simulation = built(loaded_by_a_sine())
     simulation.advance(3)
     assert mujoco.get_mjcb_passive() is None
-    lasting = simulation._lasting
+    lasting = simulation._continuous
     assert lasting is not None
     with pytest.raises(ZeroDivisionError), lasting.acting_on(simulation._data, 1):
         raise ZeroDivisionError
@@ -215,7 +215,7 @@ def test_callback_is_removed_after_each_call() -> None:
 def test_callback_acts_on_its_own_model_only() -> None:
     """Stepping a model while another one's loads are set applies none of them."""
     loaded, free = built(loaded_by_a_sine()), built(loaded_by_a_sine())
-    lasting = loaded._lasting
+    lasting = loaded._continuous
     assert lasting is not None
     before = free.read()
     with lasting.acting_on(loaded._data, 0):
@@ -228,7 +228,7 @@ def test_callback_acts_on_its_own_model_only() -> None:
 def test_unexpected_evaluations_are_reported(expected_message: ExpectedMessage) -> None:
     """It is an error if MuJoCo evaluates forces more often than a step has stages."""
     simulation = built(loaded_by_a_sine(), "rk4")
-    lasting = simulation._lasting
+    lasting = simulation._continuous
     assert lasting is not None
     with expected_message.raises(RuntimeError), lasting.acting_on(simulation._data, 1):
         mujoco.mj_step(simulation._model, simulation._data, nstep=2)

@@ -444,7 +444,7 @@ def test_wrong_answer_fails_its_case(
 def test_worker_that_closes_its_output_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The run does not wait until its time limit."""
     employ(answering("os.close(1); time.sleep(1000)"), tmp_path, monkeypatch)
-    monkeypatch.setattr("bodycheck.adapters.workers.worker_process._DYING_S", 0.1)
+    monkeypatch.setattr("bodycheck.adapters.workers.worker_process._EXIT_WAIT_S", 0.1)
     engine_pool = EnginePool()
     try:
         answer = engine_pool.ask("drift", {"do": "lap"}, PATIENCE_S)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bodycheck.adapters.contract import Setting
-from bodycheck.adapters.engine_loads import HeldLoads
+from bodycheck.adapters.engine_loads import ZeroOrderHold
 from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.registry import get_adapter
 from bodycheck.adapters.workers.case_messages import scene_message
@@ -66,7 +66,7 @@ CONSUMERS: dict[str, Callable[[], object]] = {
     "continuous constants": lambda: packed_continuous_loads(SCENE),
     "continuous wrench": lambda: continuous_wrench_of(SCENE)(*AT),
     "sum of wrenches": lambda: sum_of_wrenches(SCENE.loads, SCENE)(*AT),
-    "held between steps": lambda: HeldLoads(SCENE, 0.1),
+    "held between steps": lambda: ZeroOrderHold(SCENE, 0.1),
     "timed wrench": lambda: wrench_of(((cast("Torque", MAGNET), 1.0),)),
     "pivot": lambda: about_pivot(replace(SCENE, pivot=np.ones(3))),
     "potential energy": lambda: potential_energy(SCENE, MOTION),

@@ -146,7 +146,7 @@ class Answers:
         if entry is None:
             message = {**engine_pool.ask(engine.name, request(), self._timeout_s), "run": self._run_id}
             said = read(message)
-            entry = Entry.of(key, protocol.kept(message, said))
+            entry = Entry.of(key, protocol.stored_part(message, said))
             if cache and _lasting(said) and message.get("build", engine.build.id) == engine.build.id:
                 cache.keep(entry)
         else:
@@ -216,7 +216,7 @@ def _read(message: Message, case: Case) -> Answer:
     try:
         return replace(protocol.answer_of(message, case.scene.sample_times), build=_build(message))
     except ValueError as error:
-        told = protocol.shown(f"{type(error).__name__}: {error}")
+        told = protocol.one_line(f"{type(error).__name__}: {error}")
         return Answer("failed", told, build=_build(message))
 
 
@@ -224,12 +224,12 @@ def _read_search(message: Message) -> StableStep:
     try:
         return replace(protocol.stable_step_of(message), build=_build(message))
     except ValueError as error:
-        told = protocol.shown(f"{type(error).__name__}: {error}")
+        told = protocol.one_line(f"{type(error).__name__}: {error}")
         return StableStep("failed", told, build=_build(message))
 
 
 def _build(message: Message) -> str:
-    return protocol.shown(str(message.get("build", "")))
+    return protocol.one_line(str(message.get("build", "")))
 
 
 def _lasting(answer: Answer | StableStep) -> bool:
