@@ -174,8 +174,8 @@ def mirrored(scene: Scene) -> Scene:
 
 def faster(scene: Scene) -> Scene:
     """Add a part in 1e13 to omega."""
-    turning = scene.initial.omega_body * (1.0 + 1e-13)
-    return replace(scene, initial=replace(scene.initial, omega_body=turning))
+    omega = scene.initial.omega_body * (1.0 + 1e-13)
+    return replace(scene, initial=replace(scene.initial, omega_body=omega))
 
 
 def lighter(scene: Scene) -> Scene:

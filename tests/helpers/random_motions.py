@@ -367,13 +367,13 @@ def ratios(truth: Truth, exact: Exact) -> tuple[Array, Array]:
     motion = truth.trajectory
     errors = np.zeros((4, len(exact)))
     for k, (rotation, spin, position, velocity) in enumerate(exact):
-        said = MP.matrix(
+        found = MP.matrix(
             [
                 [MP.mpf(x.numerator) / x.denominator for x in row]
                 for row in rational_rotation(motion.attitude[k])
             ]
         )
-        gaps = [2 * MP.asin(MP.norm(said - rotation) / MP.sqrt(8))]
+        gaps = [2 * MP.asin(MP.norm(found - rotation) / MP.sqrt(8))]
         for value, true in (
             (motion.omega_body, spin),
             (motion.position_m, position),

@@ -38,11 +38,11 @@ BODY_TORQUE, WORLD_TORQUE, BODY_FORCE = (
     np.array([-0.3, 0.8, 0.2]),
     np.array([0.2, 0.5, -0.6]),
 )
-HELD = Wrench(BODY_TORQUE, WORLD_TORQUE, BODY_FORCE, np.zeros(3), ((AT, PULL),))
+CONSTANT = Wrench(BODY_TORQUE, WORLD_TORQUE, BODY_FORCE, np.zeros(3), ((AT, PULL),))
 
 
-def held(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Array) -> tuple[Array, Array]:
-    """Return the forces and torques of HELD, in world axes."""
+def constant_wrench(_t: float, _x: Array, rotation: Array, _v: Array, _omega: Array) -> tuple[Array, Array]:
+    """Return the forces and torques of CONSTANT, in world axes."""
     force = rotation @ BODY_FORCE + PULL
     return force, rotation @ BODY_TORQUE + WORLD_TORQUE + np.cross(rotation @ AT, PULL)
 
@@ -60,9 +60,9 @@ def of_everything(
 def test_steps_equal_those_of_the_kernel() -> None:
     """Under constant torques and forces the states are those of the dop853 kernel to round-off."""
     samples = np.linspace(0.0, 1.25, 6)
-    found = solve_with_callback(BODY, START, held, samples, 0.05)
+    found = solve_with_callback(BODY, START, constant_wrench, samples, 0.05)
     state = np.concatenate([START.position, START.velocity, START.omega_body, START.quaternion])
-    load = HELD.packed(BODY, np.zeros(3))
+    load = CONSTANT.packed(BODY, np.zeros(3))
     assert found.quaternion is not None
     assert found.omega_body_rad_s is not None
     for k in range(6):
@@ -118,7 +118,7 @@ def test_every_sample_is_the_end_of_a_step() -> None:
 
     def watching(t: float, x: Array, rotation: Array, v: Array, omega: Array) -> tuple[Array, Array]:
         seen.append(t)
-        return held(t, x, rotation, v, omega)
+        return constant_wrench(t, x, rotation, v, omega)
 
     samples = np.array([0.5, 0.6, 0.95])
     motion = solve_with_callback(BODY, START, watching, samples, 0.1)
@@ -131,8 +131,8 @@ def test_every_sample_is_the_end_of_a_step() -> None:
 
 def test_no_samples_give_no_motion() -> None:
     """An empty list of times gives an empty trajectory, and time 0 alone the initial state."""
-    assert solve_with_callback(BODY, START, held, np.array([]), 0.1).position_m.shape == (0, 3)
-    single = solve_with_callback(BODY, START, held, np.array([3.0]), 0.1)
+    assert solve_with_callback(BODY, START, constant_wrench, np.array([]), 0.1).position_m.shape == (0, 3)
+    single = solve_with_callback(BODY, START, constant_wrench, np.array([3.0]), 0.1)
     assert np.array_equal(single.attitude[0], START.quaternion)
 
 
@@ -140,21 +140,21 @@ def test_no_samples_give_no_motion() -> None:
 def test_impossible_steps_are_refused(dt: float, expected_message: ExpectedMessage) -> None:
     """A step that is not a positive number of seconds is named."""
     with expected_message.raises(ValueError):
-        solve_with_callback(BODY, START, held, np.array([0.0, 1.0]), dt)
+        solve_with_callback(BODY, START, constant_wrench, np.array([0.0, 1.0]), dt)
 
 
 @pytest.mark.parametrize("times", [[0.0, 0.0], [1.0, 0.5], [0.0, math.nan], [[0.0, 1.0]]])
 def test_impossible_times_are_refused(times: list[float], expected_message: ExpectedMessage) -> None:
     """Times that do not ascend are named."""
     with expected_message.raises(ValueError):
-        solve_with_callback(BODY, START, held, np.array(times), 0.1)
+        solve_with_callback(BODY, START, constant_wrench, np.array(times), 0.1)
 
 
 def test_nan_in_the_initial_state_is_refused(expected_message: ExpectedMessage) -> None:
     """NaN in the initial state is named."""
     bad = State(np.array([0.0, math.nan, 0.0]), START.quaternion, START.velocity, START.omega_body)
     with expected_message.raises(ValueError):
-        solve_with_callback(BODY, bad, held, np.array([0.0, 1.0]), 0.1)
+        solve_with_callback(BODY, bad, constant_wrench, np.array([0.0, 1.0]), 0.1)
 
 
 @pytest.mark.parametrize("value", [np.array([0.0, math.nan, 0.0]), np.zeros(2), np.array([math.inf, 0, 0])])

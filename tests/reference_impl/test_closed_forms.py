@@ -54,7 +54,9 @@ _TENSOR = _Q @ np.diag([1.0, 2.0, 2.5]) @ _Q.T
 FULL: Array = 0.5 * (_TENSOR + _TENSOR.T)
 BRICK: Array = np.diag([1.0, 2.0, 2.5])
 BALL: Array = np.diag([2.0, 2.0, 2.0])
-HELD: Array = np.array([[5.0, 1.0, 0.0], [1.0, 5.0, 0.0], [0.0, 0.0, 5.0]])  # axes (1, 1, 0), (1, -1, 0), z
+DIAGONAL: Array = np.array(
+    [[5.0, 1.0, 0.0], [1.0, 5.0, 0.0], [0.0, 0.0, 5.0]]
+)  # axes (1, 1, 0), (1, -1, 0), z
 TILTED = (0.9, -0.3, 0.2, 0.5)
 QUARTER_TURN = (1.0, 1.0, 0.0, 0.0)  # about x
 TIMES = np.array([0.0, 0.1, 1.0, 2.5, 2.6, 5.3])
@@ -104,9 +106,9 @@ SCENES: dict[str, Scene] = {
     ),
     "drag alone": scene_of(BRICK, (1.3, 0, 0), drag(0.3, [0.1, 0.25, 0.3])),
     "drag of full tensor": scene_of(
-        HELD, (0.7, 0.7, 0), drag(0.0, [[0.3, 0.1, 0], [0.1, 0.3, 0], [0, 0, 1]])
+        DIAGONAL, (0.7, 0.7, 0), drag(0.0, [[0.3, 0.1, 0], [0.1, 0.3, 0], [0, 0, 1]])
     ),
-    "about a held axis": scene_of(HELD, (0.7, -0.7, 0), body_torque(0.25, -0.25, 0)),
+    "about a held axis": scene_of(DIAGONAL, (0.7, -0.7, 0), body_torque(0.25, -0.25, 0)),
     "a couple of thrusters": scene_of(
         BRICK,
         (0, 0, 0),

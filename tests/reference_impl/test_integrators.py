@@ -255,10 +255,10 @@ def test_motion_of_the_centre_is_exact_without_force(method: Integrator) -> None
 def torque_at(rotation: Array, load: Array) -> Array:
     """Return the torque of a packed load, in body axes."""
     moment = load[12:].reshape(3, 3) @ rotation
-    turning = np.array(
+    gyroscopic_torque = np.array(
         [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
     )
-    return np.asarray(load[6:9] + rotation.T @ load[9:12] + turning)
+    return np.asarray(load[6:9] + rotation.T @ load[9:12] + gyroscopic_torque)
 
 
 def acceleration_at(rotation: Array, load: Array, mass: float) -> Array:
@@ -275,11 +275,11 @@ def rates_at(state: Array, body: RigidBody, load: Array) -> Array:
     """Return the rates of x, v, omega and q under a packed load."""
     omega, q = state[6:9], state[9:]
     matrix = quaternion_to_matrix(q)
-    turning = torque_at(matrix, load) - np.cross(omega, body.inertia @ omega)
+    net_torque = torque_at(matrix, load) - np.cross(omega, body.inertia @ omega)
     attitude = 0.5 * quaternion_product(q, np.array([0.0, *omega]))
-    linear_acceleration = np.linalg.inv(body.inertia) @ turning
+    angular_acceleration = np.linalg.inv(body.inertia) @ net_torque
     return np.concatenate(
-        [state[3:6], acceleration_at(matrix, load, body.mass), linear_acceleration, attitude]
+        [state[3:6], acceleration_at(matrix, load, body.mass), angular_acceleration, attitude]
     )
 
 

@@ -46,7 +46,7 @@ START = State(
     velocity=np.array([0.3, 0.1, -0.2]),
     omega_body=np.array([0.9, 1.3, -0.8]),
 )
-LASTING: dict[str, ContinuousLoad] = {
+CONTINUOUS: dict[str, ContinuousLoad] = {
     "sine torque in body axes": SineTorque("body", np.array([0.9, -1.2, 0.7]), 2.3, 0.4),
     "sine torque in world axes": SineTorque("world", np.array([0.9, -1.2, 0.7]), 2.3, 0.4),
     "drag": Drag(0.8, np.array([[0.5, 0.1, 0.0], [-0.2, 0.4, 0.1], [0.0, 0.3, 0.6]])),
@@ -55,7 +55,7 @@ LASTING: dict[str, ContinuousLoad] = {
     "gravity gradient": GravityGradient(0.9),
     "magnetic dipole": MagneticDipole(np.array([0.8, -0.5, 0.6]), np.array([0.9, 0.7, -1.1])),
 }
-every_kind = pytest.mark.parametrize("load", LASTING.values(), ids=LASTING.keys())
+every_kind = pytest.mark.parametrize("load", CONTINUOUS.values(), ids=CONTINUOUS.keys())
 every_integrator = pytest.mark.parametrize("method", INTEGRATORS.values(), ids=INTEGRATORS.keys())
 
 
@@ -141,7 +141,7 @@ def test_load_is_its_formula(load: ContinuousLoad, seed: int) -> None:
 
 def test_loads_are_summed() -> None:
     """All loads together are the sum of each alone, two of a kind among them."""
-    loads = (*LASTING.values(), SineTorque("body", np.array([0.1, 0.2, 0.3]), 5.0, 1.0))
+    loads = (*CONTINUOUS.values(), SineTorque("body", np.array([0.1, 0.2, 0.3]), 5.0, 1.0))
     at = (0.7, START.position, START.rotation, START.velocity, START.omega_world)
     sums = sum(continuous_wrench_at(*at, packed_continuous_loads(scene_of(load))) for load in loads)
     together = continuous_wrench_at(*at, packed_continuous_loads(scene_of(*loads)))
@@ -207,9 +207,9 @@ def solved(scene: Scene) -> Trajectory:
         x, v, q, w = np.split(y, [3, 6, 10])
         r = quaternion_to_matrix(q)
         wrench = continuous_wrench_at(t, x, r, v, r @ w, loads)
-        linear_acceleration = np.linalg.solve(inertia, r.T @ wrench[3:] - np.cross(w, inertia @ w))
-        turning = 0.5 * quaternion_product(q, np.array([0.0, *w]))
-        return np.concatenate([v, wrench[:3] / scene.body.mass, turning, linear_acceleration])
+        angular_acceleration = np.linalg.solve(inertia, r.T @ wrench[3:] - np.cross(w, inertia @ w))
+        quaternion_rate = 0.5 * quaternion_product(q, np.array([0.0, *w]))
+        return np.concatenate([v, wrench[:3] / scene.body.mass, quaternion_rate, angular_acceleration])
 
     y0 = np.concatenate([start.position, start.velocity, start.quaternion, start.omega_body])
     y = solve_ivp(rates, (0.0, scene.duration_s), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1:].T

@@ -294,8 +294,8 @@ def test_truth_lies_within_its_bounds(name: str) -> None:
     assert truth.trusted_until_s == np.inf
     for row, expected in enumerate(forty_digits(name, 6)):
         with mpmath.workdps(50):
-            said = matrix_of(truth.trajectory.attitude[row])
-            gap = mpmath.sqrt(sum((a - b) ** 2 for a, b in zip(said, expected[:9], strict=True)))
+            rotation = matrix_of(truth.trajectory.attitude[row])
+            gap = mpmath.sqrt(sum((a - b) ** 2 for a, b in zip(rotation, expected[:9], strict=True)))
             angle = float(2 * mpmath.asin(gap / mpmath.sqrt(8)))
         assert angle <= truth.bound_rad[row]
         omega = np.array([float(x) for x in expected[9:12]])

@@ -176,8 +176,8 @@ def test_plan_covers_the_time_and_keeps_the_impulse(
         if leg.ends_at_sample:
             sampled.append(done)
     assert sampled == [stride * k for k in range(1, samples)]
-    lasting = [min(load.until_s, duration) - max(load.from_s, 0.0) for load in loads]
-    expected = sum(max(time, 0.0) for time in lasting)
+    durations = [min(load.until_s, duration) - max(load.from_s, 0.0) for load in loads]
+    expected = sum(max(time, 0.0) for time in durations)
     # a switch within 1e-9 of a step counts as on the grid: that much of a step may be lost, at both ends
     slack = (2e-9 * plan.dt_s + 8 * EPS * duration) * max(len(loads), 1)
     assert impulse(plan, plan.legs())[0] == pytest.approx(expected, rel=0.0, abs=slack)
@@ -274,9 +274,9 @@ def test_refused_step_names_the_nearest_that_divide(
     """A step that does not divide the interval is refused with the nearest that do."""
     with expected_message.raises(ValueError) as refusal:
         steps_per_sample(interval, dt)
-    said = str(refusal.value)
-    assert repr(dt) in said
-    nearest = said.split("the nearest that do: ")[1].split(" or ")
+    message = str(refusal.value)
+    assert repr(dt) in message
+    nearest = message.split("the nearest that do: ")[1].split(" or ")
     assert sorted(float(text) for text in nearest) == sorted(named)
     for text in nearest:
         assert steps_per_sample(interval, float(text)) >= 1

@@ -149,34 +149,34 @@ def test_same_scenario_given_twice_is_read_once(name: str) -> None:
 def test_manifest_entry_of_a_mesh_reproduces_the_body(tmp_path: Path) -> None:
     """The entry is JSON with the mesh's name, hash and surface, and its numbers give the same body."""
     scenario = written(tmp_path)
-    told = json.loads(json.dumps(scenario.model_dump(mode="json", exclude_none=True)))["body"]
+    dumped = json.loads(json.dumps(scenario.model_dump(mode="json", exclude_none=True)))["body"]
     data = (tmp_path / "part.obj").read_bytes()
-    surface = told["mesh"].pop("surface")
+    surface = dumped["mesh"].pop("surface")
     assert surface.count("\nf ") == 20  # two hexagons and six rectangles in triangles
-    assert told["mesh"] == {"file": "part.obj", "sha256": sha256(data).hexdigest()}
-    assert told["density_kg_m3"] == 8.0
+    assert dumped["mesh"] == {"file": "part.obj", "sha256": sha256(data).hexdigest()}
+    assert dumped["density_kg_m3"] == 8.0
     _, centre, _ = of_boxes(BRACKET, Fraction(8))
-    assert told["centre_m"] == pytest.approx(centre.tolist(), rel=1e-15, abs=0.0)
-    given = GivenBody.model_validate({key: told[key] for key in ("mass_kg", "inertia_kg_m2")})
+    assert dumped["centre_m"] == pytest.approx(centre.tolist(), rel=1e-15, abs=0.0)
+    given = GivenBody.model_validate({key: dumped[key] for key in ("mass_kg", "inertia_kg_m2")})
     assert given.mass_kg == scenario.scene.body.mass
     assert np.array_equal(given.inertia_kg_m2, scenario.scene.body.inertia)
 
 
 def test_manifest_entry_of_a_shape_has_its_numbers() -> None:
     """The entry has the shape's keys, its mass and its inertia."""
-    told = load_scenario("torus-spin-up").model_dump(mode="json", exclude_none=True)["body"]
-    assert (told["shape"], told["size_m"], told["density_kg_m3"]) == ("torus", [1.0, 0.2], 50.0)
-    assert told["mass_kg"] == pytest.approx(50 * 2 * np.pi**2 * 0.04, rel=1e-15, abs=0.0)
-    assert told["inertia_kg_m2"][2][2] == pytest.approx(told["mass_kg"] * 1.03, rel=1e-15, abs=0.0)
+    dumped = load_scenario("torus-spin-up").model_dump(mode="json", exclude_none=True)["body"]
+    assert (dumped["shape"], dumped["size_m"], dumped["density_kg_m3"]) == ("torus", [1.0, 0.2], 50.0)
+    assert dumped["mass_kg"] == pytest.approx(50 * 2 * np.pi**2 * 0.04, rel=1e-15, abs=0.0)
+    assert dumped["inertia_kg_m2"][2][2] == pytest.approx(dumped["mass_kg"] * 1.03, rel=1e-15, abs=0.0)
 
 
 def test_corrected_mesh_has_a_note(tmp_path: Path) -> None:
     """An inside-out bracket gives the same body and a note; a correct one gives none."""
-    turned, sound = written(tmp_path, text=bracket(inside_out=True)), written(tmp_path)
+    turned, expected = written(tmp_path, text=bracket(inside_out=True)), written(tmp_path)
     assert turned.body.notes == ("the mesh was inside-out; all its triangles were reversed",)
     assert turned.model_dump(mode="json")["body"]["notes"] == list(turned.body.notes)
-    assert sound.body.notes == ()
-    assert np.allclose(turned.scene.body.inertia, sound.scene.body.inertia, rtol=1e-15)
+    assert expected.body.notes == ()
+    assert np.allclose(turned.scene.body.inertia, expected.scene.body.inertia, rtol=1e-15)
 
 
 DENSITY = "density_kg_m3 = 1000\n"

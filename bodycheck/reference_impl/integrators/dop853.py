@@ -33,8 +33,8 @@ def _rates(y: RotationState, body: Array, load: Array) -> tuple[RotationState, V
     rotation = matrix_of(q)
     attitude_rate = quaternion_times(q, (0.0, 0.5 * omega[0], 0.5 * omega[1], 0.5 * omega[2]))
     torque = scaled_add(body_torque(rotation, load), -1.0, gyroscopic(matrix_at(body, 1), omega))
-    linear_acceleration = times(matrix_at(body, 10), torque)
-    return attitude_rate + linear_acceleration, acceleration(rotation, load, body[0])
+    angular_acceleration = times(matrix_at(body, 10), torque)
+    return attitude_rate + angular_acceleration, acceleration(rotation, load, body[0])
 
 
 @inlined_kernel
