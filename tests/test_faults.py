@@ -24,7 +24,7 @@ from tests.helpers.misbehaving_engine import (
     ONLY_TIMED,
     READINGS,
     SOLUTIONS,
-    SOUND_STEPS_S,
+    VALID_STEPS_S,
     Misbehaving,
 )
 from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO
@@ -89,7 +89,7 @@ def run_of(scenario: Path, *, sound: bool, methods: list[str], speed: bool) -> R
         return bodycheck.run(
             [scenario],
             engines=[*(f"misbehaving:{method}" for method in methods), "reference:m1"],
-            dt_s=[*SOUND_STEPS_S, BAD_STEP_S],
+            dt_s=[*VALID_STEPS_S, BAD_STEP_S],
             speed=speed,
             timeout_s=TIMEOUT_S,
         )

@@ -28,8 +28,8 @@ def check_file(option: str, path: Path | None) -> None:
     check_folder(f"{option} {path}", folder)
 
 
-def check_folder(asked: str, folder: Path) -> None:
-    """Raise InputError, with the prefix `asked`, if no file can be created in a folder.
+def check_folder(prefix: str, folder: Path) -> None:
+    """Raise InputError, with this prefix, if no file can be created in a folder.
 
     If the folder does not exist, test its nearest existing parent.
     """
@@ -38,10 +38,10 @@ def check_folder(asked: str, folder: Path) -> None:
         with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as error:
-        raise InputError(f"{asked}: cannot be written: {error.strerror or error}") from None
+        raise InputError(f"{prefix}: cannot be written: {error.strerror or error}") from None
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_file(path: Path, content: bytes) -> None:
     """Write a file atomically; raises InputError if it cannot be written."""
     try:
         atomic_write(path, content)

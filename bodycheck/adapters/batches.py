@@ -142,9 +142,9 @@ def stacked(batch: Batch, rows: list[tuple[Scene, Answer]], precision: Precision
     messages: list[str] = []
     for row, (scene, one) in enumerate(rows):
         ending: RowEnding = one.outcome
-        message, motion, held = one.message, one.trajectory, one.read_back
-        if motion is not None and held is not None:
-            if fault := read_back_mismatch(scene, batch.dt_s, held, precision):
+        message, motion, read_back = one.message, one.trajectory, one.read_back
+        if motion is not None and read_back is not None:
+            if fault := read_back_mismatch(scene, batch.dt_s, read_back, precision):
                 ending, message = "invalid", fault
             else:
                 answer.quaternion[row], answer.omega_body[row] = motion.attitude, motion.omega_body

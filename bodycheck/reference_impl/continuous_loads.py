@@ -52,11 +52,11 @@ _ZERO = (0.0, 0.0, 0.0)
 _UNKNOWN = (math.nan, math.nan, math.nan)
 
 
-def packed_lasting(scene: Scene) -> Array:
+def packed_continuous_loads(scene: Scene) -> Array:
     """Return the rows of the scene's continuous loads (11 n,), then the record of those without a row."""
     rows: list[float] = []
     others: list[ContinuousLoad] = []
-    for load in scene.lasting_loads:
+    for load in scene.continuous_loads:
         constants = _constants(load, scene)
         if constants is None:
             others.append(checked_continuous(load, "the table of continuous loads"))
@@ -87,7 +87,7 @@ def _constants(load: object, scene: Scene) -> list[float] | None:
 
 
 @kernel
-def lasting_wrench(
+def continuous_wrench(
     t: float, position: Vec, rotation: Mat, velocity: Vec, omega_world: Vec, loads: Array
 ) -> tuple[Vec, Vec]:
     """Return force (3,) in N and torque (3,) about the centre of mass in N m, world axes.
@@ -108,14 +108,14 @@ def lasting_wrench(
             pull = _spring(add(position, arm), loads, row)
             force, torque = add(force, pull), add(torque, cross(arm, pull))
         elif kind == _TORSION:
-            turned = rotation_vector(_product_with_transposed(rotation, matrix_at(loads, row + 2)))
-            torque = scaled_add(torque, -loads[row + 1], turned)
+            rotvec = rotation_vector(_product_with_transposed(rotation, matrix_at(loads, row + 2)))
+            torque = scaled_add(torque, -loads[row + 1], rotvec)
         elif kind == _GRADIENT:
             torque = add(torque, _gravity_gradient(t, rotation, loads, row))
         elif kind == _RECORDED:  # the last row, of any length
-            push, turn = recorded_wrench(t, position, rotation, velocity, omega_world, loads, row + 1)
-            return add(force, push), add(torque, turn)
-        else:  # a kind that packed_lasting never writes
+            push, couple = recorded_wrench(t, position, rotation, velocity, omega_world, loads, row + 1)
+            return add(force, push), add(torque, couple)
+        else:  # a kind that packed_continuous_loads never writes
             return _UNKNOWN, _UNKNOWN
     return force, torque
 
@@ -180,11 +180,11 @@ def rotation_vector(r: Mat) -> Vec:
 
 
 @kernel
-def lasting_wrench_at(
+def continuous_wrench_at(
     t: float, position: Array, rotation: Array, velocity: Array, omega_world: Array, loads: Array
 ) -> Array:
-    """Return force and torque (6,) as `lasting_wrench`, from arrays; rotation (3, 3) must be contiguous."""
-    force, torque = lasting_wrench(
+    """Return force and torque (6,) as `continuous_wrench`, from arrays; rotation (3, 3) is contiguous."""
+    force, torque = continuous_wrench(
         t,
         vector_at(position, 0),
         matrix_at(rotation.reshape(9), 0),

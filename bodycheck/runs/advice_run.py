@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.files import write_whole
+from bodycheck._util.files import write_file
 from bodycheck._util.formatting import vector
 from bodycheck.adapters.programs import with_method
 from bodycheck.reports.cache.disk_cache import Cache
@@ -35,7 +35,7 @@ from bodycheck.runs.runner import run_selection
 from bodycheck.runs.selection import select
 from bodycheck.scenarios.free_body import FreeBody, scenario_text
 from bodycheck.scenarios.library import load_scenarios
-from bodycheck.scenarios.serialization import as_written
+from bodycheck.scenarios.serialization import deserialized
 
 _MAX_ROUNDS = 12
 _MAX_STEPS = 2e7  # of a case that a search measures
@@ -97,7 +97,7 @@ def _written(body: FreeBody, horizon_s: float | None) -> str:
     path = RUNS / "bodies" / f"{name}.toml"
     text = scenario_text(body, horizon_s, name)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, text.encode())
+    write_file(path, text.encode())
     print(
         f"{path}: omega_body = {vector(body.omega_body)} rad/s, {body.duration_s(horizon_s):g} s",
         file=sys.stderr,
@@ -165,7 +165,7 @@ def measure_steps(
     selection = replace(
         selection,
         scenarios=tuple(
-            (scenario_spec(commands[name]) or name, as_written(stored[name], name, allow_code=allow_code))
+            (scenario_spec(commands[name]) or name, deserialized(stored[name], name, allow_code=allow_code))
             for name in dict.fromkeys(name for name, _ in steps)
         ),
         single_steps={(name, *key): dt_s for (name, key), dt_s in steps.items()},

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck.reports.run_files.run_reader import Tables, read_manifest, read_tables
 from bodycheck.runs.directory import RUNS, RunRequest, run_to_folder
 from bodycheck.runs.run_options import ProgressFactory
 from bodycheck.scenarios.library import load_scenarios
-from bodycheck.scenarios.serialization import written
+from bodycheck.scenarios.serialization import serialized
 
 
 def chosen_run(
@@ -33,7 +33,7 @@ def chosen_run(
     if folder is not None:
         return _named(folder, requested, allow_code=allow_code)
     loaded = load_scenarios(requested, allow_code=allow_code)
-    scenarios_written = {scenario.name: written(scenario) for _, scenario in loaded}
+    scenarios_written = {scenario.name: serialized(scenario) for _, scenario in loaded}
     # a user's function may have changed under the same name, so no stored run is known to match
     own_code = any(scenario.scene.has_callback_load for _, scenario in loaded)
     stored = [] if own_code else _newest_first()
@@ -61,7 +61,7 @@ def _named(folder: Path, requested: Sequence[str], *, allow_code: bool) -> tuple
         loaded = [] if name in known else load_scenarios([name], allow_code=allow_code)
         names += [scenario.name for _, scenario in loaded] or [name]
     if missing := [name for name in names if name not in known]:
-        raise InputError(f"{folder}: has no scenario {', '.join(missing)}{meant(missing[0], known)}")
+        raise InputError(f"{folder}: has no scenario {', '.join(missing)}{suggestion(missing[0], known)}")
     return folder, tables, list(dict.fromkeys(names)) or known
 
 

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from bodycheck._util.untrusted import joined
+from bodycheck._util.untrusted import shell_join
 from bodycheck.adapters.programs import with_method
 from bodycheck.reports.run_files.ensemble_dataset import SCHEMA_VERSION, Dataset, Part
 from bodycheck.reports.run_files.sentinels import write_sentinels
@@ -115,7 +115,7 @@ def _worst_rows(result: EnsembleResult, folder: Path, out: Path) -> Iterator[dic
             arguments += [] if setting.tolerance is None else ["--tolerance", repr(setting.tolerance)]
             arguments += ["--allow-code"] if result.request.allow_code else []
             cells = {"rank": rank, "row": body.row, "outcome": body.outcome}
-            yield {**_identity(key), **cells, **body.measures, "reproduce": joined(arguments)}
+            yield {**_identity(key), **cells, **body.measures, "reproduce": shell_join(arguments)}
 
 
 def _sketch_rows(result: EnsembleResult) -> Iterator[dict[str, Any]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from bodycheck._util.errors import InputError
-from bodycheck._util.formatting import meant
+from bodycheck._util.formatting import suggestion
 from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.versions.pins import Pin
 from bodycheck.adapters.versions.uv import releases
@@ -169,4 +169,5 @@ def _failure_text(request: Search, runs: Mapping[str, _Release | str]) -> str:
     if not engines:
         return "\n".join(str(why) for why in runs.values())
     has = dict.fromkeys(name for engine in engines for name in engine.methods)
-    return f"--method {request.method}: {request.engine} has no such method{meant(str(request.method), has)}"
+    instead = suggestion(str(request.method), has)
+    return f"--method {request.method}: {request.engine} has no such method{instead}"

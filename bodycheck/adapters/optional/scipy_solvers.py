@@ -120,11 +120,11 @@ class _SciPySolver:
 
     def _rate(self, t: float, y: Array) -> Array:
         velocity, q, omega = y[3:6], y[6:10], y[10:]
-        turn = quaternion_to_matrix(q)
-        force, torque = self._loads.at(t, y[:3], turn, velocity, turn @ omega)
+        rotation = quaternion_to_matrix(q)
+        force, torque = self._loads.at(t, y[:3], rotation, velocity, rotation @ omega)
         spin = self._inverse @ (torque - np.cross(omega, self._scene.body.inertia @ omega))
-        turning = 0.5 * quaternion_product(q, np.concatenate([[0.0], omega]))
-        return np.concatenate([velocity, force / self._scene.body.mass, turning, spin])
+        quaternion_rate = 0.5 * quaternion_product(q, np.concatenate([[0.0], omega]))
+        return np.concatenate([velocity, force / self._scene.body.mass, quaternion_rate, spin])
 
 
 def segments(scene: Scene) -> list[tuple[float, float]]:

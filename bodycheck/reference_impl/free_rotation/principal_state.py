@@ -37,7 +37,7 @@ class TumblingConstants(NamedTuple):
 
 
 @exact_kernel
-def turned(rate: DoubleDouble, t: DoubleDouble, extra: float) -> tuple[float, float]:
+def phase_sine_cosine(rate: DoubleDouble, t: DoubleDouble, extra: float) -> tuple[float, float]:
     """(sin, cos) of 2 pi (rate t + extra), with whole turns removed before rounding."""
     turns, rest = dd.two_product(rate[0], t[0])
     fraction, low = dd.two_sum(turns - np.rint(turns), rest + (rate[1] * t[0] + rate[0] * t[1]))
@@ -62,7 +62,7 @@ def state_at(motion: TumblingConstants, t: DoubleDouble) -> tuple[Quat, Vec]:
         alpha_re, alpha_im, beta_re, beta_im = exponential_sums(
             motion.series, f.nome, u_sign, argument[0], argument[2]
         )
-    s, c = turned(motion.turn_rate, t, motion.series.twist * u[0])
+    s, c = phase_sine_cosine(motion.turn_rate, t, motion.series.twist * u[0])
     return (
         (
             alpha_re * c - alpha_im * s,

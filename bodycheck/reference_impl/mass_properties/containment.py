@@ -31,7 +31,7 @@ _ON_FACE = 1e-9
 """The distance to a triangle, relative to its size, within which a point counts as lying on it."""
 
 
-class Nesting(NamedTuple):
+class Containment(NamedTuple):
     """How k closed surfaces are nested.
 
     depth (k,): how many others contain each surface. winding (k,): their total winding number around it,
@@ -50,12 +50,12 @@ class _Relation(Enum):
     OUTSIDE = "outside"
     WITHIN = "within"
     CROSSING = "cross, so that what they share would count twice"
-    UPON = "lie upon each other"
+    COINCIDENT = "lie upon each other"
 
 
-def nesting(
+def containment(
     vertices: Array, surfaces: Sequence[Triangles], outward: NDArray[np.bool_], overlap: Overlap
-) -> Nesting:
+) -> Containment:
     """Return how k closed surfaces are nested; outward (k,) tells which of them face outward.
 
     Raises ValueError where two of them cross, unless the overlap is "count-twice", and where they coincide,
@@ -69,7 +69,7 @@ def nesting(
         meeting = np.all((lower <= upper[this]) & (lower[this] <= upper), axis=1)
         for other in (np.flatnonzero(meeting[:this])).tolist():
             relations = _relations(vertices, triangles, surfaces[other])
-            if _Relation.UPON in relations or (_Relation.CROSSING in relations and overlap == "refuse"):
+            if _Relation.COINCIDENT in relations or (_Relation.CROSSING in relations and overlap == "refuse"):
                 _refuse(vertices, surfaces[other], triangles, max(relations, key=list(_Relation).index))
             if _Relation.CROSSING in relations:
                 pairs += 1
@@ -79,7 +79,7 @@ def nesting(
                 if relation is _Relation.WITHIN:
                     depth[inner] += 1
                     winding[inner] += 1 if outward[outer] else -1
-    return Nesting(depth, winding, crossing, pairs)
+    return Containment(depth, winding, crossing, pairs)
 
 
 def _relations(vertices: Array, one: Triangles, other: Triangles) -> tuple[_Relation, _Relation]:
@@ -99,7 +99,7 @@ def _by_points(vertices: Array, triangles: Triangles, other: Triangles) -> _Rela
     windings = (winding_number(tuple(probe), vertices, other) for probe in probes)
     answers = {round(winding) != 0 for winding in islice(filterfalse(math.isnan, windings), _ANSWERS)}
     if len(answers) != 1:
-        return _Relation.CROSSING if answers else _Relation.UPON
+        return _Relation.CROSSING if answers else _Relation.COINCIDENT
     return _Relation.WITHIN if answers.pop() else _Relation.OUTSIDE
 
 

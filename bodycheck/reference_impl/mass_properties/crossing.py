@@ -37,8 +37,8 @@ def _pierces(p: Vec, q: Vec, a: Vec, b: Vec, c: Vec) -> bool:
     """Return whether the segment pq passes through the interior of the triangle abc."""
     if _side(a, b, c, p) * _side(a, b, c, q) >= 0:
         return False
-    turn = _side(p, q, a, b)
-    return turn != 0 and _side(p, q, b, c) == turn and _side(p, q, c, a) == turn
+    side = _side(p, q, a, b)
+    return side != 0 and _side(p, q, b, c) == side and _side(p, q, c, a) == side
 
 
 @kernel

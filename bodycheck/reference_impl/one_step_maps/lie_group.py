@@ -37,19 +37,19 @@ def _inverse_dexp(u: Array, omega: Array, correction: Correction) -> Array:
     """u' with (exp u)' = exp(u) omega: omega + u x omega / 2 + c u x (u x omega), Bortz (1971)."""
     if correction == "none":
         return omega
-    turned = cross(u, omega)
-    first = omega + 0.5 * turned
+    bracket = cross(u, omega)
+    first = omega + 0.5 * bracket
     if correction == "first":
         return first
     if correction == "second":
-        return first + cross(u, turned) / 12.0
+        return first + cross(u, bracket) / 12.0
     angle = np.linalg.norm(u, axis=-1, keepdims=True)
     small = angle < 0.05
     safe = np.where(small, 1.0, angle)
     closed = (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / (safe * safe)
     square = angle * angle
     series = 1.0 / 12.0 + square / 720.0 + square**2 / 30240.0 + square**3 / 1209600.0
-    return first + np.where(small, series, closed) * cross(u, turned)
+    return first + np.where(small, series, closed) * cross(u, bracket)
 
 
 def _carried_of(solid: Solid, carried: Carried, motion: Motion, rotation: Array) -> Array:
@@ -68,7 +68,7 @@ def _omega_of(solid: Solid, carried: Carried, spin: Array, rotation: Array) -> A
     return inward if carried == "world" else times(solid.inverse, inward)
 
 
-def _turning(solid: Solid, carried: Carried, omega: Array, torque: Array, rotation: Array) -> Array:
+def _carried_rate(solid: Solid, carried: Carried, omega: Array, torque: Array, rotation: Array) -> Array:
     """The rate of what is carried; torque (n, 3) in body axes."""
     if carried == "momentum":
         return times(rotation, torque)
@@ -90,22 +90,24 @@ class _LieRungeKutta:
         spin = _carried_of(solid, self.carried, motion, rotation)
         flat = np.concatenate([motion.position, motion.velocity, spin], axis=-1)
         rates: list[Array] = []
-        turns: list[Array] = []
+        angle_rates: list[Array] = []
         for row, c in zip(self.tableau.a, self.tableau.c, strict=True):
             y = flat + h * _sum(row, rates, flat)
-            u = h * _sum(row, turns, spin)
-            q = self._attitude(motion.quaternion, row, turns, u, h)
+            u = h * _sum(row, angle_rates, spin)
+            q = self._attitude(motion.quaternion, row, angle_rates, u, h)
             at = quaternion_to_matrix(q)
             omega = _omega_of(solid, self.carried, y[..., 6:], at)
             force, torque = loads(
                 motion.t + c * np.asarray(dt), y[..., :3], at, y[..., 3:6], times(at, omega)
             )
-            turning = _turning(solid, self.carried, omega, torque, at)
-            rates.append(np.concatenate([y[..., 3:6], force / solid.mass[..., None], turning], axis=-1))
-            turns.append(omega if self.correction == "products" else _inverse_dexp(u, omega, self.correction))
+            carried_rate = _carried_rate(solid, self.carried, omega, torque, at)
+            rates.append(np.concatenate([y[..., 3:6], force / solid.mass[..., None], carried_rate], axis=-1))
+            angle_rates.append(
+                omega if self.correction == "products" else _inverse_dexp(u, omega, self.correction)
+            )
         end = flat + h * _sum(self.tableau.b, rates, flat)
-        u = h * _sum(self.tableau.b, turns, spin)
-        q = self._attitude(motion.quaternion, self.tableau.b, turns, u, h)
+        u = h * _sum(self.tableau.b, angle_rates, spin)
+        q = self._attitude(motion.quaternion, self.tableau.b, angle_rates, u, h)
         omega = _omega_of(solid, self.carried, end[..., 6:], quaternion_to_matrix(q))
         return replace(
             stepped(motion, np.asarray(dt)),
@@ -116,12 +118,12 @@ class _LieRungeKutta:
             rotation=None,
         )
 
-    def _attitude(self, q: Array, weights: Array, turns: list[Array], u: Array, h: Array) -> Array:
+    def _attitude(self, q: Array, weights: Array, angle_rates: list[Array], u: Array, h: Array) -> Array:
         if self.correction != "products":
             return _rotated(q, u)
-        for weight, turn in zip(weights, turns, strict=False):
+        for weight, angle_rate in zip(weights, angle_rates, strict=False):
             if weight != 0.0:
-                q = _rotated(q, h * weight * turn)
+                q = _rotated(q, h * weight * angle_rate)
         return q
 
 
@@ -320,8 +322,10 @@ def _verlet_spiral(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Mot
     omega = _ssp_spin(solid, motion.omega, torque, 0.5 * h)
     middle = motion.velocity + 0.5 * h * force / solid.mass[..., None]
     position, q = motion.position + h * middle, _rotated(motion.quaternion, h * omega)
-    turned = quaternion_to_matrix(q)
-    force, torque = loads(motion.t + np.asarray(dt), position, turned, middle, times(turned, omega))
+    end_rotation = quaternion_to_matrix(q)
+    force, torque = loads(
+        motion.t + np.asarray(dt), position, end_rotation, middle, times(end_rotation, omega)
+    )
     return replace(
         stepped(motion, np.asarray(dt)),
         position=position,
@@ -354,8 +358,8 @@ def _discrete_momentum(solid: Solid, f: Array) -> Array:
     safe = np.where(angle > 0.0, angle, 1.0)
     sine = np.where(angle > 0.0, np.sin(safe) / safe, 1.0)
     rest = np.where(angle > 0.0, 0.5 * (np.sin(0.5 * safe) / (0.5 * safe)) ** 2, 0.5)
-    spun = times(solid.inertia, f)
-    return sine * spun + rest * cross(f, spun)
+    inertia_f = times(solid.inertia, f)
+    return sine * inertia_f + rest * cross(f, inertia_f)
 
 
 @dataclass(frozen=True)
@@ -373,9 +377,11 @@ class _Kicked:
         middle = motion.velocity + 0.5 * h * force / solid.mass[..., None]
         position = motion.position + h * middle
         q, momentum = self.drift(solid, motion.quaternion, momentum, h)
-        turned = quaternion_to_matrix(q)
+        end_rotation = quaternion_to_matrix(q)
         omega = times(solid.inverse, momentum)
-        force, torque = loads(motion.t + np.asarray(dt), position, turned, middle, times(turned, omega))
+        force, torque = loads(
+            motion.t + np.asarray(dt), position, end_rotation, middle, times(end_rotation, omega)
+        )
         return replace(
             stepped(motion, np.asarray(dt)),
             position=position,
@@ -398,7 +404,7 @@ class _PrincipalRotations:
         for axis, share in ((i, 0.5), (j, 0.5), (k, 1.0), (j, 0.5), (i, 0.5)):
             direction = np.broadcast_to(frame[..., axis], momentum.shape)
             rate = np.sum(direction * momentum, axis=-1, keepdims=True) / moments[..., axis, None]
-            q, momentum = _turned_about(q, momentum, share * h * rate * direction)
+            q, momentum = _rotated_about(q, momentum, share * h * rate * direction)
         return q, momentum
 
 
@@ -419,7 +425,7 @@ class _SymmetricTop:
         spin = 1.0 / moments[..., self.about] - 1.0 / moments[..., equal]
         q, momentum = self._about_axis(q, momentum, frame, self.rest, 0.5 * h * excess[..., None])
         # exp(dt L / I) about the fixed L, then the spin about the axis of symmetry
-        q, momentum = _turned_about(q, momentum, h * momentum / moments[..., equal, None])
+        q, momentum = _rotated_about(q, momentum, h * momentum / moments[..., equal, None])
         q, momentum = self._about_axis(q, momentum, frame, self.about, h * spin[..., None])
         return self._about_axis(q, momentum, frame, self.rest, 0.5 * h * excess[..., None])
 
@@ -427,12 +433,12 @@ class _SymmetricTop:
     def _about_axis(q: Array, momentum: Array, frame: Array, axis: int, scale: Array) -> tuple[Array, Array]:
         direction = np.broadcast_to(frame[..., axis], momentum.shape)
         along = np.sum(direction * momentum, axis=-1, keepdims=True)
-        return _turned_about(q, momentum, scale * along * direction)
+        return _rotated_about(q, momentum, scale * along * direction)
 
 
-def _turned_about(q: Array, momentum: Array, angle: Array) -> tuple[Array, Array]:
-    turn = exp_quaternion(angle)
-    return quaternion_product(q, turn), back(quaternion_to_matrix(turn), momentum)
+def _rotated_about(q: Array, momentum: Array, angle: Array) -> tuple[Array, Array]:
+    increment = exp_quaternion(angle)
+    return quaternion_product(q, increment), back(quaternion_to_matrix(increment), momentum)
 
 
 def _composed_splitting(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Motion:
@@ -455,7 +461,7 @@ def _composed_splitting(solid: Solid, motion: Motion, dt: Array, loads: Loads) -
             break
         drift, first = DRIFTS[i], FIRST_PARTS[i]
         inward = back(rotation, momentum)
-        q, inward = _turned_about(q, inward, h * drift * middle * inward)
+        q, inward = _rotated_about(q, inward, h * drift * middle * inward)
         for axis, share in ((0, first), (2, drift), (0, drift - first)):
             q, inward = _SymmetricTop._about_axis(q, inward, frame, axis, h * share * excess[axis])
         x = x + h * drift * v

@@ -104,7 +104,7 @@ def scene_loads(scene: Scene, wrench: Wrench | None = None) -> Loads:
     wrench: the sum of the piecewise constant loads during the steps [default: of those that act throughout].
     """
     constant = wrench_between(scene, 0.0, scene.duration_s) if wrench is None else wrench
-    weight, continuous = scene.body.mass * scene.gravity, scene.lasting_loads
+    weight, continuous = scene.body.mass * scene.gravity, scene.continuous_loads
 
     def loads(
         t: Array, position: Array, rotation: Array, velocity: Array, omega: Array
@@ -133,19 +133,19 @@ def no_loads(
     return zero, zero
 
 
-def held(loads: Loads, begin: Motion, *, in_body_axes: bool) -> Loads:
+def zero_order_hold(loads: Loads, begin: Motion, *, in_body_axes: bool) -> Loads:
     """Return the loads as evaluated at the start of the step, constant over it in body or in world axes."""
     start = begin.orthogonal
     force, torque = loads(begin.t, begin.position, start, begin.velocity, times(start, begin.omega))
-    pushed, turned = back(start, force), times(start, torque)
+    force_body, torque_world = back(start, force), times(start, torque)
 
     def constant(
         t: Array, position: Array, rotation: Array, velocity: Array, omega: Array
     ) -> tuple[Array, Array]:
         del t, position, velocity, omega
         if in_body_axes:
-            return times(rotation, pushed), torque
-        return force, back(rotation, turned)
+            return times(rotation, force_body), torque
+        return force, back(rotation, torque_world)
 
     return constant
 

@@ -7,7 +7,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from bodycheck._util.cache_dir import cache_home
+from bodycheck._util.cache_dir import cache_dir
 from bodycheck._util.files import atomic_write
 from bodycheck.adapters.workers.protocol import Message
 from bodycheck.reports.cache.entries import Entry
@@ -28,7 +28,7 @@ class Cache:
     @classmethod
     def default(cls) -> Cache:
         """Return the cache next to the compiled kernels; BODYCHECK_CACHE_DIR moves both."""
-        return cls(cache_home() / "results")
+        return cls(cache_dir() / "results")
 
     def write_only(self) -> Cache:
         """Return the same cache without reading: results are computed again and replace the old entries."""

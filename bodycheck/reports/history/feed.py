@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from bodycheck._util.files import write_whole
+from bodycheck._util.files import write_file
 from bodycheck._util.formatting import count
 from bodycheck.reports.history.archive import started_at
 
@@ -25,7 +25,7 @@ def write_feed(folder: Path, runs: Iterable[Mapping[str, Any]]) -> None:
 
     runs: the content of each night.json, the oldest first.
     """
-    write_whole(folder / FILE, feed(runs))
+    write_file(folder / FILE, feed(runs))
 
 
 def feed(runs: Iterable[Mapping[str, Any]]) -> bytes:

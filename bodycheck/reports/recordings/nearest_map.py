@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from bodycheck._util.formatting import nearest
-from bodycheck._util.untrusted import quoted
+from bodycheck._util.untrusted import shell_quote
 from bodycheck.reports.recordings.column_map import (
     EULER,
     KINDS,
@@ -65,7 +65,7 @@ def nearest_map(columns: Sequence[str], known: ColumnMap | None = None) -> str:
         if {column for product in products for column in product.columns} <= set(columns):
             return f"; try --like {name}"
     pairs = ", ".join(_pairs(columns, known or ColumnMap()))
-    return f"; try --map {quoted(pairs)}" if pairs else ""
+    return f"; try --map {shell_quote(pairs)}" if pairs else ""
 
 
 def _pairs(columns: Sequence[str], known: ColumnMap) -> Iterator[str]:
