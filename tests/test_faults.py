@@ -14,7 +14,7 @@ import pytest
 
 import bodycheck
 from bodycheck.adapters import registry
-from bodycheck.adapters.registry import register_adapter
+from bodycheck.adapters.registry import register_adapter, registered
 from bodycheck.reports.run_files.run_tables import Run
 from tests.helpers.expected_messages import ExpectedMessage
 from tests.helpers.misbehaving_engine import (
@@ -28,7 +28,6 @@ from tests.helpers.misbehaving_engine import (
     Misbehaving,
 )
 from tests.helpers.scenario_texts import RUN_SPECIFIC_COLUMNS, SCENARIO
-from tests.helpers.temporary_engines import registered
 from tests.helpers.worker_processes import all_gone
 
 TIMEOUT_S = 4.0

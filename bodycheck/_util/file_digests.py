@@ -10,8 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from bodycheck._util.cache_dir import cache_dir
-from bodycheck._util.checksummed_json import opened, sealed
-from bodycheck._util.files import atomic_write
+from bodycheck._util.files import atomic_write, opened, sealed
 
 _RACY_NS = 2_000_000_000
 """A file modified this recently may change again within one time stamp: FAT has a resolution of 2 s."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from itertools import islice
 
 _MAX_NAMES = 8
+_MAX_LISTED = 3
 _NEARLY = 0.8  # one or two typing errors in a name of ten letters
 
 
@@ -41,6 +43,12 @@ def setting(control: str | None, fineness: float | None) -> str:
 def vector(values: Iterable[float]) -> str:
     """Return "(x, y, z)", each with 6 digits."""
     return f"({', '.join(number(value, 6) for value in values)})"
+
+
+def first_few(items: Iterable[str]) -> str:
+    """Return 'one; two; three; ...'."""
+    listed = list(islice(items, _MAX_LISTED + 1))
+    return "; ".join(listed[:_MAX_LISTED] + ["..."] * (len(listed) > _MAX_LISTED))
 
 
 def names(items: Sequence[str]) -> str:

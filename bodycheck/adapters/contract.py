@@ -160,6 +160,13 @@ class ReadBack:
     gravity: Array
     state: Reading
 
+    @classmethod
+    def of_scene(cls, scene: Scene) -> ReadBack:
+        """Return what a solver without an engine stores: the scene itself."""
+        start = scene.initial
+        state = Reading(start.position, start.velocity, start.quaternion, omega_body=start.omega_body)
+        return cls(scene.body.mass, scene.body.inertia, None, scene.gravity, state)
+
 
 class Simulation(Protocol):
     """One scene in one engine, by one method, at one step size. Close it after use.

@@ -190,7 +190,7 @@ class ClosedForm:
 
     def read_back(self) -> ReadBack:
         """Return the scene's own numbers: there is no engine between."""
-        return _own_numbers(self._scene)
+        return ReadBack.of_scene(self._scene)
 
     def solve(self) -> Trajectory:
         """Solve for all samples in one call."""
@@ -212,7 +212,7 @@ class Series:
 
     def read_back(self) -> ReadBack:
         """Return the scene's own numbers: there is no engine between."""
-        return _own_numbers(self._scene)
+        return ReadBack.of_scene(self._scene)
 
     def solve(self) -> Trajectory:
         """Follow the motion through all samples."""
@@ -294,15 +294,3 @@ def _refused(method: Integrator, loads: Sequence[ContinuousLoad]) -> list[str]:
         for load in loads
         if isinstance(load, method.refused) or (velocity_too and load.depends_on_velocity)
     ]
-
-
-def _own_numbers(scene: Scene) -> ReadBack:
-    """Return what a solver without an engine stores: the scene itself."""
-    body, initial = scene.body, scene.initial
-    start = Reading(
-        position=initial.position,
-        velocity=initial.velocity,
-        quaternion=initial.quaternion,
-        omega_body=initial.omega_body,
-    )
-    return ReadBack(body.mass, body.inertia, None, scene.gravity, start)

@@ -16,10 +16,10 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from bodycheck._util.checksummed_json import opened, sealed
 from bodycheck._util.compiled_cache import cache_directory
 from bodycheck._util.errors import InputError
 from bodycheck._util.file_digests import digest_of
+from bodycheck._util.files import opened, sealed
 from bodycheck.reference_impl.mass_properties.solid import MassProperties, Overlap
 from bodycheck.reference_impl.mass_properties.solid import primitive as unit_density_primitive
 from bodycheck.scenarios.mesh_files import open_mesh, parse_mesh

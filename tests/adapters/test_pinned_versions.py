@@ -479,7 +479,7 @@ def test_environment_commands_list_and_remove(tmp_path: Path, expected_message: 
     for words in ((), ("mujoco==3.6.0", "--all"), ("mujoco==3.8.0",)):
         refused = run_bodycheck(tmp_path, "environments", "remove", *words)
         assert refused.returncode == 2
-        expected_message(refused.stderr)
+        expected_message(refused.stderr.strip())
     assert all(place.exists() for place in places)
     removed = run_bodycheck(tmp_path, "environments", "remove", "mujoco==3.6.0")
     assert removed.stdout.split() == [str(places[0])]

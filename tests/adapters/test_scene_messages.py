@@ -105,6 +105,6 @@ def test_reference_supports_callback_loads_where_it_can(
     compiled = [m.name for m in INTEGRATORS.values() if m.continuous == "every stage" and m.tableau is None]
     single = [name for name, method in adapter.methods.items() if method.precision == "float32"]
     refused = {"exact": "closed form", "taylor": "series", **dict.fromkeys(compiled, "compiled")}
-    refused |= dict.fromkeys(single, "constant loads only")
+    refused |= dict.fromkeys(single, "constant loads")
     assert {name for name, reason in reasons.items() if reason} == set(refused)
     assert all(words in (reasons[name] or "") for name, words in refused.items())

@@ -11,13 +11,13 @@ from markupsafe import escape
 import bodycheck
 from bodycheck.adapters.contract import Engine
 from bodycheck.adapters.execution import record
+from bodycheck.adapters.registry import registered
 from bodycheck.reports.document import escaped_markdown, markdown, print_document
 from bodycheck.reports.probes.probe import probe_rows
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.summary.sentences import Summary, run_document
 from tests.helpers.planted_faults import BASES, FAULTS, NO_FAULT, Fault, Faulty
 from tests.helpers.reported_results import reported_results
-from tests.helpers.temporary_engines import registered
 
 if TYPE_CHECKING:
     from bodycheck.reports.run_files.run_tables import Run

@@ -27,8 +27,7 @@ _MODULES = {
 class ImportedLink:
     """What an engine holds of a link: mass, centre (3,) in link axes, tensor (3, 3) about it in link axes.
 
-    damping, limits: of the joint to its parent, in SI units; None where there is no such number. movable:
-    whether forces can move it.
+    damping, limits: of the joint to its parent, in SI units; None where there is no such number.
     """
 
     name: str
@@ -37,7 +36,6 @@ class ImportedLink:
     inertia_kg_m2: Sequence[Sequence[float]]
     damping: float | None = None
     limits: tuple[float, float] | None = None
-    movable: bool = True
 
 
 @dataclass(frozen=True)
@@ -130,5 +128,4 @@ def imported_link(plain: Mapping[str, Any]) -> ImportedLink:
         inertia.tolist(),
         None if plain.get("damping") is None else float(plain["damping"]),
         None if limits is None else (float(limits[0]), float(limits[1])),
-        bool(plain.get("movable", True)),
     )

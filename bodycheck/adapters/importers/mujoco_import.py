@@ -60,7 +60,6 @@ def _link(model: Any, body: int) -> ImportedLink:
         tensor_of(model.body_inertia[body], model.body_iquat[body]),
         damping,
         limits,
-        bool(model.body_weldid[body]),
     )
 
 

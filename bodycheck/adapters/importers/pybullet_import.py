@@ -73,10 +73,8 @@ def _link(name: str, info: Any, joint: Any) -> ImportedLink:
         damping = float(joint[6])
         if joint[2] in (_REVOLUTE, _PRISMATIC) and joint[8] <= joint[9]:  # lower > upper: no limit
             limits = (float(joint[8]), float(joint[9]))
-    mass = float(info[0])
-    return ImportedLink(
-        name, mass, list(info[3]), tensor_of(info[2], (w, x, y, z)), damping, limits, mass != 0.0
-    )
+    tensor = tensor_of(info[2], (w, x, y, z))
+    return ImportedLink(name, float(info[0]), list(info[3]), tensor, damping, limits)
 
 
 def spin(request: ImportRequest, spin: SpinRequest) -> Array:

@@ -11,7 +11,6 @@ import numpy as np
 from bodycheck.adapters.contract import Method, ReadBack, Simulation, Solver
 from bodycheck.adapters.optional.scipy_solvers import (
     by_tolerance,
-    own_numbers,
     segments,
     start_of,
     trajectory_of_states,
@@ -72,7 +71,7 @@ class _HeyokaSolver:
 
     def read_back(self) -> ReadBack:
         """Return the scene's own numbers: there is no engine between."""
-        return own_numbers(self._scene)
+        return ReadBack.of_scene(self._scene)
 
     def solve(self) -> Trajectory:
         """Propagate from switch to switch through the samples."""

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.elliptic import Quotients
-from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants
-from bodycheck.reference_impl.free_rotation.theta_series import CayleyKlein
+from bodycheck.reference_impl.free_rotation.principal_state import CayleyKlein, TumblingConstants
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel, inlined_kernel
 from bodycheck.reference_impl.kernels.small_vectors import Mat, Quat, Vec, matrix_at

@@ -6,9 +6,8 @@ import math
 from typing import NamedTuple
 
 from bodycheck.reference_impl import elliptic
-from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants
+from bodycheck.reference_impl.free_rotation.principal_state import TumblingConstants, coefficients
 from bodycheck.reference_impl.free_rotation.tensor_axes import Frame, Triple
-from bodycheck.reference_impl.free_rotation.theta_series import coefficients
 from bodycheck.reference_impl.kernels import double_double as dd
 from bodycheck.reference_impl.kernels.double_double import DoubleDouble
 from bodycheck.reference_impl.kernels.jit import exact_kernel, inlined_kernel

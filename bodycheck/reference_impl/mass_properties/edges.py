@@ -11,10 +11,10 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from bodycheck._util.formatting import first_few, vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.kernels.small_vectors import Vec, cross, dot
-from bodycheck.reference_impl.mass_properties.message_locations import first_few, place
 from bodycheck.reference_impl.mass_properties.solid import Triangles
 
 OPEN, SHARED, SHARED_TOO = -1, -2, -3
@@ -79,7 +79,7 @@ def described(vertices: Array, triangles: Triangles, half_edge: int) -> str:
     """Return 'from (0, 0, 0) to (1, 0, 0)'."""
     triangle, corner = divmod(int(half_edge), 3)
     start, end = vertices[triangles[triangle, [corner, (corner + 1) % 3]]]
-    return f"from {place(start)} to {place(end)}"
+    return f"from {vector(start)} to {vector(end)}"
 
 
 def refuse_edges(vertices: Array, triangles: Triangles, faulty: NDArray[np.int64], what: str) -> NoReturn:
@@ -112,7 +112,7 @@ def split_shared_edges(vertices: Array, triangles: Triangles, partner: NDArray[n
     cancelled = _back_to_back(triangles, at_shared_edges)
     notes: tuple[str, ...] = ()
     if cancelled.any():
-        where = first_few(place(vertices[triangle[0]]) for triangle in triangles[cancelled])
+        where = first_few(vector(vertices[triangle[0]]) for triangle in triangles[cancelled])
         notes = (f"{cancelled.sum()} of the triangles lie back to back and were removed, at {where}",)
         triangles = triangles[~cancelled]
         if not len(triangles):

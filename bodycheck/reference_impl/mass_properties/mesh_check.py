@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bodycheck._util.formatting import first_few, vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.mass_properties.edges import (
     OPEN,
@@ -16,7 +17,6 @@ from bodycheck.reference_impl.mass_properties.edges import (
     refuse_edges,
     split_shared_edges,
 )
-from bodycheck.reference_impl.mass_properties.message_locations import first_few, place
 from bodycheck.reference_impl.mass_properties.outward_orientation import (
     consistent,
     outward_orientation,
@@ -136,5 +136,5 @@ def _note(vertices: Array, triangles: Triangles, what: str) -> tuple[str, ...]:
     """Return '5 triangles <what>, at (0, 0, 1); ...' if there are any."""
     if not len(triangles):
         return ()
-    where = first_few(place(vertices[triangle[0]]) for triangle in triangles)
+    where = first_few(vector(vertices[triangle[0]]) for triangle in triangles)
     return (f"{len(triangles)} of the triangles {what}, at {where}",)

@@ -7,11 +7,11 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from bodycheck._util.formatting import vector
 from bodycheck.reference_impl.arrays import Array
 from bodycheck.reference_impl.kernels.jit import kernel
 from bodycheck.reference_impl.mass_properties.containment import Containment, containment
 from bodycheck.reference_impl.mass_properties.edges import described
-from bodycheck.reference_impl.mass_properties.message_locations import place
 from bodycheck.reference_impl.mass_properties.polyhedron import volume_area_reach
 from bodycheck.reference_impl.mass_properties.solid import Overlap, Triangles
 
@@ -138,14 +138,14 @@ def _is_outward(vertices: Array, triangles: Triangles) -> bool:
     """Return whether a closed surface faces outward; raise ValueError if it encloses nothing."""
     volume, area, reach = volume_area_reach(vertices, triangles)
     if abs(volume) <= _FLAT * area * reach:
-        where = place(vertices[triangles[0, 0]])
+        where = vector(vertices[triangles[0, 0]])
         raise ValueError(f"the mesh is degenerate: the closed surface at {where} encloses no volume")
     return bool(volume > 0.0)
 
 
 def _refuse(vertices: Array, triangles: Triangles, *, crossing: bool) -> NoReturn:
     """Raise ValueError naming a surface that may bound matter or void."""
-    where = place(vertices[triangles[0, 0]])
+    where = vector(vertices[triangles[0, 0]])
     if crossing:
         raise ValueError(
             f"the mesh is ambiguous: the closed surface at {where} crosses another and does not face "

@@ -22,11 +22,11 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Solid,
     back,
     cross,
+    rotated,
     stepped,
     times,
 )
 from bodycheck.reference_impl.rotations import (
-    exp_quaternion,
     hat,
     matrix_to_quaternion,
     normalised,
@@ -208,13 +208,8 @@ _RULES = (
 )
 
 
-def _rotated(q: Array, angle: Array) -> Array:
-    """q exp(angle / 2), angle (n, 3) in body axes."""
-    return quaternion_product(q, exp_quaternion(angle))
-
-
 def _rotated_at_most(q: Array, angle: Array) -> Array:
-    """As _rotated up to pi/4; beyond, q (cos(pi/8), sin(pi/8) angle / (pi/4)), normalised (Bullet)."""
+    """As rotated up to pi/4; beyond, q (cos(pi/8), sin(pi/8) angle / (pi/4)), normalised (Bullet)."""
     size = np.linalg.norm(angle, axis=-1, keepdims=True)
     limited = np.minimum(size, 0.25 * np.pi)
     scale = np.sin(0.5 * limited) / np.where(limited > 0.0, limited, 1.0)
@@ -232,7 +227,7 @@ def _added_and_normalised(q: Array, angle: Array) -> Array:
 
 
 _QUATERNION_UPDATES: dict[str, tuple[Callable[[Array, Array], Array], str]] = {
-    "": (_rotated, "q+ = q exp(dt w / 2)"),
+    "": (rotated, "q+ = q exp(dt w / 2)"),
     ", step angle at most pi/4": (
         _rotated_at_most,
         "q+ = q (cos(a/2), dt w sin(a/2) / a) normalised, a = dt |w| up to pi/4",

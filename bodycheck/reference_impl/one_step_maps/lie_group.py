@@ -17,8 +17,10 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     Solid,
     back,
     cross,
+    rotated,
     stepped,
     times,
+    weighted_sum,
 )
 from bodycheck.reference_impl.one_step_maps.tableaus import CROUCH_GROSSMAN_3, EXPLICIT, NamedTableau
 from bodycheck.reference_impl.rotations import exp_quaternion, hat, quaternion_product, quaternion_to_matrix
@@ -26,11 +28,6 @@ from bodycheck.reference_impl.rotations import exp_quaternion, hat, quaternion_p
 _DIFFERENCE = 1e-7  # rad, of a derivative for Newton's iterations
 
 Correction: TypeAlias = Literal["none", "first", "second", "exact", "products"]
-
-
-def _rotated(q: Array, angle: Array) -> Array:
-    """q exp(angle / 2), angle (n, 3) in body axes."""
-    return quaternion_product(q, exp_quaternion(angle))
 
 
 def _inverse_dexp(u: Array, omega: Array, correction: Correction) -> Array:
@@ -92,8 +89,8 @@ class _LieRungeKutta:
         rates: list[Array] = []
         angle_rates: list[Array] = []
         for row, c in zip(self.tableau.a, self.tableau.c, strict=True):
-            y = flat + h * _sum(row, rates, flat)
-            u = h * _sum(row, angle_rates, spin)
+            y = flat + h * weighted_sum(row, rates, flat)
+            u = h * weighted_sum(row, angle_rates, spin)
             q = self._attitude(motion.quaternion, row, angle_rates, u, h)
             at = quaternion_to_matrix(q)
             omega = _omega_of(solid, self.carried, y[..., 6:], at)
@@ -105,8 +102,8 @@ class _LieRungeKutta:
             angle_rates.append(
                 omega if self.correction == "products" else _inverse_dexp(u, omega, self.correction)
             )
-        end = flat + h * _sum(self.tableau.b, rates, flat)
-        u = h * _sum(self.tableau.b, angle_rates, spin)
+        end = flat + h * weighted_sum(self.tableau.b, rates, flat)
+        u = h * weighted_sum(self.tableau.b, angle_rates, spin)
         q = self._attitude(motion.quaternion, self.tableau.b, angle_rates, u, h)
         omega = _omega_of(solid, self.carried, end[..., 6:], quaternion_to_matrix(q))
         return replace(
@@ -120,19 +117,11 @@ class _LieRungeKutta:
 
     def _attitude(self, q: Array, weights: Array, angle_rates: list[Array], u: Array, h: Array) -> Array:
         if self.correction != "products":
-            return _rotated(q, u)
+            return rotated(q, u)
         for weight, angle_rate in zip(weights, angle_rates, strict=False):
             if weight != 0.0:
-                q = _rotated(q, h * weight * angle_rate)
+                q = rotated(q, h * weight * angle_rate)
         return q
-
-
-def _sum(weights: Array, stages: list[Array], like: Array) -> Array:
-    total = np.zeros_like(like)
-    for weight, stage in zip(weights, stages, strict=False):
-        if weight != 0.0:
-            total = total + weight * stage
-    return total
 
 
 _CORRECTIONS: dict[Correction, tuple[str, str, str]] = {
@@ -211,15 +200,15 @@ def _commutator_free(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> M
         return omega, times(rotation, torque), force / solid.mass[..., None]
 
     w1, t1, a1 = rates(0.0, q, x, v, momentum)
-    q2 = _rotated(q, 0.5 * h * w1)
+    q2 = rotated(q, 0.5 * h * w1)
     v2 = v + 0.5 * h * a1
     w2, t2, a2 = rates(0.5, q2, x + 0.5 * h * v, v2, momentum + 0.5 * h * t1)
     v3 = v + 0.5 * h * a2
-    w3, t3, a3 = rates(0.5, _rotated(q, 0.5 * h * w2), x + 0.5 * h * v2, v3, momentum + 0.5 * h * t2)
+    w3, t3, a3 = rates(0.5, rotated(q, 0.5 * h * w2), x + 0.5 * h * v2, v3, momentum + 0.5 * h * t2)
     v4 = v + h * a3
-    w4, t4, a4 = rates(1.0, _rotated(q2, h * (w3 - 0.5 * w1)), x + h * v3, v4, momentum + h * t3)
-    q = _rotated(q, h * (3.0 * w1 + 2.0 * w2 + 2.0 * w3 - w4) / 12.0)
-    q = _rotated(q, h * (-w1 + 2.0 * w2 + 2.0 * w3 + 3.0 * w4) / 12.0)
+    w4, t4, a4 = rates(1.0, rotated(q2, h * (w3 - 0.5 * w1)), x + h * v3, v4, momentum + h * t3)
+    q = rotated(q, h * (3.0 * w1 + 2.0 * w2 + 2.0 * w3 - w4) / 12.0)
+    q = rotated(q, h * (-w1 + 2.0 * w2 + 2.0 * w3 + 3.0 * w4) / 12.0)
     momentum = momentum + h * (t1 + 2.0 * t2 + 2.0 * t3 + t4) / 6.0
     return replace(
         stepped(motion, np.asarray(dt)),
@@ -303,7 +292,7 @@ def _spiral(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Motion:
     h, rotation = np.asarray(dt)[..., None], motion.orthogonal
     force, torque = loads(motion.t, motion.position, rotation, motion.velocity, times(rotation, motion.omega))
     rate = times(solid.inverse, torque - gyroscopic(solid, motion.omega))
-    q = _rotated(_rotated(motion.quaternion, h * motion.omega), 0.5 * h * h * rate)
+    q = rotated(rotated(motion.quaternion, h * motion.omega), 0.5 * h * h * rate)
     velocity = motion.velocity + h * force / solid.mass[..., None]
     return replace(
         stepped(motion, np.asarray(dt)),
@@ -321,7 +310,7 @@ def _verlet_spiral(solid: Solid, motion: Motion, dt: Array, loads: Loads) -> Mot
     force, torque = loads(motion.t, motion.position, rotation, motion.velocity, times(rotation, motion.omega))
     omega = _ssp_spin(solid, motion.omega, torque, 0.5 * h)
     middle = motion.velocity + 0.5 * h * force / solid.mass[..., None]
-    position, q = motion.position + h * middle, _rotated(motion.quaternion, h * omega)
+    position, q = motion.position + h * middle, rotated(motion.quaternion, h * omega)
     end_rotation = quaternion_to_matrix(q)
     force, torque = loads(
         motion.t + np.asarray(dt), position, end_rotation, middle, times(end_rotation, omega)
@@ -350,7 +339,7 @@ def _moser_veselov(solid: Solid, quaternion: Array, momentum: Array, h: Array) -
             for axis in np.eye(3) * _DIFFERENCE
         ]
         f = f - np.linalg.solve(np.stack(columns, axis=-1), (value - h * momentum)[..., None])[..., 0]
-    return _rotated(quaternion, f), back(quaternion_to_matrix(exp_quaternion(f)), momentum)
+    return rotated(quaternion, f), back(quaternion_to_matrix(exp_quaternion(f)), momentum)
 
 
 def _discrete_momentum(solid: Solid, f: Array) -> Array:

@@ -23,6 +23,7 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import (
     back,
     stepped,
     times,
+    weighted_sum,
 )
 from bodycheck.reference_impl.one_step_maps.tableaus import EXPLICIT, IMPLICIT, NamedTableau
 from bodycheck.reference_impl.rotations import (
@@ -129,18 +130,10 @@ class _Explicit:
         y = self.formulation.state(solid, motion)
         stages: list[Array] = []
         for row, c in zip(self.tableau.a, self.tableau.c, strict=True):
-            at = y + h[..., None] * _sum(row, stages, y)
+            at = y + h[..., None] * weighted_sum(row, stages, y)
             stages.append(self.formulation.rates(solid, motion.t + c * h, at, loads))
-        end = y + h[..., None] * _sum(self.tableau.b, stages, y)
+        end = y + h[..., None] * weighted_sum(self.tableau.b, stages, y)
         return _finished(self.formulation, self.projected, solid, motion, h, end)
-
-
-def _sum(weights: Array, stages: list[Array], like: Array) -> Array:
-    total = np.zeros_like(like)
-    for weight, stage in zip(weights, stages, strict=False):
-        if weight != 0.0:
-            total = total + weight * stage
-    return total
 
 
 def _finished(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any
 
-from bodycheck._util.checksummed_json import opened, sealed
+from bodycheck._util.files import opened, sealed
 from bodycheck.adapters.workers.protocol import Message
 
 
