@@ -173,4 +173,4 @@ def _legs_to_readings(plan: StepPlan, stride: int) -> Iterator[Leg]:
     """Yield the plan's legs in pieces of at most this many steps, with a reading at the end of each."""
     for leg in plan.uninterrupted():
         for begin in range(0, leg.steps, stride):
-            yield replace(leg, steps=min(stride, leg.steps - begin), ends_at_sample=True)
+            yield Leg(min(stride, leg.steps - begin), leg.wrench, ends_at_sample=True)

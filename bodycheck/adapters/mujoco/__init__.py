@@ -7,8 +7,7 @@ aligned. After mj_step, xpos, xmat and the sensors are one step old, so everythi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -98,7 +97,7 @@ class MuJoCo:
             return None
         from bodycheck.adapters.mujoco.rollouts import record_rollouts
 
-        with _muted_warnings():
+        with _MutedWarnings():
             return record_rollouts(self, batch)
 
 
@@ -185,11 +184,12 @@ class MuJoCoSimulation:
 
     def advance(self, steps: int) -> None:
         """Make the steps in one call of mj_step."""
-        continuous = (
-            nullcontext() if self._continuous is None else self._continuous.acting_on(self._data, steps)
-        )
-        with _muted_warnings(), continuous:
-            mujoco.mj_step(self._model, self._data, nstep=steps)
+        with _MutedWarnings():
+            if self._continuous is None:
+                mujoco.mj_step(self._model, self._data, nstep=steps)
+                return
+            with self._continuous.acting_on(self._data, steps):
+                mujoco.mj_step(self._model, self._data, nstep=steps)
 
     def read(self) -> Reading:
         """Copy qpos and qvel; the matrix is mju_quat2Mat of qpos.
@@ -256,15 +256,18 @@ class MuJoCoSimulation:
                 raise RuntimeError(f"MuJoCo warned of {warning.name} in {counts[place]} evaluations")
 
 
-@contextmanager
-def _muted_warnings() -> Iterator[None]:
-    """Keep MuJoCo's warnings off the terminal and out of MUJOCO_LOG.TXT; mjData still counts them."""
-    handler = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(_ignore)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(handler)
+class _MutedWarnings:
+    """Keep MuJoCo's warnings off the terminal and out of MUJOCO_LOG.TXT; mjData still counts them.
+
+    A class, because the generator of a `contextmanager` would take longer than a step.
+    """
+
+    def __enter__(self) -> None:
+        self._handler = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(_ignore)
+
+    def __exit__(self, *_: object) -> None:
+        mujoco.set_mju_user_warning(self._handler)
 
 
 def _ignore(message: str) -> None:
