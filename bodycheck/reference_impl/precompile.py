@@ -8,11 +8,14 @@ from __future__ import annotations
 import gc
 import subprocess
 import sys
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -20,8 +23,10 @@ from bodycheck._util.compiled_cache import cache_directory
 from bodycheck.reference_impl.scene import RigidBody, Scene, State
 
 _WITH_CONTINUOUS_LOADS = "+continuous"
-_CLOSED_FORMS = "closed-forms"
+_FRAMES, _TUMBLING = "frames", "tumbling"
+_CLOSED_FORMS = (_FRAMES, _TUMBLING)
 _INTERPRETED_S, _INTERPRETED_SAMPLE_S = 0.05, 2e-3  # of a truth of a free body, and of each of its samples
+_POLL_S = 0.05
 _COMPILING_S = 5.0  # half of what the closed forms take to compile
 _interpreted_s = 0.0
 
@@ -53,56 +58,86 @@ def compile_kernels(
     name. compiled: called with the number of kernels done and of those expected, only while something is
     compiled.
 
-    Another process compiles half of them in parallel. Kernels compiled before cost next to nothing, and
-    nothing at all if none is missing and all truths were solved before.
+    Another process compiles in parallel: the truths under loads are compiled here, and both processes take
+    the rest off one queue. Kernels compiled before cost next to nothing, and nothing at all if none is
+    missing and all truths were solved before.
     """
     scenes = list(scenes)
-    names = [*[_CLOSED_FORMS] * any(scene.is_free_rotation for scene in scenes), *integrators]
+    names = [*(_CLOSED_FORMS if any(scene.is_free_rotation for scene in scenes) else ()), *integrators]
     if any(scene.continuous_loads for scene in scenes):
         names += [name + _WITH_CONTINUOUS_LOADS for name in integrators]
     probes = {name: scene for name, scene in never_cached.items() if not _mark(name).exists()}
-    marks = [_mark(name) for name in names]
-    missing = [name for name, mark in zip(names, marks, strict=True) if not mark.exists()]
-    command = [sys.executable, "-m", __name__, *missing]
-    # in a session of its own: a keyboard interrupt reaches this process only, which then ends the other
-    other = subprocess.Popen(command, start_new_session=True) if missing else None
-    before, expected = _stored_kernels(), _expected_kernels(missing, scenes)
+    waiting = deque(name for name in names if not _mark(name).exists())
+    before, expected = _stored_kernels(), _expected_kernels(waiting, scenes)
 
     def report() -> None:
         done = _stored_kernels() - before
         compiled(done, max(expected, done))
 
-    if missing:
-        report()
-    try:
-        solving = scenes if unsolved is None or other is not None else unsolved
-        closed_last = sorted(solving, key=lambda scene: scene.is_free_rotation)
-        if _CLOSED_FORMS in missing:
-            from bodycheck.reference_impl.free_rotation.free_rotations import compile_tumbling
+    if not waiting:
+        _solve(scenes if unsolved is None else unsolved, probes, report)
+        return
+    report()
+    with _second_process(waiting) as other:
+        _solve([scene for scene in scenes if not scene.is_free_rotation], {}, report)
+        with _reporting(report):
+            while name := _next(waiting):
+                _compile_here(name)
+        while other.poll() is None:
+            report()
+            time.sleep(_POLL_S)
+        _solve([scene for scene in scenes if scene.is_free_rotation], probes, report)
 
-            with _reporting(report):
-                compile_tumbling()
-        for scene in closed_last:
-            if other is not None and scene.is_free_rotation:
-                _wait_for(marks[0], other, report)  # the closed forms
-            _solve_shortly(scene, report)
-        for name, scene in probes.items():
-            _solve_shortly(scene, report)
-            _set_mark(name)
-        if other is not None:
-            _wait_for(None, other, report)
-    finally:
-        if other is not None:
+
+def _solve(scenes: Iterable[Scene], probes: Mapping[str, Scene], report: Callable[[], None]) -> None:
+    for scene in scenes:
+        _solve_shortly(scene, report)
+    for name, scene in probes.items():
+        _solve_shortly(scene, report)
+        _set_mark(name)
+
+
+@contextmanager
+def _second_process(waiting: deque[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a process that takes names off the queue until it is empty; kill it at the end."""
+    # in a session of its own: a keyboard interrupt reaches this process only, which then ends the other
+    other = subprocess.Popen(
+        [sys.executable, "-m", __name__],
+        bufsize=0,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    )
+    with other:
+        handing_out = threading.Thread(target=_hand_out, args=(waiting, other), daemon=True)
+        handing_out.start()
+        try:
+            yield other
+        finally:
             other.kill()
-            other.wait()
+            handing_out.join()
 
 
-_KERNELS = {_CLOSED_FORMS: 86}
+def _hand_out(waiting: deque[str], other: Any) -> None:
+    """Answer each line of the other process with the next name, or with an empty line if none is left."""
+    for _ in other.stdout:
+        with suppress(BrokenPipeError):
+            other.stdin.write(f"{_next(waiting)}\n".encode())
+
+
+def _next(waiting: deque[str]) -> str:
+    """Take the first name off the queue, which two threads share; "" if it is empty."""
+    with suppress(IndexError):
+        return waiting.popleft()
+    return ""
+
+
+_KERNELS = {_FRAMES: 60, _TUMBLING: 40}
 _INTEGRATOR_KERNELS, _TAYLOR_KERNELS = 4, 45
 """About as many files as an empty cache gets from each; progress alone depends on them."""
 
 
-def _expected_kernels(missing: Sequence[str], scenes: Sequence[Scene]) -> int:
+def _expected_kernels(missing: Iterable[str], scenes: Sequence[Scene]) -> int:
     found = sum(_KERNELS.get(name, _INTEGRATOR_KERNELS) for name in missing)
     return found + _TAYLOR_KERNELS * any(not scene.is_free_rotation for scene in scenes)
 
@@ -159,32 +194,36 @@ def interpreting() -> Iterator[None]:
 
 def closed_forms_compiled() -> bool:
     """Whether the closed forms of a free body, the most expensive kernels to compile, are compiled here."""
-    return _mark(_CLOSED_FORMS).exists()
+    return all(_mark(name).exists() for name in _CLOSED_FORMS)
 
 
 def _mark(name: str) -> Path:
     return cache_directory() / f"{name}.compiled"
 
 
-def _wait_for(mark: Path | None, other: subprocess.Popen[bytes], report: Callable[[], None]) -> None:
-    """Wait until the other process has ended or has written the marker file, if one is given."""
-    while other.poll() is None and not (mark is not None and mark.exists()):
-        report()
-        time.sleep(0.05)
-
-
 @_without_garbage_collection()
-def _compile_here(names: Iterable[str]) -> None:
-    """Compile the named kernels one after the other and write a marker file for each."""
-    for name in names:
-        if name == _CLOSED_FORMS:
-            from bodycheck.reference_impl.free_rotation.free_rotations import compile_frame_and_evaluation
+def _compile_on_request() -> None:
+    """Compile the name on each line of the input, after asking for it by a line of output."""
+    print(flush=True)
+    while name := sys.stdin.readline().strip():
+        _compile_here(name)
+        print(flush=True)
 
-            compile_frame_and_evaluation()
-            _compile_flight()
-        else:
-            _compile_integrator(name)
-        _set_mark(name)
+
+def _compile_here(name: str) -> None:
+    """Compile what has this name, and write its marker file."""
+    if name == _FRAMES:
+        from bodycheck.reference_impl.free_rotation.free_rotations import compile_frame_and_evaluation
+
+        compile_frame_and_evaluation()
+        _compile_flight()
+    elif name == _TUMBLING:
+        from bodycheck.reference_impl.free_rotation.free_rotations import compile_tumbling
+
+        compile_tumbling()
+    else:
+        _compile_integrator(name)
+    _set_mark(name)
 
 
 def _set_mark(name: str) -> None:
@@ -224,4 +263,4 @@ def _compile_integrator(name: str) -> None:
 
 
 if __name__ == "__main__":
-    _compile_here(sys.argv[1:])
+    _compile_on_request()

@@ -61,5 +61,6 @@ def test_closed_forms_are_interpreted_until_compiling_takes_less_time(
     monkeypatch.setattr(precompile, "_interpreted_s", 4.9)
     assert not precompile.interprets_closed_forms([101])
     monkeypatch.setattr(precompile, "_interpreted_s", 0.0)
-    (tmp_path / "closed-forms.compiled").touch()
+    for name in ("frames", "tumbling"):
+        (tmp_path / f"{name}.compiled").touch()
     assert not precompile.interprets_closed_forms([1])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -14,33 +17,34 @@ START = State(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array
 SCENES = [Scene(RigidBody(mass, np.eye(3)), START, (), np.zeros(3), 1.0, 3) for mass in (1.0, 2.0)]
 
 
+class Finished:
+    """Another process that has ended without compiling anything."""
+
+    def poll(self) -> int:
+        """Have ended."""
+        return 0
+
+
 @pytest.mark.parametrize("missing", [False, True])
 def test_solved_scene_needs_no_kernels(
     missing: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With all kernels compiled only unsolved truths are computed; with any missing, every truth.
 
-    Kernels are reported only where some are compiled: those of m2.
+    Kernels are reported only where some are compiled: those of m2, which the other process left.
     """
     called: list[Scene] = []
 
-    class Finished:
-        """Another process that has compiled its half."""
-
-        def wait(self) -> None:
-            """Have nothing to wait for."""
-
-        def kill(self) -> None:
-            """Have nothing to end."""
-
-        def poll(self) -> int:
-            """Have ended."""
-            return 0
+    @contextmanager
+    def second_process(waiting: deque[str]) -> Iterator[Finished]:
+        assert list(waiting) == ["m2"]
+        yield Finished()
 
     monkeypatch.setattr(precompile, "cache_directory", lambda: tmp_path)
     monkeypatch.setattr(precompile, "_solve_shortly", lambda scene, _: called.append(scene))
-    monkeypatch.setattr(precompile.subprocess, "Popen", lambda *_, **__: Finished())
-    for name in ("closed-forms", "m1"):
+    monkeypatch.setattr(precompile, "_second_process", second_process)
+    monkeypatch.setattr(precompile, "_compile_integrator", lambda _: None)
+    for name in ("frames", "tumbling", "m1"):
         (tmp_path / f"{name}.compiled").touch()
     integrators = ["m1", "m2"] if missing else ["m1"]
     reported: list[tuple[int, int]] = []
@@ -52,15 +56,30 @@ def test_solved_scene_needs_no_kernels(
     )
     assert called == (SCENES if missing else SCENES[1:])
     assert reported == ([(0, 4)] if missing else [])
+    assert (tmp_path / "m2.compiled").exists() == missing
+
+
+def test_two_processes_share_the_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each name is compiled by one of them; the other process ends when none is left."""
+    monkeypatch.setenv("BODYCHECK_CACHE_DIR", str(tmp_path))
+    waiting = deque(["m1", "m3", "quaternion-euler", "lie-euler"])
+    with precompile._second_process(waiting) as other:
+        here = precompile._next(waiting)
+        assert other.wait(timeout=120.0) == 0
+    names = {path.stem for path in tmp_path.rglob("*.compiled")}
+    assert names == {"m1", "m3", "quaternion-euler", "lie-euler"} - {here}
+    assert not waiting
 
 
 def test_unwritable_cache_does_not_stop_precompilation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The kernels are compiled, and the process ends with status 0."""
+    """The kernels are compiled, and no marker file is written."""
     compiled: list[str] = []
     (tmp_path / "file").touch()
     monkeypatch.setattr(precompile, "cache_directory", lambda: tmp_path / "file" / "kernels")
     monkeypatch.setattr(precompile, "_compile_integrator", compiled.append)
-    precompile._compile_here(["m1", "m2"])
+    for name in ("m1", "m2"):
+        precompile._compile_here(name)
     assert compiled == ["m1", "m2"]
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
