@@ -7,6 +7,7 @@ import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from hashlib import sha256
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -159,7 +160,8 @@ def registered_adapter(name: str) -> Adapter | None:
 def own_code() -> str:
     """Return a hash of the sources of _util, reference_impl and adapters."""
     package = Path(__file__).parents[1]
-    return "".join(digest_of(package / room)[:16] for room in ("_util", "reference_impl", "adapters"))
+    digests = [digest_of(package / room) for room in ("_util", "reference_impl", "adapters")]
+    return sha256(" ".join(digests).encode()).hexdigest()
 
 
 def get_adapter(name: str) -> Adapter:

@@ -21,6 +21,7 @@ import pytest
 import bodycheck
 from bodycheck._util.file_digests import files_below
 from bodycheck._util.platform_identity import VARIABLES
+from bodycheck.adapters import registry
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import build_identity
 from tests.helpers.compiled_engine_package import build_library, needs_a_compiler, write_shaky
@@ -299,6 +300,23 @@ MAPS = b"""\
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("room", ["_util", "reference_impl", "adapters"])
+def test_identity_changes_with_each_room_of_bodycheck(room: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another adapter, integrator or helper is another build, even of an installed bodycheck."""
+    before = build_identity.Loaded(Reference()).build
+    digest_of = registry.digest_of
+    monkeypatch.setattr(
+        registry, "digest_of", lambda folder: "0" * 64 if folder.name == room else digest_of(folder)
+    )
+    registry.own_code.cache_clear()
+    try:
+        after = build_identity.Loaded(Reference()).build
+    finally:
+        registry.own_code.cache_clear()
+    assert after.id != before.id
+    assert {name for name in before.parts if before.parts[name] != after.parts[name]} == {"bodycheck"}
+
+
 def test_libraries_are_the_mapped_files_with_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One of the name of another has its path in its name; without /proc there are none."""
     (tmp_path / "maps").write_bytes(MAPS)
