@@ -74,10 +74,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/run_files/run_tables.py": ("test_state_laws.py",),
     "reports/summary/cells.py": ("test_state_laws.py",),
     "adapters/stable_step.py": ("../adapters/test_stable_step.py",),
-    **{
-        f"reports/gates/{name}.py": _GATES
-        for name in ("gate", "gate_measure", "gate_output", "proposal", "verdict")
-    },
+    **{f"reports/gates/{name}.py": _GATES for name in ("gate", "gate_output", "proposal", "verdict")},
     **{
         f"reports/comparison/{name}.py": ("comparison/test_change.py",)
         for name in ("compare", "describe", "environment_diff")

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from bodycheck._util.errors import InputError
-from bodycheck.reports.gates.gate import Gate, gate_of
-from bodycheck.reports.gates.gate_measure import measure_of
+from bodycheck.reports.gates.gate import Gate, gate_of, measure_of
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
 from bodycheck.reports.gates.verdict import Check, GateResult, Row, check_gates, rows_of
 from bodycheck.reports.run_files.run_tables import Run

@@ -7,8 +7,7 @@ from glob import escape
 
 from bodycheck._util.errors import InputError
 from bodycheck.reports.comparison.compare import compare
-from bodycheck.reports.gates.gate import Gate
-from bodycheck.reports.gates.gate_measure import Measure, measure_of
+from bodycheck.reports.gates.gate import Gate, Measure, measure_of
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.gates.verdict import rows_of
 from bodycheck.reports.measurement.measures import MEASURES
