@@ -14,8 +14,7 @@ from bodycheck.reports.comparison.headlines import headlines, moved_text
 from bodycheck.reports.comparison.overlays import overlays_of
 from bodycheck.reports.comparison.release_search import release_searches
 from bodycheck.reports.document import MEDIA, Column, Command, Document, Sentence, Span, Table, page
-from bodycheck.reports.render.headings import heading
-from bodycheck.reports.render.styles import engine_colour
+from bodycheck.reports.render.styles import engine_colour, heading
 from bodycheck.reports.run_files.run_reader import Tables
 
 HEADINGS: dict[Status, str] = {
