@@ -139,10 +139,9 @@ def audit(
 
 
 def _spellings(engine: str | None, timeout_s: float, *, as_json: bool, quiet: bool) -> None:
-    from bodycheck.reports.audit.spelling_document import spelling_document
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
-    from bodycheck.runs.spelling_run import run_spellings
+    from bodycheck.runs.spelling_run import run_spellings, spelling_document
 
     with status_line("spinning the spellings of one body", quiet=quiet):
         results = run_spellings(None if engine is None else engine.split(","), timeout_s)

@@ -20,12 +20,11 @@ from bodycheck.reports.audit.audit_document import audit_data, failures, sarif
 from bodycheck.reports.audit.audit_page import audit_page
 from bodycheck.reports.audit.causes import DISCARDED, body_causes, joint_causes, with_issue
 from bodycheck.reports.audit.lint import lint
-from bodycheck.reports.audit.spelling_document import APART_RAD
 from bodycheck.reports.document import json_text
 from bodycheck.runs import audit_versions as audit_versions_module
 from bodycheck.runs.audit_merge import merge_audits, write_shard
 from bodycheck.runs.audit_run import AuditOptions, audit
-from bodycheck.runs.spelling_run import run_spellings
+from bodycheck.runs.spelling_run import APART_RAD, run_spellings
 from bodycheck.scenarios.model_files.exact import Frame, doubles
 from bodycheck.scenarios.model_files.model_file import Joint, ModelFile
 from bodycheck.scenarios.model_files.model_reader import read_model
