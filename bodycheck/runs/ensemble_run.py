@@ -21,11 +21,10 @@ from bodycheck.reference_impl.closed_forms.exact_motion import closed_form_of
 from bodycheck.reference_impl.free_rotation.free_rotations import FreeRotation
 from bodycheck.reference_impl.random_bodies import Bodies
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.run_files.ensemble_dataset import Dataset, Part
 from bodycheck.reports.run_files.sentinels import Sentinel
 from bodycheck.reports.run_files.writer import atomic_folder, check_output
 from bodycheck.runs.ensemble_cases import BatchResult, BatchTruth, EnginePools, measured, replay_of, truth_of
-from bodycheck.runs.ensemble_files import write_summaries
+from bodycheck.runs.ensemble_files import Dataset, Part, write_summaries
 from bodycheck.runs.ensemble_result import EnsembleRequest, EnsembleResult, Key
 from bodycheck.runs.run_options import ProgressFactory, RunOptions
 from bodycheck.scenarios.ensemble import Ensemble, scenario_text
