@@ -98,8 +98,12 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/cache/truths.py": ("cache/test_cache.py",),
     "reports/cache/answers.py": ("cache/test_answers.py",),
     "reports/cache/journal.py": ("cache/test_journal.py",),
-    "reports/cache/entries.py": ("cache/test_journal.py", "cache/test_answers.py", "cache/test_cache.py"),
-    "reports/cache/disk_cache.py": ("cache/test_cache.py", "../test_reuse.py"),
+    "reports/cache/disk_cache.py": (
+        "cache/test_journal.py",
+        "cache/test_answers.py",
+        "cache/test_cache.py",
+        "../test_reuse.py",
+    ),
     "runs/nightly_run.py": (
         "../test_nightly_run.py",
         *_NIGHTLY,

@@ -37,8 +37,7 @@ from bodycheck.adapters.execution import Case, record
 from bodycheck.adapters.reference import Reference
 from bodycheck.adapters.workers import protocol
 from bodycheck.reference_impl.kernels.cache_files import _content, _DamagedError
-from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.cache.entries import Entry
+from bodycheck.reports.cache.disk_cache import Cache, Entry
 from bodycheck.reports.cache.journal import Journal
 from bodycheck.reports.comparison.compare import compare
 from bodycheck.reports.document import markdown

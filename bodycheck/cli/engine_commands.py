@@ -42,7 +42,7 @@ def check(
     """
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
-    from bodycheck.runs.check_adapter import check_adapter, conformance_document
+    from bodycheck.runs.engine_checks import check_adapter, conformance_document
 
     with status_line(f"checking {engine}", quiet=quiet):
         found = check_adapter(engine, timeout_s=timeout_s, allow_code=allow_code)
@@ -115,7 +115,7 @@ def fingerprint(
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.summary.method_identity import fingerprint_document
-    from bodycheck.runs.identify import fingerprints
+    from bodycheck.runs.engine_checks import fingerprints
 
     with status_line(f"comparing {engine} with known maps", quiet=quiet):
         rows = fingerprints(engine, timeout_s=timeout_s, all_loads=all_loads, allow_code=allow_code)
@@ -141,7 +141,7 @@ def laws(
     from bodycheck.reports.document import answer
     from bodycheck.reports.render.progress import status_line
     from bodycheck.reports.summary.method_identity import laws_document
-    from bodycheck.runs.identify import laws as checked
+    from bodycheck.runs.engine_checks import laws as checked
 
     with status_line(f"checking the laws on {engine}", quiet=quiet):
         rows = checked(engine, timeout_s=timeout_s, allow_code=allow_code)

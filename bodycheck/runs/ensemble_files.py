@@ -41,10 +41,10 @@ class Part:
     folders: tuple[str, ...]
 
     @classmethod
-    def of_method(cls, table: str, engine: str, method: str, setting: str) -> Part:
-        """Return the part of a method at a step or tolerance; values are percent-encoded where needed."""
+    def of_method(cls, engine: str, method: str, setting: str) -> Part:
+        """Return the cases of a method at a step or tolerance; values are percent-encoded where needed."""
         keys = {"engine": engine, "method": method, "setting": setting}
-        return cls((table, *(f"{key}={quote(value, safe='@.+-')}" for key, value in keys.items())))
+        return cls(("cases", *(f"{key}={quote(value, safe='@.+-')}" for key, value in keys.items())))
 
 
 class Dataset:

@@ -182,7 +182,7 @@ def _add(result: EnsembleResult, found: _Rows, dataset: Dataset) -> None:
     for (key, statistics), one in zip(result.statistics, found.results, strict=True):
         statistics.add(found.first, one, truth, result.request.worst)
         columns = {"row": rows, **one.measures, "outcome": one.endings, "message": one.messages}
-        dataset.add(Part.of_method("cases", *_names(key)), {**_setting_columns(key, len(rows)), **columns})
+        dataset.add(Part.of_method(*_names(key)), {**_setting_columns(key, len(rows)), **columns})
 
 
 def _body_columns(rows: NDArray[np.int64], bodies: Bodies, truth: BatchTruth) -> dict[str, Any]:

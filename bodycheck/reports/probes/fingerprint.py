@@ -35,8 +35,7 @@ from bodycheck.reference_impl.one_step_maps.one_step_map import Loads, Motion, S
 from bodycheck.reference_impl.rotations import geodesic_angle, normalised
 from bodycheck.reference_impl.scene import Load, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
-from bodycheck.reports.cache.disk_cache import Cache
-from bodycheck.reports.cache.entries import key_of
+from bodycheck.reports.cache.disk_cache import Cache, key_of
 from bodycheck.reports.probes.leading_error import LeadingError, leading_error
 
 Rows: TypeAlias = NDArray[np.intp]
