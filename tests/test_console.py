@@ -65,7 +65,7 @@ def command(*words: str) -> str:
 
 
 RELEASES = """
-from bodycheck.reports.comparison.measure_track import Finding
+from bodycheck.reports.comparison.release_results import Finding
 from bodycheck.reports.comparison.release_results import Found, Track, found_document
 from bodycheck.reports.document import print_document
 

@@ -18,8 +18,7 @@ from bodycheck.adapters import registry
 from bodycheck.adapters.contract import Control, Engine, Method
 from bodycheck.adapters.versions import environments, uv
 from bodycheck.adapters.versions.uv import releases
-from bodycheck.reports.comparison.measure_track import under_one_name
-from bodycheck.reports.comparison.release_results import Found
+from bodycheck.reports.comparison.release_results import Found, under_one_name
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.runs import version_search
 from bodycheck.runs.manifest import Identity

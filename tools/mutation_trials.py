@@ -77,14 +77,17 @@ TESTS: dict[str, tuple[str, ...]] = {
     **{f"reports/gates/{name}.py": _GATES for name in ("gate", "gate_output", "proposal", "verdict")},
     **{
         f"reports/comparison/{name}.py": ("comparison/test_change.py",)
-        for name in ("compare", "describe", "environment_diff")
+        for name in ("compare", "environment_diff")
     },
     "reports/comparison/change.py": ("comparison/test_change.py", "comparison/test_headlines.py"),
     "reports/comparison/headlines.py": ("comparison/test_headlines.py", "comparison/test_change.py"),
-    "reports/comparison/release_search.py": ("comparison/test_bisection.py", "comparison/test_headlines.py"),
+    "reports/comparison/describe.py": ("comparison/test_change.py", "comparison/test_headlines.py"),
     "reports/history/accepted_levels.py": ("history/test_regression.py",),
-    "reports/comparison/measure_track.py": ("comparison/test_measure_track.py",),
-    "reports/comparison/release_results.py": ("comparison/test_version_text.py",),
+    "reports/comparison/release_results.py": (
+        "comparison/test_bisection.py",
+        "comparison/test_version_text.py",
+        "comparison/test_measure_track.py",
+    ),
     "reports/history/step_detection.py": ("history/test_step_detection.py",),
     "reports/history/baseline.py": (
         "history/test_baseline.py",

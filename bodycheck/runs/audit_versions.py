@@ -15,9 +15,7 @@ from bodycheck.adapters.versions.pins import Pin
 from bodycheck.adapters.versions.uv import releases
 from bodycheck.adapters.workers.engine_pool import EnginePool, announced
 from bodycheck.reports.audit.audit import Audit
-from bodycheck.reports.comparison.measure_track import Finding
-from bodycheck.reports.comparison.release_results import Found, Track
-from bodycheck.reports.comparison.release_search import changes, every_change
+from bodycheck.reports.comparison.release_results import Finding, Found, Track, changes, every_change
 from bodycheck.runs.audit_run import AuditOptions, imported_audit
 from bodycheck.scenarios.model_files.model_file import ModelFile
 from bodycheck.scenarios.model_files.model_reader import read_model

@@ -12,9 +12,16 @@ from bodycheck.adapters.contract import Engine, Method
 from bodycheck.adapters.versions.pins import Pin
 from bodycheck.adapters.versions.uv import releases
 from bodycheck.adapters.workers.engine_pool import announced
-from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
-from bodycheck.reports.comparison.release_results import Found, Track
-from bodycheck.reports.comparison.release_search import changes, every_change
+from bodycheck.reports.comparison.release_results import (
+    Finding,
+    Found,
+    OneMeasure,
+    Track,
+    changes,
+    comparable,
+    every_change,
+    under_one_name,
+)
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.runs.manifest import Identity

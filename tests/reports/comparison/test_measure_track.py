@@ -22,7 +22,7 @@ from bodycheck.reports.comparison.describe import (
     comparison_page,
     sentences,
 )
-from bodycheck.reports.comparison.measure_track import Finding, OneMeasure, comparable, under_one_name
+from bodycheck.reports.comparison.release_results import Finding, OneMeasure, comparable, under_one_name
 from bodycheck.reports.document import Document, print_document
 from bodycheck.reports.run_files.run_reader import Tables
 from bodycheck.reports.run_files.run_tables import Run
