@@ -89,7 +89,7 @@ def versions(
 
     announce = partial(_announce, quiet=quiet)
     if audit is not None:
-        from bodycheck.runs.audit_versions import audit_versions
+        from bodycheck.runs.version_search import audit_versions
 
         found = audit_versions(
             engine, since, until, audit, every=every, timeout_s=timeout_s, announce=announce
