@@ -85,12 +85,10 @@ def versions(
     from bodycheck.reports.comparison.release_results import found_data, found_document
     from bodycheck.reports.document import answer
     from bodycheck.runs.run_options import RunOptions
-    from bodycheck.runs.version_search import Search, search
+    from bodycheck.runs.version_search import Search, audit_versions, search
 
     announce = partial(_announce, quiet=quiet)
     if audit is not None:
-        from bodycheck.runs.version_search import audit_versions
-
         found = audit_versions(
             engine, since, until, audit, every=every, timeout_s=timeout_s, announce=announce
         )
