@@ -49,7 +49,7 @@ from bodycheck.reports.recordings.column_map import ColumnMap, read_map
 from bodycheck.reports.recordings.conversion import recorded_arrays
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_reader import read_run, read_tables
-from bodycheck.reports.run_files.table_formats import as_parquet
+from bodycheck.reports.run_files.tables import as_parquet
 from bodycheck.reports.run_files.trajectory_files import read_arrays
 from bodycheck.reports.summary.advice import settings_within
 from bodycheck.reports.summary.error_curve import curves_of

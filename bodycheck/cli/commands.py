@@ -190,7 +190,7 @@ def truth(
     The last column, bound_rad, bounds the orientation error of the truth.
     """
     from bodycheck.reports.render.progress import status_line
-    from bodycheck.reports.run_files.table_formats import FORMATS
+    from bodycheck.reports.run_files.tables import FORMATS
     from bodycheck.reports.run_files.trajectory_files import trajectory_table
     from bodycheck.runs import runner
 

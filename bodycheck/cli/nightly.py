@@ -190,7 +190,7 @@ def query(
     from bodycheck.reports.history.baseline import readable_runs
     from bodycheck.reports.history.queries import TABLES
     from bodycheck.reports.history.queries import query as run_query
-    from bodycheck.reports.run_files.table_formats import FORMATS
+    from bodycheck.reports.run_files.tables import FORMATS
 
     runs, left_out = readable_runs(History.existing(folder).runs(), TABLES)
     sys.stdout.write(FORMATS[as_](run_query(runs, sql)).decode())

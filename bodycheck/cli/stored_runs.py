@@ -337,7 +337,7 @@ def table(
     """Print a table of a run as CSV, JSON or Markdown, or write it to a file, also as Parquet."""
     from bodycheck._util.files import write_whole
     from bodycheck.reports.run_files.run_reader import read_tables
-    from bodycheck.reports.run_files.table_formats import FORMATS
+    from bodycheck.reports.run_files.tables import FORMATS
 
     if as_ == "parquet" and out is None:
         raise InputError("--format parquet: is a binary format; name a file with --out")

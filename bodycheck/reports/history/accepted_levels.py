@@ -15,8 +15,7 @@ from bodycheck.reports.comparison.change import Change
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.table_formats import as_csv
-from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_table, read_rows
+from bodycheck.reports.run_files.tables import RESULT_COLUMNS, as_csv, as_table, read_rows
 
 FILE = "accepted.csv"
 """A file in the folder of a nightly run: rows of results.csv, each measure at its accepted level."""

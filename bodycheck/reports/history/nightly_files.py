@@ -20,7 +20,7 @@ from bodycheck.reports.history.baseline import SUMMARY_FILE, SUMMARY_KEYS, machi
 from bodycheck.reports.history.regression import Judgement
 from bodycheck.reports.render.html import render_report
 from bodycheck.reports.run_files.run_tables import Run
-from bodycheck.reports.run_files.table_formats import as_csv, as_parquet
+from bodycheck.reports.run_files.tables import as_csv, as_parquet
 from bodycheck.reports.run_files.writer import write_tables
 
 if TYPE_CHECKING:
