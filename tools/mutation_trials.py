@@ -69,7 +69,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "reports/measurement/order.py": ("test_order.py",),
     "reports/measurement/verdicts.py": ("test_state_laws.py", "test_summary.py"),
     "reports/measurement/growth.py": ("test_growth.py",),
-    "reports/measurement/stability.py": ("test_state_laws.py",),
+    "reports/measurement/study.py": ("test_state_laws.py",),
     "reports/summary/worst_results.py": ("test_state_laws.py", "test_summary.py"),
     "reports/run_files/run_tables.py": ("test_state_laws.py",),
     "reports/summary/cells.py": ("test_state_laws.py",),
@@ -158,6 +158,7 @@ Of a file those that are not slow; a test named by itself may be slow: a push ru
 
 ONLY = {
     "reports/measurement/case.py": {"measured_by", "_horizon"},
+    "reports/measurement/study.py": {"stability_row", "_search"},
     "reports/summary/cells.py": {
         "faults_of",
         "summary_cell",
