@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.help_text import MEASURE, OUTPUT, described
-from bodycheck.cli.options import Json, Quiet
+from bodycheck.cli.options import MEASURE, OUTPUT, Json, Quiet, described
 
 auditing = typer.Typer()
 

@@ -15,13 +15,17 @@ from bodycheck.cli.audit_command import auditing
 from bodycheck.cli.engine_commands import adapter_commands, identity_commands
 from bodycheck.cli.ensemble_commands import ensemble_commands
 from bodycheck.cli.gate_command import gating
-from bodycheck.cli.help_text import HOW, MEASURE, WATCH, WHAT, Group, described
 from bodycheck.cli.merge_command import merging
 from bodycheck.cli.nightly import nightly
 from bodycheck.cli.options import (
+    HOW,
+    MEASURE,
+    WATCH,
+    WHAT,
     AllowCode,
     Engines,
     Fresh,
+    Group,
     Jobs,
     Json,
     NoSpeed,
@@ -31,6 +35,7 @@ from bodycheck.cli.options import (
     ShardOption,
     TimeoutS,
     complete_scenarios,
+    described,
     numbers,
     progress_of,
 )

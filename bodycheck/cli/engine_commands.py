@@ -6,8 +6,16 @@ from typing import Annotated
 
 import typer
 
-from bodycheck.cli.help_text import ADAPTERS, MEASURE, described
-from bodycheck.cli.options import AllowCode, Json, Quiet, TimeoutS, complete_engines
+from bodycheck.cli.options import (
+    ADAPTERS,
+    MEASURE,
+    AllowCode,
+    Json,
+    Quiet,
+    TimeoutS,
+    complete_engines,
+    described,
+)
 from bodycheck.runs.run_options import TIMEOUT_S
 
 adapter_commands = typer.Typer()

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bodycheck._util.errors import InputError, StoppedError
-from bodycheck.cli.help_text import OUTPUT, WATCH, described
 from bodycheck.cli.options import (
+    OUTPUT,
+    WATCH,
     AllowCode,
     Engines,
     Jobs,
@@ -26,6 +27,7 @@ from bodycheck.cli.options import (
     TimeoutS,
     Tolerances,
     check_out_files,
+    described,
     progress_of,
     thresholds_of,
     write_out_files,

@@ -9,8 +9,9 @@ import typer
 
 from bodycheck._util.errors import InputError
 from bodycheck._util.formatting import meant
-from bodycheck.cli.help_text import ASK, OUTPUT, described
 from bodycheck.cli.options import (
+    ASK,
+    OUTPUT,
     PICTURES,
     AllowCode,
     Json,
@@ -21,6 +22,7 @@ from bodycheck.cli.options import (
     check_explanation_files,
     check_out_files,
     complete_scenarios,
+    described,
     numbers,
     progress_of,
     thresholds_of,

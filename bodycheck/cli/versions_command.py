@@ -10,16 +10,18 @@ from typing import Annotated
 import typer
 
 from bodycheck._util.errors import InputError
-from bodycheck.cli.help_text import WATCH, Group, described
 from bodycheck.cli.options import (
+    WATCH,
     AllowCode,
     Fresh,
+    Group,
     Jobs,
     Json,
     Quiet,
     Scenario,
     Threshold,
     TimeoutS,
+    described,
     numbers,
     progress_of,
     thresholds_of,
