@@ -17,10 +17,10 @@ import numpy as np
 from bodycheck._util.untrusted import joined
 from bodycheck.adapters.programs import with_method
 from bodycheck.reference_impl.arrays import Array
-from bodycheck.reports.measurement.rotation_measures import ROTATION_MEASURES
 from bodycheck.reports.render.figures import figure_bytes, rendering
 from bodycheck.reports.run_files.sentinels import write_sentinels
 from bodycheck.reports.summary.quantiles import SHARES, QuantileSketch
+from bodycheck.runs.ensemble_cases import ROTATION_MEASURES
 from bodycheck.runs.ensemble_result import EnsembleResult, Key, MethodStatistics, key_text
 from bodycheck.runs.manifest import machine, software
 from bodycheck.scenarios.ensemble import scenario_text
