@@ -30,8 +30,8 @@ from bodycheck.reports.run_files.run_tables import (
     key_of,
     shown_case,
 )
-from bodycheck.reports.summary.cases_within import finest_first
 from bodycheck.reports.summary.cells import Cell
+from bodycheck.reports.summary.error_curve import finest_first
 from bodycheck.scenarios.body import Body, FileBody, GivenBody, MeshBody, ShapeBody
 from bodycheck.scenarios.forcings import Forcing
 
