@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bodycheck._util.platform_identity import numeric_parts
 from bodycheck.adapters.contract import Engine, Method, Precision, Setting, read_back_mismatch
-from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.execution import Case
 from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.registry import own_code
 from bodycheck.adapters.stable_step import invalid_state
@@ -36,10 +36,10 @@ from bodycheck.reference_impl.rotations import geodesic_angle, normalised
 from bodycheck.reference_impl.scene import Load, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
 from bodycheck.reports.cache.disk_cache import Cache, key_of
+from bodycheck.reports.measurement.case import RunCase
 from bodycheck.reports.probes.leading_error import LeadingError, leading_error
 
 Rows: TypeAlias = NDArray[np.intp]
-RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 
 NO_KNOWN_MAP = "no known map"
 NOT_MEASURED = "not measured"

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from bodycheck.adapters.contract import Engine, Method, Setting
-from bodycheck.adapters.execution import Answer, Case
+from bodycheck.adapters.execution import Case
 from bodycheck.adapters.programs import with_method
 from bodycheck.adapters.stable_step import invalid_state
 from bodycheck.reference_impl.arrays import Array
@@ -30,8 +30,8 @@ from bodycheck.reference_impl.rotations import (
 )
 from bodycheck.reference_impl.scene import Link, Load, PointForce, RigidBody, Scene, State, Torque
 from bodycheck.reference_impl.trajectory import Trajectory
+from bodycheck.reports.measurement.case import RunCase
 
-RunCase: TypeAlias = Callable[[Engine, Case], Answer]
 Verdict: TypeAlias = Literal["holds", "broken", "property", "not-measured"]
 LAW_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
