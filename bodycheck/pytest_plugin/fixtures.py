@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
@@ -23,7 +23,7 @@ from bodycheck.reports.cache.reuse import Reuse
 from bodycheck.reports.gates.gate import Gate, gate_of, measure_of, read_gates
 from bodycheck.reports.gates.gate_output import failure_rows, line_of, obtained
 from bodycheck.reports.gates.verdict import Check, GateResult, Row, check_gates, rows_of
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.runs import runner
 from bodycheck.runs.directory import write_run
 from bodycheck.runs.gate_run import run_for_gates
@@ -117,10 +117,6 @@ class Measured:
         return self.rerun or row.reproduce
 
 
-def _key(row: Mapping[Any, Any]) -> tuple[str, str, str]:
-    return row["scenario"], row["engine"], row["method"]
-
-
 def _row_name(row: Row) -> str:
     return " ".join(filter(None, (row.scenario, f"{row.engine}:{row.method}", row.at)))
 
@@ -139,12 +135,12 @@ def assert_passed(
         return
     lines = [line_of(result)]
     rows = failure_rows([result])
-    diagnoses = {_key(row): row["diagnosis"] for row in run.diagnoses.to_dict("records")}
+    diagnoses = {study_key(row): row["diagnosis"] for row in run.diagnoses.to_dict("records")}
     for (_, *cells, command), check in zip(rows[:_MAX_ROWS], result.failed, strict=False):
         if len(result.checks) > 1:
             lines.append(" | ".join(filter(None, cells)))
         lines += [f"    {line}" for line in check.row.errors]
-        if diagnosis := diagnoses.get(_key(vars(check.row))):
+        if diagnosis := diagnoses.get(study_key(vars(check.row))):
             lines.append(f"    diagnosis: {diagnosis}")
         lines.append(f"    reproduce: {command}")
     if len(rows) > _MAX_ROWS:

@@ -24,7 +24,7 @@ from bodycheck.reports.measurement.problem import Problem
 from bodycheck.reports.measurement.study import Study, study
 from bodycheck.reports.probes.examination import identified
 from bodycheck.reports.run_files.run_reader import read_manifest, read_run
-from bodycheck.reports.run_files.run_tables import Run
+from bodycheck.reports.run_files.run_tables import Run, study_key
 from bodycheck.reports.run_files.sentinels import (
     Sentinel,
     differing_facts,
@@ -106,11 +106,11 @@ def merge(folders: Sequence[Path], *, allow_code: bool = False) -> Run:
             key = scenario.name, engine.name, method.name
             owner = _owner(parts, "study", *key)
             if _has(owner, engine.name, method.name):
-                found = [case for case in owner.run.cases if _key(case.columns) == key]
+                found = [case for case in owner.run.cases if study_key(case.columns) == key]
                 cases += [case if owner.machine == timed_on else _untimed(case) for case in found]
-                methods += [row for row in rows_of(owner.run.methods) if _key(row) == key]
-                stability += [row for row in rows_of(owner.run.stability) if _key(row) == key]
-                diagnoses += [row for row in rows_of(owner.run.diagnoses) if _key(row) == key]
+                methods += [row for row in rows_of(owner.run.methods) if study_key(row) == key]
+                stability += [row for row in rows_of(owner.run.stability) if study_key(row) == key]
+                diagnoses += [row for row in rows_of(owner.run.diagnoses) if study_key(row) == key]
             else:
                 missing.append(f"{engine.name}:{method.name}")
                 failed_study = _failed_study(selection, problems[-1], engine, method, owner)
@@ -229,10 +229,6 @@ def _owner(parts: Sequence[_Part], *unit: str) -> _Part:
 
 def _has(part: _Part, engine: str, method: str) -> bool:
     return [engine, method] in part.manifest["shard"]["methods"]
-
-
-def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
-    return row["scenario"], row["engine"], row["method"]
 
 
 def _untimed(case: CaseResult) -> CaseResult:

@@ -30,6 +30,7 @@ from bodycheck.reports.comparison.environment_diff import (
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import CaseKey, case_key, study_key
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -180,34 +181,25 @@ def _fingerprints(before: Tables, after: Tables) -> Iterator[Change]:
 
 def newly_ended_well(before: Tables, after: Tables) -> Tables:
     """Return `after` with only the cases that ended well there, but did not end well or exist in `before`."""
-    well = {_case_key(case.columns) for case in before.cases if case.ok}
-    newly = (case for case in after.cases if case.ok and _case_key(case.columns) not in well)
+    well = {case_key(case.columns) for case in before.cases if case.ok}
+    newly = (case for case in after.cases if case.ok and case_key(case.columns) not in well)
     return replace(after, cases=tuple(newly))
 
 
-def _cases(tables: Tables, redefined_names: tuple[str, ...]) -> dict[_Key, _Row]:
+def _cases(tables: Tables, redefined_names: tuple[str, ...]) -> dict[CaseKey, _Row]:
     rows = (case.columns for case in tables.cases if case.columns["scenario"] not in redefined_names)
-    return {_case_key(row): row for row in rows}
-
-
-def _case_key(row: _Row) -> _Key:
-    return (
-        *(row[name] for name in ("scenario", "engine", "method", "control")),
-        row.get("dt_s"),
-        row.get("tolerance"),
-    )
+    return {case_key(row): row for row in rows}
 
 
 def _one_run_only(
-    first: Mapping[_Key, _Row], second: Mapping[_Key, _Row], manifest: Mapping[str, Any]
-) -> dict[_Key, _Row]:
+    first: Mapping[CaseKey, _Row], second: Mapping[CaseKey, _Row], manifest: Mapping[str, Any]
+) -> dict[CaseKey, _Row]:
     """Return the cases that only the first run has, except those at steps that it chose itself."""
     return {key: row for key, row in first.items() if key not in second and not is_refinement(row, manifest)}
 
 
-def _of_case(kind: Any, key: _Key, quantity: str, before: Any, after: Any, status: Status) -> Change:
-    scenario, engine, method, control, dt_s, tolerance = key
-    fineness = tolerance if dt_s is None else dt_s
+def _of_case(kind: Any, key: CaseKey, quantity: str, before: Any, after: Any, status: Status) -> Change:
+    scenario, engine, method, control, fineness = key
     return Change(kind, scenario, engine, method, quantity, before, after, status, control, fineness)
 
 
@@ -216,7 +208,7 @@ def _outcomes(both: Iterable[tuple[_Row, _Row]]) -> Iterator[Change]:
         before, after = old["outcome"], new["outcome"]
         if before != after:
             status = by_rank(before == "ok", after == "ok")
-            yield _of_case("outcome", _case_key(new), "outcome", before, after, status)
+            yield _of_case("outcome", case_key(new), "outcome", before, after, status)
 
 
 def _accuracies(
@@ -227,7 +219,7 @@ def _accuracies(
 ) -> Iterator[Change]:
     for old, new in both:
         if old["outcome"] == new["outcome"] == "ok":
-            method = _case_key(new)[:3]
+            method = study_key(new)
             floors = old_floors.get(method, {}), new_floors.get(method, {})
             yield from accuracy_changes(old, new, floors, thresholds)
 

@@ -13,12 +13,13 @@ from bodycheck.adapters.versions.pins import is_version, pin_of
 from bodycheck.reports.comparison.change import FAILING, Change, Kind, Status
 from bodycheck.reports.comparison.compare import Comparison
 from bodycheck.reports.comparison.environment_diff import BUILD_OF
-from bodycheck.reports.comparison.headlines import ORIENTATION, by_method, headlines, moved_text
+from bodycheck.reports.comparison.headlines import ORIENTATION, by_method, headlines, moved_text, value_text
 from bodycheck.reports.comparison.overlays import overlays_of
 from bodycheck.reports.document import MEDIA, Column, Command, Document, Sentence, Span, Table, page
 from bodycheck.reports.measurement.case import scenario_spec
 from bodycheck.reports.render.styles import engine_colour, heading
 from bodycheck.reports.run_files.run_reader import Tables
+from bodycheck.reports.run_files.run_tables import study_key
 
 HEADINGS: dict[Status, str] = {
     "worse": "Worse",
@@ -138,16 +139,10 @@ def _at(change: Change) -> str:
 def _distinct(before: float | str | None, after: float | str | None) -> tuple[str, str]:
     """Return both values with as many digits as distinguish them, at least four."""
     for digits in range(4, 18):
-        texts = tuple(_value(value, digits) for value in (before, after))
+        texts = tuple(value_text(value, digits) for value in (before, after))
         if texts[0] != texts[1]:
             break
     return texts[0], texts[1]
-
-
-def _value(value: float | str | None, digits: int) -> str:
-    if value is None:
-        return "not measured"
-    return value if isinstance(value, str) else number(value, digits)
 
 
 def identity(tables: Tables) -> str:
@@ -327,7 +322,7 @@ def _best_change(changes: Iterable[Change]) -> Change | None:
 def _command(run: Tables, change: Change, since: str, until: str) -> str:
     key = change.scenario, change.engine, change.method
     rows = (case.columns for case in run.cases)
-    own_row = next(row for row in rows if (row["scenario"], row["engine"], row["method"]) == key)
+    own_row = next(row for row in rows if study_key(row) == key)
     measure = _PREFIXES.get(change.kind, "") + change.quantity.rpartition(" ")[2]
     arguments = ["bodycheck", "versions", change.engine, "--since", since, "--until", until]
     arguments += ["--scenario", scenario_spec(own_row["reproduce"]) or str(change.scenario)]
