@@ -17,6 +17,7 @@ from bodycheck.adapters.importers import importer
 from bodycheck.adapters.versions.pins import Pin
 from bodycheck.adapters.versions.uv import releases
 from bodycheck.adapters.workers.engine_pool import EnginePool, announced
+from bodycheck.reports.comparison.compare import renamed
 from bodycheck.reports.comparison.release_results import (
     Finding,
     Found,
@@ -25,7 +26,6 @@ from bodycheck.reports.comparison.release_results import (
     changes,
     comparable,
     every_change,
-    under_one_name,
 )
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.run_files.run_reader import Tables
@@ -176,7 +176,7 @@ def _run(
     )
     with make_progress(selection.cases_listed()) as progress:
         measured = run_selection(selection, options, Identity.new(), journal=None, progress=progress)
-    return _Release(engine, methods, under_one_name(measured, request.engine))
+    return _Release(engine, methods, renamed(measured, {name: request.engine}))
 
 
 def _failure_text(request: Search, runs: Mapping[str, _Release | str]) -> str:

@@ -30,10 +30,13 @@ from bodycheck.reports.comparison.environment_diff import (
 from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.measurement.case import CaseResult
 from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import CaseKey, case_key, study_key
+from bodycheck.reports.run_files.run_tables import CaseKey, Run, case_key, study_key
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_TABLES = ("results", "methods", "stability", "probes", "diagnoses", "fingerprints", "laws")
+"""The tables of a run with a column `engine`."""
 
 
 def paired_versions(before: Tables, after: Tables) -> tuple[Tables, Tables]:
@@ -47,7 +50,7 @@ def paired_versions(before: Tables, after: Tables) -> tuple[Tables, Tables]:
         for base in old.keys() & new.keys()
         if len(old[base]) == len(new[base]) == 1 and old[base] != new[base]
     ]
-    return _renamed(before, {name: base for base in alone for name in old[base]}), _renamed(
+    return renamed(before, {name: base for base in alone for name in old[base]}), renamed(
         after, {name: base for base in alone for name in new[base]}
     )
 
@@ -70,26 +73,23 @@ def _engines(tables: Tables) -> Iterable[str]:
     return dict.fromkeys((*tables.manifest["engines"], *(case.columns["engine"] for case in tables.cases)))
 
 
-def _renamed(tables: Tables, names: Mapping[str, str]) -> Tables:
-    if not any(name != base for name, base in names.items()):
-        return tables
+def renamed(run: Run | Tables, names: Mapping[str, str]) -> Tables:
+    """Return the tables of a run with engines renamed in each table, in the cases and in the manifest."""
+    if isinstance(run, Tables) and all(name == base for name, base in names.items()):
+        return run
 
     def case(one: CaseResult) -> CaseResult:
         engine = one.columns["engine"]
         return replace(one, columns={**one.columns, "engine": names.get(engine, engine)})
 
     engines: dict[str, Any] = {
-        names.get(name, name): entry for name, entry in tables.manifest["engines"].items()
+        names.get(name, name): entry for name, entry in run.manifest["engines"].items()
     }
-    return replace(
-        tables,
-        results=tables.results.replace({"engine": names}),
-        methods=tables.methods.replace({"engine": names}),
-        stability=tables.stability.replace({"engine": names}),
-        fingerprints=tables.fingerprints.replace({"engine": names}),
-        laws=tables.laws.replace({"engine": names}),
-        manifest={**tables.manifest, "engines": engines},
-        cases=tuple(map(case, tables.cases)),
+    return Tables(
+        run_id=run.run_id,
+        manifest={**run.manifest, "engines": engines},
+        cases=tuple(map(case, run.cases)),
+        **{table: getattr(run, table).replace({"engine": names}) for table in _TABLES},
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from glob import escape
 from typing import Any, TypeVar
 
@@ -16,7 +16,6 @@ from bodycheck.reports.gates.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from bodycheck.reports.gates.verdict import rows_of
 from bodycheck.reports.measurement.measures import MEASURES
 from bodycheck.reports.run_files.run_reader import Tables
-from bodycheck.reports.run_files.run_tables import Run
 
 _Result = TypeVar("_Result")
 
@@ -186,21 +185,6 @@ class OneMeasure:
 
     def _is_of(self, fineness: float | None) -> bool:
         return fineness is None or fineness == self.fineness
-
-
-def under_one_name(run: Run, engine: str) -> Tables:
-    """Return the tables of a run of one engine with the engine renamed, so that two versions share a name."""
-    return Tables(
-        run_id=run.run_id,
-        results=run.results.assign(engine=engine),
-        methods=run.methods.assign(engine=engine),
-        stability=run.stability.assign(engine=engine),
-        manifest=run.manifest,
-        cases=tuple(replace(case, columns={**case.columns, "engine": engine}) for case in run.cases),
-        probes=run.probes.assign(engine=engine),
-        fingerprints=run.fingerprints.assign(engine=engine),
-        laws=run.laws.assign(engine=engine),
-    )
 
 
 _FEWEST_DIGITS, _ALL_DIGITS = 3, 17
