@@ -281,8 +281,11 @@ def threshold_of(table: Any, where: str) -> ChangeThreshold:
     try:
         return ChangeThreshold.model_validate(table)
     except ValidationError as error:
-        lines = (f"{where}.{line}" if line[0] != ":" else where + line for line in fault_lines(error))
-        raise InputError("\n".join(lines)) from None
+        raise InputError("\n".join(_faults_of_keys(error, where))) from None
+
+
+def _faults_of_keys(error: ValidationError, where: str) -> list[str]:
+    return [f"{where}.{line}" if line[0] != ":" else where + line for line in fault_lines(error)]
 
 
 def gate_of(table: Any, where: str) -> Gate:
@@ -294,8 +297,7 @@ def gate_of(table: Any, where: str) -> Gate:
     try:
         gate = Gate.model_validate(table)
     except ValidationError as error:
-        own = [f"{where}.{line}" if line[0] != ":" else where + line for line in fault_lines(error)]
-        raise InputError("\n".join([*own, *faults])) from None
+        raise InputError("\n".join([*_faults_of_keys(error, where), *faults])) from None
     if faults:
         raise InputError("\n".join(faults))
     return gate
